@@ -1,0 +1,61 @@
+//! Every size of the network and of the protocol, checked against each other at compile time.
+
+/// Widths of the pointwise embedding layers, 3 -> 64 -> 128 -> 1024 (paper, implementation details).
+pub const EMBED: [usize; 3] = [64, 128, 1024];
+/// Length of one cloud's global feature vector.
+pub const FEATURES: usize = EMBED[2];
+/// Length of the state: feature of the source, then feature of the target.
+pub const STATE: usize = 2 * FEATURES;
+/// Hidden widths of each policy head.
+pub const HEAD: [usize; 2] = [512, 256];
+/// Axes of one action vector (x, y, z).
+pub const AXES: usize = 3;
+/// Step sizes an axis can take: five magnitudes, both signs, and stop.
+pub const STEP_SIZES: usize = 11;
+/// Logits of one head, axis-major: x's 11, y's 11, z's 11.
+pub const LOGITS: usize = AXES * STEP_SIZES;
+/// Refinement steps of one registration, `n` in the paper.
+pub const STEPS: usize = 10;
+
+/// Fewest points that fix a rigid transform.
+pub const MIN_POINTS: usize = 3;
+/// Most points in one cloud; bounds the time of one step.
+pub const MAX_POINTS: usize = 4096;
+
+/// Outputs that share one block of a weight matrix: the file stores `[outputs / PANEL][inputs][PANEL]`.
+pub const PANEL: usize = 16;
+/// Points whose hidden activations are held at once: the tile stays in the L1 cache of a host and in
+/// the few KiB of a microcontroller.
+pub const TILE: usize = if cfg!(target_arch = "x86_64") { 48 } else { 8 };
+
+/// Layers of a policy file: three of the embedding, three of each head.
+pub const LAYERS: usize = 9;
+
+/// `(inputs, outputs)` of each layer in file order: embedding, translation head, rotation head.
+pub const LAYER_SHAPES: [(usize, usize); LAYERS] = [
+    (3, EMBED[0]),
+    (EMBED[0], EMBED[1]),
+    (EMBED[1], EMBED[2]),
+    (STATE, HEAD[0]),
+    (HEAD[0], HEAD[1]),
+    (HEAD[1], LOGITS),
+    (STATE, HEAD[0]),
+    (HEAD[0], HEAD[1]),
+    (HEAD[1], LOGITS),
+];
+
+/// Outputs rounded up to whole panels.
+pub const fn padded(outputs: usize) -> usize {
+    outputs.div_ceil(PANEL) * PANEL
+}
+
+/// Multiply-adds to embed one point.
+pub const MACS_PER_POINT: usize = 3 * EMBED[0] + EMBED[0] * EMBED[1] + EMBED[1] * EMBED[2];
+/// Multiply-adds of both heads for one state.
+pub const MACS_HEADS: usize = 2 * (STATE * HEAD[0] + HEAD[0] * HEAD[1] + HEAD[1] * LOGITS);
+/// RAM of [`crate::net::Scratch`], bytes.
+pub const SCRATCH_BYTES: usize = core::mem::size_of::<crate::net::Scratch>();
+
+const _: () = assert!(FEATURES.is_multiple_of(PANEL) && HEAD[0].is_multiple_of(PANEL));
+const _: () = assert!(MACS_PER_POINT * 1024 == 142_802_944);
+const _: () = assert!(SCRATCH_BYTES < 64 * 1024);

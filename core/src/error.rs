@@ -1,0 +1,133 @@
+//! Everything that can be refused, as one flat `Copy` enum.
+
+use core::fmt;
+
+/// Why a call was refused. Nothing was changed by the refused call.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Error {
+    /// The cloud has no points.
+    EmptyCloud,
+    /// The cloud has fewer points than fix a rigid transform.
+    TooFewPoints {
+        /// Points given.
+        points: usize,
+    },
+    /// The cloud has more points than the capacity.
+    TooManyPoints {
+        /// Points given.
+        points: usize,
+        /// Points that fit.
+        capacity: usize,
+    },
+    /// A coordinate is NaN or infinite.
+    NotFinite {
+        /// Index of the first such point.
+        index: usize,
+    },
+    /// All points of the target coincide: there is no scale to normalise by.
+    NoExtent,
+    /// A pose holds a NaN, an infinity or a matrix that is not a rotation.
+    BadPose,
+    /// The weight file ends early, or bytes follow its end.
+    WeightsLength {
+        /// Bytes that the header announces.
+        expected: usize,
+        /// Bytes given.
+        found: usize,
+    },
+    /// The bytes do not begin with the magic of a weight file.
+    WeightsMagic,
+    /// The weight file has a format version that this build does not read.
+    WeightsVersion {
+        /// Version in the file.
+        found: u16,
+    },
+    /// The weight file stores numbers in a format that this build does not read.
+    WeightsFormat {
+        /// Number format in the file.
+        found: u16,
+    },
+    /// A layer's shape or place in the file is not what this build expects.
+    WeightsShape {
+        /// Index in the layer table.
+        layer: usize,
+    },
+    /// The weight file's check sum does not match: a bit was flipped.
+    WeightsCrc,
+    /// The weight bytes do not start on a 4-byte boundary.
+    WeightsAlignment,
+    /// A weight is NaN or infinite.
+    WeightsNotFinite {
+        /// Index in the layer table.
+        layer: usize,
+    },
+    /// A frame ends early or cannot be decoded.
+    Frame,
+    /// A frame has a version that this build does not speak.
+    FrameVersion {
+        /// Version in the frame.
+        found: u8,
+    },
+    /// A frame does not fit the buffer it is written to.
+    FrameBuffer,
+    /// A fleet or robot name is empty, too long, or has characters other than `a-z A-Z 0-9 _ -`.
+    Name,
+}
+
+impl fmt::Display for Error {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        use Error::*;
+        match *self {
+            EmptyCloud => write!(f, "the cloud is empty; give at least 3 points"),
+            TooFewPoints { points } => {
+                write!(f, "the cloud has {points} point(s); give at least 3")
+            }
+            TooManyPoints { points, capacity } => write!(
+                f,
+                "the cloud has {points} points and {capacity} fit; subsample it"
+            ),
+            NotFinite { index } => write!(
+                f,
+                "point {index} has a NaN or infinite coordinate; drop invalid points first"
+            ),
+            NoExtent => write!(f, "all points of the target coincide; there is no scale"),
+            BadPose => write!(f, "the pose is not a finite rigid transform"),
+            WeightsLength { expected, found } => write!(
+                f,
+                "weight file of {found} bytes where {expected} were expected; fetch it again"
+            ),
+            WeightsMagic => write!(f, "not a weight file (.rgw); its first bytes are wrong"),
+            WeightsVersion { found } => write!(
+                f,
+                "weight file version {found}, this build reads {}; export it again",
+                crate::weights::VERSION
+            ),
+            WeightsFormat { found } => {
+                write!(f, "weight number format {found} is not known to this build")
+            }
+            WeightsShape { layer } => write!(
+                f,
+                "layer {layer} of the weight file has another shape or place than this build's"
+            ),
+            WeightsCrc => write!(f, "weight file is corrupt (CRC-32 differs); fetch it again"),
+            WeightsAlignment => write!(f, "weight bytes must start on a 4-byte boundary"),
+            WeightsNotFinite { layer } => {
+                write!(f, "layer {layer} of the weight file holds a NaN or infinity")
+            }
+            Frame => write!(f, "malformed frame"),
+            FrameVersion { found } => write!(
+                f,
+                "frame version {found}, this build speaks {}",
+                crate::wire::VERSION
+            ),
+            FrameBuffer => write!(f, "frame does not fit the buffer"),
+            Name => write!(
+                f,
+                "fleet and robot names are 1 to 32 characters of a-z A-Z 0-9 _ -"
+            ),
+        }
+    }
+}
+
+impl core::error::Error for Error {}

@@ -1,0 +1,1 @@
+//! One registration: observe, embed, arg-max, accumulate, verdict.

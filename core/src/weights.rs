@@ -1,0 +1,3 @@
+//! weights
+/// v
+pub const VERSION: u16 = 1;

@@ -1,0 +1,3 @@
+//! wire
+/// v
+pub const VERSION: u8 = 1;

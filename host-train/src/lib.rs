@@ -1,0 +1,25 @@
+//! The workstation side of ReAgent: data, training, evaluation, export and publishing.
+//!
+//! Data flows one way: `dataset -> augment -> env <-> agent -> buffer -> loss -> optim` (the loop is in
+//! `train`), then `export` makes the bytes that `publish` hands to the fleet.
+
+pub mod agent;
+pub mod augment;
+pub mod buffer;
+pub mod checkpoint;
+pub mod cli;
+pub mod dataset;
+pub mod env;
+pub mod eval;
+pub mod expert;
+pub mod export;
+pub mod icp;
+pub mod import;
+pub mod loss;
+pub mod metrics;
+pub mod nn;
+pub mod optim;
+pub mod publish;
+pub mod random;
+pub mod register;
+pub mod train;

@@ -1,0 +1,38 @@
+//! Seeded random streams: a stream depends on the seed and on what it is for, never on the thread.
+
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+
+/// The generator used everywhere.
+pub type Rng = ChaCha8Rng;
+
+/// What a stream is for; each purpose has streams of its own.
+#[derive(Clone, Copy, Debug)]
+pub enum Purpose {
+    /// Initial weights.
+    Init = 1,
+    /// Order of the samples in an epoch.
+    Order = 2,
+    /// Augmentation of one sample.
+    Augment = 3,
+    /// Actions sampled in roll-outs.
+    Action = 4,
+    /// Shuffling of the replay buffer.
+    Shuffle = 5,
+    /// Shapes of the procedural data set.
+    Shape = 6,
+    /// Pairs drawn for evaluation.
+    Pairs = 7,
+    /// Splits of a data set.
+    Split = 8,
+}
+
+/// The stream for `purpose`, number `index`, under `seed`.
+pub fn stream(seed: u64, purpose: Purpose, index: u64) -> Rng {
+    let mut key = [0u8; 32];
+    key[..8].copy_from_slice(&seed.to_le_bytes());
+    key[8] = purpose as u8;
+    let mut rng = Rng::from_seed(key);
+    rng.set_stream(index);
+    rng
+}

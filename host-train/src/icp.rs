@@ -128,9 +128,11 @@ fn kabsch(pairs: &[(Vector3<f64>, Vector3<f64>)]) -> (Matrix3<f64>, Vector3<f64>
         |(a, b): (Vector3<f64>, Vector3<f64>), &(p, q)| (a + p, b + q),
     );
     let (mean_a, mean_b) = (sum_a / n, sum_b / n);
-    let covariance = pairs.iter().fold(Matrix3::zeros(), |sum: Matrix3<f64>, &(p, q)| {
-        sum + (q - mean_b) * (p - mean_a).transpose()
-    });
+    let covariance = pairs
+        .iter()
+        .fold(Matrix3::zeros(), |sum: Matrix3<f64>, &(p, q)| {
+            sum + (q - mean_b) * (p - mean_a).transpose()
+        });
     // Singular values come in descending order: the smallest direction is the one to flip.
     let svd = covariance.svd(true, true);
     let u = svd.u.expect("U was asked for");
@@ -156,14 +158,18 @@ mod tests {
     use reagent_core::pose::rotation_from_euler;
 
     fn moved(cloud: &[Point], pose: Pose) -> Vec<Point> {
-        cloud.iter().map(|&p| pose.apply(Vec3::from(p)).to_array()).collect()
+        cloud
+            .iter()
+            .map(|&p| pose.apply(Vec3::from(p)).to_array())
+            .collect()
     }
 
     #[test]
     fn finds_a_small_offset_exactly() {
         let mut rng = stream(3, Purpose::Pairs, 0);
-        let source: Vec<Point> =
-            (0..500).map(|_| std::array::from_fn(|_| rng.random_range(-1.0..1.0))).collect();
+        let source: Vec<Point> = (0..500)
+            .map(|_| std::array::from_fn(|_| rng.random_range(-1.0..1.0)))
+            .collect();
         let pose = Pose {
             rotation: rotation_from_euler(Vec3::new(0.02, -0.03, 0.01)),
             translation: Vec3::new(0.02, 0.01, -0.03),
@@ -171,9 +177,17 @@ mod tests {
         let target = moved(&source, pose);
         let found = point_to_point(&source, &target, Pose::IDENTITY, &IcpSettings::default())
             .expect("valid clouds");
-        assert!(found.converged && found.rmse < 1e-6 && found.fitness == 1.0, "{found:?}");
+        assert!(
+            found.converged && found.rmse < 1e-6 && found.fitness == 1.0,
+            "{found:?}"
+        );
         assert!((found.target_from_source.translation - pose.translation).length() < 1e-5);
-        assert!(found.target_from_source.rotation.abs_diff_eq(pose.rotation, 1e-5));
+        assert!(
+            found
+                .target_from_source
+                .rotation
+                .abs_diff_eq(pose.rotation, 1e-5)
+        );
     }
 
     #[test]
@@ -204,6 +218,9 @@ mod tests {
         };
         assert_eq!(run(&[], &[[0.0; 3]]), Some(Error::EmptyCloud));
         assert_eq!(run(&[[0.0; 3]], &[]), Some(Error::EmptyCloud));
-        assert_eq!(run(&[[f32::INFINITY; 3]], &[[0.0; 3]]), Some(Error::NotFinite { index: 0 }));
+        assert_eq!(
+            run(&[[f32::INFINITY; 3]], &[[0.0; 3]]),
+            Some(Error::NotFinite { index: 0 })
+        );
     }
 }

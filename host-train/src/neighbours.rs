@@ -19,8 +19,10 @@ impl Neighbours {
         }
         check_finite(points)?;
         let points: Vec<[f64; 3]> = points.iter().map(|p| p.map(f64::from)).collect();
-        let tree = ImmutableKdTree::new_from_slice(&points)
-            .map_err(|_| Error::TooManyPoints { points: points.len(), capacity: u32::MAX as usize })?;
+        let tree = ImmutableKdTree::new_from_slice(&points).map_err(|_| Error::TooManyPoints {
+            points: points.len(),
+            capacity: u32::MAX as usize,
+        })?;
         Ok(Neighbours { tree })
     }
 
@@ -66,7 +68,13 @@ mod tests {
     fn agrees_with_brute_force_on_flat_and_repeated_points() {
         let mut rng = stream(1, Purpose::Pairs, 0);
         let mut flat: Vec<Point> = (0..600)
-            .map(|_| [rng.random_range(-1.0..1.0), 0.25, rng.random_range(-1.0..1.0)])
+            .map(|_| {
+                [
+                    rng.random_range(-1.0..1.0),
+                    0.25,
+                    rng.random_range(-1.0..1.0),
+                ]
+            })
             .collect();
         flat.extend_from_within(..300);
         flat.extend([[0.5; 3]; 200]);
@@ -83,6 +91,9 @@ mod tests {
     fn empty_and_not_finite_clouds_are_refused() {
         assert_eq!(Neighbours::new(&[]).err(), Some(Error::EmptyCloud));
         let cloud = [[0.0; 3], [0.0, f32::NAN, 0.0]];
-        assert_eq!(Neighbours::new(&cloud).err(), Some(Error::NotFinite { index: 1 }));
+        assert_eq!(
+            Neighbours::new(&cloud).err(),
+            Some(Error::NotFinite { index: 1 })
+        );
     }
 }

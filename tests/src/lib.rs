@@ -21,12 +21,19 @@ impl Golden {
 
     /// A committed extract, `tests/fixtures/<file>`.
     pub fn extract(file: &str) -> Golden {
-        Golden::read(Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures").join(file))
+        Golden::read(
+            Path::new(env!("CARGO_MANIFEST_DIR"))
+                .join("fixtures")
+                .join(file),
+        )
     }
 
     /// The extract, and the complete file where there is one.
     pub fn available(file: &str) -> Vec<Golden> {
-        [Golden::extract(file)].into_iter().chain(Golden::full()).collect()
+        [Golden::extract(file)]
+            .into_iter()
+            .chain(Golden::full())
+            .collect()
     }
 
     /// Shape and values, row-major, of an f32 array.
@@ -48,8 +55,8 @@ impl Golden {
     }
 
     fn read(origin: PathBuf) -> Golden {
-        let bytes = std::fs::read(&origin)
-            .unwrap_or_else(|error| panic!("{}: {error}", origin.display()));
+        let bytes =
+            std::fs::read(&origin).unwrap_or_else(|error| panic!("{}: {error}", origin.display()));
         Golden { bytes, origin }
     }
 
@@ -65,33 +72,22 @@ impl Golden {
             .unwrap_or_else(|error| panic!("{}: {name}: {error}", self.origin.display()));
         assert_eq!(array.dtype(), dtype, "{name}");
         let (values, _) = array.data().as_chunks::<SIZE>();
-        (array.shape().to_vec(), values.iter().copied().map(decode).collect())
+        (
+            array.shape().to_vec(),
+            values.iter().copied().map(decode).collect(),
+        )
     }
 }
 
 /// A file or folder of the optional data beside the checkout; says so on stderr where it is absent.
 pub fn shared(path: &str) -> Option<PathBuf> {
-    let full = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared").join(path);
+    let full = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../../shared")
+        .join(path);
     if full.exists() {
         Some(full)
     } else {
         eprintln!("skipped in part: {} is absent", full.display());
         None
     }
-}
-
-/// A binary of the workspace, which `cargo test --workspace` builds beside the tests.
-///
-/// # Panics
-/// If it has not been built.
-pub fn binary(name: &str) -> PathBuf {
-    let tests = std::env::current_exe().expect("a running test has a path");
-    let profile = tests.ancestors().nth(2).expect("target/<profile>/deps/<test>");
-    let path = profile.join(name).with_extension(std::env::consts::EXE_EXTENSION);
-    assert!(
-        path.exists(),
-        "{} is not built: run `cargo test --release --workspace`, or `cargo build --release` first",
-        path.display()
-    );
-    path
 }

@@ -11,8 +11,10 @@ use nalgebra::Vector3;
 pub fn diameter(points: &[Point]) -> f64 {
     let points: Vec<Vector3<f64>> = points.iter().map(|&p| wide(p)).collect();
     let centroid = points.iter().sum::<Vector3<f64>>() / points.len().max(1) as f64;
-    let mut by_radius: Vec<(f64, Vector3<f64>)> =
-        points.into_iter().map(|p| ((p - centroid).norm(), p)).collect();
+    let mut by_radius: Vec<(f64, Vector3<f64>)> = points
+        .into_iter()
+        .map(|p| ((p - centroid).norm(), p))
+        .collect();
     by_radius.sort_by(|a, b| b.0.total_cmp(&a.0));
 
     let (mut squared, mut best) = (0.0f64, 0.0f64);

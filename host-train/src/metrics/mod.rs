@@ -80,7 +80,14 @@ impl<'a> GroundTruth<'a> {
             return Err(Error::NoExtent);
         }
         let target_from_source = target_from_source.checked()?;
-        Ok(GroundTruth { source, target, clean, target_from_source, clean_tree, diameter })
+        Ok(GroundTruth {
+            source,
+            target,
+            clean,
+            target_from_source,
+            clean_tree,
+            diameter,
+        })
     }
 
     /// Errors of `estimate`, a plain `target_from_source` transform.
@@ -165,27 +172,42 @@ mod tests {
     fn euler_angles_are_extrinsic_and_survive_gimbal_lock() {
         let (a, b, c) = (0.3f64, -0.8f64, 2.1f64);
         let axis = |v: Vector3<f64>, x: f64| nalgebra::Rotation3::new(v * x).into_inner();
-        let compose = |a, b, c| axis(Vector3::z(), c) * axis(Vector3::y(), b) * axis(Vector3::x(), a);
+        let compose =
+            |a, b, c| axis(Vector3::z(), c) * axis(Vector3::y(), b) * axis(Vector3::x(), a);
         let back = euler_extrinsic_xyz_deg(&compose(a, b, c));
         assert!((back - Vector3::new(a, b, c).map(f64::to_degrees)).norm() < 1e-9);
         let locked = compose(0.4, std::f64::consts::FRAC_PI_2, 0.1);
         let back = euler_extrinsic_xyz_deg(&locked).map(f64::to_radians);
-        assert!((compose(back.x, back.y, back.z) - locked).norm() < 1e-6, "{back}");
+        assert!(
+            (compose(back.x, back.y, back.z) - locked).norm() < 1e-6,
+            "{back}"
+        );
     }
 
     #[test]
     fn a_shifted_square_has_the_errors_one_can_see() {
         // Corners of a unit square, shifted by a quarter along x: the diameter is sqrt 2.
-        let square = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
+        let square = [
+            [0.0, 0.0, 0.0],
+            [1.0, 0.0, 0.0],
+            [1.0, 1.0, 0.0],
+            [0.0, 1.0, 0.0],
+        ];
         let truth = GroundTruth::new(&square, &square, None, Pose::IDENTITY).expect("valid pair");
-        let shifted = Pose { translation: Vec3::new(0.25, 0.0, 0.0), ..Pose::IDENTITY };
+        let shifted = Pose {
+            translation: Vec3::new(0.25, 0.0, 0.0),
+            ..Pose::IDENTITY
+        };
         let m = truth.measure(shifted);
         assert!((m.t_iso - 0.25).abs() < 1e-9 && (m.t_mae - 0.25 / 3.0).abs() < 1e-9);
         assert!((m.add - 0.25 / 2f64.sqrt()).abs() < 1e-9 && (m.adi - m.add).abs() < 1e-9);
         assert!((m.chamfer_mod - 2.0 * 0.0625).abs() < 1e-9);
         // A quarter turn about the centre maps the square to itself: only ADI and Chamfer see that.
         let quarter = rotation_from_euler(Vec3::new(0.0, 0.0, std::f32::consts::FRAC_PI_2));
-        let turned = Pose { rotation: quarter, translation: Vec3::new(1.0, 0.0, 0.0) };
+        let turned = Pose {
+            rotation: quarter,
+            translation: Vec3::new(1.0, 0.0, 0.0),
+        };
         let m = truth.measure(turned);
         assert!((m.r_iso_deg - 90.0).abs() < 1e-4 && m.adi < 1e-6 && m.chamfer_mod < 1e-12);
         assert!((m.add - 1.0 / 2f64.sqrt()).abs() < 1e-6);
@@ -198,6 +220,9 @@ mod tests {
         assert_eq!(new(&[], &good, None), Some(Error::EmptyCloud));
         assert_eq!(new(&good, &good, Some(&[])), Some(Error::EmptyCloud));
         assert_eq!(new(&good, &flat, None), Some(Error::NoExtent));
-        assert_eq!(new(&[[f32::NAN; 3]], &good, None), Some(Error::NotFinite { index: 0 }));
+        assert_eq!(
+            new(&[[f32::NAN; 3]], &good, None),
+            Some(Error::NotFinite { index: 0 })
+        );
     }
 }

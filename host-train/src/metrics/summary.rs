@@ -43,7 +43,8 @@ impl Summary {
     /// Summarises at least one pair; NaN throughout for none.
     pub fn of(pairs: &[PairMetrics]) -> Summary {
         let values = |f: fn(&PairMetrics) -> f64| pairs.iter().map(f).collect::<Vec<f64>>();
-        let mean = |f: fn(&PairMetrics) -> f64| pairs.iter().map(f).sum::<f64>() / pairs.len() as f64;
+        let mean =
+            |f: fn(&PairMetrics) -> f64| pairs.iter().map(f).sum::<f64>() / pairs.len() as f64;
         let recalled = |m: &&PairMetrics| m.r_iso_deg < RECALL_R_DEG && m.t_iso < RECALL_T;
         Summary {
             r_mae_deg: mean(|m| m.r_mae_deg),
@@ -107,9 +108,20 @@ mod tests {
     #[test]
     fn recall_needs_both_errors_small() {
         let pair = |r_iso_deg, t_iso| PairMetrics {
-            r_mae_deg: 0.0, t_mae: 0.0, r_iso_deg, t_iso, chamfer_mod: 0.0, add: 0.0, adi: 0.0,
+            r_mae_deg: 0.0,
+            t_mae: 0.0,
+            r_iso_deg,
+            t_iso,
+            chamfer_mod: 0.0,
+            add: 0.0,
+            adi: 0.0,
         };
-        let all = [pair(4.9, 0.049), pair(5.0, 0.0), pair(0.0, 0.05), pair(50.0, 1.0)];
+        let all = [
+            pair(4.9, 0.049),
+            pair(5.0, 0.0),
+            pair(0.0, 0.05),
+            pair(50.0, 1.0),
+        ];
         let summary = Summary::of(&all);
         assert_eq!(summary.recall_r5_t005, 0.25);
         assert!((summary.r_iso_median_deg - 4.95).abs() < 1e-12);

@@ -19,6 +19,7 @@ mod diameter;
 mod summary;
 
 pub use diameter::diameter;
+pub(crate) use summary::quantile;
 pub use summary::{Summary, auc};
 
 use crate::dataset::Point;

@@ -16,6 +16,7 @@ pub mod export;
 pub mod icp;
 pub mod import;
 pub mod loss;
+pub mod matmul;
 pub mod metrics;
 pub mod neighbours;
 pub mod nn;

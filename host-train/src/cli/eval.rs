@@ -35,19 +35,19 @@ pub(super) struct EvalArgs {
     protocol: Option<Protocol>,
     /// How many to draw [default: one a model; 100 of the built-in shapes]
     #[arg(long, value_name = "M", conflicts_with = "pairs", value_parser = source::positive())]
-    count: Option<u64>,
+    count: Option<usize>,
     /// What to run, separated by commas; "policy" stands for every file of --weights [default: policy]
     #[arg(long, value_enum, value_name = "LIST", value_delimiter = ',')]
     methods: Vec<MethodName>,
     /// Refinement steps of a policy
-    #[arg(long, value_name = "N", default_value_t = STEPS as u64, value_parser = source::positive())]
-    steps: u64,
+    #[arg(long, value_name = "N", default_value_t = STEPS, value_parser = source::positive())]
+    steps: usize,
     /// Also report policies after every step, with cumulative times
     #[arg(long)]
     per_step: bool,
     /// Threads over pairs; times are undisturbed only with 1
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = source::positive())]
-    threads: u64,
+    threads: usize,
     /// Write errors and times (milliseconds) as JSON
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
@@ -69,13 +69,20 @@ enum MethodName {
 
 impl EvalArgs {
     pub(super) fn run(self, seed: u64) -> anyhow::Result<()> {
-        let methods = if self.methods.is_empty() { vec![MethodName::Policy] } else { self.methods };
+        let methods = if self.methods.is_empty() {
+            vec![MethodName::Policy]
+        } else {
+            self.methods
+        };
         let policies = methods.contains(&MethodName::Policy);
         if policies && self.weights.is_empty() {
             bad_usage("eval", "method \"policy\" needs --weights FILE.rgw");
         }
         if !policies && !self.weights.is_empty() {
-            bad_usage("eval", "--weights is given, but \"policy\" is not among --methods");
+            bad_usage(
+                "eval",
+                "--weights is given, but \"policy\" is not among --methods",
+            );
         }
         let weights = self
             .weights
@@ -86,28 +93,38 @@ impl EvalArgs {
         let mut contestants = Vec::new();
         for method in methods {
             match method {
-                MethodName::Policy => contestants.extend(weights.iter().map(|(name, file)| {
-                    Contestant { name: name.clone(), method: Method::Policy(file.policy()) }
-                })),
+                MethodName::Policy => {
+                    contestants.extend(weights.iter().map(|(name, file)| Contestant {
+                        name: name.clone(),
+                        method: Method::Policy(file.policy()),
+                    }))
+                }
                 MethodName::Icp => {
-                    contestants.push(Contestant { name: "icp".into(), method: Method::Icp });
+                    contestants.push(Contestant {
+                        name: "icp".into(),
+                        method: Method::Icp,
+                    });
                 }
                 MethodName::Init => {
-                    contestants.push(Contestant { name: "init".into(), method: Method::Init });
+                    contestants.push(Contestant {
+                        name: "init".into(),
+                        method: Method::Init,
+                    });
                 }
             }
         }
 
         let (set, origin) = match (&self.pairs, &self.data, self.protocol) {
             (Some(path), _, _) => (PairSet::load(path)?, path.display().to_string()),
-            (None, Some(data), Some(protocol)) => {
-                (source::draw(data, protocol, self.count, seed)?, data.to_string())
-            }
+            (None, Some(data), Some(protocol)) => (
+                source::draw(data, protocol, self.count, seed)?,
+                data.to_string(),
+            ),
             _ => bad_usage("eval", "give --pairs FILE.h5, or --data and --protocol"),
         };
         let settings = EvalSettings {
-            steps: self.steps as usize,
-            threads: self.threads as usize,
+            steps: self.steps,
+            threads: self.threads,
             per_step: self.per_step,
         };
         let pairs = set.source.len();
@@ -125,8 +142,10 @@ impl EvalArgs {
             write_json(path, &Document::new(pairs, &outcomes))?;
         }
         if let Some(path) = &self.poses {
-            let poses: Vec<_> =
-                outcomes.into_iter().map(|o| (o.name, o.target_from_source)).collect();
+            let poses: Vec<_> = outcomes
+                .into_iter()
+                .map(|o| (o.name, o.target_from_source))
+                .collect();
             save_poses(path, &poses)?;
         }
         Ok(())
@@ -135,5 +154,8 @@ impl EvalArgs {
 
 /// Name under which a weight file is reported.
 fn stem(path: &Path) -> String {
-    path.file_stem().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
+    path.file_stem()
+        .unwrap_or(path.as_os_str())
+        .to_string_lossy()
+        .into_owned()
 }

@@ -65,7 +65,11 @@ impl Cli {
 pub fn one_line(error: &anyhow::Error) -> String {
     let mut parts: Vec<String> = Vec::new();
     for cause in error.chain() {
-        let text = cause.to_string().split_whitespace().collect::<Vec<_>>().join(" ");
+        let text = cause
+            .to_string()
+            .split_whitespace()
+            .collect::<Vec<_>>()
+            .join(" ");
         // Some libraries repeat their cause in their own text.
         if !parts.last().is_some_and(|last| last.ends_with(&text)) {
             parts.push(text);
@@ -79,8 +83,12 @@ fn bad_usage(command: &str, message: &str) -> ! {
     use clap::CommandFactory;
     let mut cli = Cli::command();
     cli.build();
-    let command = cli.find_subcommand_mut(command).expect("a command of this program");
-    command.error(clap::error::ErrorKind::ArgumentConflict, message).exit()
+    let command = cli
+        .find_subcommand_mut(command)
+        .expect("a command of this program");
+    command
+        .error(clap::error::ErrorKind::ArgumentConflict, message)
+        .exit()
 }
 
 #[cfg(test)]
@@ -95,7 +103,9 @@ mod tests {
 
     #[test]
     fn errors_become_one_line_without_repetition() {
-        let error = anyhow::anyhow!("no such\n  file").context("read a.ply: no such file").context("register");
+        let error = anyhow::anyhow!("no such\n  file")
+            .context("read a.ply: no such file")
+            .context("register");
         assert_eq!(one_line(&error), "register: read a.ply: no such file");
     }
 }

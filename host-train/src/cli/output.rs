@@ -11,6 +11,7 @@ pub(super) fn write_text(path: &Path, text: &str) -> anyhow::Result<()> {
 
 /// Writes an indented JSON document.
 pub(super) fn write_json(path: &Path, document: &impl Serialize) -> anyhow::Result<()> {
-    let text = serde_json::to_string_pretty(document).context("cannot encode the result as JSON")?;
+    let text =
+        serde_json::to_string_pretty(document).context("cannot encode the result as JSON")?;
     write_text(path, &(text + "\n"))
 }

@@ -20,7 +20,7 @@ pub(super) struct PairsArgs {
     protocol: Protocol,
     /// How many pairs [default: one a model; 100 of the built-in shapes]
     #[arg(long, value_name = "M", value_parser = source::positive())]
-    count: Option<u64>,
+    count: Option<usize>,
     /// File to write
     #[arg(long, value_name = "FILE.h5")]
     out: PathBuf,
@@ -30,7 +30,12 @@ impl PairsArgs {
     pub(super) fn run(self, seed: u64) -> anyhow::Result<()> {
         let set = source::draw(&self.data, self.protocol, self.count, seed)?;
         set.save(&self.out)?;
-        println!("{} pairs of {} in {}", set.source.len(), self.data, self.out.display());
+        println!(
+            "{} pairs of {} in {}",
+            set.source.len(),
+            self.data,
+            self.out.display()
+        );
         Ok(())
     }
 }

@@ -18,7 +18,12 @@ impl Progress {
         let style = ProgressStyle::with_template("{bar:40} {pos}/{len} {msg} ({eta} left)")
             .expect("a valid template");
         let bar = ProgressBar::new(total).with_style(style).with_message(what);
-        Progress { bar, done: AtomicU64::new(0), total, what }
+        Progress {
+            bar,
+            done: AtomicU64::new(0),
+            total,
+            what,
+        }
     }
 
     /// One part more; from any thread.

@@ -25,7 +25,12 @@ pub(super) struct PublishArgs {
 impl PublishArgs {
     pub(super) fn run(self) -> anyhow::Result<()> {
         let runtime = tokio::runtime::Runtime::new().context("cannot start the network threads")?;
-        runtime.block_on(publish::publish(&self.weights, &self.key, &self.fleet, self.zenoh.as_deref()))?;
+        runtime.block_on(publish::publish(
+            &self.weights,
+            &self.key,
+            &self.fleet,
+            self.zenoh.as_deref(),
+        ))?;
         Ok(())
     }
 }

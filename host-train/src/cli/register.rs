@@ -35,8 +35,8 @@ pub(super) struct RegisterArgs {
     #[arg(long, value_name = "POSE", allow_hyphen_values = true)]
     init: Option<Initial>,
     /// Refinement steps at most
-    #[arg(long, value_name = "N", default_value_t = STEPS as u64, value_parser = source::positive())]
-    steps: u64,
+    #[arg(long, value_name = "N", default_value_t = STEPS, value_parser = source::positive())]
+    steps: usize,
     /// Write the source, moved onto the target
     #[arg(long, value_name = "ALIGNED.ply")]
     out: Option<PathBuf>,
@@ -85,12 +85,18 @@ fn parse_pose(text: &str) -> anyhow::Result<Pose> {
     let numbers = text
         .split(|c: char| c.is_whitespace() || matches!(c, ',' | '[' | ']'))
         .filter(|word| !word.is_empty())
-        .map(|word| word.parse::<f32>().with_context(|| format!("\"{word}\" is not a number")))
+        .map(|word| {
+            word.parse::<f32>()
+                .with_context(|| format!("\"{word}\" is not a number"))
+        })
         .collect::<anyhow::Result<Vec<f32>>>()?;
     let (rows, rest) = numbers.as_chunks::<4>();
     let pose = match (rows, rest) {
         ([a, b, c], []) | ([a, b, c, [0.0, 0.0, 0.0, 1.0]], []) => Pose::from_rows([*a, *b, *c]),
-        _ => bail!("a pose is 12 numbers, the rows of [R | t]; there are {}", numbers.len()),
+        _ => bail!(
+            "a pose is 12 numbers, the rows of [R | t]; there are {}",
+            numbers.len()
+        ),
     };
     Ok(pose.checked()?)
 }
@@ -104,19 +110,31 @@ impl RegisterArgs {
         let source = fit(&self.source, source_all.clone(), seed, 0);
 
         let start = Instant::now();
-        let found = register(weights.policy(), &source, &target, initial, self.steps as usize)
-            .with_context(|| format!("cannot register {} to {}", self.source.display(), self.target.display()))?;
+        let found = register(weights.policy(), &source, &target, initial, self.steps)
+            .with_context(|| {
+                format!(
+                    "cannot register {} to {}",
+                    self.source.display(),
+                    self.target.display()
+                )
+            })?;
         let ms = start.elapsed().as_secs_f64() * 1e3;
         let pose = found.target_from_source;
 
         print!("{}", report(&found, ms));
         if let Some(path) = &self.out {
-            let aligned: Vec<Point> =
-                source_all.iter().map(|&p| pose.apply(Vec3::from(p)).to_array()).collect();
+            let aligned: Vec<Point> = source_all
+                .iter()
+                .map(|&p| pose.apply(Vec3::from(p)).to_array())
+                .collect();
             write_ply(path, &aligned)?;
         }
         if let Some(path) = &self.trace {
-            let lines = found.trace.iter().map(serde_json::to_string).collect::<Result<Vec<_>, _>>()?;
+            let lines = found
+                .trace
+                .iter()
+                .map(serde_json::to_string)
+                .collect::<Result<Vec<_>, _>>()?;
             write_text(path, &(lines.join("\n") + "\n"))?;
         }
         if let Some(path) = &self.json {
@@ -163,7 +181,11 @@ fn report(found: &Registered, ms: f64) -> String {
         text += &row.map(|x| format!("{x:12.6}")).join(" ");
         text += "\n";
     }
-    text + &format!("{} after {} steps, {ms:.1} ms\n", verdict(found.verdict), found.trace.len())
+    text + &format!(
+        "{} after {} steps, {ms:.1} ms\n",
+        verdict(found.verdict),
+        found.trace.len()
+    )
 }
 
 #[cfg(test)]

@@ -13,28 +13,35 @@ pub(super) use crate::train::DataSource;
 
 /// Pairs drawn from the built-in shapes where no number is given.
 const PROCEDURAL_PAIRS: usize = 100;
+/// Built-in shapes from this number on are for evaluation: training counts up from 0 and never gets here.
+const HELD_OUT: u64 = 1 << 32;
 /// File of the ScanObjectNN layout.
 const SCAN_FILE: &str = "test_objectdataset.h5";
 
-/// An argument of at least one.
-pub(super) fn positive() -> RangedU64ValueParser {
-    clap::value_parser!(u64).range(1..)
+/// An argument from 1 to a million: more than anyone needs, and no more than memory holds.
+pub(super) fn positive() -> RangedU64ValueParser<usize> {
+    RangedU64ValueParser::new().range(1..=1_000_000)
 }
 
 /// Draws pairs from the test models of a data set under a protocol.
 pub(super) fn draw(
     data: &DataSource,
     protocol: Protocol,
-    count: Option<u64>,
+    count: Option<usize>,
     seed: u64,
 ) -> anyhow::Result<PairSet> {
-    let count = count.map(|count| count as usize);
     let models = match data {
         DataSource::Directory(dir) => test_models(dir, protocol)?,
-        // The built-in shapes have no split: every draw of them is a shape never seen before.
-        DataSource::Procedural => procedural::models(count.unwrap_or(PROCEDURAL_PAIRS), seed),
+        DataSource::Procedural => (0..count.unwrap_or(PROCEDURAL_PAIRS) as u64)
+            .map(|i| procedural::model(seed, HELD_OUT + i))
+            .collect(),
     };
-    Ok(protocol::draw(&models, protocol, count.unwrap_or(models.len()), seed))
+    Ok(protocol::draw(
+        &models,
+        protocol,
+        count.unwrap_or(models.len()),
+        seed,
+    ))
 }
 
 fn test_models(dir: &Path, protocol: Protocol) -> anyhow::Result<Vec<Model>> {
@@ -47,7 +54,9 @@ fn test_models(dir: &Path, protocol: Protocol) -> anyhow::Result<Vec<Model>> {
     };
     let models = modelnet::categories(models, labels.clone());
     if models.is_empty() {
-        let name = protocol.to_possible_value().map_or(String::new(), |v| v.get_name().to_owned());
+        let name = protocol
+            .to_possible_value()
+            .map_or(String::new(), |v| v.get_name().to_owned());
         bail!(
             "{}: no test model has a label from {} to {}, as protocol {name} asks for",
             dir.display(),

@@ -10,7 +10,12 @@ const UNITS: &str =
 
 /// One row a method, in the paper's column order.
 pub(super) fn methods(outcomes: &[Outcome]) -> String {
-    let width = outcomes.iter().map(|o| o.name.len()).max().unwrap_or(0).max("method".len());
+    let width = outcomes
+        .iter()
+        .map(|o| o.name.len())
+        .max()
+        .unwrap_or(0)
+        .max("method".len());
     let mut text = format!("{:width$}  {COLUMNS}\n{:width$}  {UNITS}\n", "method", "");
     for outcome in outcomes {
         row(&mut text, &format!("{:width$}", outcome.name), &outcome.row);
@@ -22,7 +27,11 @@ pub(super) fn methods(outcomes: &[Outcome]) -> String {
 pub(super) fn steps(name: &str, rows: &[StepRow]) -> String {
     let mut text = format!("{name}, step by step\nstep  {COLUMNS}\n      {UNITS}\n");
     for StepRow { step, row: values } in rows {
-        let label = if *step == 0 { "init".into() } else { step.to_string() };
+        let label = if *step == 0 {
+            "init".into()
+        } else {
+            step.to_string()
+        };
         row(&mut text, &format!("{label:4}"), values);
     }
     text

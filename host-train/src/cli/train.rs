@@ -23,13 +23,13 @@ pub(super) struct TrainArgs {
     out: PathBuf,
     /// Passes over the data [default: the stage's in the paper]
     #[arg(long, value_name = "N", value_parser = positive())]
-    epochs: Option<u64>,
+    epochs: Option<usize>,
     /// Go on from the last checkpoint of the run
     #[arg(long)]
     resume: bool,
     /// Threads; results do not depend on it [default: all cores]
     #[arg(long, value_name = "N", value_parser = positive())]
-    threads: Option<u64>,
+    threads: Option<usize>,
     /// Start from a run, a checkpoint or a policy instead of random weights
     #[arg(long, value_name = "RUN_OR_WEIGHTS", conflicts_with = "resume")]
     init: Option<PathBuf>,
@@ -42,9 +42,9 @@ impl TrainArgs {
             data: self.data,
             stage: self.stage,
             out: self.out,
-            epochs: self.epochs.map(|n| n as usize),
+            epochs: self.epochs,
             seed,
-            threads: self.threads.map_or_else(all_cores, |n| n as usize),
+            threads: self.threads.unwrap_or_else(all_cores),
             init: self.init,
         };
         Ok(train::run(&config, self.resume)?)

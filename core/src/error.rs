@@ -113,7 +113,10 @@ impl fmt::Display for Error {
             WeightsCrc => write!(f, "weight file is corrupt (CRC-32 differs); fetch it again"),
             WeightsAlignment => write!(f, "weight bytes must start on a 4-byte boundary"),
             WeightsNotFinite { layer } => {
-                write!(f, "layer {layer} of the weight file holds a NaN or infinity")
+                write!(
+                    f,
+                    "layer {layer} of the weight file holds a NaN or infinity"
+                )
             }
             Frame => write!(f, "malformed frame"),
             FrameVersion { found } => write!(

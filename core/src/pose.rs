@@ -153,7 +153,11 @@ mod tests {
 
     #[test]
     fn disentangled_and_global_agree_on_points() {
-        let (pose, mu, x) = (sample(), Vec3::new(3.0, -2.0, 1.0), Vec3::new(0.1, 0.2, 0.3));
+        let (pose, mu, x) = (
+            sample(),
+            Vec3::new(3.0, -2.0, 1.0),
+            Vec3::new(0.1, 0.2, 0.3),
+        );
         let about = pose.apply_about(mu, x);
         assert!((pose.to_global(mu).apply(x) - about).length() < 1e-5);
         let back = pose.to_global(mu).to_disentangled(mu);

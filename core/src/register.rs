@@ -1,1 +1,280 @@
 //! One registration: observe, embed, arg-max, accumulate, verdict.
+
+use crate::dims::{AXES, LOGITS, MAX_POINTS, MIN_POINTS, STEP_SIZES};
+use crate::error::Error;
+use crate::kernels::Isa;
+use crate::net::{self, Scratch, TargetHalf, View};
+use crate::pose::{Pose, centroid};
+use crate::steps::Action;
+use crate::weights::Policy;
+use glam::Vec3;
+
+/// The normalised frame in which the policy works: `x_n = (x - centre) / scale`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Frame {
+    /// Point that becomes the origin.
+    pub centre: Vec3,
+    /// Length that becomes 1, in the cloud's units.
+    pub scale: f32,
+}
+
+impl Frame {
+    /// Clouds are normalised already and used as they are.
+    pub const IDENTITY: Frame = Frame {
+        centre: Vec3::ZERO,
+        scale: 1.0,
+    };
+
+    /// The target's frame: its mean at the origin, its farthest point at distance 1.
+    ///
+    /// # Errors
+    /// As [`check_cloud`]; [`Error::NoExtent`] where all points coincide.
+    pub fn of(target: &[[f32; 3]]) -> Result<Frame, Error> {
+        check_cloud(target)?;
+        let centre = centroid(target);
+        let scale = target
+            .iter()
+            .map(|&p| (Vec3::from_array(p) - centre).length())
+            .fold(0.0, f32::max);
+        if scale > 0.0 && scale.is_finite() {
+            Ok(Frame { centre, scale })
+        } else {
+            Err(Error::NoExtent)
+        }
+    }
+}
+
+/// Refuses clouds that cannot be registered: empty, too few or too many points, not finite.
+pub fn check_cloud(points: &[[f32; 3]]) -> Result<(), Error> {
+    match points.len() {
+        0 => return Err(Error::EmptyCloud),
+        n if n < MIN_POINTS => return Err(Error::TooFewPoints { points: n }),
+        n if n > MAX_POINTS => {
+            return Err(Error::TooManyPoints {
+                points: n,
+                capacity: MAX_POINTS,
+            });
+        }
+        _ => {}
+    }
+    match points.iter().position(|p| !p.iter().all(|x| x.is_finite())) {
+        Some(index) => Err(Error::NotFinite { index }),
+        None => Ok(()),
+    }
+}
+
+/// What can be said about a pose from the steps that led to it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub enum Verdict {
+    /// The last step was "stop" on every axis: the policy sees nothing left to correct.
+    Converged,
+    /// The steps ran out while the policy still moved.
+    StepLimit,
+}
+
+/// What the policy saw and did in one step.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Step {
+    /// The arg-max action.
+    pub action: Action,
+    /// Translation logits, axis-major.
+    pub logits_t: [f32; LOGITS],
+    /// Rotation logits, axis-major.
+    pub logits_r: [f32; LOGITS],
+}
+
+/// Result of a whole registration.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Outcome {
+    /// Plain rigid transform, in the clouds' own units.
+    pub target_from_source: Pose,
+    /// Steps taken.
+    pub steps: usize,
+    /// How the steps ended.
+    pub verdict: Verdict,
+}
+
+/// A registration under way: the accumulated pose and what stays constant over its steps.
+#[derive(Clone, Debug)]
+pub struct Registration<'c> {
+    source: &'c [[f32; 3]],
+    /// Centroid `μ` of the observed source, own units.
+    centroid: Vec3,
+    frame: Frame,
+    /// Disentangled accumulator, translation in normalised units.
+    accumulated: Pose,
+    target_halves: [TargetHalf; 2],
+    steps: usize,
+    last: Action,
+}
+
+impl Registration<'_> {
+    /// The pose so far as a plain rigid transform in the clouds' own units (to-global).
+    pub fn target_from_source(&self) -> Pose {
+        Pose {
+            rotation: self.accumulated.rotation,
+            translation: self.accumulated.translation * self.frame.scale,
+        }
+        .to_global(self.centroid)
+    }
+
+    /// Steps taken so far.
+    pub fn steps(&self) -> usize {
+        self.steps
+    }
+
+    /// Verdict if no further step is taken.
+    pub fn verdict(&self) -> Verdict {
+        if self.steps > 0 && self.last == Action::STOP {
+            Verdict::Converged
+        } else {
+            Verdict::StepLimit
+        }
+    }
+
+    /// How the policy sees the source now: `R (x - μ)/s + (μ - centre)/s + t`.
+    fn view(&self) -> View {
+        let scale = 1.0 / self.frame.scale;
+        View {
+            origin: self.centroid,
+            map: Pose {
+                rotation: self.accumulated.rotation * scale,
+                translation: (self.centroid - self.frame.centre) * scale
+                    + self.accumulated.translation,
+            },
+        }
+    }
+}
+
+/// Runs registrations with one policy on caller-owned working memory.
+#[derive(Debug)]
+pub struct Registrar<'w, 's> {
+    isa: Isa,
+    policy: Policy<'w>,
+    scratch: &'s mut Scratch,
+}
+
+impl<'w, 's> Registrar<'w, 's> {
+    /// A registrar on the fastest kernels of this machine.
+    pub fn new(policy: Policy<'w>, scratch: &'s mut Scratch) -> Self {
+        Self::with_isa(Isa::best(), policy, scratch)
+    }
+
+    /// A registrar on given kernels.
+    pub fn with_isa(isa: Isa, policy: Policy<'w>, scratch: &'s mut Scratch) -> Self {
+        Registrar {
+            isa,
+            policy,
+            scratch,
+        }
+    }
+
+    /// Checks both clouds and embeds the target, once for the whole registration.
+    ///
+    /// `initial` is a plain estimate of target_from_source in the clouds' own units.
+    ///
+    /// # Errors
+    /// As [`check_cloud`]; [`Error::BadPose`] for an `initial` that is not rigid.
+    pub fn start<'c>(
+        &mut self,
+        source: &'c [[f32; 3]],
+        target: &[[f32; 3]],
+        frame: Frame,
+        initial: Pose,
+    ) -> Result<Registration<'c>, Error> {
+        check_cloud(source)?;
+        check_cloud(target)?;
+        let centroid = centroid(source);
+        let initial = initial.checked()?.to_disentangled(centroid);
+        let target_view = View {
+            origin: frame.centre,
+            map: Pose {
+                rotation: Pose::IDENTITY.rotation * (1.0 / frame.scale),
+                translation: Vec3::ZERO,
+            },
+        };
+        self.embed(target, &target_view);
+        Ok(Registration {
+            source,
+            centroid,
+            frame,
+            accumulated: Pose {
+                rotation: initial.rotation,
+                translation: initial.translation / frame.scale,
+            },
+            target_halves: net::target_halves(self.isa, &self.policy, &self.scratch.feature),
+            steps: 0,
+            last: Action::STOP,
+        })
+    }
+
+    /// One step: observe the source under the current pose, take the arg-max action, accumulate.
+    pub fn step(&mut self, registration: &mut Registration<'_>) -> Step {
+        self.embed(registration.source, &registration.view());
+        let [half_t, half_r] = &registration.target_halves;
+        let logits_t = net::logits(self.isa, &self.policy.translation, half_t, self.scratch);
+        let logits_r = net::logits(self.isa, &self.policy.rotation, half_r, self.scratch);
+        let action = Action {
+            translation: arg_max(&logits_t),
+            rotation: arg_max(&logits_r),
+        };
+        registration.accumulated = registration.accumulated.accumulate(action.update());
+        registration.steps += 1;
+        registration.last = action;
+        Step {
+            action,
+            logits_t,
+            logits_r,
+        }
+    }
+
+    /// A whole registration of `steps` steps.
+    ///
+    /// # Errors
+    /// As [`Registrar::start`].
+    pub fn register(
+        &mut self,
+        source: &[[f32; 3]],
+        target: &[[f32; 3]],
+        frame: Frame,
+        initial: Pose,
+        steps: usize,
+    ) -> Result<Outcome, Error> {
+        let mut registration = self.start(source, target, frame, initial)?;
+        for _ in 0..steps {
+            self.step(&mut registration);
+        }
+        Ok(Outcome {
+            target_from_source: registration.target_from_source(),
+            steps: registration.steps(),
+            verdict: registration.verdict(),
+        })
+    }
+
+    fn embed(&mut self, points: &[[f32; 3]], view: &View) {
+        let Scratch { tiles, feature, .. } = &mut *self.scratch;
+        net::embed(
+            self.isa,
+            &self.policy.embedding,
+            points,
+            view,
+            tiles,
+            feature,
+        );
+    }
+}
+
+/// The most likely step of each axis; the first of equals.
+pub fn arg_max(logits: &[f32; LOGITS]) -> [u8; AXES] {
+    let mut ids = [0u8; AXES];
+    for (id, axis) in ids.iter_mut().zip(logits.chunks_exact(STEP_SIZES)) {
+        let mut best = f32::NEG_INFINITY;
+        for (i, &logit) in axis.iter().enumerate() {
+            if logit > best {
+                best = logit;
+                *id = i as u8;
+            }
+        }
+    }
+    ids
+}

@@ -1,0 +1,148 @@
+//! Every kernel that this machine can run against the portable one.
+
+use super::*;
+use crate::dims::padded;
+use crate::weights::pack_panels;
+use proptest::prelude::*;
+
+#[derive(Debug)]
+struct Case {
+    inputs: usize,
+    outputs: usize,
+    panels: Vec<f32>,
+    bias: Vec<f32>,
+    x: Vec<f32>,
+}
+
+impl Case {
+    fn layer(&self) -> Dense<'_> {
+        Dense::new(self.inputs, self.outputs, &self.panels, &self.bias).expect("padded lengths")
+    }
+}
+
+fn value() -> impl Strategy<Value = f32> {
+    prop_oneof![
+        8 => -2.0f32..2.0,
+        1 => Just(0.0f32),
+        1 => prop_oneof![Just(1e4f32), Just(-1e4f32), Just(1e-30f32), Just(-0.0f32)],
+    ]
+}
+
+fn case() -> impl Strategy<Value = Case> {
+    (1usize..70, 1usize..80, 0usize..60).prop_flat_map(|(inputs, outputs, points)| {
+        let values = |n| prop::collection::vec(value(), n);
+        (
+            values(inputs * outputs),
+            values(outputs),
+            values(points * inputs),
+        )
+            .prop_map(move |(matrix, mut bias, x)| {
+                let mut panels = vec![0.0; inputs * padded(outputs)];
+                pack_panels(inputs, outputs, &matrix, &mut panels);
+                bias.resize(padded(outputs), 0.0);
+                Case {
+                    inputs,
+                    outputs,
+                    panels,
+                    bias,
+                    x,
+                }
+            })
+    })
+}
+
+fn others() -> Vec<Isa> {
+    #[cfg(target_arch = "x86_64")]
+    let found = [Isa::avx2(), Isa::avx512()]
+        .into_iter()
+        .flatten()
+        .collect::<Vec<_>>();
+    #[cfg(not(target_arch = "x86_64"))]
+    let found = Vec::new();
+    if found.len() < 2 {
+        println!("this machine runs only {found:?} beside the portable kernels");
+    }
+    found
+}
+
+/// Bound on the difference of two summation orders: 1e-5 of the sum of magnitudes.
+fn tolerance(case: &Case) -> f32 {
+    let x = case.x.iter().fold(1.0f32, |m, v| m.max(v.abs()));
+    let w = case.panels.iter().fold(1.0f32, |m, v| m.max(v.abs()));
+    1e-6 * (case.inputs as f32 + 1.0) * x * w
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(200))]
+
+    #[test]
+    fn dense_relu_equals_portable(case in case()) {
+        let layer = case.layer();
+        let n = case.x.len() / case.inputs * padded(case.outputs);
+        let mut expected = vec![0.0; n];
+        Isa::PORTABLE.dense_relu(&layer, &case.x, &mut expected);
+        for isa in others() {
+            let mut y = vec![7.0; n];
+            isa.dense_relu(&layer, &case.x, &mut y);
+            for (a, b) in y.iter().zip(&expected) {
+                prop_assert!((a - b).abs() <= tolerance(&case), "{}: {a} {b}", isa.name());
+            }
+        }
+    }
+
+    #[test]
+    fn dense_max_equals_portable(case in case()) {
+        let layer = case.layer();
+        let n = padded(case.outputs);
+        let points = case.x.len() / case.inputs;
+        let mut expected = vec![f32::NEG_INFINITY; n];
+        Isa::PORTABLE.dense_max(&layer, &case.x, &mut expected);
+        for isa in others() {
+            let mut max = vec![f32::NEG_INFINITY; n];
+            isa.dense_max(&layer, &case.x, &mut max);
+            let (mut kept, mut arg) = (vec![f32::NEG_INFINITY; n], vec![u32::MAX; n]);
+            isa.dense_argmax(&layer, &case.x, 100, &mut kept, &mut arg);
+            prop_assert_eq!(&kept, &max, "{}", isa.name());
+            for o in 0..n {
+                let close = max[o] == expected[o] || (max[o] - expected[o]).abs() <= tolerance(&case);
+                prop_assert!(close, "{}: {} {}", isa.name(), max[o], expected[o]);
+                if points > 0 {
+                    let row = (arg[o] - 100) as usize;
+                    let x = &case.x[row * case.inputs..(row + 1) * case.inputs];
+                    let mut alone = vec![f32::NEG_INFINITY; n];
+                    isa.dense_max(&layer, x, &mut alone);
+                    prop_assert_eq!(alone[o], max[o], "the kept row reaches the maximum");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn gemv_equals_portable(case in case(), from in 0usize..70) {
+        let layer = case.layer();
+        prop_assume!(from < case.inputs && case.x.len() >= case.inputs);
+        let x = &case.x[..case.inputs - from];
+        let mut expected = vec![0.0; padded(case.outputs)];
+        Isa::PORTABLE.gemv(&layer, &case.bias, from, x, &mut expected);
+        for isa in others() {
+            let mut y = vec![7.0; expected.len()];
+            isa.gemv(&layer, &case.bias, from, x, &mut y);
+            for (a, b) in y.iter().zip(&expected) {
+                prop_assert!((a - b).abs() <= tolerance(&case), "{}: {a} {b}", isa.name());
+            }
+        }
+    }
+}
+
+#[test]
+fn the_first_of_equal_rows_is_kept() {
+    let mut panels = vec![0.0; PANEL];
+    pack_panels(1, 1, &[1.0], &mut panels);
+    let bias = vec![0.0; PANEL];
+    let layer = Dense::new(1, 1, &panels, &bias).expect("padded lengths");
+    for isa in others().into_iter().chain([Isa::PORTABLE]) {
+        let (mut max, mut arg) = (vec![f32::NEG_INFINITY; PANEL], vec![0; PANEL]);
+        isa.dense_argmax(&layer, &[1.0, 3.0, 3.0, 2.0], 0, &mut max, &mut arg);
+        assert_eq!((max[0], arg[0]), (3.0, 1), "{}", isa.name());
+    }
+}

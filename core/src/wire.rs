@@ -21,7 +21,7 @@ pub mod keys;
 
 pub use cloud::CloudView;
 pub use frames::{
-    Cloud, Ending, Manifest, PolicyId, PolicyName, Reason, RefineReply, RefineRequest, Refusal,
+    Cloud, Manifest, PolicyId, PolicyName, Reason, RefineReply, RefineRequest, Refusal,
     SignedManifest, Status,
 };
 
@@ -41,7 +41,7 @@ pub const REQUEST_OVERHEAD_BYTES: usize = 80;
 pub const REQUEST_BYTES: usize = REQUEST_OVERHEAD_BYTES + 2 * MAX_POINTS * cloud::POINT_BYTES;
 
 /// Everything that can be in a frame.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Message<'a> {
     /// What a policy file is; signed as these bytes.
     Manifest(Manifest),

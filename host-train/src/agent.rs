@@ -1,1 +1,339 @@
-//! agent
+//! The agent during training: batched forward pass on core's kernels, and the gradient by hand.
+//!
+//! Activations of the heads are stored `[features, batch]`. The max-pool passes gradient only
+//! through the arg-max (critical) point of each channel, so the backward pass recomputes the hidden
+//! layers of those few hundred points and touches no others. Sums over a mini-batch are made over a
+//! fixed number of shards in a fixed order: results do not depend on the number of threads.
+
+use crate::dataset::Point;
+use crate::matmul::{matrix, product, product_parallel, transposed};
+use crate::nn::{HEAD_R, HEAD_T, PackedEmbedding, Parameters, VALUE};
+use rayon::prelude::*;
+use reagent_core::dims::{LOGITS, TILE};
+use reagent_core::kernels::Isa;
+use reagent_core::net::{View, embed_argmax};
+use reagent_core::weights::Embedding;
+
+/// A cloud as the network sees it.
+#[derive(Clone, Copy, Debug)]
+pub struct Seen<'a> {
+    /// Stored points.
+    pub points: &'a [Point],
+    /// Where they appear.
+    pub view: View,
+}
+
+/// Global features of several clouds with their critical points.
+#[derive(Clone, Debug, Default)]
+pub struct Features {
+    /// `[clouds, F]`.
+    pub values: Vec<f32>,
+    /// Index of the point that gave each value, `[clouds, F]`.
+    pub critical: Vec<u32>,
+}
+
+/// Embeds clouds with core's kernel, keeping the critical points.
+pub fn embed(packed: &PackedEmbedding, width: usize, clouds: &[Seen<'_>], out: &mut Features) {
+    let isa = Isa::best();
+    let embedding = packed.view();
+    let [l1, l2, _] = &embedding.layers;
+    out.values.resize(clouds.len() * width, 0.0);
+    out.critical.resize(clouds.len() * width, 0);
+    out.values
+        .par_chunks_mut(width)
+        .zip(out.critical.par_chunks_mut(width))
+        .zip(clouds)
+        .for_each_init(
+            || (vec![0.0; TILE * l1.outputs], vec![0.0; TILE * l2.outputs]),
+            |(h1, h2), ((values, critical), cloud)| {
+                embed_argmax(isa, &embedding, cloud.points, &cloud.view, h1, h2, values, critical);
+            },
+        );
+}
+
+/// Activations of one head, each `[width, batch]`.
+#[derive(Clone, Debug, Default)]
+pub struct HeadActivations {
+    hidden1: Vec<f32>,
+    hidden2: Vec<f32>,
+    /// `[33, batch]`.
+    pub logits: Vec<f32>,
+}
+
+/// Activations of both heads for a batch of states.
+#[derive(Clone, Debug, Default)]
+pub struct Activations {
+    batch: usize,
+    /// `[2F, batch]`, source features first.
+    state: Vec<f32>,
+    /// Translation head, then rotation head.
+    pub heads: [HeadActivations; 2],
+}
+
+impl Activations {
+    /// Both heads for a batch of states: row `sources[b]` of `sources` and `targets[b]` of `targets`.
+    pub fn forward(
+        &mut self,
+        parameters: &Parameters,
+        sources: (&Features, &[usize]),
+        targets: (&Features, &[usize]),
+    ) {
+        let width = parameters.shape.features();
+        let batch = sources.1.len();
+        self.batch = batch;
+        self.state.resize(2 * width * batch, 0.0);
+        for (half, (features, rows)) in [sources, targets].into_iter().enumerate() {
+            for (b, &row) in rows.iter().enumerate() {
+                let values = &features.values[row * width..(row + 1) * width];
+                for (c, &value) in values.iter().enumerate() {
+                    self.state[(half * width + c) * batch + b] = value;
+                }
+            }
+        }
+        let state = &self.state;
+        for (head, first) in self.heads.iter_mut().zip([HEAD_T, HEAD_R]) {
+            dense(parameters, first, state, batch, true, &mut head.hidden1);
+            dense(parameters, first + 1, &head.hidden1, batch, true, &mut head.hidden2);
+            dense(parameters, first + 2, &head.hidden2, batch, false, &mut head.logits);
+        }
+    }
+
+    /// Value estimates `[batch]`: both heads' middle layers, translation first, 512 -> 256 -> 1.
+    pub fn values(&self, parameters: &Parameters) -> Vec<f32> {
+        let [t, r] = &self.heads;
+        let middle = [t.hidden2.as_slice(), r.hidden2.as_slice()].concat();
+        let (mut hidden, mut value) = (Vec::new(), Vec::new());
+        dense(parameters, VALUE, &middle, self.batch, true, &mut hidden);
+        dense(parameters, VALUE + 1, &hidden, self.batch, false, &mut value);
+        value
+    }
+
+    /// Gradient of the heads' parameters into `gradient`, and of the state `[2F, batch]`, given the
+    /// gradient of the logits (translation, rotation; `[33, batch]` each).
+    pub fn backward(
+        &self,
+        parameters: &Parameters,
+        logit_gradients: [&[f32]; 2],
+        gradient: &mut Parameters,
+        state_gradient: &mut Vec<f32>,
+    ) {
+        state_gradient.resize(self.state.len(), 0.0);
+        let mut keep = 0.0;
+        for ((head, first), logits) in
+            self.heads.iter().zip([HEAD_T, HEAD_R]).zip(logit_gradients)
+        {
+            let mut hidden2 = vec![0.0; head.hidden2.len()];
+            let mut hidden1 = vec![0.0; head.hidden1.len()];
+            let batch = self.batch;
+            dense_backward(gradient, first + 2, logits, &head.hidden2, batch);
+            input_gradient(parameters, first + 2, logits, batch, 0.0, &mut hidden2);
+            relu_backward(&head.hidden2, &mut hidden2);
+            dense_backward(gradient, first + 1, &hidden2, &head.hidden1, batch);
+            input_gradient(parameters, first + 1, &hidden2, batch, 0.0, &mut hidden1);
+            relu_backward(&head.hidden1, &mut hidden1);
+            dense_backward(gradient, first, &hidden1, &self.state, batch);
+            input_gradient(parameters, first, &hidden1, batch, keep, state_gradient);
+            keep = 1.0;
+        }
+    }
+}
+
+/// `y = W x + b`, with ReLU where asked; `x [inputs, batch]`, `y [outputs, batch]`.
+fn dense(
+    parameters: &Parameters,
+    i: usize,
+    x: &[f32],
+    batch: usize,
+    relu: bool,
+    y: &mut Vec<f32>,
+) {
+    let layer = &parameters.layers[i];
+    y.resize(layer.outputs * batch, 0.0);
+    for (row, &bias) in y.chunks_exact_mut(batch).zip(parameters.bias(i)) {
+        row.fill(bias);
+    }
+    let weight = matrix(parameters.weight(i), layer.outputs, layer.inputs);
+    product_parallel(y, &weight, &matrix(x, layer.inputs, batch), 1.0);
+    if relu {
+        for v in y {
+            *v = v.max(0.0);
+        }
+    }
+}
+
+/// `dW = dy xᵀ`, `db = Σ dy`.
+fn dense_backward(gradient: &mut Parameters, i: usize, dy: &[f32], x: &[f32], batch: usize) {
+    let (inputs, outputs) = (gradient.layers[i].inputs, gradient.layers[i].outputs);
+    let (weight, bias) = gradient.layer_mut(i);
+    product_parallel(weight, &matrix(dy, outputs, batch), &transposed(x, inputs, batch), 0.0);
+    for (b, row) in bias.iter_mut().zip(dy.chunks_exact(batch)) {
+        *b = row.iter().sum();
+    }
+}
+
+/// `dx = keep * dx + Wᵀ dy`.
+fn input_gradient(
+    parameters: &Parameters,
+    i: usize,
+    dy: &[f32],
+    batch: usize,
+    keep: f32,
+    dx: &mut [f32],
+) {
+    let layer = &parameters.layers[i];
+    let weight = transposed(parameters.weight(i), layer.outputs, layer.inputs);
+    product_parallel(dx, &weight, &matrix(dy, layer.outputs, batch), keep);
+}
+
+fn relu_backward(activation: &[f32], gradient: &mut [f32]) {
+    for (g, &a) in gradient.iter_mut().zip(activation) {
+        if a <= 0.0 {
+            *g = 0.0;
+        }
+    }
+}
+
+/// Shards over which gradients of the embedding are summed.
+const SHARDS: usize = 16;
+
+/// Gradient of the embedding's parameters, for clouds with given gradients of their features.
+///
+/// # Shapes
+/// `features` of `clouds`, `feature_gradients [clouds, F]`; the first three layers of `gradient` are
+/// overwritten.
+pub fn embedding_backward(
+    packed: &PackedEmbedding,
+    parameters: &Parameters,
+    clouds: &[Seen<'_>],
+    features: &Features,
+    feature_gradients: &[f32],
+    gradient: &mut Parameters,
+) {
+    let width = parameters.shape.features();
+    let end = gradient.layers[2].bias.end;
+    let embedding = packed.view();
+    let shard = clouds.len().div_ceil(SHARDS).max(1);
+    let sums: Vec<Vec<f32>> = clouds
+        .par_chunks(shard)
+        .zip(features.critical.par_chunks(shard * width))
+        .zip(feature_gradients.par_chunks(shard * width))
+        .map(|((clouds, critical), gradients)| {
+            let mut sum = vec![0.0; end];
+            let mut work = CriticalPoints::default();
+            let rows = critical.chunks_exact(width).zip(gradients.chunks_exact(width));
+            for (cloud, (critical, gradient)) in clouds.iter().zip(rows) {
+                work.backward(&embedding, parameters, cloud, critical, gradient, &mut sum);
+            }
+            sum
+        })
+        .collect();
+    let total = &mut gradient.values[..end];
+    total.fill(0.0);
+    for sum in &sums {
+        for (t, s) in total.iter_mut().zip(sum) {
+            *t += s;
+        }
+    }
+}
+
+/// Working memory for the points that won a channel of one cloud.
+#[derive(Default)]
+struct CriticalPoints {
+    /// Slot of each point of the cloud, `u32::MAX` where it won nothing.
+    slot: Vec<u32>,
+    /// The winning points as seen, `[slots, 3]`.
+    points: Vec<Point>,
+    hidden1: Vec<f32>,
+    hidden2: Vec<f32>,
+    gradient1: Vec<f32>,
+    gradient2: Vec<f32>,
+}
+
+impl CriticalPoints {
+    /// Adds one cloud's gradient to `sum`, laid out as the first three layers.
+    fn backward(
+        &mut self,
+        embedding: &Embedding<'_>,
+        parameters: &Parameters,
+        cloud: &Seen<'_>,
+        critical: &[u32],
+        feature_gradient: &[f32],
+        sum: &mut [f32],
+    ) {
+        let isa = Isa::best();
+        let [w1, w2, _] = parameters.shape.embed;
+        self.slot.clear();
+        self.slot.resize(cloud.points.len(), u32::MAX);
+        self.points.clear();
+        for &point in critical {
+            let slot = &mut self.slot[point as usize];
+            if *slot == u32::MAX {
+                *slot = self.points.len() as u32;
+                self.points.push(cloud.view.see(cloud.points[point as usize]));
+            }
+        }
+        let n = self.points.len();
+        for (buffer, width) in [
+            (&mut self.hidden1, w1),
+            (&mut self.hidden2, w2),
+            (&mut self.gradient1, w1),
+            (&mut self.gradient2, w2),
+        ] {
+            buffer.clear();
+            buffer.resize(n * width, 0.0);
+        }
+        let x = self.points.as_flattened();
+        isa.dense_relu(&embedding.layers[0], x, &mut self.hidden1);
+        isa.dense_relu(&embedding.layers[1], &self.hidden1, &mut self.hidden2);
+
+        // Last layer: each channel has one winning point.
+        let layer = &parameters.layers[2];
+        let rows = parameters.weight(2).chunks_exact(w2);
+        let (sum3, bias3) = sum[layer.weight.start..layer.bias.end].split_at_mut(layer.weight.len());
+        for ((((&point, &g), weight), sum), bias) in critical
+            .iter()
+            .zip(feature_gradient)
+            .zip(rows)
+            .zip(sum3.chunks_exact_mut(w2))
+            .zip(bias3)
+        {
+            let at = self.slot[point as usize] as usize * w2;
+            let hidden = &self.hidden2[at..at + w2];
+            let gradient = &mut self.gradient2[at..at + w2];
+            for k in 0..w2 {
+                sum[k] += g * hidden[k];
+                gradient[k] += g * weight[k];
+            }
+            *bias += g;
+        }
+        relu_backward(&self.hidden2, &mut self.gradient2);
+        let hidden_gradient = transposed(&self.gradient2, n, w2);
+        accumulate(parameters, 1, sum, &hidden_gradient, &self.hidden1);
+        product(
+            &mut self.gradient1,
+            &matrix(&self.gradient2, n, w2),
+            &matrix(parameters.weight(1), w2, w1),
+            0.0,
+        );
+        relu_backward(&self.hidden1, &mut self.gradient1);
+        accumulate(parameters, 0, sum, &transposed(&self.gradient1, n, w1), x);
+    }
+}
+
+/// `sum += dyᵀ x` and its bias for layer `i`; `dy` comes transposed, `[outputs, points]`.
+fn accumulate(
+    parameters: &Parameters,
+    i: usize,
+    sum: &mut [f32],
+    dy: &crate::matmul::View<'_>,
+    x: &[f32],
+) {
+    let layer = &parameters.layers[i];
+    let x = matrix(x, dy.ncols(), layer.inputs);
+    product(&mut sum[layer.weight.clone()], dy, &x, 1.0);
+    for (b, row) in sum[layer.bias.clone()].iter_mut().zip(dy.row_iter()) {
+        *b += row.iter().sum::<f32>();
+    }
+}
+
+const _: () = assert!(LOGITS == 33);

@@ -1,1 +1,236 @@
-//! augment
+//! Augmentations and rigid offsets, always applied to fresh copies of a cloud.
+//!
+//! Distributions and their order are those of the paper's experiments; where the text gives no
+//! value, the authors' code does.
+
+use crate::dataset::Point;
+use crate::random::Rng;
+use glam::{Mat3, Vec3};
+use rand::seq::index;
+use rand::{RngExt, seq::SliceRandom};
+use rand_distr::{Distribution, Normal, StandardNormal};
+use reagent_core::Pose;
+use reagent_core::pose::{centroid, rotation_from_euler};
+use std::f32::consts::{FRAC_PI_4, TAU};
+
+/// Standard deviation of the sensor noise, normalised units; clipped to [`JITTER_CLIP`].
+pub const JITTER_SIGMA: f32 = 0.01;
+/// Largest noise per coordinate.
+pub const JITTER_CLIP: f32 = 0.05;
+
+/// A random offset: each Euler angle U[0, 45) deg (positive only), each translation U[-0.5, 0.5).
+pub fn random_rigid(rng: &mut Rng) -> Pose {
+    let angles = Vec3::from_array(std::array::from_fn(|_| rng.random_range(0.0..FRAC_PI_4)));
+    let shift = Vec3::from_array(std::array::from_fn(|_| rng.random_range(-0.5..0.5)));
+    Pose {
+        rotation: rotation_from_euler(angles),
+        translation: shift,
+    }
+}
+
+/// Adds N(0, 0.01) clipped to 0.05 to every coordinate.
+pub fn jitter(rng: &mut Rng, points: &mut [Point]) {
+    for x in points.as_flattened_mut() {
+        let noise: f32 = StandardNormal.sample(rng);
+        *x += (JITTER_SIGMA * noise).clamp(-JITTER_CLIP, JITTER_CLIP);
+    }
+}
+
+/// Draws `k` points: without replacement while there are enough, else every point once and the
+/// rest with replacement. Empty input gives empty output.
+pub fn resample(rng: &mut Rng, points: &[Point], k: usize) -> Vec<Point> {
+    let n = points.len();
+    if n == 0 {
+        return Vec::new();
+    }
+    let mut drawn: Vec<Point> = index::sample(rng, n, k.min(n))
+        .into_iter()
+        .map(|i| points[i])
+        .collect();
+    drawn.extend((n..k).map(|_| points[rng.random_range(0..n)]));
+    drawn
+}
+
+/// Permutes the order of the points.
+pub fn shuffle(rng: &mut Rng, points: &mut [Point]) {
+    points.shuffle(rng);
+}
+
+/// A uniformly random direction.
+pub fn random_direction(rng: &mut Rng) -> Vec3 {
+    let azimuth = rng.random_range(0.0..TAU);
+    let cos_polar: f32 = rng.random_range(-1.0..1.0);
+    let sin_polar = (1.0 - cos_polar * cos_polar).max(0.0).sqrt();
+    Vec3::new(sin_polar * azimuth.cos(), sin_polar * azimuth.sin(), cos_polar)
+}
+
+/// Three independent scale factors, N(1, 0.1) clipped to [0.5, 1.5].
+pub fn random_scale(rng: &mut Rng) -> Vec3 {
+    let normal = Normal::new(1.0f32, 0.1).expect("a positive deviation");
+    Vec3::from_array(std::array::from_fn(|_| normal.sample(rng).clamp(0.5, 1.5)))
+}
+
+/// A random shear: angle N(0, 5) deg clipped to 15 deg, random direction and plane.
+pub fn random_shear(rng: &mut Rng) -> Mat3 {
+    let z: f32 = StandardNormal.sample(rng);
+    let angle = (5.0 * z).clamp(-15.0, 15.0).to_radians();
+    let direction = random_direction(rng);
+    let normal = direction.cross(random_direction(rng));
+    shear_matrix(angle, direction, normal)
+}
+
+/// Shear `I + tan(angle) d nᵀ`; the plane's normal is normalised here. A zero normal shears nothing.
+pub fn shear_matrix(angle_rad: f32, direction: Vec3, normal: Vec3) -> Mat3 {
+    let n = normal.normalize_or_zero() * angle_rad.tan();
+    Mat3::IDENTITY + outer(direction, n)
+}
+
+/// Reflection `I - 2 n nᵀ` at the plane through the origin with unit normal `n`.
+pub fn mirror_matrix(normal: Vec3) -> Mat3 {
+    Mat3::IDENTITY - outer(normal * 2.0, normal)
+}
+
+fn outer(a: Vec3, b: Vec3) -> Mat3 {
+    Mat3::from_cols(a * b.x, a * b.y, a * b.z)
+}
+
+/// Scales each axis about the cloud's centroid.
+pub fn scale(points: &mut [Point], factors: Vec3) {
+    let centre = centroid(points);
+    map(points, |p| (p - centre) * factors + centre);
+}
+
+/// Applies a linear map about the origin.
+pub fn linear(points: &mut [Point], matrix: &Mat3) {
+    map(points, |p| *matrix * p);
+}
+
+/// Applies a plain rigid transform.
+pub fn transform(points: &mut [Point], pose: &Pose) {
+    map(points, |p| pose.apply(p));
+}
+
+fn map(points: &mut [Point], f: impl Fn(Vec3) -> Vec3) {
+    for p in points {
+        *p = f(Vec3::from_array(*p)).to_array();
+    }
+}
+
+/// The paper's affine regularisation: scale, then shear, then mirror, one draw each.
+pub fn random_affine(rng: &mut Rng, points: &mut [Point]) {
+    scale(points, random_scale(rng));
+    let shear = random_shear(rng);
+    let mirror = mirror_matrix(random_direction(rng));
+    linear(points, &(mirror * shear));
+}
+
+/// One training or test sample.
+#[derive(Clone, Debug)]
+pub struct Sample {
+    /// Observed source, `[N, 3]`.
+    pub source: Vec<Point>,
+    /// Target, `[N, 3]`.
+    pub target: Vec<Point>,
+    /// Plain transform that registers the source.
+    pub target_from_source: Pose,
+}
+
+/// Clean training sample: `k` points without replacement, the same for source and target, then scale,
+/// shear, mirror, a rigid offset of the source, and each cloud shuffled.
+pub fn clean_sample(rng: &mut Rng, model: &[Point], k: usize) -> Sample {
+    let mut target = resample(rng, model, k);
+    random_affine(rng, &mut target);
+    let offset = random_rigid(rng);
+    let mut source = target.clone();
+    transform(&mut source, &offset);
+    shuffle(rng, &mut source);
+    shuffle(rng, &mut target);
+    Sample {
+        source,
+        target,
+        target_from_source: offset.inverse(),
+    }
+}
+
+/// Noisy training sample: scale, shear, mirror, a rigid offset of the source, then `k` points drawn
+/// independently for source and target, noise on both, and each cloud shuffled.
+pub fn noisy_sample(rng: &mut Rng, model: &[Point], k: usize) -> Sample {
+    let mut whole = model.to_vec();
+    random_affine(rng, &mut whole);
+    noisy_pair(rng, &whole, k)
+}
+
+/// The noisy condition without affine augmentation: the evaluation protocol.
+pub fn noisy_pair(rng: &mut Rng, whole: &[Point], k: usize) -> Sample {
+    let offset = random_rigid(rng);
+    // A random draw is in random order already: no further shuffle is needed.
+    let mut source = resample(rng, whole, k);
+    let mut target = resample(rng, whole, k);
+    transform(&mut source, &offset);
+    jitter(rng, &mut source);
+    jitter(rng, &mut target);
+    Sample {
+        source,
+        target,
+        target_from_source: offset.inverse(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::{Purpose, stream};
+
+    fn cube(n: usize) -> Vec<Point> {
+        let mut rng = stream(3, Purpose::Shape, 0);
+        (0..n)
+            .map(|_| std::array::from_fn(|_| rng.random_range(-0.5..0.5)))
+            .collect()
+    }
+
+    #[test]
+    fn offsets_have_the_paper_s_ranges() {
+        let mut rng = stream(1, Purpose::Augment, 0);
+        let (mut angle, mut shift) = (0.0, 0.0);
+        for _ in 0..4000 {
+            let pose = random_rigid(&mut rng);
+            let trace = pose.rotation.x_axis.x + pose.rotation.y_axis.y + pose.rotation.z_axis.z;
+            angle += ((trace - 1.0) / 2.0).acos().to_degrees() / 4000.0;
+            shift += pose.translation.length() / 4000.0;
+        }
+        assert!((angle - 44.7).abs() < 1.0, "mean rotation {angle} deg");
+        assert!((shift - 0.484).abs() < 0.01, "mean translation {shift}");
+    }
+
+    #[test]
+    fn resampling_keeps_every_point_when_asked_for_more() {
+        let mut rng = stream(1, Purpose::Augment, 1);
+        let cloud = cube(10);
+        let drawn = resample(&mut rng, &cloud, 25);
+        assert_eq!(drawn.len(), 25);
+        assert!(cloud.iter().all(|p| drawn.contains(p)));
+        assert!(resample(&mut rng, &[], 5).is_empty());
+    }
+
+    #[test]
+    fn clean_samples_register_exactly() {
+        let mut rng = stream(1, Purpose::Augment, 2);
+        let sample = clean_sample(&mut rng, &cube(256), 64);
+        for &p in &sample.source {
+            let seen = sample.target_from_source.apply(Vec3::from_array(p));
+            let nearest = sample
+                .target
+                .iter()
+                .map(|&q| seen.distance(Vec3::from_array(q)))
+                .fold(f32::INFINITY, f32::min);
+            assert!(nearest < 1e-5, "{nearest}");
+        }
+    }
+
+    #[test]
+    fn samples_depend_on_their_stream_only() {
+        let draw = |i| noisy_sample(&mut stream(9, Purpose::Augment, i), &cube(256), 64).source;
+        assert_eq!(draw(4), draw(4));
+        assert_ne!(draw(4), draw(5));
+    }
+}

@@ -1,1 +1,285 @@
-//! eval
+//! Policies and baselines side by side on the same pairs: the paper's tables.
+//!
+//! Clouds are used as they are, as in the paper's experiments: no normalisation. A policy takes its most
+//! likely action in every step, on core's kernels.
+
+use crate::dataset::Point;
+use crate::dataset::pairs::PairSet;
+use crate::icp::{IcpSettings, point_to_point};
+use crate::metrics::{GroundTruth, PairMetrics, Summary, quantile};
+use rayon::prelude::*;
+use reagent_core::net::Scratch;
+use reagent_core::{Error, Frame, Policy, Pose, Registrar};
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::time::Instant;
+
+/// How to register.
+#[derive(Clone, Copy, Debug)]
+pub enum Method<'w> {
+    /// The learned policy, one arg-max action a step.
+    Policy(Policy<'w>),
+    /// Point-to-point ICP with [`IcpSettings::default`].
+    Icp,
+    /// Nothing is done: the initial error.
+    Init,
+}
+
+/// A method and the name under which it is reported.
+#[derive(Clone, Debug)]
+pub struct Contestant<'w> {
+    /// File stem of the weights, or the method's name.
+    pub name: String,
+    /// How it registers.
+    pub method: Method<'w>,
+}
+
+/// How to evaluate.
+#[derive(Clone, Copy, Debug)]
+pub struct EvalSettings {
+    /// Refinement steps of a policy.
+    pub steps: usize,
+    /// Threads over pairs. Errors do not depend on it; times are those of one registration on one thread,
+    /// undisturbed only if this is 1.
+    pub threads: usize,
+    /// Whether to measure policies after every step.
+    pub per_step: bool,
+}
+
+/// One row of a table.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Row {
+    /// Errors over all pairs.
+    #[serde(flatten)]
+    pub summary: Summary,
+    /// Median time of one registration, milliseconds; in a per-step row, from its start to that step.
+    pub ms_median: f64,
+    /// 95th percentile of the same.
+    pub ms_p95: f64,
+}
+
+/// The row after a number of steps; step 0 is the initial pose.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct StepRow {
+    /// Steps taken.
+    pub step: usize,
+    /// Errors and times.
+    #[serde(flatten)]
+    pub row: Row,
+}
+
+/// What one contestant reached.
+#[derive(Clone, Debug)]
+pub struct Outcome {
+    /// Its name.
+    pub name: String,
+    /// Its final poses, plain target_from_source, one a pair.
+    pub target_from_source: Vec<Pose>,
+    /// Its final errors and times.
+    pub row: Row,
+    /// Its rows step by step, for a policy and if asked for.
+    pub per_step: Vec<StepRow>,
+}
+
+/// Why an evaluation was refused.
+#[derive(Debug, thiserror::Error)]
+pub enum EvalError {
+    /// There is nothing to evaluate on.
+    #[error("the set holds no pairs")]
+    NoPairs,
+    /// Two contestants would be reported under one name.
+    #[error("two methods are called \"{0}\": rename one of the weight files")]
+    SameName(String),
+    /// A pair cannot be registered or measured.
+    #[error("pair {index}")]
+    Pair {
+        /// Index of the pair in the set.
+        index: usize,
+        /// What is wrong with it.
+        source: Error,
+    },
+    /// The threads could not be started.
+    #[error("cannot start {threads} threads")]
+    Threads {
+        /// Threads asked for.
+        threads: usize,
+        /// What the system said.
+        source: rayon::ThreadPoolBuildError,
+    },
+}
+
+/// Registers every pair by every contestant and measures the results. `progress` is called once a
+/// registration.
+///
+/// # Errors
+/// An empty set, two equal names, a pair with a cloud that the core or the metrics refuse.
+pub fn evaluate(
+    set: &PairSet,
+    contestants: &[Contestant<'_>],
+    settings: &EvalSettings,
+    progress: &(dyn Fn() + Sync),
+) -> Result<Vec<Outcome>, EvalError> {
+    let pairs = set.source.len();
+    if pairs == 0 {
+        return Err(EvalError::NoPairs);
+    }
+    for (i, a) in contestants.iter().enumerate() {
+        if contestants[..i].iter().any(|b| b.name == a.name) {
+            return Err(EvalError::SameName(a.name.clone()));
+        }
+    }
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(settings.threads)
+        .build()
+        .map_err(|source| EvalError::Threads {
+            threads: settings.threads,
+            source,
+        })?;
+
+    let trajectories: Vec<Vec<Trajectory>> = contestants
+        .iter()
+        .map(|contestant| {
+            for_each_pair(&pool, pairs, |scratch, i| {
+                let found = register(
+                    contestant.method,
+                    &set.source[i],
+                    &set.target[i],
+                    settings,
+                    scratch,
+                );
+                progress();
+                found
+            })
+        })
+        .collect::<Result<_, _>>()?;
+
+    // One kd-tree and one diameter a pair serve all poses of all contestants.
+    let measured: Vec<Vec<Vec<PairMetrics>>> = for_each_pair(&pool, pairs, |_, i| {
+        let raw = set.raw.as_ref().map(|raw| raw[i].as_slice());
+        let truth = GroundTruth::new(
+            &set.source[i],
+            &set.target[i],
+            raw,
+            set.target_from_source[i],
+        )?;
+        let measure = |t: &Trajectory| t.poses.iter().map(|&pose| truth.measure(pose)).collect();
+        Ok(trajectories
+            .iter()
+            .map(|of_pairs| measure(&of_pairs[i]))
+            .collect())
+    })?;
+
+    let outcome = |(c, contestant): (usize, &Contestant<'_>)| {
+        let row = |step: usize| {
+            let metrics: Vec<PairMetrics> = measured.iter().map(|pair| pair[c][step]).collect();
+            let ms: Vec<f64> = trajectories[c].iter().map(|t| t.ms[step]).collect();
+            Row {
+                summary: Summary::of(&metrics),
+                ms_median: quantile(ms.clone(), 0.5),
+                ms_p95: quantile(ms, 0.95),
+            }
+        };
+        // Every pair has the same number of poses: all steps, or the last alone.
+        let last = trajectories[c][0].poses.len() - 1;
+        let steps = if last > 0 { 0..last + 1 } else { 0..0 };
+        Outcome {
+            name: contestant.name.clone(),
+            target_from_source: trajectories[c].iter().map(|t| t.poses[last]).collect(),
+            row: row(last),
+            per_step: steps
+                .map(|step| StepRow {
+                    step,
+                    row: row(step),
+                })
+                .collect(),
+        }
+    };
+    Ok(contestants.iter().enumerate().map(outcome).collect())
+}
+
+/// The poses of one registration that are to be measured, each with the milliseconds it took to get there.
+struct Trajectory {
+    poses: Vec<Pose>,
+    ms: Vec<f64>,
+}
+
+fn register(
+    method: Method<'_>,
+    source: &[Point],
+    target: &[Point],
+    settings: &EvalSettings,
+    scratch: &mut Scratch,
+) -> Result<Trajectory, Error> {
+    let start = Instant::now();
+    let elapsed_ms = || start.elapsed().as_secs_f64() * 1e3;
+    let mut track = Trajectory {
+        poses: vec![Pose::IDENTITY],
+        ms: vec![0.0],
+    };
+    match method {
+        Method::Init => return Ok(track),
+        Method::Icp => {
+            let found = point_to_point(source, target, Pose::IDENTITY, &IcpSettings::default())?;
+            track.poses.push(found.target_from_source);
+            track.ms.push(elapsed_ms());
+        }
+        Method::Policy(policy) => {
+            let mut registrar = Registrar::new(policy, scratch);
+            let mut registration =
+                registrar.start(source, target, Frame::IDENTITY, Pose::IDENTITY)?;
+            for _ in 0..settings.steps {
+                registrar.step(&mut registration);
+                track.poses.push(registration.target_from_source());
+                track.ms.push(elapsed_ms());
+            }
+        }
+    }
+    if !(settings.per_step && matches!(method, Method::Policy(_))) {
+        track.poses.drain(..track.poses.len() - 1);
+        track.ms.drain(..track.ms.len() - 1);
+    }
+    Ok(track)
+}
+
+/// Runs `f` for every pair on the pool, each thread with its own working memory. The first failing pair, by
+/// index, is the one reported.
+fn for_each_pair<T: Send>(
+    pool: &rayon::ThreadPool,
+    pairs: usize,
+    f: impl Fn(&mut Scratch, usize) -> Result<T, Error> + Sync,
+) -> Result<Vec<T>, EvalError> {
+    let results: Vec<Result<T, Error>> = pool.install(|| {
+        (0..pairs)
+            .into_par_iter()
+            .map_init(|| Box::new(Scratch::new()), |scratch, i| f(scratch, i))
+            .collect()
+    });
+    results
+        .into_iter()
+        .enumerate()
+        .map(|(index, result)| result.map_err(|source| EvalError::Pair { index, source }))
+        .collect()
+}
+
+/// The document that `eval --json` writes.
+#[derive(Debug, Serialize)]
+pub struct Document<'a> {
+    pairs: usize,
+    methods: BTreeMap<&'a str, &'a Row>,
+    per_step: BTreeMap<&'a str, &'a [StepRow]>,
+}
+
+impl<'a> Document<'a> {
+    /// The document for outcomes on a set of `pairs` pairs.
+    pub fn new(pairs: usize, outcomes: &'a [Outcome]) -> Document<'a> {
+        Document {
+            pairs,
+            methods: outcomes.iter().map(|o| (o.name.as_str(), &o.row)).collect(),
+            per_step: outcomes
+                .iter()
+                .filter(|o| !o.per_step.is_empty())
+                .map(|o| (o.name.as_str(), o.per_step.as_slice()))
+                .collect(),
+        }
+    }
+}

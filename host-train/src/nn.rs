@@ -1,1 +1,211 @@
-//! nn
+//! The network's parameters as one flat vector and a table of layers.
+
+use crate::random::{Purpose, stream};
+use rand::RngExt;
+use reagent_core::dims::{LOGITS, PANEL, padded};
+use reagent_core::weights::{Dense, Embedding, Policy, pack_panels};
+use std::ops::Range;
+
+/// Widths of the network; the paper's ablations and compact networks are other values of this.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Shape {
+    /// Outputs of the three embedding layers, each a multiple of 16.
+    pub embed: [usize; 3],
+    /// Outputs of the two hidden layers of a head.
+    pub head: [usize; 2],
+}
+
+impl Shape {
+    /// The paper's network: 64-128-1024, heads 512-256-33, value head 512-256-1.
+    pub const PAPER: Shape = Shape {
+        embed: [64, 128, 1024],
+        head: [512, 256],
+    };
+
+    /// Length of one global feature.
+    pub fn features(&self) -> usize {
+        self.embed[2]
+    }
+
+    /// `(name, inputs, outputs)` of every layer in order.
+    fn table(&self) -> [(&'static str, usize, usize); LAYERS] {
+        let [e1, e2, features] = self.embed;
+        let [h1, h2] = self.head;
+        [
+            ("embed.conv1", 3, e1),
+            ("embed.conv2", e1, e2),
+            ("embed.conv3", e2, features),
+            ("head_t.fc1", 2 * features, h1),
+            ("head_t.fc2", h1, h2),
+            ("policy_t", h2, LOGITS),
+            ("head_r.fc1", 2 * features, h1),
+            ("head_r.fc2", h1, h2),
+            ("policy_r", h2, LOGITS),
+            ("value.fc1", 2 * h2, h2),
+            ("value.fc2", h2, 1),
+        ]
+    }
+}
+
+/// Layers of the network, value head included.
+pub const LAYERS: usize = 11;
+/// First layer of the translation head; the next two follow.
+pub const HEAD_T: usize = 3;
+/// First layer of the rotation head; the next two follow.
+pub const HEAD_R: usize = 6;
+/// First layer of the value head; the second follows.
+pub const VALUE: usize = 9;
+
+/// Where one dense layer lives in the flat vector.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Layer {
+    /// Name as in the reference checkpoint, without `.weight` or `.bias`.
+    pub name: &'static str,
+    /// Length of the input.
+    pub inputs: usize,
+    /// Length of the output.
+    pub outputs: usize,
+    /// Row-major `[outputs, inputs]`.
+    pub weight: Range<usize>,
+    /// `[outputs]`; follows the weight directly.
+    pub bias: Range<usize>,
+}
+
+/// All parameters of a network.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Parameters {
+    /// Widths.
+    pub shape: Shape,
+    /// Where each layer lives.
+    pub layers: Vec<Layer>,
+    /// The numbers.
+    pub values: Vec<f32>,
+}
+
+impl Parameters {
+    /// Parameters of a shape, all zero.
+    pub fn zeros(shape: Shape) -> Self {
+        let mut at = 0;
+        let layers = shape
+            .table()
+            .into_iter()
+            .map(|(name, inputs, outputs)| {
+                let weight = at..at + inputs * outputs;
+                let bias = weight.end..weight.end + outputs;
+                at = bias.end;
+                Layer {
+                    name,
+                    inputs,
+                    outputs,
+                    weight,
+                    bias,
+                }
+            })
+            .collect();
+        Parameters {
+            shape,
+            layers,
+            values: vec![0.0; at],
+        }
+    }
+
+    /// Uniform in ±1/√inputs for weights and biases, as PyTorch initialises linear layers.
+    pub fn random(shape: Shape, seed: u64) -> Self {
+        let mut parameters = Self::zeros(shape);
+        for (i, layer) in parameters.layers.iter().enumerate() {
+            let bound = 1.0 / (layer.inputs as f32).sqrt();
+            let mut rng = stream(seed, Purpose::Init, i as u64);
+            for value in &mut parameters.values[layer.weight.start..layer.bias.end] {
+                *value = rng.random_range(-bound..=bound);
+            }
+        }
+        parameters
+    }
+
+    /// Parameters of a deployed policy; the value head, which is not deployed, is drawn from `seed`.
+    pub fn from_policy(policy: &Policy<'_>, seed: u64) -> Self {
+        let mut parameters = Self::random(Shape::PAPER, seed);
+        let dense = [policy.embedding.layers, policy.translation.layers, policy.rotation.layers];
+        for (layer, dense) in parameters.layers.iter().zip(dense.as_flattened()) {
+            let weight = &mut parameters.values[layer.weight.clone()];
+            for (row, values) in weight.chunks_exact_mut(layer.inputs).enumerate() {
+                let panel = &dense.panels[row / PANEL * layer.inputs * PANEL..];
+                for (k, value) in values.iter_mut().enumerate() {
+                    *value = panel[k * PANEL + row % PANEL];
+                }
+            }
+            parameters.values[layer.bias.clone()].copy_from_slice(&dense.bias[..layer.outputs]);
+        }
+        parameters
+    }
+
+    /// Weight matrix of layer `i`, row-major `[outputs, inputs]`.
+    pub fn weight(&self, i: usize) -> &[f32] {
+        &self.values[self.layers[i].weight.clone()]
+    }
+
+    /// Bias of layer `i`.
+    pub fn bias(&self, i: usize) -> &[f32] {
+        &self.values[self.layers[i].bias.clone()]
+    }
+
+    /// Both, mutable: `(weight, bias)`.
+    pub fn layer_mut(&mut self, i: usize) -> (&mut [f32], &mut [f32]) {
+        let Layer { weight, bias, .. } = &self.layers[i];
+        self.values[weight.start..bias.end].split_at_mut(weight.len())
+    }
+}
+
+/// The embedding in the layout of core's kernels.
+#[derive(Clone, Debug)]
+pub struct PackedEmbedding {
+    widths: [(usize, usize); 3],
+    panels: [Vec<f32>; 3],
+    bias: [Vec<f32>; 3],
+}
+
+impl PackedEmbedding {
+    /// Memory for a shape; [`PackedEmbedding::pack`] fills it.
+    pub fn new(parameters: &Parameters) -> Self {
+        let widths = std::array::from_fn(|i| {
+            let layer = &parameters.layers[i];
+            (layer.inputs, layer.outputs)
+        });
+        let mut packed = PackedEmbedding {
+            widths,
+            panels: widths.map(|(inputs, outputs)| vec![0.0; inputs * padded(outputs)]),
+            bias: widths.map(|(_, outputs)| vec![0.0; padded(outputs)]),
+        };
+        packed.pack(parameters);
+        packed
+    }
+
+    /// Takes over the current parameters.
+    pub fn pack(&mut self, parameters: &Parameters) {
+        for (i, (inputs, outputs)) in self.widths.into_iter().enumerate() {
+            pack_panels(inputs, outputs, parameters.weight(i), &mut self.panels[i]);
+            self.bias[i][..outputs].copy_from_slice(parameters.bias(i));
+        }
+    }
+
+    /// As core's kernels take it.
+    pub fn view(&self) -> Embedding<'_> {
+        Embedding {
+            layers: std::array::from_fn(|i| {
+                let (inputs, outputs) = self.widths[i];
+                Dense::new(inputs, outputs, &self.panels[i], &self.bias[i])
+                    .expect("arrays were made with the padded lengths")
+            }),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_paper_s_network_has_2650051_parameters() {
+        assert_eq!(Parameters::zeros(Shape::PAPER).values.len(), 2_650_051);
+    }
+}

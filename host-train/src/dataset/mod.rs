@@ -2,9 +2,13 @@
 
 pub mod camera;
 pub mod cloud_file;
+mod error;
+pub mod h5;
 pub mod modelnet;
 pub mod pairs;
 pub mod procedural;
+
+pub use error::{DatasetError, MODELNET40_URL};
 
 /// A point in a cloud's own units.
 pub type Point = [f32; 3];

@@ -1,0 +1,129 @@
+//! Means, medians and areas under the curve over many pairs.
+
+use super::PairMetrics;
+use serde::Serialize;
+
+/// Thresholds of the AUC: .001, .002 … .1 of the diameter (the paper's sum also has 0, where only an
+/// exact pose counts; the authors' code starts at .001, and so does this).
+const THRESHOLDS: usize = 100;
+const SPACING: f64 = 1e-3;
+/// Recall counts a pair whose rotation error is below this, degrees …
+const RECALL_R_DEG: f64 = 5.0;
+/// … and whose translation error is below this, normalised units.
+const RECALL_T: f64 = 0.05;
+
+/// One row of the paper's tables, over all pairs.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Summary {
+    /// Mean of [`PairMetrics::r_mae_deg`].
+    pub r_mae_deg: f64,
+    /// Mean of [`PairMetrics::t_mae`].
+    pub t_mae: f64,
+    /// Mean of [`PairMetrics::r_iso_deg`].
+    pub r_iso_deg: f64,
+    /// Mean of [`PairMetrics::t_iso`].
+    pub t_iso: f64,
+    /// Area under the ADI recall curve up to a tenth of the diameter, percent.
+    pub adi_auc_pct: f64,
+    /// Mean of [`PairMetrics::chamfer_mod`].
+    pub chamfer_mod: f64,
+    /// Fraction of pairs below 5 degrees and .05 units.
+    pub recall_r5_t005: f64,
+    /// Median of [`PairMetrics::r_iso_deg`].
+    pub r_iso_median_deg: f64,
+    /// Median of [`PairMetrics::t_iso`].
+    pub t_iso_median: f64,
+    /// Median of [`PairMetrics::chamfer_mod`].
+    pub chamfer_mod_median: f64,
+    /// Area under the ADD recall curve up to a tenth of the diameter, percent.
+    pub add_auc_pct: f64,
+}
+
+impl Summary {
+    /// Summarises at least one pair; NaN throughout for none.
+    pub fn of(pairs: &[PairMetrics]) -> Summary {
+        let values = |f: fn(&PairMetrics) -> f64| pairs.iter().map(f).collect::<Vec<f64>>();
+        let mean =
+            |f: fn(&PairMetrics) -> f64| pairs.iter().map(f).sum::<f64>() / pairs.len() as f64;
+        let recalled = |m: &&PairMetrics| m.r_iso_deg < RECALL_R_DEG && m.t_iso < RECALL_T;
+        Summary {
+            r_mae_deg: mean(|m| m.r_mae_deg),
+            t_mae: mean(|m| m.t_mae),
+            r_iso_deg: mean(|m| m.r_iso_deg),
+            t_iso: mean(|m| m.t_iso),
+            adi_auc_pct: 100.0 * auc(&values(|m| m.adi)),
+            chamfer_mod: mean(|m| m.chamfer_mod),
+            recall_r5_t005: pairs.iter().filter(recalled).count() as f64 / pairs.len() as f64,
+            r_iso_median_deg: quantile(values(|m| m.r_iso_deg), 0.5),
+            t_iso_median: quantile(values(|m| m.t_iso), 0.5),
+            chamfer_mod_median: quantile(values(|m| m.chamfer_mod), 0.5),
+            add_auc_pct: 100.0 * auc(&values(|m| m.add)),
+        }
+    }
+}
+
+/// Area under the recall curve in [0, 1]: the mean, over the thresholds .001 … .1, of the fraction of
+/// `errors` (in diameters) not above the threshold.
+pub fn auc(errors: &[f64]) -> f64 {
+    let recalled = |k: usize| {
+        let threshold = SPACING * k as f64;
+        errors.iter().filter(|&&e| e <= threshold).count()
+    };
+    let sum: usize = (1..=THRESHOLDS).map(recalled).sum();
+    sum as f64 / (errors.len() * THRESHOLDS) as f64
+}
+
+/// Linearly interpolated quantile, `q` in [0, 1]; NaN for no values.
+pub(crate) fn quantile(mut values: Vec<f64>, q: f64) -> f64 {
+    values.sort_by(f64::total_cmp);
+    let Some(last) = values.len().checked_sub(1) else {
+        return f64::NAN;
+    };
+    let place = q * last as f64;
+    let below = place as usize;
+    let above = (below + 1).min(last);
+    values[below] + (place - below as f64) * (values[above] - values[below])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn auc_counts_errors_up_to_and_including_the_threshold() {
+        assert_eq!(auc(&[0.0, 0.0]), 1.0);
+        assert_eq!(auc(&[0.2, f64::NAN]), 0.0);
+        assert_eq!(auc(&[0.1]), 0.01);
+        assert_eq!(auc(&[0.0, 0.0505]), 0.75);
+    }
+
+    #[test]
+    fn quantiles_interpolate() {
+        assert_eq!(quantile(vec![3.0, 1.0, 2.0], 0.5), 2.0);
+        assert_eq!(quantile(vec![4.0, 1.0], 0.5), 2.5);
+        assert_eq!(quantile(vec![7.0], 0.95), 7.0);
+        assert!(quantile(vec![], 0.5).is_nan());
+    }
+
+    #[test]
+    fn recall_needs_both_errors_small() {
+        let pair = |r_iso_deg, t_iso| PairMetrics {
+            r_mae_deg: 0.0,
+            t_mae: 0.0,
+            r_iso_deg,
+            t_iso,
+            chamfer_mod: 0.0,
+            add: 0.0,
+            adi: 0.0,
+        };
+        let all = [
+            pair(4.9, 0.049),
+            pair(5.0, 0.0),
+            pair(0.0, 0.05),
+            pair(50.0, 1.0),
+        ];
+        let summary = Summary::of(&all);
+        assert_eq!(summary.recall_r5_t005, 0.25);
+        assert!((summary.r_iso_median_deg - 4.95).abs() < 1e-12);
+    }
+}

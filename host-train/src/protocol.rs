@@ -1,0 +1,1 @@
+//! Pairs drawn from models, as the protocols of the paper say.

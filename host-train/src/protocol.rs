@@ -12,7 +12,7 @@
 
 use crate::augment::{jitter, random_rigid, resample, shuffle};
 use crate::dataset::modelnet::{FIRST_HALF, SECOND_HALF};
-use crate::dataset::pairs::PairSet;
+use crate::dataset::pairs::{NO_LABEL, PairSet};
 use crate::dataset::{Model, Point};
 use crate::random::{Purpose, stream};
 use glam::Vec3;
@@ -66,16 +66,21 @@ pub fn draw(models: &[Model], protocol: Protocol, count: usize, seed: u64) -> Pa
         chosen.sort_unstable();
     }
 
-    let mut set = PairSet { raw: Some(Vec::new()), ..PairSet::default() };
+    let mut set = PairSet::default();
+    let mut raw = Vec::new();
     for (i, model) in chosen.into_iter().map(|k| &models[k]).enumerate() {
         let pair = draw_pair(&model.points, protocol, seed, i as u64);
         set.source.push(pair.source);
         set.target.push(pair.target);
         set.target_from_source.push(pair.target_from_source);
-        set.raw.get_or_insert_default().push(pair.raw);
-        set.label.push(model.label);
+        set.label
+            .push(i32::try_from(model.label).unwrap_or(NO_LABEL));
+        raw.push(pair.raw);
     }
-    set
+    PairSet {
+        raw: Some(raw),
+        ..set
+    }
 }
 
 struct Pair {
@@ -112,7 +117,12 @@ fn draw_pair(points: &[Point], protocol: Protocol, seed: u64, index: u64) -> Pai
     }
     shuffle(rng, &mut source);
     shuffle(rng, &mut target);
-    Pair { source, target, raw, target_from_source: source_from_target.inverse() }
+    Pair {
+        source,
+        target,
+        raw,
+        target_from_source: source_from_target.inverse(),
+    }
 }
 
 #[cfg(test)]
@@ -124,9 +134,16 @@ mod tests {
     fn models(n: u64, points: usize) -> Vec<Model> {
         let cloud = |k| {
             let mut rng = stream(9, Purpose::Shape, k);
-            (0..points).map(|_| std::array::from_fn(|_| rng.random_range(-1.0..1.0))).collect()
+            (0..points)
+                .map(|_| std::array::from_fn(|_| rng.random_range(-1.0..1.0)))
+                .collect()
         };
-        (0..n).map(|k| Model { points: cloud(k), label: k as u32 }).collect()
+        (0..n)
+            .map(|k| Model {
+                points: cloud(k),
+                label: k as u32,
+            })
+            .collect()
     }
 
     /// Errors of the true pose: (modified Chamfer distance, number of points).
@@ -155,9 +172,15 @@ mod tests {
     #[test]
     fn a_pair_depends_on_seed_and_index_only() {
         let models = models(3, 64);
-        let (few, many) = (draw(&models, Protocol::Scan, 3, 1), draw(&models, Protocol::Scan, 5, 1));
+        let (few, many) = (
+            draw(&models, Protocol::Scan, 3, 1),
+            draw(&models, Protocol::Scan, 5, 1),
+        );
         assert_eq!(few.source[2], many.source[2]);
-        assert_ne!(many.source[0], many.source[3], "the same model, another draw");
+        assert_ne!(
+            many.source[0], many.source[3],
+            "the same model, another draw"
+        );
         assert_ne!(few.source[0], draw(&models, Protocol::Scan, 3, 2).source[0]);
     }
 
@@ -180,7 +203,13 @@ mod tests {
             ((trace - 1.0) / 2.0).acos().to_degrees()
         };
         // Measured on the authors' code over 4000 draws: 44.7 degrees, .484.
-        let (r, t) = (mean(&angle), mean(&|i| source_from_target(i).translation.length()));
-        assert!((r - 44.7).abs() < 1.0 && (t - 0.484).abs() < 0.01, "{r} {t}");
+        let (r, t) = (
+            mean(&angle),
+            mean(&|i| source_from_target(i).translation.length()),
+        );
+        assert!(
+            (r - 44.7).abs() < 1.0 && (t - 0.484).abs() < 0.01,
+            "{r} {t}"
+        );
     }
 }

@@ -60,7 +60,12 @@ pub fn register(
     let mut trace = Vec::with_capacity(steps);
     while registration.steps() < steps && registration.verdict() != Verdict::Converged {
         let action = registrar.step(&mut registration).action;
-        trace.push(line(registration.steps(), action, frame, registration.target_from_source()));
+        trace.push(line(
+            registration.steps(),
+            action,
+            frame,
+            registration.target_from_source(),
+        ));
     }
     Ok(Registered {
         target_from_source: registration.target_from_source(),

@@ -1,6 +1,7 @@
 //! `host-train import`
 
-use crate::{export, import};
+use crate::export::WeightFile;
+use crate::import;
 use clap::Args;
 use std::path::PathBuf;
 
@@ -18,7 +19,7 @@ pub(super) struct ImportArgs {
 impl ImportArgs {
     pub(super) fn run(self) -> anyhow::Result<()> {
         let parameters = import::pytorch(&self.pytorch)?;
-        export::write_policy(&parameters, &self.out)?;
+        WeightFile::from_parameters(&parameters)?.save(&self.out)?;
         println!("{}", self.out.display());
         Ok(())
     }

@@ -6,15 +6,17 @@
 mod eval;
 mod export;
 mod import;
+mod keygen;
 mod output;
 mod pairs;
 mod progress;
-mod publish;
 mod register;
 mod source;
 mod table;
 mod train;
 
+use crate::publish::{self, PublishArgs};
+use anyhow::Context;
 use clap::{Parser, Subcommand};
 
 /// Train, evaluate, export and publish ReAgent point cloud registration policies.
@@ -25,7 +27,7 @@ use clap::{Parser, Subcommand};
 #[command(version, propagate_version = true)]
 pub struct Cli {
     /// Seed of every random draw; the same seed gives the same result on any number of threads
-    #[arg(long, global = true, default_value_t = 1, value_name = "S")]
+    #[arg(long, global = true, default_value_t = 42, value_name = "S")]
     seed: u64,
     #[command(subcommand)]
     command: Command,
@@ -39,7 +41,8 @@ enum Command {
     Pairs(pairs::PairsArgs),
     Export(export::ExportArgs),
     Import(import::ImportArgs),
-    Publish(publish::PublishArgs),
+    Keygen(keygen::KeygenArgs),
+    Publish(PublishArgs),
 }
 
 impl Cli {
@@ -56,7 +59,12 @@ impl Cli {
             Command::Pairs(args) => args.run(seed),
             Command::Export(args) => args.run(),
             Command::Import(args) => args.run(),
-            Command::Publish(args) => args.run(),
+            Command::Keygen(args) => args.run(),
+            Command::Publish(args) => {
+                let runtime =
+                    tokio::runtime::Runtime::new().context("cannot start the network threads")?;
+                Ok(runtime.block_on(publish::run(args))?)
+            }
         }
     }
 }

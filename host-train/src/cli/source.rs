@@ -32,9 +32,12 @@ pub(super) fn draw(
 ) -> anyhow::Result<PairSet> {
     let models = match data {
         DataSource::Directory(dir) => test_models(dir, protocol)?,
-        DataSource::Procedural => (0..count.unwrap_or(PROCEDURAL_PAIRS) as u64)
-            .map(|i| procedural::model(seed, HELD_OUT + i))
-            .collect(),
+        DataSource::Procedural(shapes) => {
+            let drawn = count.unwrap_or(PROCEDURAL_PAIRS).min(*shapes);
+            (0..drawn as u64)
+                .map(|i| procedural::model(seed, HELD_OUT + i))
+                .collect()
+        }
     };
     Ok(protocol::draw(
         &models,

@@ -1,9 +1,12 @@
 //! `host-train train`
 
 use super::source::{DataSource, positive};
-use crate::train::{self, Stage, TrainConfig};
+use crate::train::{self, Categories, Stage, TrainConfig};
+use anyhow::{Context, bail};
 use clap::Args;
 use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Train a policy
 ///
@@ -12,16 +15,19 @@ use std::path::PathBuf;
 /// out of the training split by mesh.
 #[derive(Debug, Args)]
 pub(super) struct TrainArgs {
-    /// Data set (modelnet40_ply_hdf5_2048 layout), or the built-in shapes
-    #[arg(long, value_name = "DIR|procedural")]
-    data: DataSource,
+    /// Data sets (modelnet40_ply_hdf5_2048 layout) or built-in shapes, taken together
+    #[arg(long, value_name = "DIR|procedural[:COUNT]", num_args = 1.., required = true)]
+    data: Vec<DataSource>,
     /// What to train
-    #[arg(long, value_enum, value_name = "STAGE", default_value_t = Stage::Pretrain)]
+    #[arg(long, value_enum, value_name = "STAGE")]
     stage: Stage,
+    /// Categories of a data set that are trained on
+    #[arg(long, value_enum, value_name = "WHICH", default_value_t = Categories::First)]
+    categories: Categories,
     /// Directory of the run
     #[arg(long, value_name = "RUN_DIR")]
     out: PathBuf,
-    /// Passes over the data [default: the stage's in the paper]
+    /// Passes over the clouds [default: the paper's 50]
     #[arg(long, value_name = "N", value_parser = positive())]
     epochs: Option<usize>,
     /// Go on from the last checkpoint of the run
@@ -37,16 +43,45 @@ pub(super) struct TrainArgs {
 
 impl TrainArgs {
     pub(super) fn run(self, seed: u64) -> anyhow::Result<()> {
-        let all_cores = || std::thread::available_parallelism().map_or(1, usize::from);
+        let paper = TrainConfig::new(self.stage, self.data, self.out);
         let config = TrainConfig {
-            data: self.data,
-            stage: self.stage,
-            out: self.out,
-            epochs: self.epochs,
+            categories: self.categories,
+            epochs: self.epochs.map_or(paper.epochs, |n| n as u32),
             seed,
-            threads: self.threads.unwrap_or_else(all_cores),
+            threads: self.threads.unwrap_or(paper.threads),
             init: self.init,
+            ..paper
         };
-        Ok(train::run(&config, self.resume)?)
+        let stop = stop_on_ctrl_c()?;
+        train::run(&config, self.resume, &stop)?;
+        if stop.load(Ordering::Relaxed) {
+            bail!(
+                "interrupted: {} holds a checkpoint, go on with --resume",
+                config.out.display()
+            );
+        }
+        Ok(())
     }
+}
+
+/// A flag that the first Ctrl-C sets; the second ends the process.
+fn stop_on_ctrl_c() -> anyhow::Result<Arc<AtomicBool>> {
+    let stop = Arc::new(AtomicBool::new(false));
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .context("cannot listen for Ctrl-C")?;
+    let flag = stop.clone();
+    std::thread::spawn(move || {
+        runtime.block_on(async {
+            if tokio::signal::ctrl_c().await.is_ok() {
+                flag.store(true, Ordering::Relaxed);
+                eprintln!("stopping after this update; Ctrl-C again loses what follows the last checkpoint");
+            }
+            if tokio::signal::ctrl_c().await.is_ok() {
+                std::process::exit(1);
+            }
+        });
+    });
+    Ok(stop)
 }

@@ -1,3 +1,94 @@
-//! wire
-/// v
+//! The bytes that robots and hosts exchange: frames and key expressions, defined once for both ends.
+//!
+//! A frame is one version byte ([`VERSION`]), one byte that says which [`Message`] follows, and the
+//! message's fields in [postcard](https://postcard.jamesmunns.com/wire-format) encoding. The same
+//! frames travel as Zenoh payloads and, stuffed with COBS, over a serial line.
+//!
+//! | second byte | message | where |
+//! |---|---|---|
+//! | 0 | [`Manifest`] | inside a signed manifest; the signature covers the whole frame |
+//! | 1 | [`SignedManifest`] | `…/policy/manifest`, published and answered |
+//! | 2 | [`RefineRequest`] | payload of a query to `…/robot/<id>/refine` |
+//! | 3 | [`RefineReply`] | its reply |
+//! | 4 | [`Refusal`] | its error reply |
+//! | 5 | [`Status`] | `…/robot/<id>/status`, published and answered |
+//!
+//! The signature itself is checked by whoever holds the keys, not here.
+
+mod cloud;
+mod frames;
+pub mod keys;
+
+pub use cloud::CloudView;
+pub use frames::{
+    Cloud, Manifest, PolicyId, PolicyName, Reason, RefineReply, RefineRequest, Refusal,
+    SignedManifest, Status,
+};
+
+use crate::dims::MAX_POINTS;
+use crate::error::Error;
+use serde::{Deserialize, Serialize};
+
+/// Version of the frames; the first byte of each.
 pub const VERSION: u8 = 1;
+/// Most bytes of one policy chunk.
+pub const CHUNK_BYTES: usize = 32 * 1024;
+/// Most bytes of every frame but a refine request.
+pub const SMALL_FRAME_BYTES: usize = 320;
+/// Bytes of a refine request beside the points' own: version, kind, numbers, pose, lengths.
+pub const REQUEST_OVERHEAD_BYTES: usize = 80;
+/// Most bytes of a refine request that can be served.
+pub const REQUEST_BYTES: usize = REQUEST_OVERHEAD_BYTES + 2 * MAX_POINTS * cloud::POINT_BYTES;
+
+/// Everything that can be in a frame.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Message<'a> {
+    /// What a policy file is; signed as these bytes.
+    Manifest(Manifest),
+    /// A manifest with its signature.
+    #[serde(borrow)]
+    SignedManifest(SignedManifest<'a>),
+    /// Two clouds to register.
+    RefineRequest(RefineRequest<'a>),
+    /// The pose found.
+    RefineReply(RefineReply),
+    /// Why there is no pose.
+    Refusal(Refusal),
+    /// How a robot is doing.
+    Status(Status),
+}
+
+/// Writes a frame to the front of `buffer` and returns it.
+///
+/// # Errors
+/// [`Error::FrameBuffer`] if it does not fit: [`SMALL_FRAME_BYTES`] hold every message but a request,
+/// which takes [`REQUEST_OVERHEAD_BYTES`] and 12 bytes a point.
+pub fn encode<'b>(message: &Message<'_>, buffer: &'b mut [u8]) -> Result<&'b [u8], Error> {
+    let [version, body @ ..] = &mut *buffer else {
+        return Err(Error::FrameBuffer);
+    };
+    *version = VERSION;
+    let length = postcard::to_slice(message, body)
+        .map_err(|_| Error::FrameBuffer)?
+        .len();
+    buffer.get(..=length).ok_or(Error::FrameBuffer)
+}
+
+/// Reads the frame that `bytes` are; clouds and signed bytes stay where they are.
+///
+/// # Errors
+/// [`Error::FrameVersion`] for another version, [`Error::Frame`] for anything else that is not
+/// exactly one frame.
+pub fn decode(bytes: &[u8]) -> Result<Message<'_>, Error> {
+    match bytes {
+        [] => Err(Error::Frame),
+        [VERSION, body @ ..] => match postcard::take_from_bytes(body) {
+            Ok((message, [])) => Ok(message),
+            _ => Err(Error::Frame),
+        },
+        [found, ..] => Err(Error::FrameVersion { found: *found }),
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,1 +1,16 @@
+//! Simulated robots on Zenoh: a node that fetches the fleet's policy and answers refine requests with
+//! `reagent_core`, and the client that asks.
+//!
+//! A policy flows `session -> node -> policy (signature) -> fetch (chunks) -> policy (hash, parse) ->
+//! store -> service`; a request flows `client -> node (queue) -> service -> client`.
 
+pub mod client;
+#[cfg(feature = "demo")]
+pub mod demo;
+pub mod fetch;
+pub mod node;
+pub mod policy;
+mod service;
+pub mod session;
+pub mod store;
+pub mod view;

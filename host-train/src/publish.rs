@@ -1,1 +1,252 @@
-//! publish
+//! Shipping policies: a signed announcement, and the file by query in small chunks.
+
+mod key;
+mod session;
+
+pub use key::{KeyError, keygen, read_key};
+pub use session::{SessionArgs, SessionError, open_session};
+
+use ed25519_dalek::{Signer, SigningKey};
+use reagent_core::wire::keys::Hex;
+use reagent_core::wire::{self, Manifest, Message, PolicyName, SignedManifest, keys};
+use reagent_core::{Error, Policy};
+use sha2::{Digest, Sha256};
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex};
+use std::time::SystemTime;
+use thiserror::Error;
+use zenoh::query::{Query, Queryable};
+use zenoh::{Session, Wait};
+
+/// Why a policy was not published.
+#[derive(Debug, Error)]
+pub enum PublishError {
+    /// The signing key cannot be read.
+    #[error(transparent)]
+    Key(#[from] KeyError),
+    /// There is no session.
+    #[error(transparent)]
+    Session(#[from] SessionError),
+    /// The weight file cannot be read.
+    #[error("{path}: {reason}")]
+    Read {
+        /// The file.
+        path: String,
+        /// What the system says.
+        reason: std::io::Error,
+    },
+    /// The bytes are not a policy, or a name cannot be used.
+    #[error("{what}: {reason}")]
+    Refused {
+        /// File, fleet or policy.
+        what: String,
+        /// What is wrong with it.
+        reason: Error,
+    },
+    /// The version does not grow.
+    #[error("policy version {given} is not newer than {announced}, which is announced")]
+    Version {
+        /// As given.
+        given: u64,
+        /// The newest so far.
+        announced: u64,
+    },
+    /// The session failed.
+    #[error("zenoh: {0}")]
+    Zenoh(#[from] zenoh::Error),
+}
+
+/// Serves one fleet's policies for as long as it lives: answers for the newest manifest and for the
+/// chunks of every policy published, so that a robot half-way through an older one can finish.
+#[derive(Debug)]
+pub struct Publisher {
+    session: Session,
+    fleet: String,
+    key: SigningKey,
+    /// Version of the newest policy and its signed manifest, shared with the queryable.
+    newest: Arc<Mutex<(u64, Vec<u8>)>>,
+    queryables: Vec<Queryable<()>>,
+}
+
+impl Publisher {
+    /// A publisher for `fleet` that has nothing to publish yet.
+    ///
+    /// # Errors
+    /// `Refused` for a fleet name that cannot be part of a key expression.
+    pub fn new(session: Session, fleet: &str, key: SigningKey) -> Result<Self, PublishError> {
+        keys::checked_name(fleet).map_err(refused(fleet))?;
+        Ok(Publisher {
+            session,
+            fleet: fleet.into(),
+            key,
+            newest: Arc::new(Mutex::new((0, Vec::new()))),
+            queryables: Vec::new(),
+        })
+    }
+
+    /// Checks a policy file, serves its chunks, and announces it to the fleet.
+    ///
+    /// # Errors
+    /// `Refused` for bytes that are not a policy or a name longer than 32 bytes, `Version` for a
+    /// version that does not grow, `Zenoh`.
+    pub async fn publish(
+        &mut self,
+        version: u64,
+        name: &str,
+        file: Vec<u8>,
+    ) -> Result<Manifest, PublishError> {
+        let announced = self.newest.lock().expect("no holder panics").0;
+        if version <= announced {
+            return Err(PublishError::Version {
+                given: version,
+                announced,
+            });
+        }
+        let manifest = manifest(version, name, &file)?;
+        let signed = sign(&self.key, &manifest);
+
+        let chunks = keys::chunks(&self.fleet, &manifest.sha256).map_err(refused(&self.fleet))?;
+        let served = self
+            .session
+            .declare_queryable(chunks.as_str())
+            .complete(true)
+            .callback(move |query| answer_chunk(&query, &file));
+        self.queryables.push(served.await?);
+
+        let key = keys::manifest(&self.fleet).map_err(refused(&self.fleet))?;
+        *self.newest.lock().expect("no holder panics") = (version, signed.clone());
+        if announced == 0 {
+            let newest = self.newest.clone();
+            let served = self
+                .session
+                .declare_queryable(key.as_str())
+                .complete(true)
+                .callback(move |query| {
+                    let frame = newest.lock().expect("no holder panics").1.clone();
+                    log_failure(query.reply(query.key_expr().clone(), frame).wait());
+                });
+            self.queryables.push(served.await?);
+        }
+        self.session.put(key.as_str(), signed).await?;
+        Ok(manifest)
+    }
+}
+
+/// The manifest of a policy file.
+///
+/// # Errors
+/// `Refused` for bytes that are not a policy or a name longer than 32 bytes.
+pub fn manifest(version: u64, name: &str, file: &[u8]) -> Result<Manifest, PublishError> {
+    let mut words = vec![0u32; file.len().div_ceil(4)];
+    let aligned = &mut bytemuck::cast_slice_mut(&mut words)[..file.len()];
+    aligned.copy_from_slice(file);
+    Policy::parse(aligned).map_err(refused(name))?;
+    Ok(Manifest {
+        sha256: Sha256::digest(file).into(),
+        length: u32::try_from(file.len()).expect("a policy that parses is a few MiB"),
+        chunk_length: wire::CHUNK_BYTES as u32,
+        version,
+        number_format: u16::from_le_bytes([file[6], file[7]]),
+        name: PolicyName::try_from(name).map_err(|_| refused(name)(Error::Name))?,
+    })
+}
+
+/// The signed manifest frame that robots check.
+pub fn sign(key: &SigningKey, manifest: &Manifest) -> Vec<u8> {
+    let mut buffer = [0; wire::SMALL_FRAME_BYTES];
+    let inner = wire::encode(&Message::Manifest(manifest.clone()), &mut buffer)
+        .expect("small frames fit their buffer");
+    let signature = key.sign(inner);
+    let signed = Message::SignedManifest(SignedManifest {
+        manifest: inner,
+        public_key: key.verifying_key().to_bytes(),
+        signature: [*signature.r_bytes(), *signature.s_bytes()],
+    });
+    let mut buffer = [0; wire::SMALL_FRAME_BYTES];
+    wire::encode(&signed, &mut buffer)
+        .expect("small frames fit their buffer")
+        .to_vec()
+}
+
+/// As much of a file's name as a manifest holds.
+fn fitting(stem: &str) -> String {
+    let mut name = PolicyName::new();
+    stem.chars().try_for_each(|c| name.push(c)).ok();
+    name.as_str().into()
+}
+
+fn answer_chunk(query: &Query, file: &[u8]) {
+    let chunk = keys::chunk_index(query.key_expr().as_str())
+        .and_then(|index| file.chunks(wire::CHUNK_BYTES).nth(index as usize));
+    log_failure(match chunk {
+        Some(chunk) => query.reply(query.key_expr().clone(), chunk).wait(),
+        None => query.reply_err("no such chunk").wait(),
+    });
+}
+
+fn log_failure(sent: zenoh::Result<()>) {
+    if let Err(error) = sent {
+        tracing::warn!("an answer was not sent: {error}");
+    }
+}
+
+fn refused(what: &str) -> impl FnOnce(Error) -> PublishError {
+    let what = what.to_owned();
+    move |reason| PublishError::Refused { what, reason }
+}
+
+/// Serve a policy to a fleet until Ctrl-C.
+#[derive(clap::Args, Clone, Debug)]
+pub struct PublishArgs {
+    /// Policy file to ship.
+    #[arg(long, value_name = "FILE.rgw")]
+    pub weights: PathBuf,
+    /// Signing key, as `host-train keygen` makes it.
+    #[arg(long, value_name = "SIGNING_KEY")]
+    pub key: PathBuf,
+    /// Fleet to ship to.
+    #[arg(long, value_name = "NAME")]
+    pub fleet: String,
+    /// Version of the policy; robots take only newer ones. Default: the time, in seconds since 1970.
+    #[arg(long, value_name = "N")]
+    pub policy_version: Option<u64>,
+    /// The network.
+    #[command(flatten)]
+    pub session: SessionArgs,
+}
+
+/// `host-train publish`: announces a policy and serves its chunks until Ctrl-C.
+///
+/// # Errors
+/// See [`PublishError`].
+pub async fn run(args: PublishArgs) -> Result<(), PublishError> {
+    let key = read_key(&args.key)?;
+    let path = args.weights.display().to_string();
+    let file = std::fs::read(&args.weights).map_err(|reason| PublishError::Read {
+        path: path.clone(),
+        reason,
+    })?;
+    let stem = args.weights.file_stem().unwrap_or_default();
+    let name = fitting(&stem.to_string_lossy());
+    let version = args.policy_version.unwrap_or_else(|| {
+        let since_1970 = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
+        since_1970.map_or(1, |time| time.as_secs())
+    });
+    manifest(version, &name, &file).map_err(|error| match error {
+        PublishError::Refused { reason, .. } => PublishError::Refused { what: path, reason },
+        other => other,
+    })?;
+    let session = open_session(&args.session).await?;
+    let public_key = key.verifying_key().to_bytes();
+    let mut publisher = Publisher::new(session, &args.fleet, key)?;
+    let manifest = publisher.publish(version, &name, file).await?;
+    println!(
+        "serving policy {name:?} version {version} ({} bytes, SHA-256 {}) to fleet {:?}; Ctrl-C ends it",
+        manifest.length,
+        Hex(&manifest.sha256),
+        args.fleet,
+    );
+    println!("robots that trust only this key: --trust {}", Hex(&public_key));
+    tokio::signal::ctrl_c().await.map_err(zenoh::Error::from)?;
+    Ok(())
+}

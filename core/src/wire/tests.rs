@@ -1,0 +1,199 @@
+use super::*;
+use crate::register::Verdict;
+use proptest::prelude::*;
+use std::vec;
+use std::vec::Vec;
+
+fn bytes_of(message: &Message<'_>) -> Vec<u8> {
+    let mut buffer = vec![0; REQUEST_BYTES];
+    encode(message, &mut buffer).expect("fits").to_vec()
+}
+
+fn manifest() -> Manifest {
+    Manifest {
+        sha256: [0xab; 32],
+        length: 300,
+        chunk_length: 128,
+        version: 1_000,
+        number_format: 0,
+        name: PolicyName::try_from("v1").expect("fits"),
+    }
+}
+
+#[test]
+fn manifest_is_these_bytes() {
+    let mut expected = vec![1, 0];
+    expected.extend([0xab; 32]);
+    expected.extend([0xac, 0x02]); // 300 as a varint
+    expected.extend([0x80, 0x01]); // 128
+    expected.extend([0xe8, 0x07]); // 1000
+    expected.extend([0]);
+    expected.extend([2, b'v', b'1']);
+    assert_eq!(bytes_of(&Message::Manifest(manifest())), expected);
+}
+
+#[test]
+fn signed_manifest_is_these_bytes() {
+    let signed = SignedManifest {
+        manifest: &[1, 0, 9],
+        public_key: [7; 32],
+        signature: [[8; 32], [9; 32]],
+    };
+    let mut expected = vec![1, 1, 3, 1, 0, 9];
+    expected.extend([[7; 32], [8; 32], [9; 32]].concat());
+    let bytes = bytes_of(&Message::SignedManifest(signed));
+    assert_eq!(bytes, expected);
+    assert_eq!(decode(&bytes), Ok(Message::SignedManifest(signed)));
+}
+
+#[test]
+fn request_is_these_bytes() {
+    let (source, target) = ([[1.0, -2.0, 0.5]], []);
+    let request = RefineRequest {
+        id: 5,
+        max_steps: 10,
+        initial: None,
+        source: CloudView::of(&source),
+        target: CloudView::of(&target),
+    };
+    let expected = [
+        1, 2, 5, 10, 0, 12, 0, 0, 0x80, 0x3f, 0, 0, 0, 0xc0, 0, 0, 0, 0x3f, 0,
+    ];
+    assert_eq!(bytes_of(&Message::RefineRequest(request)), expected);
+}
+
+#[test]
+fn reply_is_these_bytes() {
+    let reply = RefineReply {
+        id: 1,
+        target_from_source: [[1.0; 4]; 3],
+        steps: 10,
+        verdict: Verdict::StepLimit,
+        micros: 200,
+        policy_version: 3,
+    };
+    let mut expected = vec![1, 3, 1];
+    expected.extend([0, 0, 0x80, 0x3f].repeat(12));
+    expected.extend([10, 1, 0xc8, 0x01, 3]);
+    assert_eq!(bytes_of(&Message::RefineReply(reply)), expected);
+}
+
+#[test]
+fn refusal_and_status_are_these_bytes() {
+    let refusal = Refusal {
+        id: 4,
+        reason: Reason::TooManyPoints(Cloud::Target, 5000),
+    };
+    assert_eq!(
+        bytes_of(&Message::Refusal(refusal)),
+        [1, 4, 4, 6, 1, 0x88, 0x27]
+    );
+    let status = Status {
+        policy: None,
+        served: 3,
+        refused: 1,
+        in_hand: 2,
+    };
+    assert_eq!(bytes_of(&Message::Status(status)), [1, 5, 0, 3, 1, 2]);
+}
+
+#[test]
+fn what_is_written_is_read_back() {
+    let (source, target) = ([[1.0, 2.0, 3.0]; 3], [[0.5, f32::MIN, 4.0]; 4]);
+    let request = Message::RefineRequest(RefineRequest {
+        id: u64::MAX,
+        max_steps: 255,
+        initial: Some([[0.25; 4]; 3]),
+        source: CloudView::of(&source),
+        target: CloudView::of(&target),
+    });
+    let bytes = bytes_of(&request);
+    assert_eq!(decode(&bytes), Ok(request.clone()));
+    let overhead = bytes.len() - 12 * 7;
+    assert!(overhead <= REQUEST_OVERHEAD_BYTES, "{overhead}");
+    assert_eq!(decode(&bytes_of(&Message::Manifest(manifest()))), Ok(Message::Manifest(manifest())));
+}
+
+#[test]
+fn the_largest_small_frames_fit_their_constant() {
+    let mut widest = manifest();
+    widest.name = PolicyName::try_from("n".repeat(32).as_str()).expect("fits");
+    (widest.length, widest.chunk_length) = (u32::MAX, u32::MAX);
+    (widest.version, widest.number_format) = (u64::MAX, u16::MAX);
+    let frame = bytes_of(&Message::Manifest(widest));
+    let signed = bytes_of(&Message::SignedManifest(SignedManifest {
+        manifest: &frame,
+        public_key: [0; 32],
+        signature: [[0; 32]; 2],
+    }));
+    assert!(signed.len() <= SMALL_FRAME_BYTES, "{}", signed.len());
+}
+
+#[test]
+fn another_version_and_damage_are_told_apart() {
+    let good = bytes_of(&Message::Manifest(manifest()));
+    let mut newer = good.clone();
+    newer[0] = 2;
+    assert_eq!(decode(&newer), Err(Error::FrameVersion { found: 2 }));
+    assert_eq!(decode(&[]), Err(Error::Frame));
+    for cut in 1..good.len() {
+        assert_eq!(decode(&good[..cut]), Err(Error::Frame), "cut at {cut}");
+    }
+    let mut longer = good.clone();
+    longer.push(0);
+    assert_eq!(decode(&longer), Err(Error::Frame));
+    // A cloud of 13 bytes is no whole number of points.
+    let ragged = [&[1, 2, 5, 10, 0, 13][..], &[0; 13], &[0]].concat();
+    assert_eq!(decode(&ragged), Err(Error::Frame));
+}
+
+#[test]
+fn a_frame_that_does_not_fit_is_refused() {
+    let message = Message::Manifest(manifest());
+    let length = bytes_of(&message).len();
+    for space in 0..length {
+        assert_eq!(encode(&message, &mut vec![0; space]), Err(Error::FrameBuffer));
+    }
+    assert!(encode(&message, &mut vec![0; length]).is_ok());
+}
+
+#[test]
+fn clouds_are_copied_only_where_they_fit() {
+    let points = [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]];
+    let view = CloudView::of(&points);
+    let mut space = [[0.0; 3]; 3];
+    assert_eq!(view.copy_into(&mut space), Ok(2));
+    assert_eq!(space[..2], points);
+    let too_many = Error::TooManyPoints {
+        points: 2,
+        capacity: 1,
+    };
+    assert_eq!(view.copy_into(&mut space[..1]), Err(too_many));
+}
+
+#[test]
+fn chunks_are_counted() {
+    assert_eq!(manifest().chunks(), Some(3));
+    for chunk_length in [0, CHUNK_BYTES as u32 + 1] {
+        let refused = Manifest {
+            chunk_length,
+            ..manifest()
+        };
+        assert_eq!(refused.chunks(), None);
+    }
+}
+
+proptest! {
+    #[test]
+    fn no_bytes_make_decode_panic(bytes in proptest::collection::vec(any::<u8>(), 0..400)) {
+        let _ = decode(&bytes);
+    }
+
+    #[test]
+    fn no_body_makes_decode_panic(kind in 0u8..8, body in proptest::collection::vec(any::<u8>(), 0..400)) {
+        let frame = [&[VERSION, kind][..], &body].concat();
+        if let Ok(Message::RefineRequest(request)) = decode(&frame) {
+            prop_assert_eq!(request.source.iter().count(), request.source.len());
+        }
+    }
+}

@@ -1,0 +1,168 @@
+//! Asking a robot for a pose.
+
+use reagent_core::Error;
+use reagent_core::wire::{self, Message, RefineReply, RefineRequest, Refusal, Status, keys};
+use std::time::Duration;
+use thiserror::Error as ThisError;
+use zenoh::Session;
+use zenoh::query::{QueryTarget, Reply, ReplyError};
+
+/// A request that takes longer is an error.
+pub const TIMEOUT: Duration = Duration::from_secs(10);
+
+/// Why there is no pose.
+#[derive(Debug, ThisError)]
+pub enum RefineError {
+    /// The fleet's or robot's name cannot be part of a key expression, or the clouds do not fit a frame.
+    #[error("{0}")]
+    Request(Error),
+    /// Nobody serves this key, or whoever did went away before answering.
+    #[error("no robot answered at {key}; is it running, in this fleet and on this network?")]
+    NoRobot {
+        /// The key asked.
+        key: String,
+    },
+    /// The robot says no.
+    #[error("robot {robot} refused request {}: {}", .refusal.id, .refusal.reason)]
+    Refused {
+        /// Who.
+        robot: String,
+        /// Why.
+        refusal: Refusal,
+    },
+    /// The answer is no frame of this protocol, or one to another request.
+    #[error("the answer from {key} cannot be used: {reason}")]
+    Answer {
+        /// The key asked.
+        key: String,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// The session failed.
+    #[error("zenoh: {0}")]
+    Zenoh(#[from] zenoh::Error),
+}
+
+/// Sends a request to a robot and waits for its pose.
+///
+/// # Errors
+/// See [`RefineError`]; every one comes at once, or at the latest after [`TIMEOUT`].
+pub async fn refine(
+    session: &Session,
+    fleet: &str,
+    robot: &str,
+    request: &RefineRequest<'_>,
+) -> Result<RefineReply, RefineError> {
+    let key = keys::refine(fleet, robot).map_err(RefineError::Request)?;
+    let points = request.source.len() + request.target.len();
+    let mut frame = vec![0; wire::REQUEST_OVERHEAD_BYTES + 12 * points];
+    let length = wire::encode(&Message::RefineRequest(*request), &mut frame)
+        .map_err(RefineError::Request)?
+        .len();
+    frame.truncate(length);
+    let reply = ask(session, &key, robot, frame).await?;
+    if reply.id == request.id {
+        Ok(reply)
+    } else {
+        Err(RefineError::Answer {
+            key: key.to_string(),
+            reason: format!("it is for request {}, not {}", reply.id, request.id),
+        })
+    }
+}
+
+/// Sends a frame to a robot's refine key and reads the answer, whatever the frame is.
+///
+/// # Errors
+/// As [`refine`].
+pub async fn ask(
+    session: &Session,
+    key: &keys::Key,
+    robot: &str,
+    frame: Vec<u8>,
+) -> Result<RefineReply, RefineError> {
+    let replies = session
+        .get(key.as_str())
+        .payload(frame)
+        .timeout(TIMEOUT)
+        .await?;
+    let unusable = |reason: String| RefineError::Answer {
+        key: key.to_string(),
+        reason,
+    };
+    let Ok(reply) = replies.recv_async().await else {
+        let key = key.to_string();
+        return Err(RefineError::NoRobot { key });
+    };
+    match reply.result() {
+        Ok(sample) => match wire::decode(&sample.payload().to_bytes()) {
+            Ok(Message::RefineReply(reply)) => Ok(reply),
+            Ok(_) => Err(unusable("it is another kind of frame".into())),
+            Err(error) => Err(unusable(error.to_string())),
+        },
+        Err(refused) => Err(match read_refusal(refused) {
+            Ok(refusal) => RefineError::Refused {
+                robot: robot.into(),
+                refusal,
+            },
+            Err(text) => unusable(text),
+        }),
+    }
+}
+
+/// The refusal in an error reply, or the reply's text (Zenoh's own errors, such as a timeout).
+fn read_refusal(reply: &ReplyError) -> Result<Refusal, String> {
+    let payload = reply.payload().to_bytes();
+    match wire::decode(&payload) {
+        Ok(Message::Refusal(refusal)) => Ok(refusal),
+        _ => Err(String::from_utf8_lossy(&payload).into_owned()),
+    }
+}
+
+/// The robots of a fleet that answer now, with their status, in the order of their names.
+///
+/// # Errors
+/// `Request` for a bad fleet name, `Zenoh`.
+pub async fn robots(session: &Session, fleet: &str) -> Result<Vec<(String, Status)>, RefineError> {
+    let key = keys::all_status(fleet).map_err(RefineError::Request)?;
+    let replies = session
+        .get(key.as_str())
+        .target(QueryTarget::All)
+        .timeout(TIMEOUT)
+        .await?;
+    let mut robots = Vec::new();
+    while let Ok(reply) = replies.recv_async().await {
+        robots.extend(read_status(&reply));
+    }
+    robots.sort_by(|(a, _), (b, _)| a.cmp(b));
+    Ok(robots)
+}
+
+fn read_status(reply: &Reply) -> Option<(String, Status)> {
+    let sample = reply.result().ok()?;
+    let robot = keys::robot_of(sample.key_expr().as_str())?;
+    match wire::decode(&sample.payload().to_bytes()) {
+        Ok(Message::Status(status)) => Some((robot.into(), status)),
+        _ => None,
+    }
+}
+
+/// The robot to ask when any will do: one with a policy, the fewest requests in hand, the fewest
+/// served so far.
+///
+/// # Errors
+/// `NoRobot` where none answers; as [`robots`].
+pub async fn any_robot(session: &Session, fleet: &str) -> Result<String, RefineError> {
+    let robots = robots(session, fleet).await?;
+    let load = |status: &Status| (status.policy.is_none(), status.in_hand, status.served);
+    let least = robots.into_iter().min_by_key(|(_, status)| load(status));
+    match least {
+        Some((robot, _)) => Ok(robot),
+        None => {
+            let key = keys::all_status(fleet).map_err(RefineError::Request)?;
+            Err(RefineError::NoRobot {
+                key: key.to_string(),
+            })
+        }
+    }
+}

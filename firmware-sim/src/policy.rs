@@ -1,0 +1,153 @@
+//! A policy on a robot: from signed manifest and fetched bytes to one that may be run.
+
+use ed25519_dalek::{Signature, VerifyingKey};
+use reagent_core::wire::{self, Manifest, Message, SignedManifest, keys::Hex};
+use reagent_core::{Error, Policy};
+use sha2::{Digest, Sha256};
+use thiserror::Error;
+
+/// Most bytes of a policy file; a manifest that announces more is refused before any is fetched.
+pub const MAX_POLICY_BYTES: usize = 64 << 20;
+
+/// Why a policy was not taken. The one in use stays in use.
+#[derive(Debug, Error)]
+pub enum UpdateError {
+    /// The announcement is not a frame of this protocol.
+    #[error("manifest: {0}")]
+    Frame(Error),
+    /// The announcement is a frame, but no signed manifest.
+    #[error("manifest: not a signed manifest")]
+    NotAManifest,
+    /// The signature does not match manifest and key.
+    #[error("manifest: bad signature")]
+    Signature,
+    /// The signature is right, but its key is not among the trusted ones.
+    #[error("manifest: signed by {key}, which is not a trusted key (--trust)")]
+    Untrusted {
+        /// The signer's public key, hexadecimal.
+        key: String,
+    },
+    /// The file's length or the chunks' is not allowed.
+    #[error("manifest: {length} bytes in chunks of {chunk_length} are not allowed")]
+    Length {
+        /// Bytes of the file.
+        length: u32,
+        /// Bytes of a chunk.
+        chunk_length: u32,
+    },
+    /// The network failed.
+    #[error("zenoh: {0}")]
+    Zenoh(zenoh::Error),
+    /// A chunk did not come.
+    #[error("chunk {index} of {chunks} at {key}: {reason}")]
+    Chunk {
+        /// Its number, from 0.
+        index: u32,
+        /// How many there are.
+        chunks: u32,
+        /// Where it was asked for.
+        key: String,
+        /// What came instead.
+        reason: String,
+    },
+    /// The bytes are not those of the manifest.
+    #[error("policy file: SHA-256 {found} where the manifest says {expected}")]
+    Sha256 {
+        /// Of the bytes.
+        found: String,
+        /// Of the manifest.
+        expected: String,
+    },
+    /// The right bytes are not a policy that this robot can run.
+    #[error("policy file: {0}")]
+    Policy(Error),
+    /// The state directory failed.
+    #[error("{path}: {reason}")]
+    Store {
+        /// File or directory.
+        path: String,
+        /// What the system says.
+        reason: std::io::Error,
+    },
+}
+
+/// Checks a frame from `…/policy/manifest`: right signature, and a trusted key where any are given.
+///
+/// # Errors
+/// `Frame`, `NotAManifest`, `Signature`, `Untrusted`, `Length`.
+pub fn verified_manifest(
+    frame: &[u8],
+    trusted: &[VerifyingKey],
+) -> Result<Manifest, UpdateError> {
+    let Message::SignedManifest(signed) = wire::decode(frame).map_err(UpdateError::Frame)? else {
+        return Err(UpdateError::NotAManifest);
+    };
+    let SignedManifest {
+        manifest: signed_bytes,
+        public_key,
+        signature: [r, s],
+    } = signed;
+    let key = VerifyingKey::from_bytes(&public_key).map_err(|_| UpdateError::Signature)?;
+    key.verify_strict(signed_bytes, &Signature::from_components(r, s))
+        .map_err(|_| UpdateError::Signature)?;
+    if !trusted.is_empty() && !trusted.contains(&key) {
+        let key = Hex(&public_key).to_string();
+        return Err(UpdateError::Untrusted { key });
+    }
+    let Message::Manifest(manifest) = wire::decode(signed_bytes).map_err(UpdateError::Frame)?
+    else {
+        return Err(UpdateError::NotAManifest);
+    };
+    if manifest.length as usize > MAX_POLICY_BYTES || manifest.chunks().is_none() {
+        return Err(UpdateError::Length {
+            length: manifest.length,
+            chunk_length: manifest.chunk_length,
+        });
+    }
+    Ok(manifest)
+}
+
+/// A policy file whose bytes are those of its manifest and which parses.
+#[derive(Debug)]
+pub struct LoadedPolicy {
+    manifest: Manifest,
+    /// The file and zeros, on the 4-byte boundary that a policy is viewed on.
+    words: Vec<u32>,
+    /// Bytes of the file.
+    length: usize,
+}
+
+impl LoadedPolicy {
+    /// Checks `bytes` against the manifest, and that they are a policy.
+    ///
+    /// # Errors
+    /// `Sha256`, `Policy`.
+    pub fn new(manifest: Manifest, bytes: &[u8]) -> Result<Self, UpdateError> {
+        let found: [u8; 32] = Sha256::digest(bytes).into();
+        if found != manifest.sha256 {
+            return Err(UpdateError::Sha256 {
+                found: Hex(&found).to_string(),
+                expected: Hex(&manifest.sha256).to_string(),
+            });
+        }
+        let mut words = vec![0u32; bytes.len().div_ceil(4)];
+        bytemuck::cast_slice_mut(&mut words)[..bytes.len()].copy_from_slice(bytes);
+        let loaded = LoadedPolicy {
+            manifest,
+            words,
+            length: bytes.len(),
+        };
+        Policy::parse(loaded.bytes()).map_err(UpdateError::Policy)?;
+        Ok(loaded)
+    }
+
+    /// What the file is.
+    pub fn manifest(&self) -> &Manifest {
+        &self.manifest
+    }
+
+    /// The file.
+    pub fn bytes(&self) -> &[u8] {
+        &bytemuck::cast_slice(&self.words)[..self.length]
+    }
+}

@@ -1,0 +1,149 @@
+//! The refinement service: request frame in, pose or refusal out, one at a time.
+
+use crate::policy::LoadedPolicy;
+use crate::view::View;
+use reagent_core::dims::MAX_POINTS;
+use reagent_core::net::Scratch;
+use reagent_core::register::check_cloud;
+use reagent_core::wire::{
+    self, Cloud, CloudView, Message, Reason, RefineReply, RefineRequest, Refusal,
+};
+use reagent_core::{Frame, Policy, Pose, Registrar};
+use std::sync::Arc;
+use std::time::Instant;
+use tokio::sync::{mpsc, watch};
+use zenoh::Wait;
+use zenoh::query::Query;
+
+/// Answers queued requests until the queue is closed, always with the newest policy. A policy that
+/// arrives while a request runs is used from the next request on.
+pub(crate) fn serve(
+    mut requests: mpsc::Receiver<Query>,
+    mut policies: watch::Receiver<Option<Arc<LoadedPolicy>>>,
+    view: &watch::Sender<View>,
+) {
+    let mut scratch = Box::new(Scratch::new());
+    let mut clouds = Clouds::new();
+    let mut waiting = None;
+    loop {
+        let loaded = policies.borrow_and_update().clone();
+        let mut engine = loaded.as_deref().and_then(|loaded| {
+            let policy = Policy::parse(loaded.bytes()).ok()?;
+            let registrar = Registrar::new(policy, &mut scratch);
+            Some((registrar, loaded.manifest().version))
+        });
+        loop {
+            let Some(query) = waiting.take().or_else(|| requests.blocking_recv()) else {
+                return;
+            };
+            if policies.has_changed().unwrap_or(false) {
+                waiting = Some(query);
+                break;
+            }
+            let payload = query.payload().map(|p| p.to_bytes()).unwrap_or_default();
+            let answer = answer(engine.as_mut(), &mut clouds, &payload);
+            view.send_modify(|view| match answer {
+                Ok(_) => view.count_served(),
+                Err(_) => view.count_refused(),
+            });
+            match answer {
+                Ok(reply) => send_reply(&query, reply),
+                Err(refusal) => send_refusal(&query, refusal),
+            }
+        }
+    }
+}
+
+/// Buffers of the clouds being registered, in the alignment that the kernels read.
+struct Clouds {
+    source: Box<[[f32; 3]]>,
+    target: Box<[[f32; 3]]>,
+}
+
+impl Clouds {
+    fn new() -> Self {
+        let empty = || vec![[0.0; 3]; MAX_POINTS].into_boxed_slice();
+        Clouds {
+            source: empty(),
+            target: empty(),
+        }
+    }
+}
+
+fn answer(
+    engine: Option<&mut (Registrar<'_, '_>, u64)>,
+    clouds: &mut Clouds,
+    payload: &[u8],
+) -> Result<RefineReply, Refusal> {
+    let request = read_request(payload)?;
+    let refused = |reason| Refusal {
+        id: request.id,
+        reason,
+    };
+    let Some((registrar, policy_version)) = engine else {
+        return Err(refused(Reason::NoPolicy));
+    };
+    let source = taken(Cloud::Source, &request.source, &mut clouds.source).map_err(refused)?;
+    let target = taken(Cloud::Target, &request.target, &mut clouds.target).map_err(refused)?;
+    let initial = request.initial.map_or(Pose::IDENTITY, Pose::from_rows);
+    let started = Instant::now();
+    let steps = usize::from(request.max_steps);
+    let outcome = Frame::of(target)
+        .and_then(|frame| registrar.register(source, target, frame, initial, steps))
+        .map_err(|error| refused(Reason::of(error, Cloud::Target)))?;
+    Ok(RefineReply {
+        id: request.id,
+        target_from_source: outcome.target_from_source.to_rows(),
+        steps: request.max_steps,
+        verdict: outcome.verdict,
+        micros: u32::try_from(started.elapsed().as_micros()).unwrap_or(u32::MAX),
+        policy_version: *policy_version,
+    })
+}
+
+/// The request in a payload; a refusal without id where there is none.
+pub(crate) fn read_request(payload: &[u8]) -> Result<RefineRequest<'_>, Refusal> {
+    let reason = match wire::decode(payload) {
+        Ok(Message::RefineRequest(request)) => return Ok(request),
+        Ok(_) => Reason::Malformed,
+        Err(error) => Reason::of(error, Cloud::Source),
+    };
+    Err(Refusal { id: 0, reason })
+}
+
+/// Copies a cloud out of the frame and checks it.
+fn taken<'c>(
+    cloud: Cloud,
+    view: &CloudView<'_>,
+    space: &'c mut [[f32; 3]],
+) -> Result<&'c [[f32; 3]], Reason> {
+    let points = view.copy_into(space).and_then(|count| {
+        let points = &space[..count];
+        check_cloud(points).map(|()| points)
+    });
+    points.map_err(|error| Reason::of(error, cloud))
+}
+
+fn send_reply(query: &Query, reply: RefineReply) {
+    let frame = small_frame(&Message::RefineReply(reply));
+    if let Err(error) = query.reply(query.key_expr().clone(), frame).wait() {
+        tracing::warn!("reply {} was not sent: {error}", reply.id);
+    }
+}
+
+/// Answers a query with a refusal.
+pub(crate) fn send_refusal(query: &Query, refusal: Refusal) {
+    tracing::debug!("refused request {}: {}", refusal.id, refusal.reason);
+    let frame = small_frame(&Message::Refusal(refusal));
+    if let Err(error) = query.reply_err(frame).wait() {
+        tracing::warn!("refusal {} was not sent: {error}", refusal.id);
+    }
+}
+
+/// A frame of any message but a request.
+pub(crate) fn small_frame(message: &Message<'_>) -> Vec<u8> {
+    let mut buffer = [0; wire::SMALL_FRAME_BYTES];
+    wire::encode(message, &mut buffer)
+        .expect("small frames fit their buffer")
+        .to_vec()
+}

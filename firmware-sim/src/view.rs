@@ -1,0 +1,47 @@
+//! What can be seen of a node from outside.
+
+use crate::policy::UpdateError;
+use reagent_core::wire::{Manifest, PolicyId, Status};
+use std::sync::Arc;
+
+/// A node's state; changes are watched with [`crate::node::Node::watch`].
+#[derive(Clone, Debug, Default)]
+pub struct View {
+    /// The policy in use.
+    pub policy: Option<Manifest>,
+    /// Policies that were not taken since the start.
+    pub updates_refused: u64,
+    /// Why the last of them was not.
+    pub last_refusal: Option<Arc<UpdateError>>,
+    /// Requests answered with a pose.
+    pub served: u64,
+    /// Requests refused.
+    pub refused: u64,
+    /// Requests running or waiting.
+    pub in_hand: u16,
+}
+
+impl View {
+    /// The frame that others see.
+    pub fn status(&self) -> Status {
+        Status {
+            policy: self.policy.as_ref().map(|manifest| PolicyId {
+                version: manifest.version,
+                sha256: manifest.sha256,
+            }),
+            served: self.served,
+            refused: self.refused,
+            in_hand: self.in_hand,
+        }
+    }
+
+    pub(crate) fn count_served(&mut self) {
+        self.served += 1;
+        self.in_hand = self.in_hand.saturating_sub(1);
+    }
+
+    pub(crate) fn count_refused(&mut self) {
+        self.refused += 1;
+        self.in_hand = self.in_hand.saturating_sub(1);
+    }
+}

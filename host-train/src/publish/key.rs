@@ -1,0 +1,120 @@
+//! Signing keys in files: the 32-byte ed25519 seed as 64 hexadecimal digits.
+
+use ed25519_dalek::{SigningKey, VerifyingKey};
+use reagent_core::wire::keys::Hex;
+use std::fs::OpenOptions;
+use std::io::{self, Write};
+use std::path::Path;
+use thiserror::Error;
+
+/// Why a key cannot be used or made.
+#[derive(Debug, Error)]
+pub enum KeyError {
+    /// There is no such file.
+    #[error("{path}: no such key file; make one with `host-train keygen --out {path}`")]
+    Missing {
+        /// The file.
+        path: String,
+    },
+    /// The file is something else. What it holds is not said.
+    #[error("{path}: not a signing key (64 hexadecimal digits)")]
+    Format {
+        /// The file.
+        path: String,
+    },
+    /// A key is never written over another file.
+    #[error("{path}: exists already; a key is never overwritten")]
+    Exists {
+        /// The file.
+        path: String,
+    },
+    /// The file system or the random source failed.
+    #[error("{path}: {reason}")]
+    Io {
+        /// The file.
+        path: String,
+        /// What the system says.
+        reason: io::Error,
+    },
+}
+
+/// Makes a key from the system's random source, readable by its owner only, and returns its public
+/// half.
+///
+/// # Errors
+/// `Exists`, `Io`.
+pub fn keygen(path: &Path) -> Result<VerifyingKey, KeyError> {
+    let mut seed = [0u8; 32];
+    getrandom::fill(&mut seed).map_err(|e| failed(path, io::Error::other(e)))?;
+    let mut options = OpenOptions::new();
+    options.write(true).create_new(true);
+    #[cfg(unix)]
+    std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
+    let write = |mut file: std::fs::File| writeln!(file, "{}", Hex(&seed));
+    options
+        .open(path)
+        .and_then(write)
+        .map_err(|error| failed(path, error))?;
+    Ok(SigningKey::from_bytes(&seed).verifying_key())
+}
+
+/// Reads a key that [`keygen`] made.
+///
+/// # Errors
+/// `Missing`, `Format`, `Io`.
+pub fn read_key(path: &Path) -> Result<SigningKey, KeyError> {
+    let text = std::fs::read(path).map_err(|error| failed(path, error))?;
+    let seed = seed_from_hex(text.trim_ascii()).ok_or_else(|| KeyError::Format {
+        path: path.display().to_string(),
+    })?;
+    Ok(SigningKey::from_bytes(&seed))
+}
+
+fn seed_from_hex(digits: &[u8]) -> Option<[u8; 32]> {
+    let digit = |byte: u8| char::from(byte).to_digit(16);
+    let mut seed = [0; 32];
+    let pairs = digits.chunks_exact(2);
+    if digits.len() != 64 {
+        return None;
+    }
+    for (byte, pair) in seed.iter_mut().zip(pairs) {
+        *byte = u8::try_from(digit(pair[0])? * 16 + digit(pair[1])?).ok()?;
+    }
+    Some(seed)
+}
+
+fn failed(path: &Path, reason: io::Error) -> KeyError {
+    let path = path.display().to_string();
+    match reason.kind() {
+        io::ErrorKind::NotFound => KeyError::Missing { path },
+        io::ErrorKind::AlreadyExists => KeyError::Exists { path },
+        _ => KeyError::Io { path, reason },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_key_is_read_back_and_never_overwritten() {
+        let directory = tempfile::tempdir().expect("a temporary directory");
+        let path = directory.path().join("fleet.key");
+        let public = keygen(&path).expect("a new file");
+        assert_eq!(read_key(&path).expect("just made").verifying_key(), public);
+        assert!(matches!(keygen(&path), Err(KeyError::Exists { .. })));
+        assert_eq!(read_key(&path).expect("still there").verifying_key(), public);
+    }
+
+    #[test]
+    fn what_is_not_a_key_is_refused() {
+        let directory = tempfile::tempdir().expect("a temporary directory");
+        let path = directory.path().join("fleet.key");
+        let error = read_key(&path).expect_err("there is no file");
+        assert!(error.to_string().contains("host-train keygen --out"), "{error}");
+        for text in ["", "abc", &"g".repeat(64), &"a".repeat(63), &"a".repeat(66)] {
+            std::fs::write(&path, text).expect("a writable directory");
+            assert!(matches!(read_key(&path), Err(KeyError::Format { .. })), "{text}");
+        }
+    }
+}

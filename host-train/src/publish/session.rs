@@ -1,0 +1,120 @@
+//! Opening a Zenoh session that says at once what is wrong. Robots have their own copy of this file,
+//! because they never link the trainer.
+
+use std::path::PathBuf;
+use thiserror::Error;
+use zenoh::{Config, Session};
+
+/// How to reach the fleet's Zenoh network.
+#[derive(clap::Args, Clone, Debug, Default)]
+pub struct SessionArgs {
+    /// Zenoh configuration file (JSON5); without one and without endpoints, peers on the local
+    /// network are found by multicast.
+    #[arg(long, value_name = "CONFIG.json5")]
+    pub zenoh: Option<PathBuf>,
+    /// Endpoint of a router to connect to, such as tcp/127.0.0.1:7447; may be repeated.
+    #[arg(long, value_name = "ENDPOINT")]
+    pub connect: Vec<String>,
+    /// Endpoint to listen on as a router; may be repeated.
+    #[arg(long, value_name = "ENDPOINT")]
+    pub listen: Vec<String>,
+}
+
+/// Why there is no session.
+#[derive(Debug, Error)]
+pub enum SessionError {
+    /// The configuration cannot be read or holds a wrong value.
+    #[error("zenoh configuration {origin}: {reason}")]
+    Config {
+        /// File or option.
+        origin: String,
+        /// What Zenoh says.
+        reason: zenoh::Error,
+    },
+    /// Nothing answers at the endpoint, or it cannot be listened on.
+    #[error("no zenoh session ({endpoints}): {reason}; is the router running there?")]
+    Open {
+        /// The endpoints given.
+        endpoints: String,
+        /// What Zenoh says.
+        reason: zenoh::Error,
+    },
+}
+
+/// How long an endpoint may take to answer, unless the configuration file says otherwise.
+const CONNECT_MS: &str = "3000";
+
+/// Opens a session; an endpoint that does not answer is an error within a few seconds.
+///
+/// # Errors
+/// See [`SessionError`].
+pub async fn open_session(args: &SessionArgs) -> Result<Session, SessionError> {
+    let config = config(args)?;
+    zenoh::open(config)
+        .await
+        .map_err(|reason| SessionError::Open {
+            endpoints: endpoints(args),
+            reason,
+        })
+}
+
+fn config(args: &SessionArgs) -> Result<Config, SessionError> {
+    let wrong = |origin: String| move |reason| SessionError::Config { origin, reason };
+    let mut config = match &args.zenoh {
+        Some(path) => Config::from_file(path).map_err(wrong(path.display().to_string()))?,
+        None => Config::default(),
+    };
+    let mut set = |key: &str, value: &str| {
+        config
+            .insert_json5(key, value)
+            .map_err(wrong(format!("{key} = {value}")))
+    };
+    if !args.connect.is_empty() {
+        set("connect/endpoints", &json(&args.connect))?;
+    }
+    if !args.listen.is_empty() {
+        set("listen/endpoints", &json(&args.listen))?;
+    }
+    if args.zenoh.is_none() && !(args.connect.is_empty() && args.listen.is_empty()) {
+        let mode = if args.listen.is_empty() {
+            r#""client""#
+        } else {
+            r#""router""#
+        };
+        set("mode", mode)?;
+        set("scouting/multicast/enabled", "false")?;
+    }
+    for (key, value) in [
+        ("connect/timeout_ms", CONNECT_MS),
+        ("connect/exit_on_failure", "true"),
+    ] {
+        let unset = config.get_json(key).is_ok_and(|found| found == "null");
+        if unset {
+            config
+                .insert_json5(key, value)
+                .map_err(wrong(format!("{key} = {value}")))?;
+        }
+    }
+    Ok(config)
+}
+
+fn json(endpoints: &[String]) -> String {
+    serde_json::Value::from(endpoints).to_string()
+}
+
+fn endpoints(args: &SessionArgs) -> String {
+    let mut parts = Vec::new();
+    if let Some(path) = &args.zenoh {
+        parts.push(format!("configuration {}", path.display()));
+    }
+    if !args.connect.is_empty() {
+        parts.push(format!("connect {}", args.connect.join(", ")));
+    }
+    if !args.listen.is_empty() {
+        parts.push(format!("listen {}", args.listen.join(", ")));
+    }
+    if parts.is_empty() {
+        parts.push("multicast scouting".into());
+    }
+    parts.join("; ")
+}

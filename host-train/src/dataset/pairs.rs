@@ -20,7 +20,7 @@ const POSES: &str = "[M,3,4] f32";
 pub const NO_LABEL: i32 = -1;
 
 /// M pairs of clouds; every list has M entries.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct PairSet {
     /// Observed clouds, `[M][N]` points.
     pub source: Vec<Vec<Point>>,
@@ -35,6 +35,16 @@ pub struct PairSet {
 }
 
 impl PairSet {
+    /// Number of pairs, M.
+    pub fn len(&self) -> usize {
+        self.source.len()
+    }
+
+    /// Whether there are no pairs.
+    pub fn is_empty(&self) -> bool {
+        self.source.is_empty()
+    }
+
     /// Reads and checks a pairs file: shapes, equal numbers of entries, finite points, rigid poses.
     pub fn load(path: &Path) -> Result<PairSet, DatasetError> {
         let file = H5File::open(path)?;

@@ -35,16 +35,6 @@ pub struct PairSet {
 }
 
 impl PairSet {
-    /// Number of pairs, M.
-    pub fn len(&self) -> usize {
-        self.source.len()
-    }
-
-    /// Whether there are no pairs.
-    pub fn is_empty(&self) -> bool {
-        self.source.is_empty()
-    }
-
     /// Reads and checks a pairs file: shapes, equal numbers of entries, finite points, rigid poses.
     pub fn load(path: &Path) -> Result<PairSet, DatasetError> {
         let file = H5File::open(path)?;

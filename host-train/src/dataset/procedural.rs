@@ -116,8 +116,8 @@ pub fn model(seed: u64, index: u64) -> Model {
 }
 
 /// The first `count` clouds of the data set `seed`, whatever the number of threads.
-pub fn models(seed: u64, count: u64) -> Vec<Model> {
-    (0..count)
+pub fn models(seed: u64, count: usize) -> Vec<Model> {
+    (0..count as u64)
         .into_par_iter()
         .map(|index| model(seed, index))
         .collect()

@@ -9,23 +9,11 @@ use host_train::optim::Adam;
 use host_train::train::{RollOut, Trainer};
 use reagent_core::pose::centroid;
 use reagent_core::{Action, Pose};
-use reagent_tests::Golden;
+use reagent_tests::{Golden, reference_parameters};
 
 fn trainer(parameters: Parameters) -> Trainer {
     let adam = Adam::new(parameters.values.len());
     Trainer::new(parameters, adam, 0, 1, RollOut::default(), Expert::Steady)
-}
-
-/// The reference weights of the complete golden file.
-fn reference_parameters(golden: &Golden) -> Parameters {
-    let mut parameters = Parameters::zeros(Shape::PAPER);
-    for i in 0..parameters.layers.len() {
-        let name = parameters.layers[i].name;
-        let (weight, bias) = parameters.layer_mut(i);
-        weight.copy_from_slice(&golden.f32(&format!("{name}.weight")).1);
-        bias.copy_from_slice(&golden.f32(&format!("{name}.bias")).1);
-    }
-    parameters
 }
 
 fn problem(source: Vec<[f32; 3]>, target: Vec<[f32; 3]>) -> Problem {

@@ -135,6 +135,12 @@ pub enum DatasetError {
         /// The label.
         label: i64,
     },
+    /// A pairs file without pairs.
+    #[error("{}: there are no pairs", path.display())]
+    NoPairs {
+        /// File concerned.
+        path: PathBuf,
+    },
     /// A pose is not a finite rigid transform.
     #[error("{}: dataset \"{dataset}\", entry {entry} is not a finite rigid transform [R | t]", path.display())]
     NotRigid {

@@ -4,9 +4,12 @@ pub mod camera;
 pub mod cloud_file;
 mod error;
 pub mod h5;
+pub mod mesh;
 pub mod modelnet;
 pub mod pairs;
 pub mod procedural;
+pub mod solids;
+pub mod triangulate;
 
 pub use error::{DatasetError, MODELNET40_URL};
 

@@ -1,1 +1,318 @@
-//! pairs
+//! Pairs files: clouds to register and their true poses, ready-made, in one HDF5 file.
+//!
+//! | dataset | shape, type | meaning |
+//! |---|---|---|
+//! | `source` | `[M,N,3]` f32 | observed clouds |
+//! | `target` | `[M,N,3]` f32 | model clouds |
+//! | `transform_gt` | `[M,3,4]` f32 | rows of `[R \| t]`, target_from_source |
+//! | `raw` | `[M,K,3]` f32 | noise-free target; may be absent |
+//! | `label` | `[M]` integer | category; may be absent |
+
+use super::h5::H5File;
+use super::{DatasetError, Point};
+use hdf5_pure::FileBuilder;
+use reagent_core::Pose;
+use std::path::Path;
+
+const CLOUDS: &str = "[M,N,3] f32";
+const POSES: &str = "[M,3,4] f32";
+/// Label of a pair whose category is not known.
+pub const NO_LABEL: i32 = -1;
+
+/// M pairs of clouds; every list has M entries.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PairSet {
+    /// Observed clouds, `[M][N]` points.
+    pub source: Vec<Vec<Point>>,
+    /// Model clouds, `[M][N']` points.
+    pub target: Vec<Vec<Point>>,
+    /// True poses, plain rigid transforms of the source.
+    pub target_from_source: Vec<Pose>,
+    /// Noise-free targets, `[M][K]` points.
+    pub raw: Option<Vec<Vec<Point>>>,
+    /// Categories; [`NO_LABEL`] where the file has none.
+    pub label: Vec<i32>,
+}
+
+impl PairSet {
+    /// Reads and checks a pairs file: shapes, equal numbers of entries, finite points, rigid poses.
+    pub fn load(path: &Path) -> Result<PairSet, DatasetError> {
+        let file = H5File::open(path)?;
+        let source = file.read_clouds("source", CLOUDS)?;
+        let count = source.len();
+        if count == 0 {
+            return Err(DatasetError::NoPairs { path: path.into() });
+        }
+        let target = file.read_clouds("target", CLOUDS)?;
+        file.same_count("target", target.len(), "source", count)?;
+        let target_from_source = poses(&file, path, "transform_gt")?;
+        file.same_count("transform_gt", target_from_source.len(), "source", count)?;
+        let names = file.names()?;
+        let has = |name: &str| names.iter().any(|n| n == name);
+        let raw = if has("raw") {
+            let raw = file.read_clouds("raw", "[M,K,3] f32")?;
+            file.same_count("raw", raw.len(), "source", count)?;
+            Some(raw)
+        } else {
+            None
+        };
+        let label = if has("label") {
+            let labels = file.read_labels("label", count, "source")?;
+            let narrow = |(entry, label)| {
+                i32::try_from(label).map_err(|_| DatasetError::BadLabel {
+                    path: path.into(),
+                    dataset: "label".into(),
+                    entry,
+                    label,
+                })
+            };
+            labels
+                .into_iter()
+                .enumerate()
+                .map(narrow)
+                .collect::<Result<_, _>>()?
+        } else {
+            vec![NO_LABEL; count]
+        };
+        Ok(PairSet {
+            source,
+            target,
+            target_from_source,
+            raw,
+            label,
+        })
+    }
+
+    /// Writes a pairs file (shuffle and deflate). All clouds of one kind must have the same number of points.
+    pub fn save(&self, path: &Path) -> Result<(), DatasetError> {
+        let count = self.source.len();
+        if count == 0 {
+            return Err(DatasetError::NoPairs { path: path.into() });
+        }
+        let lengths = [
+            ("target clouds", self.target.len()),
+            ("poses", self.target_from_source.len()),
+            ("raw clouds", self.raw.as_ref().map_or(count, Vec::len)),
+            ("labels", self.label.len()),
+        ];
+        if let Some(&(what, found)) = lengths.iter().find(|(_, found)| *found != count) {
+            return Err(DatasetError::Lengths {
+                what,
+                found,
+                expected: count,
+            });
+        }
+        let mut file = FileBuilder::new();
+        add_clouds(&mut file, "source", &self.source)?;
+        add_clouds(&mut file, "target", &self.target)?;
+        if let Some(raw) = &self.raw {
+            add_clouds(&mut file, "raw", raw)?;
+        }
+        add_poses(&mut file, "transform_gt", &self.target_from_source);
+        file.create_dataset("label")
+            .with_i32_data(&self.label)
+            .with_shape(&[count as u64]);
+        write(file, path)
+    }
+}
+
+/// Writes one dataset `[M,3,4]` of poses for each name.
+pub fn save_poses(path: &Path, sets: &[(String, Vec<Pose>)]) -> Result<(), DatasetError> {
+    let mut file = FileBuilder::new();
+    for (name, poses) in sets {
+        add_poses(&mut file, name, poses);
+    }
+    write(file, path)
+}
+
+/// Reads a dataset `[M,3,4]` of rigid transforms.
+pub fn load_poses(path: &Path, dataset: &str) -> Result<Vec<Pose>, DatasetError> {
+    poses(&H5File::open(path)?, path, dataset)
+}
+
+fn poses(file: &H5File, path: &Path, name: &str) -> Result<Vec<Pose>, DatasetError> {
+    let (shape, values) = file.read_f32(name, 3, POSES)?;
+    if shape[1..] != [3, 4] {
+        return Err(DatasetError::WrongDataset {
+            path: path.into(),
+            dataset: name.into(),
+            expected: POSES,
+            found: format!("{shape:?}"),
+        });
+    }
+    let (rows, _) = values.as_chunks::<4>();
+    let (matrices, _) = rows.as_chunks::<3>();
+    let checked = matrices.iter().enumerate().map(|(entry, &matrix)| {
+        Pose::from_rows(matrix)
+            .checked()
+            .map_err(|_| DatasetError::NotRigid {
+                path: path.into(),
+                dataset: name.into(),
+                entry,
+            })
+    });
+    checked.collect()
+}
+
+fn add_clouds(
+    file: &mut FileBuilder,
+    name: &'static str,
+    clouds: &[Vec<Point>],
+) -> Result<(), DatasetError> {
+    let expected = clouds.first().map_or(0, Vec::len);
+    if let Some(entry) = clouds.iter().position(|cloud| cloud.len() != expected) {
+        return Err(DatasetError::Ragged {
+            what: name,
+            entry,
+            found: clouds[entry].len(),
+            expected,
+        });
+    }
+    let values: Vec<f32> = clouds.iter().flatten().flatten().copied().collect();
+    file.create_dataset(name)
+        .with_f32_data(&values)
+        .with_shape(&[clouds.len() as u64, expected as u64, 3])
+        // One chunk a coordinate of a few clouds: shuffled bytes of like values lie together.
+        .with_chunks(&[clouds.len().min(8) as u64, expected.max(1) as u64, 1])
+        .with_shuffle()
+        .with_deflate(6);
+    Ok(())
+}
+
+fn add_poses(file: &mut FileBuilder, name: &str, poses: &[Pose]) {
+    let values: Vec<f32> = poses.iter().flat_map(Pose::to_rows).flatten().collect();
+    file.create_dataset(name)
+        .with_f32_data(&values)
+        .with_shape(&[poses.len() as u64, 3, 4]);
+}
+
+fn write(file: FileBuilder, path: &Path) -> Result<(), DatasetError> {
+    let bytes = file.finish().map_err(|e| DatasetError::Write {
+        path: path.into(),
+        reason: e.to_string(),
+    })?;
+    std::fs::write(path, bytes).map_err(|source| DatasetError::Io {
+        path: path.into(),
+        source,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::Vec3;
+    use reagent_core::pose::rotation_from_euler;
+
+    fn sample() -> PairSet {
+        let clouds = |n: usize, phase: f32| -> Vec<Vec<Point>> {
+            let coordinate =
+                |m: usize, i: usize, axis: usize| ((m * 31 + i * 7 + axis) as f32 + phase).sin();
+            (0..10)
+                .map(|m| {
+                    (0..n)
+                        .map(|i| [0, 1, 2].map(|axis| coordinate(m, i, axis)))
+                        .collect()
+                })
+                .collect()
+        };
+        let pose = |m| Pose {
+            rotation: rotation_from_euler(Vec3::new(m as f32 * 0.1, 0.2, -0.3)),
+            translation: Vec3::new(0.1, m as f32, 0.0),
+        };
+        PairSet {
+            source: clouds(20, 0.0),
+            target: clouds(24, 0.5),
+            target_from_source: (0..10).map(pose).collect(),
+            raw: Some(clouds(30, 0.25)),
+            label: (0..10).collect(),
+        }
+    }
+
+    fn refused(set: PairSet) -> String {
+        let dir = tempfile::tempdir().expect("temporary directory");
+        let path = dir.path().join("pairs.h5");
+        set.save(&path)
+            .and_then(|()| PairSet::load(&path).map(|_| ()))
+            .expect_err("must be refused")
+            .to_string()
+    }
+
+    #[test]
+    fn saved_and_loaded_is_the_same() {
+        let dir = tempfile::tempdir().expect("temporary directory");
+        let path = dir.path().join("pairs.h5");
+        let mut set = sample();
+        set.save(&path).expect("save");
+        assert_eq!(PairSet::load(&path).expect("load"), set);
+        set.raw = None;
+        set.save(&path).expect("save");
+        assert_eq!(PairSet::load(&path).expect("load"), set);
+
+        let sets = [
+            ("policy".into(), set.target_from_source.clone()),
+            ("icp".into(), vec![Pose::IDENTITY; 2]),
+        ];
+        save_poses(&path, &sets).expect("save");
+        for (name, poses) in sets {
+            assert_eq!(load_poses(&path, &name).expect("load"), poses);
+        }
+        assert!(load_poses(&path, "gone").is_err());
+    }
+
+    #[test]
+    fn bad_numbers_are_named_by_their_place() {
+        let mut set = sample();
+        set.target[3][5][1] = f32::INFINITY;
+        assert!(refused(set).contains("\"target\", entry 3, point 5"));
+        let mut set = sample();
+        set.target_from_source[4].rotation.x_axis *= 1.1;
+        assert!(refused(set).contains("\"transform_gt\", entry 4 is not a finite rigid transform"));
+        let mut set = sample();
+        set.target_from_source[9].translation.x = f32::NAN;
+        assert!(refused(set).contains("entry 9"));
+    }
+
+    #[test]
+    fn lists_of_unequal_length_are_refused() {
+        let mut set = sample();
+        set.label.pop();
+        assert!(refused(set).contains("9 labels for 10 source clouds"));
+        let mut set = sample();
+        set.source[7].pop();
+        assert!(refused(set).contains("source 7 has 19 points where the first has 20"));
+        let mut set = sample();
+        set.source.clear();
+        assert!(refused(set).contains("no pairs"));
+    }
+
+    #[test]
+    fn entries_of_unequal_number_in_a_file_are_refused() {
+        let dir = tempfile::tempdir().expect("temporary directory");
+        let path = dir.path().join("pairs.h5");
+        let set = sample();
+        let mut file = FileBuilder::new();
+        add_clouds(&mut file, "source", &set.source).expect("equal sizes");
+        add_clouds(&mut file, "target", &set.target[..6]).expect("equal sizes");
+        write(file, &path).expect("write");
+        let said = PairSet::load(&path)
+            .expect_err("must be refused")
+            .to_string();
+        assert!(
+            said.contains("\"target\" has 6 entries where \"source\" has 10"),
+            "{said}"
+        );
+
+        let mut file = FileBuilder::new();
+        add_clouds(&mut file, "source", &set.source).expect("equal sizes");
+        add_clouds(&mut file, "target", &set.target).expect("equal sizes");
+        write(file, &path).expect("write");
+        let said = PairSet::load(&path)
+            .expect_err("must be refused")
+            .to_string();
+        assert!(
+            said.contains("no dataset \"transform_gt\" ([M,3,4] f32)"),
+            "{said}"
+        );
+        assert!(said.contains("source [10, 20, 3] f32"), "{said}");
+    }
+}

@@ -20,6 +20,7 @@ use zenoh::query::Query;
 pub(crate) fn serve(
     mut requests: mpsc::Receiver<Query>,
     mut policies: watch::Receiver<Option<Arc<LoadedPolicy>>>,
+    reply_key: &str,
     view: &watch::Sender<View>,
 ) {
     let mut scratch = Box::new(Scratch::new());
@@ -47,7 +48,7 @@ pub(crate) fn serve(
                 Err(_) => view.count_refused(),
             });
             match answer {
-                Ok(reply) => send_reply(&query, reply),
+                Ok(reply) => send_reply(&query, reply_key, reply),
                 Err(refusal) => send_refusal(&query, refusal),
             }
         }
@@ -124,9 +125,9 @@ fn taken<'c>(
     points.map_err(|error| Reason::of(error, cloud))
 }
 
-fn send_reply(query: &Query, reply: RefineReply) {
+fn send_reply(query: &Query, key: &str, reply: RefineReply) {
     let frame = small_frame(&Message::RefineReply(reply));
-    if let Err(error) = query.reply(query.key_expr().clone(), frame).wait() {
+    if let Err(error) = query.reply(key, frame).wait() {
         tracing::warn!("reply {} was not sent: {error}", reply.id);
     }
 }

@@ -116,14 +116,14 @@ impl Publisher {
         let key = keys::manifest(&self.fleet).map_err(refused(&self.fleet))?;
         *self.newest.lock().expect("no holder panics") = (version, signed.clone());
         if announced == 0 {
-            let newest = self.newest.clone();
+            let (newest, reply_key) = (self.newest.clone(), key.clone());
             let served = self
                 .session
                 .declare_queryable(key.as_str())
                 .complete(true)
                 .callback(move |query| {
                     let frame = newest.lock().expect("no holder panics").1.clone();
-                    log_failure(query.reply(query.key_expr().clone(), frame).wait());
+                    log_failure(query.reply(reply_key.as_str(), frame).wait());
                 });
             self.queryables.push(served.await?);
         }

@@ -95,13 +95,25 @@ async fn a_published_policy_is_fetched_and_answers_bit_for_bit() {
 async fn a_late_joiner_fetches_and_a_new_version_replaces_the_old() {
     let network = Network::start().await;
     let mut publisher = publisher(&network).await;
-    publisher.publish(1, "first", random_policy(1)).await.expect("a good policy");
+    publisher
+        .publish(1, "first", random_policy(1))
+        .await
+        .expect("a good policy");
     let node = network.node(FLEET, "late").await;
-    until(&node, |view| view.policy.as_ref().is_some_and(|p| p.version == 1)).await;
+    until(&node, |view| {
+        view.policy.as_ref().is_some_and(|p| p.version == 1)
+    })
+    .await;
 
     let second = random_policy(2);
-    publisher.publish(2, "second", second.clone()).await.expect("a good policy");
-    until(&node, |view| view.policy.as_ref().is_some_and(|p| p.version == 2)).await;
+    publisher
+        .publish(2, "second", second.clone())
+        .await
+        .expect("a good policy");
+    until(&node, |view| {
+        view.policy.as_ref().is_some_and(|p| p.version == 2)
+    })
+    .await;
     let (source, target) = (random_cloud(1, 100), random_cloud(2, 100));
     let session = network.join().await;
     let reply = client::refine(&session, FLEET, "late", &request(&source, &target)).await;
@@ -109,7 +121,10 @@ async fn a_late_joiner_fetches_and_a_new_version_replaces_the_old() {
     assert_eq!(reply.expect("a pose").target_from_source, expected);
 
     let older = publisher.publish(2, "again", random_policy(3)).await;
-    assert!(matches!(older, Err(PublishError::Version { announced: 2, .. })), "{older:?}");
+    assert!(
+        matches!(older, Err(PublishError::Version { announced: 2, .. })),
+        "{older:?}"
+    );
 }
 
 /// Announces `signed` and serves `file` for its chunks, as a broken or hostile host might.
@@ -129,12 +144,18 @@ async fn announce(
             let index = keys::chunk_index(query.key_expr().as_str()).expect("a chunk's key");
             let chunk = file.chunks(wire::CHUNK_BYTES).nth(index as usize);
             let chunk = chunk.expect("a chunk of the file").to_vec();
-            query.reply(query.key_expr().clone(), chunk).wait().expect("an open session");
+            query
+                .reply(query.key_expr().clone(), chunk)
+                .wait()
+                .expect("an open session");
         })
         .await
         .expect("an open session");
     let manifest = keys::manifest(FLEET).expect("a good name");
-    session.put(manifest.as_str(), signed).await.expect("an open session");
+    session
+        .put(manifest.as_str(), signed)
+        .await
+        .expect("an open session");
     (served, asked)
 }
 
@@ -142,7 +163,10 @@ async fn announce(
 async fn a_corrupted_file_is_refused_and_the_old_policy_kept() {
     let network = Network::start().await;
     let mut publisher = publisher(&network).await;
-    let first = publisher.publish(1, "first", random_policy(1)).await.expect("a good policy");
+    let first = publisher
+        .publish(1, "first", random_policy(1))
+        .await
+        .expect("a good policy");
     let node = network.node(FLEET, "r1").await;
     until(&node, |view| view.policy.is_some()).await;
 
@@ -177,9 +201,14 @@ async fn only_newer_policies_with_a_trusted_signature_are_fetched() {
         trusted: vec![key(8).verifying_key(), key(1).verifying_key()],
         state: None,
     };
-    let node = Node::start(network.join().await, config).await.expect("good names");
+    let node = Node::start(network.join().await, config)
+        .await
+        .expect("good names");
     let mut publisher = publisher(&network).await;
-    publisher.publish(10, "first", random_policy(1)).await.expect("a good policy");
+    publisher
+        .publish(10, "first", random_policy(1))
+        .await
+        .expect("a good policy");
     until(&node, |view| view.policy.is_some()).await;
 
     let session = network.join().await;
@@ -204,21 +233,42 @@ async fn only_newer_policies_with_a_trusted_signature_are_fetched() {
     let mut other_version = good.clone();
     other_version[0] = 9;
     frames.push((other_version, |e| {
-        matches!(e, UpdateError::Frame(reagent_core::Error::FrameVersion { found: 9 }))
+        matches!(
+            e,
+            UpdateError::Frame(reagent_core::Error::FrameVersion { found: 9 })
+        )
     }));
     for (count, (frame, expected)) in (2..).zip(frames) {
-        session.put(manifest_key.as_str(), frame).await.expect("an open session");
+        session
+            .put(manifest_key.as_str(), frame)
+            .await
+            .expect("an open session");
         let view = until(&node, |view| view.updates_refused == count).await;
         let error = view.last_refusal.expect("there is one");
         assert!(expected(&error), "{error}");
     }
 
     // An older one is not even fetched; the newer one after it shows that it was seen and ignored.
-    let older = sign(&key(1), &wire::Manifest { version: 9, ..newer.clone() });
-    session.put(manifest_key.as_str(), older).await.expect("an open session");
+    let older = sign(
+        &key(1),
+        &wire::Manifest {
+            version: 9,
+            ..newer.clone()
+        },
+    );
+    session
+        .put(manifest_key.as_str(), older)
+        .await
+        .expect("an open session");
     assert_eq!(asked.load(Ordering::Relaxed), 0);
-    session.put(manifest_key.as_str(), good).await.expect("an open session");
-    let view = until(&node, |view| view.policy.as_ref().is_some_and(|p| p.version == 11)).await;
+    session
+        .put(manifest_key.as_str(), good)
+        .await
+        .expect("an open session");
+    let view = until(&node, |view| {
+        view.policy.as_ref().is_some_and(|p| p.version == 11)
+    })
+    .await;
     assert_eq!(view.updates_refused, 7);
     assert_eq!(Some(asked.load(Ordering::Relaxed)), newer.chunks());
 }
@@ -234,29 +284,40 @@ async fn a_restarted_robot_has_its_policy_without_a_host() {
     };
     let network = Network::start().await;
     {
-        let node = Node::start(network.join().await, config()).await.expect("good names");
+        let node = Node::start(network.join().await, config())
+            .await
+            .expect("good names");
         let mut publisher = publisher(&network).await;
         for version in [1, 2] {
             let policy = random_policy(version);
-            publisher.publish(version, "kept", policy).await.expect("a good policy");
+            publisher
+                .publish(version, "kept", policy)
+                .await
+                .expect("a good policy");
             let new = move |p: &wire::Manifest| p.version == version;
             until(&node, |view| view.policy.as_ref().is_some_and(new)).await;
         }
     }
-    let node = Node::start(network.join().await, config()).await.expect("good names");
+    let node = Node::start(network.join().await, config())
+        .await
+        .expect("good names");
     let view = until(&node, |_| true).await;
     assert_eq!(view.policy.as_ref().map(|p| p.version), Some(2));
     drop(node);
 
     let files = || std::fs::read_dir(state.path().join("made/by/the/node")).expect("a directory");
     let is_policy = |path: &std::path::PathBuf| path.extension().is_some_and(|e| e == "rgw");
-    let mut kept = files().map(|e| e.expect("readable").path()).filter(is_policy);
+    let mut kept = files()
+        .map(|e| e.expect("readable").path())
+        .filter(is_policy);
     let file = kept.next().expect("the policy in use");
     assert_eq!(kept.next(), None, "the old policy is gone");
     let mut bytes = std::fs::read(&file).expect("readable");
     bytes[1000] ^= 4;
     std::fs::write(&file, bytes).expect("writable");
-    let node = Node::start(network.join().await, config()).await.expect("it starts all the same");
+    let node = Node::start(network.join().await, config())
+        .await
+        .expect("it starts all the same");
     let view = until(&node, |_| true).await;
     assert_eq!((view.policy, view.updates_refused), (None, 1));
 }
@@ -267,10 +328,16 @@ async fn every_bad_request_is_refused_with_its_reason() {
     let node = network.node(FLEET, "r1").await;
     let session = network.join().await;
     let good = random_cloud(1, 50);
-    assert_eq!(refused(&session, &request(&good, &good)).await, Reason::NoPolicy);
+    assert_eq!(
+        refused(&session, &request(&good, &good)).await,
+        Reason::NoPolicy
+    );
 
     let mut publisher = publisher(&network).await;
-    publisher.publish(1, "first", random_policy(1)).await.expect("a good policy");
+    publisher
+        .publish(1, "first", random_policy(1))
+        .await
+        .expect("a good policy");
     until(&node, |view| view.policy.is_some()).await;
 
     let one = &good[..1];
@@ -302,7 +369,12 @@ async fn every_bad_request_is_refused_with_its_reason() {
         (&[], Reason::Malformed),
         (&[wire::VERSION, 2, 0, 0], Reason::Malformed),
         (status.expect("fits"), Reason::Malformed),
-        (&[9, 2, 0, 0], Reason::WrongVersion { spoken: wire::VERSION }),
+        (
+            &[9, 2, 0, 0],
+            Reason::WrongVersion {
+                spoken: wire::VERSION,
+            },
+        ),
     ];
     for (frame, reason) in frames {
         match client::ask(&session, &refine_key, "r1", frame.to_vec()).await {
@@ -322,7 +394,10 @@ async fn every_bad_request_is_refused_with_its_reason() {
 async fn a_full_queue_is_refused_and_every_request_answered() {
     let network = Network::start().await;
     let mut publisher = publisher(&network).await;
-    publisher.publish(1, "first", random_policy(1)).await.expect("a good policy");
+    publisher
+        .publish(1, "first", random_policy(1))
+        .await
+        .expect("a good policy");
     let node = network.node(FLEET, "r1").await;
     until(&node, |view| view.policy.is_some()).await;
     let session = network.join().await;
@@ -333,8 +408,10 @@ async fn a_full_queue_is_refused_and_every_request_answered() {
         let (session, cloud) = (session.clone(), cloud.clone());
         asking.spawn(async move {
             let mut long = request(&cloud, &cloud);
-            long.max_steps = 100;
-            client::refine(&session, FLEET, "r1", &long).await.map(|_| ())
+            long.max_steps = 25;
+            client::refine(&session, FLEET, "r1", &long)
+                .await
+                .map(|_| ())
         });
     }
     let (mut poses, mut busy) = (0, 0);
@@ -357,11 +434,20 @@ async fn any_robot_is_one_that_is_there_with_the_least_to_do() {
     let network = Network::start().await;
     let session = network.join().await;
     let nobody = client::any_robot(&session, FLEET).await;
-    assert!(matches!(nobody, Err(RefineError::NoRobot { .. })), "{nobody:?}");
+    assert!(
+        matches!(nobody, Err(RefineError::NoRobot { .. })),
+        "{nobody:?}"
+    );
 
-    let (first, second) = (network.node(FLEET, "a").await, network.node(FLEET, "b").await);
+    let (first, second) = (
+        network.node(FLEET, "a").await,
+        network.node(FLEET, "b").await,
+    );
     let mut publisher = publisher(&network).await;
-    publisher.publish(1, "first", random_policy(1)).await.expect("a good policy");
+    publisher
+        .publish(1, "first", random_policy(1))
+        .await
+        .expect("a good policy");
     for node in [&first, &second] {
         until(node, |view| view.policy.is_some()).await;
     }
@@ -386,7 +472,10 @@ async fn nobody_at_the_key_is_said_at_once() {
         let error = client::refine(&session, fleet, robot, &request(&cloud, &cloud)).await;
         let error = error.expect_err("there is no such robot").to_string();
         let key = keys::refine(fleet, robot).expect("good names");
-        assert!(error.contains(&format!("no robot answered at {key}")), "{error}");
+        assert!(
+            error.contains(&format!("no robot answered at {key}")),
+            "{error}"
+        );
         assert!(asked.elapsed() < client::TIMEOUT / 4);
     }
     drop(node);
@@ -401,7 +490,10 @@ async fn no_router_at_the_endpoint_is_an_error_that_names_it() {
         connect: vec![endpoint.clone()],
         ..SessionArgs::default()
     };
-    let error = open(&args).await.expect_err("nothing listens there").to_string();
+    let error = open(&args)
+        .await
+        .expect_err("nothing listens there")
+        .to_string();
     assert!(error.contains(&endpoint), "{error}");
 }
 
@@ -416,7 +508,10 @@ async fn names_that_cannot_be_keys_are_refused() {
             state: None,
         };
         let node = Node::start(network.router.clone(), config).await;
-        assert!(matches!(node, Err(NodeError::Name { .. })), "{fleet} {robot}");
+        assert!(
+            matches!(node, Err(NodeError::Name { .. })),
+            "{fleet} {robot}"
+        );
     }
     let config = NodeConfig {
         fleet: "f".into(),

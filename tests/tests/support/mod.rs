@@ -14,26 +14,26 @@ use tokio::sync::watch;
 use zenoh::Session;
 
 /// A router that only this test knows.
-pub struct Network {
-    pub endpoint: String,
-    pub router: Session,
+pub(crate) struct Network {
+    pub(crate) endpoint: String,
+    pub(crate) router: Session,
 }
 
 impl Network {
-    pub async fn start() -> Network {
+    pub(crate) async fn start() -> Network {
         let endpoint = unused_endpoint();
-        let router = open(&SessionArgs {
+        let args = SessionArgs {
             listen: vec![endpoint.clone()],
             ..SessionArgs::default()
-        });
+        };
         Network {
-            router: router.await.expect("the port is free"),
+            router: open(&args).await.expect("the port is free"),
             endpoint,
         }
     }
 
     /// A session of its own, connected to the router.
-    pub async fn join(&self) -> Session {
+    pub(crate) async fn join(&self) -> Session {
         open(&SessionArgs {
             connect: vec![self.endpoint.clone()],
             ..SessionArgs::default()
@@ -43,7 +43,7 @@ impl Network {
     }
 
     /// A node without state directory that takes any signed policy.
-    pub async fn node(&self, fleet: &str, robot: &str) -> Node {
+    pub(crate) async fn node(&self, fleet: &str, robot: &str) -> Node {
         let config = NodeConfig {
             fleet: fleet.into(),
             robot: robot.into(),
@@ -56,14 +56,14 @@ impl Network {
 }
 
 /// A loopback endpoint on which nothing listens.
-pub fn unused_endpoint() -> String {
+pub(crate) fn unused_endpoint() -> String {
     let listener = TcpListener::bind("127.0.0.1:0").expect("a free port");
     let address = listener.local_addr().expect("it is bound");
     format!("tcp/{address}")
 }
 
 /// Waits until the node's state is as wanted; only a broken node lets the watchdog bite.
-pub async fn until(node: &Node, wanted: impl FnMut(&View) -> bool) -> View {
+pub(crate) async fn until(node: &Node, wanted: impl FnMut(&View) -> bool) -> View {
     let mut view: watch::Receiver<View> = node.watch();
     let reached = tokio::time::timeout(Duration::from_secs(60), view.wait_for(wanted));
     let reached = reached.await.expect("the node gets there within a minute");
@@ -71,7 +71,7 @@ pub async fn until(node: &Node, wanted: impl FnMut(&View) -> bool) -> View {
 }
 
 /// A policy file with seeded random weights whose actions depend on the clouds.
-pub fn random_policy(seed: u64) -> Vec<u8> {
+pub(crate) fn random_policy(seed: u64) -> Vec<u8> {
     let mut rng = stream(seed, Purpose::Init, 0);
     let mut file = vec![0; weights::FILE_LEN];
     file[..4].copy_from_slice(&weights::MAGIC);
@@ -102,7 +102,7 @@ fn put(file: &mut [u8], at: usize, value: usize) {
 }
 
 /// Seeded random points in a box.
-pub fn random_cloud(seed: u64, points: usize) -> Vec<[f32; 3]> {
+pub(crate) fn random_cloud(seed: u64, points: usize) -> Vec<[f32; 3]> {
     let mut rng: Rng = stream(seed, Purpose::Shape, 0);
     let point = |_| [(); 3].map(|()| rng.random_range(-3.0..5.0));
     (0..points).map(point).collect()

@@ -1,1 +1,211 @@
-//! checkpoint
+//! The state of a training run on disk: parameters, optimiser and progress, as one safetensors file.
+
+use crate::files::write_atomically;
+use crate::nn::{Parameters, Shape};
+use crate::optim::Adam;
+use safetensors::{Dtype, SafeTensors, tensor::TensorView};
+use serde::{Deserialize, Serialize};
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+/// Name of the newest checkpoint in a run directory.
+pub const LAST: &str = "last.safetensors";
+/// Name of the best checkpoint by validation in a run directory.
+pub const BEST: &str = "best/checkpoint.safetensors";
+
+/// Why a checkpoint could not be used.
+#[derive(Debug, thiserror::Error)]
+pub enum CheckpointError {
+    /// There is none.
+    #[error("no checkpoint at {0}: give a run directory (with {BEST} or {LAST}) or a checkpoint file")]
+    Missing(PathBuf),
+    /// The file could not be read.
+    #[error("cannot read checkpoint {path}")]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The file could not be written.
+    #[error("cannot write checkpoint {path}")]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The file is torn or not a checkpoint.
+    #[error("checkpoint {path} is damaged or of another kind: {what}")]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+        /// What differs.
+        what: String,
+    },
+}
+
+/// How far a run has come.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Progress {
+    /// Updates (replay buffers) processed.
+    pub updates: u64,
+    /// Mini-batches processed in this stage.
+    pub optimiser_steps: u64,
+    /// Lowest validation error so far, and the epoch that reached it.
+    pub best: Option<(f64, u32)>,
+}
+
+/// All that a run needs to go on.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Checkpoint {
+    /// The network.
+    pub parameters: Parameters,
+    /// The optimiser.
+    pub adam: Adam,
+    /// Counters.
+    pub progress: Progress,
+}
+
+impl Checkpoint {
+    /// The checkpoint that a path names: a file itself, or a run directory's best, else its last.
+    pub fn find(run_or_checkpoint: &Path) -> Result<PathBuf, CheckpointError> {
+        let candidates = [
+            run_or_checkpoint.join(BEST),
+            run_or_checkpoint.join(LAST),
+            run_or_checkpoint.into(),
+        ];
+        candidates
+            .into_iter()
+            .find(|path| path.is_file())
+            .ok_or_else(|| CheckpointError::Missing(run_or_checkpoint.into()))
+    }
+
+    /// Writes the checkpoint, whole or not at all.
+    pub fn save(&self, path: &Path) -> Result<(), CheckpointError> {
+        let write = |source| CheckpointError::Write {
+            path: path.into(),
+            source,
+        };
+        let mut tensors = Vec::new();
+        let mut add = |name: String, shape: Vec<usize>, values: &[f32]| {
+            let bytes: Vec<u8> = bytemuck::cast_slice(values).to_vec();
+            tensors.push((name, shape, bytes));
+        };
+        for (i, layer) in self.parameters.layers.iter().enumerate() {
+            let shape = vec![layer.outputs, layer.inputs];
+            add(format!("{}.weight", layer.name), shape, self.parameters.weight(i));
+            add(format!("{}.bias", layer.name), vec![layer.outputs], self.parameters.bias(i));
+        }
+        for (name, values) in self.moments() {
+            add(name.into(), vec![values.len()], values);
+        }
+        let views = tensors.iter().map(|(name, shape, bytes)| {
+            let view = TensorView::new(Dtype::F32, shape.clone(), bytes);
+            (name.as_str(), view.expect("shape and bytes are those of the values"))
+        });
+        let progress = serde_json::to_string(&self.progress).map_err(|e| write(e.into()))?;
+        let shape = serde_json::to_string(&self.parameters.shape).map_err(|e| write(e.into()))?;
+        let metadata = HashMap::from([("progress".into(), progress), ("shape".into(), shape)]);
+        let bytes = safetensors::serialize(views, Some(metadata))
+            .map_err(|e| write(std::io::Error::other(e)))?;
+        write_atomically(path, &bytes).map_err(write)
+    }
+
+    /// Reads a checkpoint.
+    pub fn load(path: &Path) -> Result<Self, CheckpointError> {
+        let damaged = |what: String| CheckpointError::Damaged {
+            path: path.into(),
+            what,
+        };
+        let bytes = std::fs::read(path).map_err(|source| CheckpointError::Read {
+            path: path.into(),
+            source,
+        })?;
+        let (_, header) = SafeTensors::read_metadata(&bytes).map_err(|e| damaged(e.to_string()))?;
+        let field = |name: &str| {
+            let found = header.metadata().as_ref().and_then(|m| m.get(name));
+            found.ok_or_else(|| damaged(format!("it has no \"{name}\"")))
+        };
+        let shape: Shape =
+            serde_json::from_str(field("shape")?).map_err(|e| damaged(e.to_string()))?;
+        let progress: Progress =
+            serde_json::from_str(field("progress")?).map_err(|e| damaged(e.to_string()))?;
+        let file = SafeTensors::deserialize(&bytes).map_err(|e| damaged(e.to_string()))?;
+        let read = |name: &str, into: &mut [f32]| -> Result<(), CheckpointError> {
+            let tensor = file.tensor(name).map_err(|e| damaged(e.to_string()))?;
+            if tensor.dtype() != Dtype::F32 || tensor.data().len() != 4 * into.len() {
+                return Err(damaged(format!(
+                    "{name} is {:?} {:?} where {} f32 were expected",
+                    tensor.dtype(),
+                    tensor.shape(),
+                    into.len()
+                )));
+            }
+            for (value, raw) in into.iter_mut().zip(tensor.data().chunks_exact(4)) {
+                *value = f32::from_le_bytes([raw[0], raw[1], raw[2], raw[3]]);
+            }
+            Ok(())
+        };
+        let mut parameters = Parameters::zeros(shape);
+        for i in 0..parameters.layers.len() {
+            let name = parameters.layers[i].name;
+            let (weight, bias) = parameters.layer_mut(i);
+            read(&format!("{name}.weight"), weight)?;
+            read(&format!("{name}.bias"), bias)?;
+        }
+        let mut adam = Adam::new(parameters.values.len());
+        adam.steps = progress.optimiser_steps;
+        read("adam.first", &mut adam.first)?;
+        read("adam.second", &mut adam.second)?;
+        read("adam.highest", &mut adam.highest)?;
+        Ok(Checkpoint {
+            parameters,
+            adam,
+            progress,
+        })
+    }
+
+    fn moments(&self) -> [(&'static str, &[f32]); 3] {
+        [
+            ("adam.first", &self.adam.first),
+            ("adam.second", &self.adam.second),
+            ("adam.highest", &self.adam.highest),
+        ]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_checkpoint_survives_the_disk_and_a_cut_is_refused() {
+        let shape = Shape {
+            embed: [16, 16, 32],
+            head: [16, 16],
+        };
+        let parameters = Parameters::random(shape, 3);
+        let mut adam = Adam::new(parameters.values.len());
+        adam.steps = 7;
+        adam.first.fill(0.25);
+        let checkpoint = Checkpoint {
+            parameters,
+            adam,
+            progress: Progress {
+                updates: 5,
+                optimiser_steps: 7,
+                best: Some((1.5, 2)),
+            },
+        };
+        let directory = tempfile::tempdir().expect("a temporary directory");
+        let path = directory.path().join(LAST);
+        checkpoint.save(&path).expect("written");
+        assert_eq!(Checkpoint::find(directory.path()).expect("found"), path);
+        assert_eq!(Checkpoint::load(&path).expect("read"), checkpoint);
+
+        let bytes = std::fs::read(&path).expect("read");
+        std::fs::write(&path, &bytes[..bytes.len() / 2]).expect("cut");
+        assert!(matches!(Checkpoint::load(&path), Err(CheckpointError::Damaged { .. })));
+    }
+}

@@ -1,1 +1,194 @@
-//! export
+//! From trained parameters to the bytes that robots run.
+
+use crate::checkpoint::{Checkpoint, CheckpointError};
+use crate::files::write_atomically;
+use crate::nn::{Parameters, Shape};
+use reagent_core::dims::{LAYER_SHAPES, LAYERS, padded};
+use reagent_core::weights::{
+    FILE_LEN, FORMAT_F32, HEADER, MAGIC, OFFSETS, SHAPE, TABLE_ROW, VERSION, checksum, pack_panels,
+};
+use reagent_core::{Error, Policy};
+use sha2::{Digest, Sha256};
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+/// Why a policy file could not be read or written.
+#[derive(Debug, thiserror::Error)]
+pub enum ExportError {
+    /// The file could not be read.
+    #[error("cannot read {path}")]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The file could not be written.
+    #[error("cannot write {path}")]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The bytes are not a policy that this build runs.
+    #[error("{path} is no usable policy")]
+    Policy {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        source: Error,
+    },
+    /// The checkpoint could not be read.
+    #[error(transparent)]
+    Checkpoint(#[from] CheckpointError),
+    /// The network has a shape that the deployed format does not hold.
+    #[error("a network of shape {0:?} cannot be deployed; only {paper:?} can", paper = Shape::PAPER)]
+    Shape(Shape),
+}
+
+/// The bytes of a policy file, aligned as the core needs them.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct WeightFile {
+    words: Vec<u32>,
+    len: usize,
+}
+
+impl WeightFile {
+    /// Copies bytes to aligned memory and checks that they are a policy.
+    ///
+    /// # Errors
+    /// The `Weights…` variants of [`Error`].
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, Error> {
+        let mut words = vec![0u32; bytes.len().div_ceil(4)];
+        bytemuck::cast_slice_mut(&mut words)[..bytes.len()].copy_from_slice(bytes);
+        let file = WeightFile {
+            words,
+            len: bytes.len(),
+        };
+        Policy::parse(file.bytes())?;
+        Ok(file)
+    }
+
+    /// Reads and checks a policy file.
+    pub fn load(path: &Path) -> Result<Self, ExportError> {
+        let mut bytes = Vec::new();
+        // One byte more than any policy has: enough to see that a file is too long.
+        std::fs::File::open(path)
+            .and_then(|file| file.take(FILE_LEN as u64 + 1).read_to_end(&mut bytes))
+            .map_err(|source| ExportError::Read {
+                path: path.into(),
+                source,
+            })?;
+        Self::from_bytes(&bytes).map_err(|source| ExportError::Policy {
+            path: path.into(),
+            source,
+        })
+    }
+
+    /// Serialises parameters as [`reagent_core::weights`] describes; the value head stays out.
+    pub fn from_parameters(parameters: &Parameters) -> Result<Self, ExportError> {
+        if parameters.shape != Shape::PAPER {
+            return Err(ExportError::Shape(parameters.shape));
+        }
+        let mut bytes = vec![0u8; FILE_LEN];
+        let mut put = |at: usize, field: &[u8]| bytes[at..at + field.len()].copy_from_slice(field);
+        put(0, &MAGIC);
+        put(4, &VERSION.to_le_bytes());
+        put(6, &FORMAT_F32.to_le_bytes());
+        put(8, &(FILE_LEN as u32).to_le_bytes());
+        put(12, &(LAYERS as u32).to_le_bytes());
+        for (i, width) in SHAPE.iter().enumerate() {
+            put(16 + 2 * i, &width.to_le_bytes());
+        }
+        for (i, &(inputs, outputs)) in LAYER_SHAPES.iter().enumerate() {
+            let (weight_at, bias_at) = OFFSETS[i];
+            for (k, field) in [inputs, outputs, weight_at, bias_at].into_iter().enumerate() {
+                put(HEADER + i * TABLE_ROW + 4 * k, &(field as u32).to_le_bytes());
+            }
+            let mut panels = vec![0.0; inputs * padded(outputs)];
+            pack_panels(inputs, outputs, parameters.weight(i), &mut panels);
+            put(weight_at, bytemuck::cast_slice(&panels));
+            put(bias_at, bytemuck::cast_slice(parameters.bias(i)));
+        }
+        let sum = checksum(&bytes[..FILE_LEN - 4]);
+        bytes[FILE_LEN - 4..].copy_from_slice(&sum.to_le_bytes());
+        Self::from_bytes(&bytes).map_err(|source| ExportError::Policy {
+            path: "the exported policy".into(),
+            source,
+        })
+    }
+
+    /// Writes the file, whole or not at all.
+    pub fn save(&self, path: &Path) -> Result<(), ExportError> {
+        write_atomically(path, self.bytes()).map_err(|source| ExportError::Write {
+            path: path.into(),
+            source,
+        })
+    }
+
+    /// The file's bytes, 4-byte aligned.
+    pub fn bytes(&self) -> &[u8] {
+        &bytemuck::cast_slice(&self.words)[..self.len]
+    }
+
+    /// The policy in them.
+    pub fn policy(&self) -> Policy<'_> {
+        Policy::parse(self.bytes()).expect("checked when the file was made")
+    }
+
+    /// SHA-256 of the file: the policy's name on the fleet.
+    pub fn sha256(&self) -> [u8; 32] {
+        Sha256::digest(self.bytes()).into()
+    }
+}
+
+/// Exports a checkpoint, or the best (else the last) checkpoint of a run directory, as f32.
+pub fn export_f32(run_or_checkpoint: &Path, out: &Path) -> Result<(), ExportError> {
+    let checkpoint = Checkpoint::load(&Checkpoint::find(run_or_checkpoint)?)?;
+    WeightFile::from_parameters(&checkpoint.parameters)?.save(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn parameters_survive_export() {
+        let mut parameters = Parameters::random(Shape::PAPER, 1);
+        let file = WeightFile::from_parameters(&parameters).expect("deployable");
+        let back = Parameters::from_policy(&file.policy(), 1);
+        // The value head is not deployed: it is drawn afresh from the same seed.
+        assert_eq!(back, parameters);
+        parameters.values[0] = f32::NAN;
+        let refused = WeightFile::from_parameters(&parameters);
+        assert!(matches!(
+            refused,
+            Err(ExportError::Policy { source: Error::WeightsNotFinite { layer: 0 }, .. })
+        ));
+    }
+
+    #[test]
+    fn another_shape_is_refused() {
+        let small = Shape { embed: [16, 16, 32], head: [16, 16] };
+        let refused = WeightFile::from_parameters(&Parameters::random(small, 1));
+        assert!(matches!(refused, Err(ExportError::Shape(_))));
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+
+        #[test]
+        fn any_flipped_bit_or_cut_is_an_error(at in any::<prop::sample::Index>(), bit in 0u8..8) {
+            let file = WeightFile::from_parameters(&Parameters::random(Shape::PAPER, 2)).expect("deployable");
+            let mut bytes = file.bytes().to_vec();
+            let at = at.index(bytes.len());
+            bytes[at] ^= 1 << bit;
+            prop_assert!(WeightFile::from_bytes(&bytes).is_err());
+            bytes[at] ^= 1 << bit;
+            bytes.truncate(at);
+            prop_assert!(WeightFile::from_bytes(&bytes).is_err());
+        }
+    }
+}

@@ -13,6 +13,7 @@ pub mod env;
 pub mod eval;
 pub mod expert;
 pub mod export;
+pub mod files;
 pub mod icp;
 pub mod import;
 pub mod loss;

@@ -4,10 +4,11 @@ use crate::random::{Purpose, stream};
 use rand::RngExt;
 use reagent_core::dims::{LOGITS, PANEL, padded};
 use reagent_core::weights::{Dense, Embedding, Policy, pack_panels};
+use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
 /// Widths of the network; the paper's ablations and compact networks are other values of this.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Shape {
     /// Outputs of the three embedding layers, each a multiple of 16.
     pub embed: [usize; 3],

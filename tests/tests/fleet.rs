@@ -7,12 +7,13 @@ use firmware_sim::client::{self, RefineError};
 use firmware_sim::node::{Node, NodeConfig, NodeError, QUEUE};
 use firmware_sim::policy::UpdateError;
 use firmware_sim::session::{SessionArgs, open};
+use host_train::export::WeightFile;
 use host_train::publish::{PublishError, Publisher, manifest, sign};
 use reagent_core::net::Scratch;
 use reagent_core::wire::{
     self, Cloud, CloudView, Message, Reason, RefineReply, RefineRequest, Refusal, keys,
 };
-use reagent_core::{Frame, Policy, Pose, Registrar};
+use reagent_core::{Frame, Pose, Registrar};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 use support::{Network, random_cloud, random_policy, until, unused_endpoint};
@@ -40,14 +41,11 @@ fn request<'a>(source: &'a [[f32; 3]], target: &'a [[f32; 3]]) -> RefineRequest<
 }
 
 /// What core computes here for the same clouds.
-fn local_pose(policy: &[u8], source: &[[f32; 3]], target: &[[f32; 3]], initial: Pose) -> Pose {
-    let mut words = vec![0u32; policy.len() / 4];
-    bytemuck::cast_slice_mut(&mut words).copy_from_slice(policy);
-    let policy = Policy::parse(bytemuck::cast_slice(&words)).expect("a whole policy");
+fn local_pose(policy: &WeightFile, source: &[[f32; 3]], target: &[[f32; 3]], start: Pose) -> Pose {
     let mut scratch = Scratch::new();
     let frame = Frame::of(target).expect("a good cloud");
-    Registrar::new(policy, &mut scratch)
-        .register(source, target, frame, initial, 10)
+    Registrar::new(policy.policy(), &mut scratch)
+        .register(source, target, frame, start, 10)
         .expect("good clouds")
         .target_from_source
 }
@@ -173,7 +171,7 @@ async fn a_corrupted_file_is_refused_and_the_old_policy_kept() {
     let session = network.join().await;
     let good = random_policy(2);
     let flipped = manifest(2, "flipped", &good).expect("a good policy");
-    let mut bad = good.clone();
+    let mut bad = good.bytes().to_vec();
     bad[5_000_000] ^= 1;
     let _serving = announce(&session, sign(&key(1), &flipped), bad, &flipped).await;
     let view = until(&node, |view| view.updates_refused == 1).await;
@@ -181,8 +179,7 @@ async fn a_corrupted_file_is_refused_and_the_old_policy_kept() {
     assert!(matches!(*error, UpdateError::Sha256 { .. }), "{error}");
     assert_eq!(view.policy.as_ref(), Some(&first));
 
-    let mut short = good[..good.len() - 100].to_vec();
-    short.truncate(good.len() - 100);
+    let short = good.bytes()[..good.bytes().len() - 100].to_vec();
     let mut cut = flipped.clone();
     (cut.version, cut.sha256) = (3, [3; 32]);
     let _serving = announce(&session, sign(&key(1), &cut), short, &cut).await;
@@ -215,7 +212,7 @@ async fn only_newer_policies_with_a_trusted_signature_are_fetched() {
     let file = random_policy(2);
     let newer = manifest(11, "newer", &file).expect("a good policy");
     let strangers = sign(&key(2), &newer);
-    let (_serving, asked) = announce(&session, strangers, file.clone(), &newer).await;
+    let (_serving, asked) = announce(&session, strangers, file.bytes().to_vec(), &newer).await;
     let view = until(&node, |view| view.updates_refused == 1).await;
     let error = view.last_refusal.expect("there is one");
     assert!(matches!(*error, UpdateError::Untrusted { .. }), "{error}");

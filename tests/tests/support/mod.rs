@@ -4,10 +4,10 @@
 use firmware_sim::node::{Node, NodeConfig};
 use firmware_sim::session::{SessionArgs, open};
 use firmware_sim::view::View;
+use host_train::export::WeightFile;
+use host_train::nn::{Parameters, Shape};
 use host_train::random::{Purpose, Rng, stream};
 use rand::RngExt;
-use reagent_core::dims::{LAYER_SHAPES, LAYERS, padded};
-use reagent_core::weights::{self, ARRAY_ALIGN, HEADER, OFFSETS, TABLE_ROW};
 use std::net::TcpListener;
 use std::time::Duration;
 use tokio::sync::watch;
@@ -70,35 +70,9 @@ pub(crate) async fn until(node: &Node, wanted: impl FnMut(&View) -> bool) -> Vie
     reached.expect("the node runs").clone()
 }
 
-/// A policy file with seeded random weights whose actions depend on the clouds.
-pub(crate) fn random_policy(seed: u64) -> Vec<u8> {
-    let mut rng = stream(seed, Purpose::Init, 0);
-    let mut file = vec![0; weights::FILE_LEN];
-    file[..4].copy_from_slice(&weights::MAGIC);
-    file[4..6].copy_from_slice(&weights::VERSION.to_le_bytes());
-    put(&mut file, 8, weights::FILE_LEN);
-    put(&mut file, 12, LAYERS);
-    for (i, width) in weights::SHAPE.iter().enumerate() {
-        file[16 + 2 * i..18 + 2 * i].copy_from_slice(&width.to_le_bytes());
-    }
-    for (i, (&(inputs, outputs), &(at, bias))) in LAYER_SHAPES.iter().zip(&OFFSETS).enumerate() {
-        assert!(at.is_multiple_of(ARRAY_ALIGN));
-        for (k, value) in [inputs, outputs, at, bias].into_iter().enumerate() {
-            put(&mut file, HEADER + i * TABLE_ROW + 4 * k, value);
-        }
-        let bound = (6.0 / inputs as f32).sqrt();
-        for value in file[at..at + 4 * inputs * padded(outputs)].chunks_exact_mut(4) {
-            value.copy_from_slice(&rng.random_range(-bound..bound).to_le_bytes());
-        }
-    }
-    let (body, sum) = file.split_at_mut(weights::FILE_LEN - 4);
-    sum.copy_from_slice(&weights::checksum(body).to_le_bytes());
-    file
-}
-
-fn put(file: &mut [u8], at: usize, value: usize) {
-    let value = u32::try_from(value).expect("the format stores it in 32 bits");
-    file[at..at + 4].copy_from_slice(&value.to_le_bytes());
+/// A policy file with seeded random weights.
+pub(crate) fn random_policy(seed: u64) -> WeightFile {
+    WeightFile::from_parameters(&Parameters::random(Shape::PAPER, seed)).expect("deployable")
 }
 
 /// Seeded random points in a box.

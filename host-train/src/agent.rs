@@ -6,10 +6,11 @@
 //! fixed number of shards in a fixed order: results do not depend on the number of threads.
 
 use crate::dataset::Point;
-use crate::matmul::{matrix, product, product_parallel, transposed};
+use crate::matmul::{matrix, product, product_parallel};
+use ndarray::ArrayView2;
 use crate::nn::{HEAD_R, HEAD_T, PackedEmbedding, Parameters, VALUE};
 use rayon::prelude::*;
-use reagent_core::dims::{LOGITS, TILE};
+use reagent_core::dims::TILE;
 use reagent_core::kernels::Isa;
 use reagent_core::net::{View, embed_argmax};
 use reagent_core::weights::Embedding;
@@ -153,7 +154,7 @@ fn dense(
         row.fill(bias);
     }
     let weight = matrix(parameters.weight(i), layer.outputs, layer.inputs);
-    product_parallel(y, &weight, &matrix(x, layer.inputs, batch), 1.0);
+    product_parallel(y, weight, matrix(x, layer.inputs, batch), 1.0);
     if relu {
         for v in y {
             *v = v.max(0.0);
@@ -165,7 +166,7 @@ fn dense(
 fn dense_backward(gradient: &mut Parameters, i: usize, dy: &[f32], x: &[f32], batch: usize) {
     let (inputs, outputs) = (gradient.layers[i].inputs, gradient.layers[i].outputs);
     let (weight, bias) = gradient.layer_mut(i);
-    product_parallel(weight, &matrix(dy, outputs, batch), &transposed(x, inputs, batch), 0.0);
+    product_parallel(weight, matrix(dy, outputs, batch), matrix(x, inputs, batch).t(), 0.0);
     for (b, row) in bias.iter_mut().zip(dy.chunks_exact(batch)) {
         *b = row.iter().sum();
     }
@@ -181,8 +182,8 @@ fn input_gradient(
     dx: &mut [f32],
 ) {
     let layer = &parameters.layers[i];
-    let weight = transposed(parameters.weight(i), layer.outputs, layer.inputs);
-    product_parallel(dx, &weight, &matrix(dy, layer.outputs, batch), keep);
+    let weight = matrix(parameters.weight(i), layer.outputs, layer.inputs);
+    product_parallel(dx, weight.t(), matrix(dy, layer.outputs, batch), keep);
 }
 
 fn relu_backward(activation: &[f32], gradient: &mut [f32]) {
@@ -307,33 +308,34 @@ impl CriticalPoints {
             *bias += g;
         }
         relu_backward(&self.hidden2, &mut self.gradient2);
-        let hidden_gradient = transposed(&self.gradient2, n, w2);
-        accumulate(parameters, 1, sum, &hidden_gradient, &self.hidden1);
+        let gradient2 = matrix(&self.gradient2, n, w2);
+        accumulate(parameters, 1, sum, gradient2, &self.hidden1);
         product(
             &mut self.gradient1,
-            &matrix(&self.gradient2, n, w2),
-            &matrix(parameters.weight(1), w2, w1),
+            gradient2,
+            matrix(parameters.weight(1), w2, w1),
             0.0,
         );
         relu_backward(&self.hidden1, &mut self.gradient1);
-        accumulate(parameters, 0, sum, &transposed(&self.gradient1, n, w1), x);
+        accumulate(parameters, 0, sum, matrix(&self.gradient1, n, w1), x);
     }
 }
 
-/// `sum += dyᵀ x` and its bias for layer `i`; `dy` comes transposed, `[outputs, points]`.
+/// `sum += dyᵀ x` and its bias for layer `i`; `dy [points, outputs]`, `x [points, inputs]`.
 fn accumulate(
     parameters: &Parameters,
     i: usize,
     sum: &mut [f32],
-    dy: &crate::matmul::View<'_>,
+    dy: ArrayView2<'_, f32>,
     x: &[f32],
 ) {
     let layer = &parameters.layers[i];
-    let x = matrix(x, dy.ncols(), layer.inputs);
-    product(&mut sum[layer.weight.clone()], dy, &x, 1.0);
-    for (b, row) in sum[layer.bias.clone()].iter_mut().zip(dy.row_iter()) {
-        *b += row.iter().sum::<f32>();
+    let x = matrix(x, dy.nrows(), layer.inputs);
+    product(&mut sum[layer.weight.clone()], dy.t(), x, 1.0);
+    let bias = &mut sum[layer.bias.clone()];
+    for row in dy.rows() {
+        for (b, g) in bias.iter_mut().zip(row) {
+            *b += g;
+        }
     }
 }
-
-const _: () = assert!(LOGITS == 33);

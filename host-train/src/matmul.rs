@@ -1,42 +1,42 @@
 //! Products of row-major matrices, split into a fixed number of blocks so that the result does not
-//! depend on the number of threads. The products themselves are nalgebra's (whose entry point, unlike
-//! the gemm crate's, is safe).
+//! depend on the number of threads. The products themselves are ndarray's: its entry point is safe,
+//! the gemm crate's is not.
 
-use nalgebra::{Dyn, MatrixView, MatrixViewMut};
+use ndarray::linalg::general_mat_mul;
+use ndarray::{ArrayView2, ArrayViewMut2, s};
 use rayon::prelude::*;
-
-/// A borrowed matrix with any strides.
-pub type View<'a> = MatrixView<'a, f32, Dyn, Dyn, Dyn, Dyn>;
 
 /// Blocks that a parallel product is split into.
 const BLOCKS: usize = 8;
 
-/// A row-major `[rows, cols]` matrix.
-pub fn matrix(data: &[f32], rows: usize, cols: usize) -> View<'_> {
-    View::from_slice_with_strides_generic(data, Dyn(rows), Dyn(cols), Dyn(cols), Dyn(1))
-}
-
-/// The transpose of a row-major `[rows, cols]` matrix, as a view `[cols, rows]`.
-pub fn transposed(data: &[f32], rows: usize, cols: usize) -> View<'_> {
-    View::from_slice_with_strides_generic(data, Dyn(cols), Dyn(rows), Dyn(1), Dyn(cols))
+/// A row-major `[rows, cols]` matrix; its transpose is `.t()`.
+pub fn matrix(data: &[f32], rows: usize, cols: usize) -> ArrayView2<'_, f32> {
+    ArrayView2::from_shape((rows, cols), data).expect("as many values as the matrix has")
 }
 
 /// `out = keep * out + a b`, `out` row-major `[a.rows, b.cols]`.
-pub fn product(out: &mut [f32], a: &View<'_>, b: &View<'_>, keep: f32) {
-    let (m, n) = (a.nrows(), b.ncols());
-    let mut out: MatrixViewMut<'_, f32, Dyn, Dyn, Dyn, Dyn> =
-        MatrixViewMut::from_slice_with_strides_generic(out, Dyn(m), Dyn(n), Dyn(n), Dyn(1));
-    out.gemm(1.0, a, b, keep);
+pub fn product(out: &mut [f32], a: ArrayView2<'_, f32>, b: ArrayView2<'_, f32>, keep: f32) {
+    let shape = (a.nrows(), b.ncols());
+    let mut out =
+        ArrayViewMut2::from_shape(shape, out).expect("as many values as the product has");
+    general_mat_mul(1.0, &a, &b, keep, &mut out);
 }
 
 /// As [`product`], with the rows of `out` split over threads.
-pub fn product_parallel(out: &mut [f32], a: &View<'_>, b: &View<'_>, keep: f32) {
-    let (m, n) = (a.nrows(), b.ncols());
-    let block = m.div_ceil(BLOCKS).max(1);
-    out.par_chunks_mut(block * n).enumerate().for_each(|(i, out)| {
-        let rows = out.len() / n;
-        product(out, &a.rows(i * block, rows), b, keep);
-    });
+pub fn product_parallel(
+    out: &mut [f32],
+    a: ArrayView2<'_, f32>,
+    b: ArrayView2<'_, f32>,
+    keep: f32,
+) {
+    let n = b.ncols();
+    let block = a.nrows().div_ceil(BLOCKS).max(1);
+    out.par_chunks_mut((block * n).max(1))
+        .enumerate()
+        .for_each(|(i, out)| {
+            let rows = i * block..i * block + out.len() / n;
+            product(out, a.slice(s![rows, ..]), b, keep);
+        });
 }
 
 #[cfg(test)]
@@ -48,7 +48,7 @@ mod tests {
         let a: Vec<f32> = (0..7 * 11).map(|i| (i % 13) as f32 - 6.0).collect();
         let b: Vec<f32> = (0..9 * 11).map(|i| (i % 17) as f32 - 8.0).collect();
         let mut out = vec![1.0; 7 * 9];
-        product_parallel(&mut out, &matrix(&a, 7, 11), &transposed(&b, 9, 11), 2.0);
+        product_parallel(&mut out, matrix(&a, 7, 11), matrix(&b, 9, 11).t(), 2.0);
         for i in 0..7 {
             for j in 0..9 {
                 let dot: f32 = (0..11).map(|k| a[i * 11 + k] * b[j * 11 + k]).sum();

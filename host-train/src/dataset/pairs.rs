@@ -20,7 +20,7 @@ const POSES: &str = "[M,3,4] f32";
 pub const NO_LABEL: i32 = -1;
 
 /// M pairs of clouds; every list has M entries.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct PairSet {
     /// Observed clouds, `[M][N]` points.
     pub source: Vec<Vec<Point>>,

@@ -14,7 +14,7 @@ pub enum DataSource {
     /// A directory in the modelnet40_ply_hdf5_2048 layout; its training split is used.
     Directory(PathBuf),
     /// The built-in parametric shapes, this many.
-    Procedural(u64),
+    Procedural(usize),
 }
 
 impl FromStr for DataSource {

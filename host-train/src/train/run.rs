@@ -113,7 +113,7 @@ fn run_here(config: &TrainConfig, resume: bool, stop: &AtomicBool) -> Result<(),
     eprintln!(
         "training on {} clouds, validating on {}, {total} updates of {observations} observations, kernels {}",
         training.len(),
-        validation.len(),
+        validation.source.len(),
         reagent_core::kernels::Isa::best().name()
     );
 

@@ -1,1 +1,215 @@
-//! Pairs drawn from models, as the protocols of the paper say.
+//! Registration pairs drawn from models, as the paper's evaluations draw them.
+//!
+//! | protocol | categories | source and target | noise |
+//! |---|---|---|---|
+//! | `m40-clean` | first half | the same first 1024 points | none |
+//! | `m40-models` | first half | 1024 points each, drawn independently | N(0, .01), clipped at .05 |
+//! | `m40-categories` | second half | as above | as above |
+//! | `scan` | all | 2048 points each, drawn independently | none |
+//!
+//! In each, the source is moved by a random rigid offset (angles U[0, 45) deg about each axis, translations
+//! U[-.5, .5)), and the points of both clouds are shuffled. No shape is deformed.
+
+use crate::augment::{jitter, random_rigid, resample, shuffle};
+use crate::dataset::modelnet::{FIRST_HALF, SECOND_HALF};
+use crate::dataset::pairs::{NO_LABEL, PairSet};
+use crate::dataset::{Model, Point};
+use crate::random::{Purpose, stream};
+use glam::Vec3;
+use rand::seq::index;
+use std::ops::Range;
+
+/// Points of each cloud under the ModelNet40 protocols.
+const POINTS: usize = 1024;
+/// Points of each cloud under the scan protocol.
+const SCAN_POINTS: usize = 2048;
+/// Index of the stream that chooses models; the streams before it belong to single pairs.
+const CHOICE: u64 = u64::MAX;
+
+/// How pairs are drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Protocol {
+    /// Held-out models, noise-free one-to-one correspondences (the pre-training protocol)
+    M40Clean,
+    /// Held-out models of the training categories, independent sampling and noise (the paper's Table 1, left)
+    M40Models,
+    /// Held-out categories, independent sampling and noise (the paper's Table 1, right)
+    M40Categories,
+    /// Real scans (ScanObjectNN): 2048 points, rigid offset only
+    Scan,
+}
+
+impl Protocol {
+    /// Labels of the categories that the protocol takes; `None` for all.
+    pub fn labels(self) -> Option<Range<u32>> {
+        match self {
+            Protocol::M40Clean | Protocol::M40Models => Some(FIRST_HALF),
+            Protocol::M40Categories => Some(SECOND_HALF),
+            Protocol::Scan => None,
+        }
+    }
+}
+
+/// Draws `count` pairs. Up to as many as there are models, each model is used at most once, in the data
+/// set's order; beyond that they are used in turn. Pair `i` depends on the seed and `i` only, given its
+/// model. No models, no pairs.
+pub fn draw(models: &[Model], protocol: Protocol, count: usize, seed: u64) -> PairSet {
+    let n = models.len();
+    let mut chosen: Vec<usize> = if n == 0 {
+        Vec::new()
+    } else if count < n {
+        index::sample(&mut stream(seed, Purpose::Pairs, CHOICE), n, count).into_vec()
+    } else {
+        (0..count).map(|i| i % n).collect()
+    };
+    if count < n {
+        chosen.sort_unstable();
+    }
+
+    let mut set = PairSet::default();
+    let mut raw = Vec::new();
+    for (i, model) in chosen.into_iter().map(|k| &models[k]).enumerate() {
+        let pair = draw_pair(&model.points, protocol, seed, i as u64);
+        set.source.push(pair.source);
+        set.target.push(pair.target);
+        set.target_from_source.push(pair.target_from_source);
+        set.label
+            .push(i32::try_from(model.label).unwrap_or(NO_LABEL));
+        raw.push(pair.raw);
+    }
+    PairSet {
+        raw: Some(raw),
+        ..set
+    }
+}
+
+struct Pair {
+    source: Vec<Point>,
+    target: Vec<Point>,
+    raw: Vec<Point>,
+    target_from_source: reagent_core::Pose,
+}
+
+fn draw_pair(points: &[Point], protocol: Protocol, seed: u64, index: u64) -> Pair {
+    let rng = &mut stream(seed, Purpose::Pairs, index);
+    let source_from_target = random_rigid(rng);
+    let (raw, mut source, mut target) = match protocol {
+        Protocol::M40Clean => {
+            let first = points[..points.len().min(POINTS)].to_vec();
+            (first.clone(), first.clone(), first)
+        }
+        Protocol::M40Models | Protocol::M40Categories => {
+            let (source, target) = (resample(rng, points, POINTS), resample(rng, points, POINTS));
+            (points.to_vec(), source, target)
+        }
+        Protocol::Scan => {
+            let source = resample(rng, points, SCAN_POINTS);
+            let target = resample(rng, points, SCAN_POINTS);
+            (points.to_vec(), source, target)
+        }
+    };
+    for point in &mut source {
+        *point = source_from_target.apply(Vec3::from(*point)).to_array();
+    }
+    if matches!(protocol, Protocol::M40Models | Protocol::M40Categories) {
+        jitter(rng, &mut source);
+        jitter(rng, &mut target);
+    }
+    shuffle(rng, &mut source);
+    shuffle(rng, &mut target);
+    Pair {
+        source,
+        target,
+        raw,
+        target_from_source: source_from_target.inverse(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::metrics::GroundTruth;
+    use rand::RngExt;
+
+    fn models(n: u64, points: usize) -> Vec<Model> {
+        let cloud = |k| {
+            let mut rng = stream(9, Purpose::Shape, k);
+            (0..points)
+                .map(|_| std::array::from_fn(|_| rng.random_range(-1.0..1.0)))
+                .collect()
+        };
+        (0..n)
+            .map(|k| Model {
+                points: cloud(k),
+                label: k as u32,
+            })
+            .collect()
+    }
+
+    /// Errors of the true pose: (modified Chamfer distance, number of points).
+    fn residual(set: &PairSet, i: usize) -> (f64, usize) {
+        let raw = set.raw.as_ref().map(|raw| raw[i].as_slice());
+        let truth = set.target_from_source[i];
+        let pair = GroundTruth::new(&set.source[i], &set.target[i], raw, truth).expect("valid");
+        (pair.measure(truth).chamfer_mod, set.source[i].len())
+    }
+
+    #[test]
+    fn the_true_pose_maps_the_source_onto_the_clean_cloud() {
+        let models = models(2, 2048);
+        for (protocol, points, largest) in [
+            (Protocol::M40Clean, 1024, 1e-9),
+            (Protocol::M40Models, 1024, 1e-3),
+            (Protocol::Scan, 2048, 1e-9),
+        ] {
+            let set = draw(&models, protocol, 2, 5);
+            let (chamfer, n) = residual(&set, 1);
+            assert_eq!(n, points, "{protocol:?}");
+            assert!(chamfer < largest, "{protocol:?}: {chamfer}");
+        }
+    }
+
+    #[test]
+    fn a_pair_depends_on_seed_and_index_only() {
+        let models = models(3, 64);
+        let (few, many) = (
+            draw(&models, Protocol::Scan, 3, 1),
+            draw(&models, Protocol::Scan, 5, 1),
+        );
+        assert_eq!(few.source[2], many.source[2]);
+        assert_ne!(
+            many.source[0], many.source[3],
+            "the same model, another draw"
+        );
+        assert_ne!(few.source[0], draw(&models, Protocol::Scan, 3, 2).source[0]);
+    }
+
+    #[test]
+    fn fewer_pairs_than_models_use_each_at_most_once() {
+        let set = draw(&models(20, 8), Protocol::M40Clean, 7, 3);
+        assert_eq!(set.label.len(), 7);
+        assert!(set.label.is_sorted_by(|a, b| a < b), "{:?}", set.label);
+        assert!(draw(&[], Protocol::M40Clean, 4, 3).source.is_empty());
+    }
+
+    #[test]
+    fn offsets_have_the_papers_distribution() {
+        let set = draw(&models(1, 8), Protocol::Scan, 2000, 11);
+        let source_from_target = |i: usize| set.target_from_source[i].inverse();
+        let mean = |f: &dyn Fn(usize) -> f32| (0..2000).map(f).sum::<f32>() / 2000.0;
+        let angle = |i: usize| {
+            let r = source_from_target(i).rotation;
+            let trace = r.x_axis.x + r.y_axis.y + r.z_axis.z;
+            ((trace - 1.0) / 2.0).acos().to_degrees()
+        };
+        // Measured on the authors' code over 4000 draws: 44.7 degrees, .484.
+        let (r, t) = (
+            mean(&angle),
+            mean(&|i| source_from_target(i).translation.length()),
+        );
+        assert!(
+            (r - 44.7).abs() < 1.0 && (t - 0.484).abs() < 0.01,
+            "{r} {t}"
+        );
+    }
+}

@@ -43,7 +43,7 @@ impl fmt::Display for DataSource {
 }
 
 /// Which part of the method runs.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum Stage {
     /// Imitation on clean clouds, learning rate from 1e-3.
@@ -53,7 +53,7 @@ pub enum Stage {
 }
 
 /// Which categories of a directory are trained on, by label.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum Categories {
     /// Labels 0 to 19: the paper's protocol; the others stay held out.

@@ -1,0 +1,161 @@
+//! `host-train eval`
+
+use super::output::write_json;
+use super::progress::Progress;
+use super::source::DataSource;
+use super::{bad_usage, source, table};
+use crate::dataset::pairs::{PairSet, save_poses};
+use crate::eval::{Contestant, Document, EvalSettings, Method, evaluate};
+use crate::export::WeightFile;
+use crate::protocol::Protocol;
+use anyhow::Context;
+use clap::{ArgGroup, Args, ValueEnum};
+use reagent_core::dims::STEPS;
+use std::path::{Path, PathBuf};
+
+/// Register pairs by policies and baselines and print the paper's metrics
+///
+/// Errors: MAE and ISO of rotation (degrees) and translation (units of the clouds), area under the ADI recall
+/// curve up to a tenth of the diameter (percent), modified Chamfer distance, recall at 5 degrees and .05
+/// units. Clouds are used as they are, without normalisation.
+#[derive(Debug, Args)]
+#[command(group(ArgGroup::new("on").args(["pairs", "data"]).required(true)))]
+pub(super) struct EvalArgs {
+    /// Policies to evaluate, each reported under its file stem
+    #[arg(long, value_name = "FILE.rgw", num_args = 1.., required_unless_present = "methods")]
+    weights: Vec<PathBuf>,
+    /// Pairs drawn beforehand (source, target, transform_gt; raw and label if there)
+    #[arg(long, value_name = "FILE.h5")]
+    pairs: Option<PathBuf>,
+    /// Draw pairs from the test split of a data set, or from the built-in shapes
+    #[arg(long, value_name = "DIR|procedural", requires = "protocol")]
+    data: Option<DataSource>,
+    /// How to draw them
+    #[arg(long, value_enum, value_name = "NAME", conflicts_with = "pairs")]
+    protocol: Option<Protocol>,
+    /// How many to draw [default: one a model; 100 of the built-in shapes]
+    #[arg(long, value_name = "M", conflicts_with = "pairs", value_parser = source::positive())]
+    count: Option<usize>,
+    /// What to run, separated by commas; "policy" stands for every file of --weights [default: policy]
+    #[arg(long, value_enum, value_name = "LIST", value_delimiter = ',')]
+    methods: Vec<MethodName>,
+    /// Refinement steps of a policy
+    #[arg(long, value_name = "N", default_value_t = STEPS, value_parser = source::positive())]
+    steps: usize,
+    /// Also report policies after every step, with cumulative times
+    #[arg(long)]
+    per_step: bool,
+    /// Threads over pairs; times are undisturbed only with 1
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = source::positive())]
+    threads: usize,
+    /// Write errors and times (milliseconds) as JSON
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+    /// Write the final poses, one dataset [M,3,4] a method
+    #[arg(long, value_name = "FILE.h5")]
+    poses: Option<PathBuf>,
+}
+
+/// What `--methods` accepts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum MethodName {
+    /// Every policy of --weights
+    Policy,
+    /// Point-to-point ICP, correspondence distance 0.5
+    Icp,
+    /// The initial error
+    Init,
+}
+
+impl EvalArgs {
+    pub(super) fn run(self, seed: u64) -> anyhow::Result<()> {
+        let methods = if self.methods.is_empty() {
+            vec![MethodName::Policy]
+        } else {
+            self.methods
+        };
+        let policies = methods.contains(&MethodName::Policy);
+        if policies && self.weights.is_empty() {
+            bad_usage("eval", "method \"policy\" needs --weights FILE.rgw");
+        }
+        if !policies && !self.weights.is_empty() {
+            bad_usage(
+                "eval",
+                "--weights is given, but \"policy\" is not among --methods",
+            );
+        }
+        let weights = self
+            .weights
+            .iter()
+            .map(|path| WeightFile::load(path).map(|file| (stem(path), file)))
+            .collect::<Result<Vec<_>, _>>()?;
+
+        let mut contestants = Vec::new();
+        for method in methods {
+            match method {
+                MethodName::Policy => {
+                    contestants.extend(weights.iter().map(|(name, file)| Contestant {
+                        name: name.clone(),
+                        method: Method::Policy(file.policy()),
+                    }))
+                }
+                MethodName::Icp => {
+                    contestants.push(Contestant {
+                        name: "icp".into(),
+                        method: Method::Icp,
+                    });
+                }
+                MethodName::Init => {
+                    contestants.push(Contestant {
+                        name: "init".into(),
+                        method: Method::Init,
+                    });
+                }
+            }
+        }
+
+        let (set, origin) = match (&self.pairs, &self.data, self.protocol) {
+            (Some(path), _, _) => (PairSet::load(path)?, path.display().to_string()),
+            (None, Some(data), Some(protocol)) => (
+                source::draw(data, protocol, self.count, seed)?,
+                data.to_string(),
+            ),
+            _ => bad_usage("eval", "give --pairs FILE.h5, or --data and --protocol"),
+        };
+        let settings = EvalSettings {
+            steps: self.steps,
+            threads: self.threads,
+            per_step: self.per_step,
+        };
+        let pairs = set.source.len();
+        let progress = Progress::new(pairs * contestants.len(), "registrations");
+        let outcomes = evaluate(&set, &contestants, &settings, &|| progress.tick());
+        progress.finish();
+        let outcomes = outcomes.with_context(|| origin.clone())?;
+
+        println!("{pairs} pairs of {origin}\n");
+        print!("{}", table::methods(&outcomes));
+        for outcome in outcomes.iter().filter(|o| !o.per_step.is_empty()) {
+            print!("\n{}", table::steps(&outcome.name, &outcome.per_step));
+        }
+        if let Some(path) = &self.json {
+            write_json(path, &Document::new(pairs, &outcomes))?;
+        }
+        if let Some(path) = &self.poses {
+            let poses: Vec<_> = outcomes
+                .into_iter()
+                .map(|o| (o.name, o.target_from_source))
+                .collect();
+            save_poses(path, &poses)?;
+        }
+        Ok(())
+    }
+}
+
+/// Name under which a weight file is reported.
+fn stem(path: &Path) -> String {
+    path.file_stem()
+        .unwrap_or(path.as_os_str())
+        .to_string_lossy()
+        .into_owned()
+}

@@ -1,0 +1,32 @@
+//! `host-train keygen`
+
+use crate::publish::keygen;
+use clap::Args;
+use std::fmt::Write;
+use std::path::PathBuf;
+
+/// Make a signing key for publish, from the system's random source
+///
+/// The file is readable by its owner only and never overwritten. Printed is the public half, which robots
+/// are given to trust.
+#[derive(Debug, Args)]
+pub(super) struct KeygenArgs {
+    /// File to write
+    #[arg(long, value_name = "SIGNING_KEY")]
+    out: PathBuf,
+}
+
+impl KeygenArgs {
+    pub(super) fn run(self) -> anyhow::Result<()> {
+        let public = keygen(&self.out)?;
+        let hex = public
+            .to_bytes()
+            .iter()
+            .fold(String::new(), |mut text, byte| {
+                write!(text, "{byte:02x}").expect("writing to a string cannot fail");
+                text
+            });
+        println!("{hex}");
+        Ok(())
+    }
+}

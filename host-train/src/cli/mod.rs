@@ -1,0 +1,119 @@
+//! The command line: one file a command, each a set of arguments and what is called with them.
+//!
+//! Exit status: 0 on success, 2 on bad usage (clap's), 1 on failure, with one line on stderr that says
+//! what was wrong, where, and what to do.
+
+mod eval;
+mod export;
+mod import;
+mod keygen;
+mod output;
+mod pairs;
+mod progress;
+mod register;
+mod source;
+mod table;
+mod train;
+
+use crate::publish::{self, PublishArgs};
+use anyhow::Context;
+use clap::{Parser, Subcommand};
+
+/// Train, evaluate, export and publish ReAgent point cloud registration policies.
+///
+/// Clouds are in any unit of length unless a command says otherwise; angles on the command line and in
+/// tables are degrees. Poses are 3x4 matrices [R | t] that map the source onto the target.
+#[derive(Debug, Parser)]
+#[command(version, propagate_version = true)]
+pub struct Cli {
+    /// Seed of every random draw; the same seed gives the same result on any number of threads
+    #[arg(long, global = true, default_value_t = 42, value_name = "S")]
+    seed: u64,
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    Train(train::TrainArgs),
+    Eval(eval::EvalArgs),
+    Register(register::RegisterArgs),
+    Pairs(pairs::PairsArgs),
+    Export(export::ExportArgs),
+    Import(import::ImportArgs),
+    Keygen(keygen::KeygenArgs),
+    Publish(PublishArgs),
+}
+
+impl Cli {
+    /// Runs the command.
+    ///
+    /// # Errors
+    /// Whatever went wrong, as a chain from the general to the particular.
+    pub fn run(self) -> anyhow::Result<()> {
+        let seed = self.seed;
+        match self.command {
+            Command::Train(args) => args.run(seed),
+            Command::Eval(args) => args.run(seed),
+            Command::Register(args) => args.run(seed),
+            Command::Pairs(args) => args.run(seed),
+            Command::Export(args) => args.run(),
+            Command::Import(args) => args.run(),
+            Command::Keygen(args) => args.run(),
+            Command::Publish(args) => {
+                let runtime =
+                    tokio::runtime::Runtime::new().context("cannot start the network threads")?;
+                Ok(runtime.block_on(publish::run(args))?)
+            }
+        }
+    }
+}
+
+/// The chain of causes on one line.
+pub fn one_line(error: &anyhow::Error) -> String {
+    let mut parts: Vec<String> = Vec::new();
+    for cause in error.chain() {
+        let text = cause
+            .to_string()
+            .split_whitespace()
+            .collect::<Vec<_>>()
+            .join(" ");
+        // Some libraries repeat their cause in their own text.
+        if !parts.last().is_some_and(|last| last.ends_with(&text)) {
+            parts.push(text);
+        }
+    }
+    parts.join(": ")
+}
+
+/// Ends the process as clap does on bad usage: message, usage, status 2.
+fn bad_usage(command: &str, message: &str) -> ! {
+    use clap::CommandFactory;
+    let mut cli = Cli::command();
+    cli.build();
+    let command = cli
+        .find_subcommand_mut(command)
+        .expect("a command of this program");
+    command
+        .error(clap::error::ErrorKind::ArgumentConflict, message)
+        .exit()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        use clap::CommandFactory;
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn errors_become_one_line_without_repetition() {
+        let error = anyhow::anyhow!("no such\n  file")
+            .context("read a.ply: no such file")
+            .context("register");
+        assert_eq!(one_line(&error), "register: read a.ply: no such file");
+    }
+}

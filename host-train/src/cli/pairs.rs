@@ -1,0 +1,41 @@
+//! `host-train pairs`
+
+use super::source::{self, DataSource};
+use crate::protocol::Protocol;
+use clap::Args;
+use std::path::PathBuf;
+
+/// Draw registration pairs once and write them to a file
+///
+/// The file holds source and target [M,N,3], transform_gt [M,3,4] (maps source to target), raw [M,K,3]
+/// (the noise-free target) and label [M], all in normalised units.
+#[derive(Debug, Args)]
+pub(super) struct PairsArgs {
+    /// Data set whose test split is used (modelnet40_ply_hdf5_2048 or ScanObjectNN layout), or the built-in
+    /// shapes
+    #[arg(long, value_name = "DIR|procedural")]
+    data: DataSource,
+    /// How to draw
+    #[arg(long, value_enum, value_name = "NAME")]
+    protocol: Protocol,
+    /// How many pairs [default: one a model; 100 of the built-in shapes]
+    #[arg(long, value_name = "M", value_parser = source::positive())]
+    count: Option<usize>,
+    /// File to write
+    #[arg(long, value_name = "FILE.h5")]
+    out: PathBuf,
+}
+
+impl PairsArgs {
+    pub(super) fn run(self, seed: u64) -> anyhow::Result<()> {
+        let set = source::draw(&self.data, self.protocol, self.count, seed)?;
+        set.save(&self.out)?;
+        println!(
+            "{} pairs of {} in {}",
+            set.source.len(),
+            self.data,
+            self.out.display()
+        );
+        Ok(())
+    }
+}

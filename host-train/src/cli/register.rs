@@ -1,0 +1,214 @@
+//! `host-train register`
+
+use super::output::{write_json, write_text};
+use super::source;
+use crate::dataset::Point;
+use crate::dataset::cloud_file::{read_cloud, write_ply};
+use crate::export::WeightFile;
+use crate::register::{Registered, SUBSAMPLE, register, within_capacity};
+use anyhow::{Context, bail};
+use clap::Args;
+use glam::Vec3;
+use reagent_core::dims::{MAX_POINTS, STEPS};
+use reagent_core::{Pose, Verdict};
+use serde_json::json;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+use std::time::Instant;
+
+/// Register a source cloud to a target cloud and print the pose
+///
+/// Both clouds must be in the same unit of length; the pose and the trace are in it too. The policy sees the
+/// clouds normalised: the target's mean at the origin, its farthest point at 1. Files: .ply .pcd .xyz .off
+/// .obj .stl (vertices of a mesh with faces are replaced by points on its surface).
+#[derive(Debug, Args)]
+pub(super) struct RegisterArgs {
+    /// Policy
+    #[arg(long, value_name = "FILE.rgw")]
+    weights: PathBuf,
+    /// Cloud to move
+    source: PathBuf,
+    /// Cloud that stays
+    target: PathBuf,
+    /// Where to start: 12 numbers separated by commas (rows of [R | t]), or a file with them (.json, .txt)
+    /// [default: identity]
+    #[arg(long, value_name = "POSE", allow_hyphen_values = true)]
+    init: Option<Initial>,
+    /// Refinement steps at most
+    #[arg(long, value_name = "N", default_value_t = STEPS, value_parser = source::positive())]
+    steps: usize,
+    /// Write the source, moved onto the target
+    #[arg(long, value_name = "ALIGNED.ply")]
+    out: Option<PathBuf>,
+    /// Write one JSON line a step: action ids, signed steps, pose
+    #[arg(long, value_name = "FILE")]
+    trace: Option<PathBuf>,
+    /// Write pose, verdict, steps and time (milliseconds) as JSON
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+}
+
+/// A pose on the command line, or the file that holds it.
+#[derive(Clone, Debug, PartialEq)]
+enum Initial {
+    Pose(Pose),
+    File(PathBuf),
+}
+
+impl FromStr for Initial {
+    type Err = anyhow::Error;
+
+    fn from_str(text: &str) -> anyhow::Result<Initial> {
+        if text.contains(',') {
+            Ok(Initial::Pose(parse_pose(text)?))
+        } else {
+            Ok(Initial::File(text.into()))
+        }
+    }
+}
+
+impl Initial {
+    fn load(self) -> anyhow::Result<Pose> {
+        match self {
+            Initial::Pose(pose) => Ok(pose),
+            Initial::File(path) => {
+                let read = || parse_pose(&std::fs::read_to_string(&path)?);
+                read().with_context(|| format!("initial pose {}", path.display()))
+            }
+        }
+    }
+}
+
+/// Twelve numbers, the rows of `[R | t]`, or sixteen with the row 0 0 0 1; brackets, commas and white
+/// space separate them, as JSON arrays and text files do.
+fn parse_pose(text: &str) -> anyhow::Result<Pose> {
+    let numbers = text
+        .split(|c: char| c.is_whitespace() || matches!(c, ',' | '[' | ']'))
+        .filter(|word| !word.is_empty())
+        .map(|word| {
+            word.parse::<f32>()
+                .with_context(|| format!("\"{word}\" is not a number"))
+        })
+        .collect::<anyhow::Result<Vec<f32>>>()?;
+    let (rows, rest) = numbers.as_chunks::<4>();
+    let pose = match (rows, rest) {
+        ([a, b, c], []) | ([a, b, c, [0.0, 0.0, 0.0, 1.0]], []) => Pose::from_rows([*a, *b, *c]),
+        _ => bail!(
+            "a pose is 12 numbers, the rows of [R | t]; there are {}",
+            numbers.len()
+        ),
+    };
+    Ok(pose.checked()?)
+}
+
+impl RegisterArgs {
+    pub(super) fn run(self, seed: u64) -> anyhow::Result<()> {
+        let weights = WeightFile::load(&self.weights)?;
+        let initial = self.init.map_or(Ok(Pose::IDENTITY), Initial::load)?;
+        let source_all = read(&self.source, seed)?;
+        let target = fit(&self.target, read(&self.target, seed)?, seed, 1);
+        let source = fit(&self.source, source_all.clone(), seed, 0);
+
+        let start = Instant::now();
+        let found = register(weights.policy(), &source, &target, initial, self.steps)
+            .with_context(|| {
+                format!(
+                    "cannot register {} to {}",
+                    self.source.display(),
+                    self.target.display()
+                )
+            })?;
+        let ms = start.elapsed().as_secs_f64() * 1e3;
+        let pose = found.target_from_source;
+
+        print!("{}", report(&found, ms));
+        if let Some(path) = &self.out {
+            let aligned: Vec<Point> = source_all
+                .iter()
+                .map(|&p| pose.apply(Vec3::from(p)).to_array())
+                .collect();
+            write_ply(path, &aligned)?;
+        }
+        if let Some(path) = &self.trace {
+            let lines = found
+                .trace
+                .iter()
+                .map(serde_json::to_string)
+                .collect::<Result<Vec<_>, _>>()?;
+            write_text(path, &(lines.join("\n") + "\n"))?;
+        }
+        if let Some(path) = &self.json {
+            let document = json!({
+                "target_from_source": pose.to_rows(),
+                "verdict": verdict(found.verdict),
+                "steps": found.trace.len(),
+                "ms": ms,
+                "source_points": source.len(),
+                "target_points": target.len(),
+            });
+            write_json(path, &document)?;
+        }
+        Ok(())
+    }
+}
+
+fn read(path: &Path, seed: u64) -> anyhow::Result<Vec<Point>> {
+    Ok(read_cloud(path, seed)?)
+}
+
+/// The cloud within the core's capacity; says so where points are left out.
+fn fit(path: &Path, points: Vec<Point>, seed: u64, index: u64) -> Vec<Point> {
+    if points.len() > MAX_POINTS {
+        eprintln!(
+            "{}: {} points exceed the capacity of {MAX_POINTS}; {SUBSAMPLE} of them are used (--seed {seed})",
+            path.display(),
+            points.len(),
+        );
+    }
+    within_capacity(points, seed, index)
+}
+
+fn verdict(verdict: Verdict) -> &'static str {
+    match verdict {
+        Verdict::Converged => "converged",
+        Verdict::StepLimit => "step limit",
+    }
+}
+
+fn report(found: &Registered, ms: f64) -> String {
+    let mut text = String::from("target_from_source, rows of [R | t] in the clouds' units:\n");
+    for row in found.target_from_source.to_rows() {
+        text += &row.map(|x| format!("{x:12.6}")).join(" ");
+        text += "\n";
+    }
+    text + &format!(
+        "{} after {} steps, {ms:.1} ms\n",
+        verdict(found.verdict),
+        found.trace.len()
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn poses_are_read_from_numbers_and_json() {
+        let turned = "0,-1,0,.5, 1,0,0,-2, 0,0,1,3";
+        let pose = parse_pose(turned).expect("twelve numbers");
+        assert_eq!(pose.translation, Vec3::new(0.5, -2.0, 3.0));
+        let json = "[[0,-1,0,0.5],[1,0,0,-2],[0,0,1,3]]\n";
+        assert_eq!(parse_pose(json).expect("twelve numbers"), pose);
+        let text = "0 -1 0 .5\n1 0 0 -2\n0 0 1 3\n0 0 0 1\n";
+        assert_eq!(parse_pose(text).expect("sixteen numbers"), pose);
+    }
+
+    #[test]
+    fn what_is_no_pose_is_refused_with_the_reason() {
+        let reason = |text: &str| format!("{:#}", parse_pose(text).expect_err("not a pose"));
+        assert!(reason("1,2,3").contains("there are 3"));
+        assert!(reason("1,0,0,0,0,one,0,0,0,0,1,0").contains("\"one\" is not a number"));
+        assert!(reason("2,0,0,0,0,1,0,0,0,0,1,0").contains("rotation"));
+        assert!(reason("1,0,0,nan,0,1,0,0,0,0,1,0").contains("pose"));
+    }
+}

@@ -72,8 +72,7 @@ impl DemoArgs {
         let started = Instant::now();
         let first = match &self.weights {
             Some(path) => WeightFile::load(path)?,
-            None => WeightFile::from_bytes(reagent_core::weights::PRETRAINED)
-                .context("the bundled policy")?,
+            None => bail!("this build has no bundled policy: give --weights FILE.rgw"),
         };
         let scene = Scene::of(&self)?;
         println!("{}", scene.description);
@@ -158,9 +157,8 @@ async fn ship(
     );
     for (robot, node) in ROBOTS.iter().zip(robots) {
         let mut view = node.watch();
-        let taken = view.wait_for(|view| {
-            view.policy.as_ref() == Some(&manifest) || view.updates_refused > 0
-        });
+        let taken = view
+            .wait_for(|view| view.policy.as_ref() == Some(&manifest) || view.updates_refused > 0);
         let view = tokio::time::timeout(UPDATE_TIMEOUT, taken).await;
         let view = view.with_context(|| format!("robot {robot} did not take the policy"))??;
         if let Some(error) = &view.last_refusal {
@@ -175,11 +173,7 @@ async fn ship(
 }
 
 /// Has every robot refine its share of the pairs, one after the other.
-async fn refine_all(
-    operator: &Session,
-    scene: &Scene,
-    version: u64,
-) -> anyhow::Result<Vec<Round>> {
+async fn refine_all(operator: &Session, scene: &Scene, version: u64) -> anyhow::Result<Vec<Round>> {
     let mut rounds = Vec::new();
     let share = scene.pairs.source.len() / ROBOTS.len();
     for (number, robot) in ROBOTS.iter().enumerate() {
@@ -225,7 +219,7 @@ fn table(before: &[Round], after: &[Round]) -> serde_json::Value {
         for (policy, pairs) in rows {
             let row = Row::new(&format!("{robot:5} {policy}"), &pairs);
             println!("{row}");
-            errors.insert(policy.into(), json!(row.summary()));
+            errors.insert(policy.into(), json!(row.summary));
         }
         document.insert(robot.into(), errors.into());
     };

@@ -223,7 +223,8 @@ pub fn errors(
 pub struct Row {
     name: String,
     pairs: usize,
-    summary: Summary,
+    /// Over all of them.
+    pub summary: Summary,
 }
 
 impl Row {

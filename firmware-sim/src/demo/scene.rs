@@ -55,7 +55,10 @@ impl Scene {
         let found = scene.pairs.source.len().min(wanted);
         let shared = found - found % ROBOTS.len();
         if shared == 0 {
-            bail!("{} robots need at least as many pairs; there are {found}", ROBOTS.len());
+            bail!(
+                "{} robots need at least as many pairs; there are {found}",
+                ROBOTS.len()
+            );
         }
         scene.pairs.source.truncate(shared);
         Ok(scene)
@@ -64,7 +67,10 @@ impl Scene {
 
 /// `count` models, evenly spread over the data set.
 fn spread(models: &[Model], count: usize) -> impl Iterator<Item = &Model> {
-    models.iter().step_by((models.len() / count).max(1)).take(count)
+    models
+        .iter()
+        .step_by((models.len() / count).max(1))
+        .take(count)
 }
 
 /// One pair of a model each, by the paper's noisy protocol.

@@ -123,11 +123,11 @@ impl DemoArgs {
             self.seconds, scene.training_description
         );
         let (budget, seed) = (Duration::from_secs(self.seconds), self.seed);
-        let shapes = scene.training.clone();
+        let sample = scene.training.clone();
         let training = tokio::task::spawn_blocking(move || {
             let started = Instant::now();
             let mut reported = 0;
-            fine_tune(&first, &shapes, budget, seed, |updates, loss| {
+            fine_tune(&first, |rng, i| sample(rng, i), budget, seed, |updates, loss| {
                 let tens = started.elapsed().as_secs() / 10;
                 if tens > reported {
                     reported = tens;

@@ -127,13 +127,19 @@ impl DemoArgs {
         let training = tokio::task::spawn_blocking(move || {
             let started = Instant::now();
             let mut reported = 0;
-            fine_tune(&first, |rng, i| sample(rng, i), budget, seed, |updates, loss| {
-                let tens = started.elapsed().as_secs() / 10;
-                if tens > reported {
-                    reported = tens;
-                    println!("  {:3} s: {updates} updates, loss {loss:.3}", 10 * tens);
-                }
-            })
+            fine_tune(
+                &first,
+                |rng, i| sample(rng, i),
+                budget,
+                seed,
+                |updates, loss| {
+                    let tens = started.elapsed().as_secs() / 10;
+                    if tens > reported {
+                        reported = tens;
+                        println!("  {:3} s: {updates} updates, loss {loss:.3}", 10 * tens);
+                    }
+                },
+            )
         });
         Ok(training.await.context("the training thread ended")??)
     }

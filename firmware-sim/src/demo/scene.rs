@@ -73,9 +73,7 @@ impl Scene {
                     (seen_by_camera(rng, &shape), shape.model)
                 }),
                 training_description: "other built-in shapes, seen by the same camera".into(),
-                training: Arc::new(move |rng, i| {
-                    seen_by_camera(rng, &procedural::shape(seed, i))
-                }),
+                training: Arc::new(move |rng, i| seen_by_camera(rng, &procedural::shape(seed, i))),
             }
         };
         let found = scene.pairs.source.len().min(wanted);

@@ -3,6 +3,7 @@
 mod archive;
 mod pickle;
 
+use crate::nn::{Parameters, Shape};
 use archive::Archive;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -86,6 +87,32 @@ pub const NAMES: [(&str, &str); 11] = [
     ("actor_critic.emb_v.0", "value.fc1"),
     ("actor_critic.value", "value.fc2"),
 ];
+
+/// The network in a checkpoint of the authors' code, value head included.
+pub fn pytorch(path: &Path) -> Result<Parameters, ImportError> {
+    let tensors = read_pytorch(path)?;
+    let mut parameters = Parameters::zeros(Shape::PAPER);
+    for i in 0..parameters.layers.len() {
+        let layer = parameters.layers[i].clone();
+        let (weight, bias) = parameters.layer_mut(i);
+        for (part, values, shape) in [
+            ("weight", weight, vec![layer.outputs, layer.inputs]),
+            ("bias", bias, vec![layer.outputs]),
+        ] {
+            let name = format!("{}.{part}", layer.name);
+            let tensor = &tensors[&name];
+            if tensor.shape != shape {
+                return Err(ImportError::BadTensor {
+                    path: path.into(),
+                    name,
+                    reason: format!("shape {:?}, expected {shape:?}", tensor.shape),
+                });
+            }
+            values.copy_from_slice(&tensor.data);
+        }
+    }
+    Ok(parameters)
+}
 
 /// Reads a checkpoint of the authors' code: all 22 parameters by our names (`embed.conv1.weight` …),
 /// weights as `[out, in]`, biases as `[out]`, all finite. Sizes are not compared with a network's.

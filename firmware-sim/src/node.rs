@@ -205,7 +205,11 @@ impl Updates {
             view,
             config,
         };
-        match updates.store.as_ref().map(|s| s.load(&updates.config.trusted)) {
+        match updates
+            .store
+            .as_ref()
+            .map(|s| s.load(&updates.config.trusted))
+        {
             Some(Ok(Some(kept))) => updates.swap(kept),
             Some(Err(error)) => updates.refused(error),
             Some(Ok(None)) | None => {}

@@ -75,10 +75,7 @@ pub enum UpdateError {
 ///
 /// # Errors
 /// `Frame`, `NotAManifest`, `Signature`, `Untrusted`, `Length`.
-pub fn verified_manifest(
-    frame: &[u8],
-    trusted: &[VerifyingKey],
-) -> Result<Manifest, UpdateError> {
+pub fn verified_manifest(frame: &[u8], trusted: &[VerifyingKey]) -> Result<Manifest, UpdateError> {
     let Message::SignedManifest(signed) = wire::decode(frame).map_err(UpdateError::Frame)? else {
         return Err(UpdateError::NotAManifest);
     };

@@ -246,7 +246,10 @@ pub async fn run(args: PublishArgs) -> Result<(), PublishError> {
         Hex(&manifest.sha256),
         args.fleet,
     );
-    println!("robots that trust only this key: --trust {}", Hex(&public_key));
+    println!(
+        "robots that trust only this key: --trust {}",
+        Hex(&public_key)
+    );
     tokio::signal::ctrl_c().await.map_err(zenoh::Error::from)?;
     Ok(())
 }

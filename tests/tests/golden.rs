@@ -22,7 +22,11 @@ fn poses(golden: &Golden, name: &str) -> Vec<Pose> {
     let (_, values) = golden.f32(name);
     values
         .chunks_exact(16)
-        .map(|m| Pose::from_rows(std::array::from_fn(|r| std::array::from_fn(|c| m[4 * r + c]))))
+        .map(|m| {
+            Pose::from_rows(std::array::from_fn(|r| {
+                std::array::from_fn(|c| m[4 * r + c])
+            }))
+        })
         .collect()
 }
 
@@ -35,7 +39,12 @@ fn matrices(golden: &Golden, name: &str) -> Vec<Mat3> {
 }
 
 fn vectors(golden: &Golden, name: &str) -> Vec<Vec3> {
-    golden.f32(name).1.chunks_exact(3).map(Vec3::from_slice).collect()
+    golden
+        .f32(name)
+        .1
+        .chunks_exact(3)
+        .map(Vec3::from_slice)
+        .collect()
 }
 
 /// Actions of an array `[.., 2, 3]`.
@@ -50,12 +59,16 @@ fn actions(golden: &Golden, name: &str) -> Vec<Action> {
 }
 
 fn close(a: &Pose, b: &Pose, tolerance: f32) -> bool {
-    a.rotation.abs_diff_eq(b.rotation, tolerance) && a.translation.abs_diff_eq(b.translation, tolerance)
+    a.rotation.abs_diff_eq(b.rotation, tolerance)
+        && a.translation.abs_diff_eq(b.translation, tolerance)
 }
 
 fn largest_difference(a: &[f32], b: &[f32]) -> f32 {
     assert_eq!(a.len(), b.len());
-    a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
+    a.iter()
+        .zip(b)
+        .map(|(a, b)| (a - b).abs())
+        .fold(0.0, f32::max)
 }
 
 #[test]
@@ -74,7 +87,10 @@ fn steps_accumulate_disentangled() {
             *disentangled = host_train::env::step(disentangled, action);
             *homogeneous = action.update().after(*homogeneous);
             assert!(close(disentangled, &expected[i], 1e-5), "row {i}");
-            assert!(close(&disentangled.to_global(mu), &global[i], 1e-5), "row {i}");
+            assert!(
+                close(&disentangled.to_global(mu), &global[i], 1e-5),
+                "row {i}"
+            );
             assert!(close(homogeneous, &plain[i], 1e-5), "row {i}");
         }
     }
@@ -90,12 +106,21 @@ fn poses_convert_and_apply() {
         let about = golden.clouds("convert.apply_disentangled");
         for (i, pose) in poses(&golden, "convert.pose").iter().enumerate() {
             let mu = centroid(&clouds[i]);
-            assert!(close(&pose.to_disentangled(mu), &disentangled[i], 1e-5), "row {i}");
+            assert!(
+                close(&pose.to_disentangled(mu), &disentangled[i], 1e-5),
+                "row {i}"
+            );
             assert!(close(&pose.to_global(mu), &global[i], 1e-5), "row {i}");
             for (n, &p) in clouds[i].iter().enumerate() {
                 let p = Vec3::from_array(p);
-                assert!(pose.apply(p).abs_diff_eq(Vec3::from_array(plain[i][n]), 1e-5));
-                assert!(pose.apply_about(mu, p).abs_diff_eq(Vec3::from_array(about[i][n]), 1e-5));
+                assert!(
+                    pose.apply(p)
+                        .abs_diff_eq(Vec3::from_array(plain[i][n]), 1e-5)
+                );
+                assert!(
+                    pose.apply_about(mu, p)
+                        .abs_diff_eq(Vec3::from_array(about[i][n]), 1e-5)
+                );
             }
         }
     }
@@ -124,17 +149,30 @@ fn euler_angles_go_there_and_back() {
         let angles = vectors(&golden, "euler.angles");
         let back = vectors(&golden, "euler.angles_back");
         for (i, matrix) in matrices(&golden, "euler.matrix").into_iter().enumerate() {
-            assert!(rotation_from_euler(angles[i]).abs_diff_eq(matrix, 1e-6), "row {i}");
+            assert!(
+                rotation_from_euler(angles[i]).abs_diff_eq(matrix, 1e-6),
+                "row {i}"
+            );
             let ours = euler_from_rotation(&matrix);
             // Near gimbal lock many angles give one matrix: compare matrices there.
             if (5..=12).contains(&i) {
-                assert!(rotation_from_euler(ours).abs_diff_eq(matrix, 1e-3), "row {i}: {ours}");
+                assert!(
+                    rotation_from_euler(ours).abs_diff_eq(matrix, 1e-3),
+                    "row {i}: {ours}"
+                );
             } else {
-                assert!(ours.abs_diff_eq(back[i], 1e-5), "row {i}: {ours} {}", back[i]);
+                assert!(
+                    ours.abs_diff_eq(back[i], 1e-5),
+                    "row {i}: {ours} {}",
+                    back[i]
+                );
             }
         }
         let (_, is_nan) = golden.i64("euler.gimbal.is_nan");
-        assert!(is_nan.contains(&1), "the reference gives NaN beyond the clamp");
+        assert!(
+            is_nan.contains(&1),
+            "the reference gives NaN beyond the clamp"
+        );
         for matrix in matrices(&golden, "euler.gimbal.matrix") {
             assert!(euler_from_rotation(&matrix).is_finite());
         }
@@ -146,10 +184,13 @@ fn rewards_follow_the_chamfer_distance() {
     for golden in Golden::available(EXTRACT) {
         let [before, after, truth] =
             ["before", "after", "true"].map(|name| golden.clouds(&format!("reward.cloud_{name}")));
-        let [cd_before, cd_after, rewards] =
-            ["chamfer_before", "chamfer_after", "reward"].map(|name| golden.f32(&format!("reward.{name}")).1);
+        let [cd_before, cd_after, rewards] = ["chamfer_before", "chamfer_after", "reward"]
+            .map(|name| golden.f32(&format!("reward.{name}")).1);
         for i in 0..rewards.len() {
-            let (b, a) = (chamfer(&before[i], &truth[i]), chamfer(&after[i], &truth[i]));
+            let (b, a) = (
+                chamfer(&before[i], &truth[i]),
+                chamfer(&after[i], &truth[i]),
+            );
             assert!((b - cd_before[i]).abs() <= 1e-5 * (1.0 + b), "row {i}");
             assert!((a - cd_after[i]).abs() <= 1e-5 * (1.0 + a), "row {i}");
             assert_eq!(reward(b, a), rewards[i], "row {i}");
@@ -174,8 +215,14 @@ fn augmentation_matrices_agree() {
             assert!(matrix.abs_diff_eq(*expected, 1e-6), "row {i}");
         }
         let normals = vectors(&golden, "augment.mirror.normal");
-        for (i, expected) in matrices(&golden, "augment.mirror.matrix").iter().enumerate() {
-            assert!(augment::mirror_matrix(normals[i]).abs_diff_eq(*expected, 1e-6), "row {i}");
+        for (i, expected) in matrices(&golden, "augment.mirror.matrix")
+            .iter()
+            .enumerate()
+        {
+            assert!(
+                augment::mirror_matrix(normals[i]).abs_diff_eq(*expected, 1e-6),
+                "row {i}"
+            );
         }
         let mut cloud = golden.clouds("augment.scale.cloud").remove(0);
         augment::scale(&mut cloud, vectors(&golden, "augment.scale.factors")[0]);
@@ -210,7 +257,10 @@ fn amsgrad_and_its_schedule_agree() {
 fn forward_pass_of_the_trainer_and_of_the_robot() {
     let Some(golden) = Golden::full() else { return };
     let parameters = reference_parameters(&golden);
-    let (sources, targets) = (golden.clouds("forward.source"), golden.clouds("forward.target"));
+    let (sources, targets) = (
+        golden.clouds("forward.source"),
+        golden.clouds("forward.target"),
+    );
     let batch = sources.len();
 
     // The trainer's batched pass: features, logits, values.
@@ -234,7 +284,10 @@ fn forward_pass_of_the_trainer_and_of_the_robot() {
     activations.forward(&parameters, (&source, &rows), (&target, &rows));
     let values = activations.values(&parameters);
     assert!(largest_difference(&values, &golden.f32("forward.value").1) < 1e-5);
-    for (head, name) in ["forward.logits_t", "forward.logits_r"].into_iter().enumerate() {
+    for (head, name) in ["forward.logits_t", "forward.logits_r"]
+        .into_iter()
+        .enumerate()
+    {
         let (_, expected) = golden.f32(name);
         for b in 0..batch {
             for i in 0..33 {
@@ -294,14 +347,25 @@ fn whole_registrations_take_the_reference_s_steps() {
                 for s in 0..10 {
                     let row = s * batch + b;
                     let step = registrar.step(&mut registration);
-                    assert_eq!(step.action, expected[row], "{group} {} step {s} pair {b}", isa.name());
+                    assert_eq!(
+                        step.action,
+                        expected[row],
+                        "{group} {} step {s} pair {b}",
+                        isa.name()
+                    );
                     let pose = registration.target_from_source();
-                    assert!(close(&pose, &global[row], 1e-5), "{group} step {s} pair {b}");
+                    assert!(
+                        close(&pose, &global[row], 1e-5),
+                        "{group} step {s} pair {b}"
+                    );
                     assert!(largest_difference(&step.logits_r, &logits_r[row * 33..][..33]) < 2e-5);
                 }
                 let pose = registration.target_from_source();
                 for (&p, &q) in sources[b].iter().zip(&finals[b]) {
-                    assert!(pose.apply(Vec3::from_array(p)).abs_diff_eq(Vec3::from_array(q), 1e-5));
+                    assert!(
+                        pose.apply(Vec3::from_array(p))
+                            .abs_diff_eq(Vec3::from_array(q), 1e-5)
+                    );
                 }
             }
         }

@@ -9,7 +9,9 @@ use serde::{Serialize, Serializer};
 pub(crate) const POINT_BYTES: usize = 12;
 
 #[cfg(target_endian = "big")]
-compile_error!("clouds are viewed in place as little-endian f32; big-endian targets are not supported");
+compile_error!(
+    "clouds are viewed in place as little-endian f32; big-endian targets are not supported"
+);
 
 /// Points borrowed from a frame or from a slice, in the order given. Coordinates are not checked.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -124,8 +124,14 @@ mod tests {
         let text = |key: Result<Key, Error>| key.map(|k| String::from(k.as_str()));
         let expected = |s: &str| Ok(format!("reagent/v1/dock-7/{s}"));
         assert_eq!(text(manifest("dock-7")), expected("policy/manifest"));
-        assert_eq!(text(chunk("dock-7", &sha, 12)), expected(&format!("policy/{hex}/12")));
-        assert_eq!(text(chunks("dock-7", &sha)), expected(&format!("policy/{hex}/*")));
+        assert_eq!(
+            text(chunk("dock-7", &sha, 12)),
+            expected(&format!("policy/{hex}/12"))
+        );
+        assert_eq!(
+            text(chunks("dock-7", &sha)),
+            expected(&format!("policy/{hex}/*"))
+        );
         assert_eq!(text(refine("dock-7", "r1")), expected("robot/r1/refine"));
         assert_eq!(text(status("dock-7", "r1")), expected("robot/r1/status"));
         assert_eq!(text(alive("dock-7", "r1")), expected("robot/r1/alive"));

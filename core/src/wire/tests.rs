@@ -111,7 +111,10 @@ fn what_is_written_is_read_back() {
     assert_eq!(decode(&bytes), Ok(request.clone()));
     let overhead = bytes.len() - 12 * 7;
     assert!(overhead <= REQUEST_OVERHEAD_BYTES, "{overhead}");
-    assert_eq!(decode(&bytes_of(&Message::Manifest(manifest()))), Ok(Message::Manifest(manifest())));
+    assert_eq!(
+        decode(&bytes_of(&Message::Manifest(manifest()))),
+        Ok(Message::Manifest(manifest()))
+    );
 }
 
 #[test]
@@ -152,7 +155,10 @@ fn a_frame_that_does_not_fit_is_refused() {
     let message = Message::Manifest(manifest());
     let length = bytes_of(&message).len();
     for space in 0..length {
-        assert_eq!(encode(&message, &mut vec![0; space]), Err(Error::FrameBuffer));
+        assert_eq!(
+            encode(&message, &mut vec![0; space]),
+            Err(Error::FrameBuffer)
+        );
     }
     assert!(encode(&message, &mut vec![0; length]).is_ok());
 }

@@ -103,7 +103,10 @@ mod tests {
         let public = keygen(&path).expect("a new file");
         assert_eq!(read_key(&path).expect("just made").verifying_key(), public);
         assert!(matches!(keygen(&path), Err(KeyError::Exists { .. })));
-        assert_eq!(read_key(&path).expect("still there").verifying_key(), public);
+        assert_eq!(
+            read_key(&path).expect("still there").verifying_key(),
+            public
+        );
     }
 
     #[test]
@@ -111,10 +114,16 @@ mod tests {
         let directory = tempfile::tempdir().expect("a temporary directory");
         let path = directory.path().join("fleet.key");
         let error = read_key(&path).expect_err("there is no file");
-        assert!(error.to_string().contains("host-train keygen --out"), "{error}");
+        assert!(
+            error.to_string().contains("host-train keygen --out"),
+            "{error}"
+        );
         for text in ["", "abc", &"g".repeat(64), &"a".repeat(63), &"a".repeat(66)] {
             std::fs::write(&path, text).expect("a writable directory");
-            assert!(matches!(read_key(&path), Err(KeyError::Format { .. })), "{text}");
+            assert!(
+                matches!(read_key(&path), Err(KeyError::Format { .. })),
+                "{text}"
+            );
         }
     }
 }

@@ -1,1 +1,273 @@
+//! `firmware-sim demo`: a host, three robots and their policies, on one machine over loopback.
 
+mod scene;
+
+use crate::node::{Node, NodeConfig};
+use crate::refine::{Row, ask, errors};
+use crate::session::{SessionArgs, open};
+use anyhow::{Context, bail};
+use ed25519_dalek::SigningKey;
+use host_train::export::WeightFile;
+use host_train::metrics::PairMetrics;
+use host_train::publish::Publisher;
+use host_train::train::fine_tune;
+use reagent_core::dims::STEPS;
+use reagent_core::wire::keys::Hex;
+use reagent_core::wire::{CHUNK_BYTES, Manifest};
+use scene::Scene;
+use serde_json::json;
+use std::net::TcpListener;
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+use zenoh::Session;
+
+const FLEET: &str = "demo";
+const ROBOTS: [&str; 3] = ["r1", "r2", "r3"];
+/// A robot that has not taken a policy by then has failed.
+const UPDATE_TIMEOUT: Duration = Duration::from_secs(30);
+
+/// The whole story on one machine: publish a policy, refine, train it further, publish again, refine
+///
+/// A host and three robots, each with a Zenoh session of its own, talk over loopback. Without
+/// arguments the robots see held-out built-in shapes through a simulated depth camera; nothing is
+/// downloaded.
+#[derive(clap::Args, Debug)]
+pub struct DemoArgs {
+    /// Time to train the second policy, seconds
+    #[arg(long, value_name = "N", default_value_t = 60)]
+    pub seconds: u64,
+    /// Real pairs to refine instead of built-in shapes
+    #[arg(long, value_name = "FILE.h5", conflicts_with = "data")]
+    pub pairs: Option<PathBuf>,
+    /// Real clouds instead (modelnet40_ply_hdf5_2048 layout): trains on the training split, refines
+    /// pairs drawn from the test split
+    #[arg(long, value_name = "DIR")]
+    pub data: Option<PathBuf>,
+    /// First policy [default: the bundled one]
+    #[arg(long, value_name = "FILE.rgw")]
+    pub weights: Option<PathBuf>,
+    /// Pairs that each robot refines, at most
+    #[arg(long, value_name = "N", default_value_t = 30, value_parser = clap::value_parser!(u64).range(1..))]
+    pub per_robot: u64,
+    /// Seed of shapes, poses, noise and training
+    #[arg(long, value_name = "S", default_value_t = 42)]
+    pub seed: u64,
+    /// Write the table as JSON
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+/// What one robot reached with one policy.
+struct Round {
+    initial: Vec<PairMetrics>,
+    refined: Vec<PairMetrics>,
+}
+
+impl DemoArgs {
+    /// Tells the story.
+    ///
+    /// # Errors
+    /// Anything that fails, a robot's refusal included.
+    pub async fn run(self) -> anyhow::Result<()> {
+        let started = Instant::now();
+        let first = match &self.weights {
+            Some(path) => WeightFile::load(path)?,
+            None => bail!("this build has no bundled policy: give --weights FILE.rgw"),
+        };
+        let scene = Scene::of(&self)?;
+        println!("{}", scene.description);
+
+        let endpoint = unused_endpoint()?;
+        let host = open(&SessionArgs {
+            listen: vec![endpoint.clone()],
+            ..SessionArgs::default()
+        })
+        .await?;
+        let operator = join(&endpoint).await?;
+        let mut robots = Vec::new();
+        let key = SigningKey::from_bytes(&rand_seed(self.seed));
+        for robot in ROBOTS {
+            let config = NodeConfig {
+                fleet: FLEET.into(),
+                robot: robot.into(),
+                trusted: vec![key.verifying_key()],
+                state: None,
+            };
+            robots.push(Node::start(join(&endpoint).await?, config).await?);
+        }
+        println!(
+            "robots {} are up on {endpoint}, without a policy; they trust the host's key only",
+            ROBOTS.join(", ")
+        );
+
+        let mut publisher = Publisher::new(host, FLEET, key)?;
+        ship(&mut publisher, &robots, 1, "bundled", first.clone()).await?;
+        let before = refine_all(&operator, &scene, 1).await?;
+        let second = self.train(first, &scene).await?;
+        ship(&mut publisher, &robots, 2, "fine-tuned", second).await?;
+        let after = refine_all(&operator, &scene, 2).await?;
+
+        let document = table(&before, &after);
+        println!("done in {:.0} s", started.elapsed().as_secs_f32());
+        if let Some(path) = &self.json {
+            let text = serde_json::to_string_pretty(&document)?;
+            std::fs::write(path, text + "\n")
+                .with_context(|| format!("cannot write {}", path.display()))?;
+        }
+        Ok(())
+    }
+
+    async fn train(&self, first: WeightFile, scene: &Scene) -> anyhow::Result<WeightFile> {
+        println!(
+            "training the policy for {} s on {}",
+            self.seconds, scene.training_description
+        );
+        let (budget, seed) = (Duration::from_secs(self.seconds), self.seed);
+        let sample = scene.training.clone();
+        let training = tokio::task::spawn_blocking(move || {
+            let started = Instant::now();
+            let mut reported = 0;
+            fine_tune(
+                &first,
+                |rng, i| sample(rng, i),
+                budget,
+                seed,
+                |updates, loss| {
+                    let tens = started.elapsed().as_secs() / 10;
+                    if tens > reported {
+                        reported = tens;
+                        println!("  {:3} s: {updates} updates, loss {loss:.3}", 10 * tens);
+                    }
+                },
+            )
+        });
+        Ok(training.await.context("the training thread ended")??)
+    }
+}
+
+/// Publishes a policy and waits until every robot runs it.
+async fn ship(
+    publisher: &mut Publisher,
+    robots: &[Node],
+    version: u64,
+    name: &str,
+    file: WeightFile,
+) -> anyhow::Result<()> {
+    let started = Instant::now();
+    let manifest: Manifest = publisher.publish(version, name, file).await?;
+    println!(
+        "host: published {name} policy, version {version}: {:.1} MB in {} chunks, SHA-256 {}…",
+        f64::from(manifest.length) / 1e6,
+        manifest.length.div_ceil(CHUNK_BYTES as u32),
+        &Hex(&manifest.sha256).to_string()[..16],
+    );
+    for (robot, node) in ROBOTS.iter().zip(robots) {
+        let mut view = node.watch();
+        let taken = view
+            .wait_for(|view| view.policy.as_ref() == Some(&manifest) || view.updates_refused > 0);
+        let view = tokio::time::timeout(UPDATE_TIMEOUT, taken).await;
+        let view = view.with_context(|| format!("robot {robot} did not take the policy"))??;
+        if let Some(error) = &view.last_refusal {
+            bail!("robot {robot} refused the policy: {error}");
+        }
+        println!(
+            "  {robot}: fetched, signature and hash verified, in use after {:.2} s",
+            started.elapsed().as_secs_f32()
+        );
+    }
+    Ok(())
+}
+
+/// Has every robot refine its share of the pairs, one after the other.
+async fn refine_all(operator: &Session, scene: &Scene, version: u64) -> anyhow::Result<Vec<Round>> {
+    let mut rounds = Vec::new();
+    let share = scene.pairs.source.len() / ROBOTS.len();
+    for (number, robot) in ROBOTS.iter().enumerate() {
+        let mut round = Round {
+            initial: Vec::new(),
+            refined: Vec::new(),
+        };
+        let (mut on_robot, mut round_trips) = (Vec::new(), Vec::new());
+        for index in number * share..(number + 1) * share {
+            let (source, target) = (&scene.pairs.source[index], &scene.pairs.target[index]);
+            let id = version * 1_000_000 + index as u64;
+            let steps = STEPS as u8;
+            let answer = ask(operator, FLEET, (*robot).into(), id, steps, source, target).await?;
+            if answer.reply.policy_version != version {
+                let used = answer.reply.policy_version;
+                bail!("robot {robot} answered with policy {used}, not {version}");
+            }
+            let [initial, refined] = errors(&scene.pairs, index, &answer.reply)?;
+            round.initial.push(initial);
+            round.refined.push(refined);
+            on_robot.push(f64::from(answer.reply.micros) / 1e3);
+            round_trips.push(answer.round_trip_ms);
+        }
+        println!(
+            "  {robot}: {share} pairs refined with version {version}, median {:.1} ms on the robot, {:.1} ms for the client",
+            median(&mut on_robot),
+            median(&mut round_trips),
+        );
+        rounds.push(round);
+    }
+    Ok(rounds)
+}
+
+/// Prints the errors of each robot, and returns them.
+fn table(before: &[Round], after: &[Round]) -> serde_json::Value {
+    println!("\n{}", Row::HEADER);
+    let mut document = serde_json::Map::new();
+    let every = |rounds: &[Round], part: fn(&Round) -> &Vec<PairMetrics>| {
+        rounds.iter().flat_map(part).copied().collect::<Vec<_>>()
+    };
+    let mut print = |robot: &str, rows: [(&str, Vec<PairMetrics>); 3]| {
+        let mut errors = serde_json::Map::new();
+        for (policy, pairs) in rows {
+            let row = Row::new(&format!("{robot:5} {policy}"), &pairs);
+            println!("{row}");
+            errors.insert(policy.into(), json!(row.summary));
+        }
+        document.insert(robot.into(), errors.into());
+    };
+    for ((robot, first), second) in ROBOTS.iter().zip(before).zip(after) {
+        let rows = [
+            ("initial", first.initial.clone()),
+            ("version 1", first.refined.clone()),
+            ("version 2", second.refined.clone()),
+        ];
+        print(robot, rows);
+    }
+    let rows = [
+        ("initial", every(before, |round| &round.initial)),
+        ("version 1", every(before, |round| &round.refined)),
+        ("version 2", every(after, |round| &round.refined)),
+    ];
+    print("all", rows);
+    document.into()
+}
+
+fn median(values: &mut [f64]) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
+}
+
+async fn join(endpoint: &str) -> anyhow::Result<Session> {
+    let args = SessionArgs {
+        connect: vec![endpoint.into()],
+        ..SessionArgs::default()
+    };
+    Ok(open(&args).await?)
+}
+
+/// A loopback endpoint on which nothing listens.
+fn unused_endpoint() -> anyhow::Result<String> {
+    let listener = TcpListener::bind("127.0.0.1:0").context("no loopback port is free")?;
+    Ok(format!("tcp/{}", listener.local_addr()?))
+}
+
+/// A key for this demo only: whoever knows the seed knows it.
+fn rand_seed(seed: u64) -> [u8; 32] {
+    let mut key = [0; 32];
+    key[..8].copy_from_slice(&seed.to_le_bytes());
+    key
+}

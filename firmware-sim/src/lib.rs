@@ -10,6 +10,8 @@ pub mod demo;
 pub mod fetch;
 pub mod node;
 pub mod policy;
+#[cfg(feature = "demo")]
+pub mod refine;
 mod service;
 pub mod session;
 pub mod store;

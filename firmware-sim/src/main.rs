@@ -1,1 +1,111 @@
-fn main() {}
+//! `firmware-sim`: a simulated robot, a client that asks robots, and the whole story as a demo.
+
+use clap::{Parser, Subcommand};
+use ed25519_dalek::VerifyingKey;
+use firmware_sim::node::{Node, NodeConfig};
+use firmware_sim::session::{SessionArgs, open};
+use std::path::PathBuf;
+use std::process::ExitCode;
+use tracing_subscriber::EnvFilter;
+
+/// Simulated robots that fetch policies and answer refinement requests over Zenoh.
+#[derive(Debug, Parser)]
+#[command(version, propagate_version = true)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    Node(NodeArgs),
+    #[cfg(feature = "demo")]
+    Refine(firmware_sim::refine::RefineArgs),
+    #[cfg(feature = "demo")]
+    Demo(firmware_sim::demo::DemoArgs),
+}
+
+/// Be a robot: fetch the fleet's policy, verify it, and answer refine requests until Ctrl-C
+#[derive(clap::Args, Debug)]
+struct NodeArgs {
+    /// Fleet it belongs to (a-z A-Z 0-9 _ -)
+    #[arg(long, value_name = "NAME")]
+    fleet: String,
+    /// Its own name in the fleet
+    #[arg(long, value_name = "ID")]
+    robot: String,
+    /// Public key (64 hexadecimal digits) whose policies it takes; may be repeated [default: any key]
+    #[arg(long, value_name = "HEX", value_parser = public_key)]
+    trust: Vec<VerifyingKey>,
+    /// Directory that keeps the policy, so that it is there after a restart [default: none]
+    #[arg(long, value_name = "DIR")]
+    state: Option<PathBuf>,
+    #[command(flatten)]
+    session: SessionArgs,
+}
+
+impl NodeArgs {
+    async fn run(self) -> anyhow::Result<()> {
+        let session = open(&self.session).await?;
+        let config = NodeConfig {
+            fleet: self.fleet,
+            robot: self.robot,
+            trusted: self.trust,
+            state: self.state,
+        };
+        tracing::info!("robot {} of fleet {}", config.robot, config.fleet);
+        let _node = Node::start(session, config).await?;
+        Ok(tokio::signal::ctrl_c().await?)
+    }
+}
+
+fn public_key(hex: &str) -> Result<VerifyingKey, String> {
+    let digits = hex.as_bytes();
+    let mut key = [0; 32];
+    if digits.len() != 64 || !digits.is_ascii() {
+        return Err("give 64 hexadecimal digits, as `host-train keygen` prints them".into());
+    }
+    for (byte, at) in key.iter_mut().zip((0..).step_by(2)) {
+        *byte = u8::from_str_radix(&hex[at..at + 2], 16).map_err(|e| e.to_string())?;
+    }
+    VerifyingKey::from_bytes(&key).map_err(|_| "not an ed25519 public key".into())
+}
+
+fn main() -> ExitCode {
+    let cli = Cli::parse();
+    let quiet = "warn,zenoh=error,zenoh_transport=error,zenoh_link_tcp=error";
+    let level = match cli.command {
+        Command::Node(_) => format!("{quiet},firmware_sim=info"),
+        #[cfg(feature = "demo")]
+        _ => format!("{quiet},firmware_sim=error"),
+    };
+    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(level));
+    tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_writer(std::io::stderr)
+        .init();
+    let outcome = tokio::runtime::Runtime::new()
+        .map_err(anyhow::Error::from)
+        .and_then(|runtime| runtime.block_on(run(cli.command)));
+    match outcome {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            let text = format!("{error:#}")
+                .split_whitespace()
+                .collect::<Vec<_>>()
+                .join(" ");
+            eprintln!("error: {text}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+async fn run(command: Command) -> anyhow::Result<()> {
+    match command {
+        Command::Node(args) => args.run().await,
+        #[cfg(feature = "demo")]
+        Command::Refine(args) => args.run().await,
+        #[cfg(feature = "demo")]
+        Command::Demo(args) => args.run().await,
+    }
+}

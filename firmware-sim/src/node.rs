@@ -101,7 +101,8 @@ impl Node {
 
         let (queue, requests) = mpsc::channel(QUEUE);
         let (policies, worker_view) = (updates.policies.subscribe(), view.clone());
-        tokio::task::spawn_blocking(move || serve(requests, policies, &worker_view));
+        let reply_key = refine_key.clone();
+        tokio::task::spawn_blocking(move || serve(requests, policies, &reply_key, &worker_view));
         let queue_view = view.clone();
         let refine = session
             .declare_queryable(refine_key.as_str())
@@ -109,13 +110,13 @@ impl Node {
             .callback(move |query| enqueue(query, &queue, &queue_view))
             .await?;
 
-        let answered = seen.clone();
+        let (answered, reply_key) = (seen.clone(), status_key.clone());
         let status = session
             .declare_queryable(status_key.as_str())
             .complete(true)
             .callback(move |query| {
                 let frame = small_frame(&Message::Status(answered.borrow().status()));
-                if let Err(error) = query.reply(query.key_expr().clone(), frame).wait() {
+                if let Err(error) = query.reply(reply_key.as_str(), frame).wait() {
                     tracing::warn!("status was not sent: {error}");
                 }
             })

@@ -8,7 +8,7 @@ use reagent_core::register::check_cloud;
 use reagent_core::wire::{
     self, Cloud, CloudView, Message, Reason, RefineReply, RefineRequest, Refusal,
 };
-use reagent_core::{Frame, Policy, Pose, Registrar};
+use reagent_core::{Frame, Policy, Pose, Registrar, Verdict};
 use std::sync::Arc;
 use std::time::Instant;
 use tokio::sync::{mpsc, watch};
@@ -20,6 +20,7 @@ use zenoh::query::Query;
 pub(crate) fn serve(
     mut requests: mpsc::Receiver<Query>,
     mut policies: watch::Receiver<Option<Arc<LoadedPolicy>>>,
+    reply_key: &str,
     view: &watch::Sender<View>,
 ) {
     let mut scratch = Box::new(Scratch::new());
@@ -47,7 +48,7 @@ pub(crate) fn serve(
                 Err(_) => view.count_refused(),
             });
             match answer {
-                Ok(reply) => send_reply(&query, reply),
+                Ok(reply) => send_reply(&query, reply_key, reply),
                 Err(refusal) => send_refusal(&query, refusal),
             }
         }
@@ -87,15 +88,20 @@ fn answer(
     let target = taken(Cloud::Target, &request.target, &mut clouds.target).map_err(refused)?;
     let initial = request.initial.map_or(Pose::IDENTITY, Pose::from_rows);
     let started = Instant::now();
-    let steps = usize::from(request.max_steps);
-    let outcome = Frame::of(target)
-        .and_then(|frame| registrar.register(source, target, frame, initial, steps))
+    let mut registration = Frame::of(target)
+        .and_then(|frame| registrar.start(source, target, frame, initial))
         .map_err(|error| refused(Reason::of(error, Cloud::Target)))?;
+    let mut steps = 0;
+    // After a stop on every axis each further step would see the same and stop again.
+    while steps < request.max_steps && registration.verdict() != Verdict::Converged {
+        registrar.step(&mut registration);
+        steps += 1;
+    }
     Ok(RefineReply {
         id: request.id,
-        target_from_source: outcome.target_from_source.to_rows(),
-        steps: request.max_steps,
-        verdict: outcome.verdict,
+        target_from_source: registration.target_from_source().to_rows(),
+        steps,
+        verdict: registration.verdict(),
         micros: u32::try_from(started.elapsed().as_micros()).unwrap_or(u32::MAX),
         policy_version: *policy_version,
     })
@@ -124,9 +130,9 @@ fn taken<'c>(
     points.map_err(|error| Reason::of(error, cloud))
 }
 
-fn send_reply(query: &Query, reply: RefineReply) {
+fn send_reply(query: &Query, key: &str, reply: RefineReply) {
     let frame = small_frame(&Message::RefineReply(reply));
-    if let Err(error) = query.reply(query.key_expr().clone(), frame).wait() {
+    if let Err(error) = query.reply(key, frame).wait() {
         tracing::warn!("reply {} was not sent: {error}", reply.id);
     }
 }

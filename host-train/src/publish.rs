@@ -6,11 +6,11 @@ mod session;
 pub use key::{KeyError, keygen, read_key};
 pub use session::{SessionArgs, SessionError, open_session};
 
+use crate::export::{ExportError, WeightFile};
 use ed25519_dalek::{Signer, SigningKey};
+use reagent_core::Error;
 use reagent_core::wire::keys::Hex;
 use reagent_core::wire::{self, Manifest, Message, PolicyName, SignedManifest, keys};
-use reagent_core::{Error, Policy};
-use sha2::{Digest, Sha256};
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 use std::time::SystemTime;
@@ -27,19 +27,14 @@ pub enum PublishError {
     /// There is no session.
     #[error(transparent)]
     Session(#[from] SessionError),
-    /// The weight file cannot be read.
-    #[error("{path}: {reason}")]
-    Read {
-        /// The file.
-        path: String,
-        /// What the system says.
-        reason: std::io::Error,
-    },
-    /// The bytes are not a policy, or a name cannot be used.
-    #[error("{what}: {reason}")]
-    Refused {
-        /// File, fleet or policy.
-        what: String,
+    /// The policy file cannot be read or is none.
+    #[error(transparent)]
+    Weights(#[from] ExportError),
+    /// A name cannot be used.
+    #[error("{name:?}: {reason}")]
+    Name {
+        /// Of a fleet or a policy.
+        name: String,
         /// What is wrong with it.
         reason: Error,
     },
@@ -72,7 +67,7 @@ impl Publisher {
     /// A publisher for `fleet` that has nothing to publish yet.
     ///
     /// # Errors
-    /// `Refused` for a fleet name that cannot be part of a key expression.
+    /// `Name` for a fleet name that cannot be part of a key expression.
     pub fn new(session: Session, fleet: &str, key: SigningKey) -> Result<Self, PublishError> {
         keys::checked_name(fleet).map_err(refused(fleet))?;
         Ok(Publisher {
@@ -84,16 +79,15 @@ impl Publisher {
         })
     }
 
-    /// Checks a policy file, serves its chunks, and announces it to the fleet.
+    /// Serves a policy file's chunks and announces it to the fleet.
     ///
     /// # Errors
-    /// `Refused` for bytes that are not a policy or a name longer than 32 bytes, `Version` for a
-    /// version that does not grow, `Zenoh`.
+    /// `Name` for a name longer than 32 bytes, `Version` for a version that does not grow, `Zenoh`.
     pub async fn publish(
         &mut self,
         version: u64,
         name: &str,
-        file: Vec<u8>,
+        file: WeightFile,
     ) -> Result<Manifest, PublishError> {
         let announced = self.newest.lock().expect("no holder panics").0;
         if version <= announced {
@@ -110,20 +104,20 @@ impl Publisher {
             .session
             .declare_queryable(chunks.as_str())
             .complete(true)
-            .callback(move |query| answer_chunk(&query, &file));
+            .callback(move |query| answer_chunk(&query, file.bytes()));
         self.queryables.push(served.await?);
 
         let key = keys::manifest(&self.fleet).map_err(refused(&self.fleet))?;
         *self.newest.lock().expect("no holder panics") = (version, signed.clone());
         if announced == 0 {
-            let newest = self.newest.clone();
+            let (newest, reply_key) = (self.newest.clone(), key.clone());
             let served = self
                 .session
                 .declare_queryable(key.as_str())
                 .complete(true)
                 .callback(move |query| {
                     let frame = newest.lock().expect("no holder panics").1.clone();
-                    log_failure(query.reply(query.key_expr().clone(), frame).wait());
+                    log_failure(query.reply(reply_key.as_str(), frame).wait());
                 });
             self.queryables.push(served.await?);
         }
@@ -135,18 +129,15 @@ impl Publisher {
 /// The manifest of a policy file.
 ///
 /// # Errors
-/// `Refused` for bytes that are not a policy or a name longer than 32 bytes.
-pub fn manifest(version: u64, name: &str, file: &[u8]) -> Result<Manifest, PublishError> {
-    let mut words = vec![0u32; file.len().div_ceil(4)];
-    let aligned = &mut bytemuck::cast_slice_mut(&mut words)[..file.len()];
-    aligned.copy_from_slice(file);
-    Policy::parse(aligned).map_err(refused(name))?;
+/// `Name` for a name longer than 32 bytes.
+pub fn manifest(version: u64, name: &str, file: &WeightFile) -> Result<Manifest, PublishError> {
+    let bytes = file.bytes();
     Ok(Manifest {
-        sha256: Sha256::digest(file).into(),
-        length: u32::try_from(file.len()).expect("a policy that parses is a few MiB"),
+        sha256: file.sha256(),
+        length: u32::try_from(bytes.len()).expect("a policy is a few MiB"),
         chunk_length: wire::CHUNK_BYTES as u32,
         version,
-        number_format: u16::from_le_bytes([file[6], file[7]]),
+        number_format: u16::from_le_bytes([bytes[6], bytes[7]]),
         name: PolicyName::try_from(name).map_err(|_| refused(name)(Error::Name))?,
     })
 }
@@ -190,9 +181,9 @@ fn log_failure(sent: zenoh::Result<()>) {
     }
 }
 
-fn refused(what: &str) -> impl FnOnce(Error) -> PublishError {
-    let what = what.to_owned();
-    move |reason| PublishError::Refused { what, reason }
+fn refused(name: &str) -> impl FnOnce(Error) -> PublishError {
+    let name = name.to_owned();
+    move |reason| PublishError::Name { name, reason }
 }
 
 /// Serve a policy to a fleet until Ctrl-C.
@@ -221,21 +212,13 @@ pub struct PublishArgs {
 /// See [`PublishError`].
 pub async fn run(args: PublishArgs) -> Result<(), PublishError> {
     let key = read_key(&args.key)?;
-    let path = args.weights.display().to_string();
-    let file = std::fs::read(&args.weights).map_err(|reason| PublishError::Read {
-        path: path.clone(),
-        reason,
-    })?;
+    let file = WeightFile::load(&args.weights)?;
     let stem = args.weights.file_stem().unwrap_or_default();
     let name = fitting(&stem.to_string_lossy());
     let version = args.policy_version.unwrap_or_else(|| {
         let since_1970 = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
         since_1970.map_or(1, |time| time.as_secs())
     });
-    manifest(version, &name, &file).map_err(|error| match error {
-        PublishError::Refused { reason, .. } => PublishError::Refused { what: path, reason },
-        other => other,
-    })?;
     let session = open_session(&args.session).await?;
     let public_key = key.verifying_key().to_bytes();
     let mut publisher = Publisher::new(session, &args.fleet, key)?;

@@ -50,7 +50,7 @@ pub struct SignedManifest<'a> {
 pub struct RefineRequest<'a> {
     /// Chosen by the client, returned with the answer.
     pub id: u64,
-    /// Steps to take, 10 in the paper.
+    /// Most steps to take, 10 in the paper; a stop on every axis ends earlier.
     pub max_steps: u8,
     /// Estimate of target_from_source as rows of `[R | t]`, in the clouds' units; none: identity.
     pub initial: Option<[[f32; 4]; 3]>,

@@ -2,7 +2,7 @@
 
 use super::config::{Categories, DataSource, Stage, TrainConfig};
 use super::trainer::Trainer;
-use crate::augment::{clean_sample, noisy_pair, noisy_sample};
+use crate::augment::{Sample, clean_sample, noisy_pair, noisy_sample};
 use crate::checkpoint::{BEST, Checkpoint, CheckpointError, LAST, Progress};
 use crate::dataset::pairs::PairSet;
 use crate::dataset::{DatasetError, Model, Point, modelnet, procedural};
@@ -13,7 +13,7 @@ use crate::files::write_atomically;
 use crate::metrics::Summary;
 use crate::nn::{Parameters, Shape};
 use crate::optim::Adam;
-use crate::random::{Purpose, stream};
+use crate::random::{Purpose, Rng, stream};
 use indicatif::{ProgressBar, ProgressStyle};
 use rand::seq::SliceRandom;
 use rayon::prelude::*;
@@ -193,14 +193,14 @@ fn run_here(config: &TrainConfig, resume: bool, stop: &AtomicBool) -> Result<(),
     Ok(())
 }
 
-/// Trains a policy on with imitation on noisy procedural shapes until the time is up, and returns the
-/// new policy. `progress` is told the updates done and the loss.
+/// Trains a policy on with imitation until the time is up, and returns the new policy. Sample number `i`
+/// is drawn by `sample` from a stream of its own; `progress` is told the updates done and the loss.
 ///
 /// # Errors
 /// [`TrainError::NotFinite`] or [`TrainError::Policy`].
 pub fn fine_tune(
     start: &WeightFile,
-    shapes: &[Model],
+    sample: impl Fn(&mut Rng, u64) -> Sample + Sync,
     budget: Duration,
     seed: u64,
     mut progress: impl FnMut(u64, f64),
@@ -214,10 +214,7 @@ pub fn fine_tune(
     let parameters = Parameters::from_policy(&start.policy(), seed);
     let adam = Adam::new(parameters.values.len());
     let mut trainer = Trainer::new(parameters, adam, 0, seed, config.roll_out, config.expert);
-    let clouds: Vec<&[Point]> = shapes.iter().map(|m| m.points.as_slice()).collect();
-    if clouds.len() < 2 {
-        return Err(TrainError::TooFewClouds(clouds.len()));
-    }
+    let batch = config.roll_out.problems as u64;
     let clock = Instant::now();
     loop {
         let spent = clock.elapsed().as_secs_f32() / budget.as_secs_f32().max(1e-3);
@@ -225,10 +222,11 @@ pub fn fine_tune(
             break;
         }
         let update = trainer.updates;
-        let stats = trainer.update(
-            problems(&config, &clouds, update),
-            config.schedule.initial * (1.0 - spent),
-        );
+        let problems = (update * batch..(update + 1) * batch)
+            .into_par_iter()
+            .map(|i| Problem::from(sample(&mut stream(seed, Purpose::Augment, i), i)))
+            .collect();
+        let stats = trainer.update(problems, config.schedule.initial * (1.0 - spent));
         if !stats.loss.is_finite() {
             return Err(TrainError::NotFinite {
                 update,

@@ -127,8 +127,7 @@ impl<'a> Policy<'a> {
     /// The `Weights…` variants of [`Error`]; any flipped bit or cut gives one.
     pub fn parse(bytes: &'a [u8]) -> Result<Self, Error> {
         let field = |at: usize| -> Option<u32> {
-            let b = bytes.get(at..at + 4)?;
-            Some(u32::from_le_bytes([b[0], b[1], b[2], b[3]]))
+            Some(u32::from_le_bytes(*bytes.get(at..)?.first_chunk()?))
         };
         let half = |at: usize| field(at & !3).map(|word| (word >> (8 * (at & 3))) as u16);
         let cut = Error::WeightsLength {
@@ -156,8 +155,8 @@ impl<'a> Policy<'a> {
         if bytes.len() != FILE_LEN {
             return Err(cut);
         }
-        let (body, sum) = bytes.split_at(FILE_LEN - 4);
-        if sum != checksum(body).to_le_bytes() {
+        let (body, sum) = bytes.split_last_chunk::<4>().ok_or(cut)?;
+        if *sum != checksum(body).to_le_bytes() {
             return Err(Error::WeightsCrc);
         }
         if field(12) != Some(LAYERS as u32) {

@@ -3,8 +3,16 @@ use host_train::train::*;
 use std::sync::atomic::AtomicBool;
 fn main() {
     let a: Vec<String> = std::env::args().collect();
-    let stage = if a[1] == "il" { Stage::Il } else { Stage::Pretrain };
-    let mut c = TrainConfig::new(stage, a[3].split(',').map(|s| s.parse().unwrap()).collect(), a[2].clone().into());
+    let stage = if a[1] == "il" {
+        Stage::Il
+    } else {
+        Stage::Pretrain
+    };
+    let mut c = TrainConfig::new(
+        stage,
+        a[3].split(',').map(|s| s.parse().unwrap()).collect(),
+        a[2].clone().into(),
+    );
     c.categories = Categories::All;
     c.epochs = a[4].parse().unwrap();
     c.schedule.initial = a[5].parse().unwrap();

@@ -7,8 +7,8 @@
 
 use crate::dataset::Point;
 use crate::matmul::{matrix, product, product_parallel};
-use ndarray::ArrayView2;
 use crate::nn::{HEAD_R, HEAD_T, PackedEmbedding, Parameters, VALUE};
+use ndarray::ArrayView2;
 use rayon::prelude::*;
 use reagent_core::dims::TILE;
 use reagent_core::kernels::Isa;
@@ -47,7 +47,16 @@ pub fn embed(packed: &PackedEmbedding, width: usize, clouds: &[Seen<'_>], out: &
         .for_each_init(
             || (vec![0.0; TILE * l1.outputs], vec![0.0; TILE * l2.outputs]),
             |(h1, h2), ((values, critical), cloud)| {
-                embed_argmax(isa, &embedding, cloud.points, &cloud.view, h1, h2, values, critical);
+                embed_argmax(
+                    isa,
+                    &embedding,
+                    cloud.points,
+                    &cloud.view,
+                    h1,
+                    h2,
+                    values,
+                    critical,
+                );
             },
         );
 }
@@ -94,8 +103,22 @@ impl Activations {
         let state = &self.state;
         for (head, first) in self.heads.iter_mut().zip([HEAD_T, HEAD_R]) {
             dense(parameters, first, state, batch, true, &mut head.hidden1);
-            dense(parameters, first + 1, &head.hidden1, batch, true, &mut head.hidden2);
-            dense(parameters, first + 2, &head.hidden2, batch, false, &mut head.logits);
+            dense(
+                parameters,
+                first + 1,
+                &head.hidden1,
+                batch,
+                true,
+                &mut head.hidden2,
+            );
+            dense(
+                parameters,
+                first + 2,
+                &head.hidden2,
+                batch,
+                false,
+                &mut head.logits,
+            );
         }
     }
 
@@ -105,7 +128,14 @@ impl Activations {
         let middle = [t.hidden2.as_slice(), r.hidden2.as_slice()].concat();
         let (mut hidden, mut value) = (Vec::new(), Vec::new());
         dense(parameters, VALUE, &middle, self.batch, true, &mut hidden);
-        dense(parameters, VALUE + 1, &hidden, self.batch, false, &mut value);
+        dense(
+            parameters,
+            VALUE + 1,
+            &hidden,
+            self.batch,
+            false,
+            &mut value,
+        );
         value
     }
 
@@ -120,8 +150,7 @@ impl Activations {
     ) {
         state_gradient.resize(self.state.len(), 0.0);
         let mut keep = 0.0;
-        for ((head, first), logits) in
-            self.heads.iter().zip([HEAD_T, HEAD_R]).zip(logit_gradients)
+        for ((head, first), logits) in self.heads.iter().zip([HEAD_T, HEAD_R]).zip(logit_gradients)
         {
             let mut hidden2 = vec![0.0; head.hidden2.len()];
             let mut hidden1 = vec![0.0; head.hidden1.len()];
@@ -140,14 +169,7 @@ impl Activations {
 }
 
 /// `y = W x + b`, with ReLU where asked; `x [inputs, batch]`, `y [outputs, batch]`.
-fn dense(
-    parameters: &Parameters,
-    i: usize,
-    x: &[f32],
-    batch: usize,
-    relu: bool,
-    y: &mut Vec<f32>,
-) {
+fn dense(parameters: &Parameters, i: usize, x: &[f32], batch: usize, relu: bool, y: &mut Vec<f32>) {
     let layer = &parameters.layers[i];
     y.resize(layer.outputs * batch, 0.0);
     for (row, &bias) in y.chunks_exact_mut(batch).zip(parameters.bias(i)) {
@@ -166,7 +188,12 @@ fn dense(
 fn dense_backward(gradient: &mut Parameters, i: usize, dy: &[f32], x: &[f32], batch: usize) {
     let (inputs, outputs) = (gradient.layers[i].inputs, gradient.layers[i].outputs);
     let (weight, bias) = gradient.layer_mut(i);
-    product_parallel(weight, matrix(dy, outputs, batch), matrix(x, inputs, batch).t(), 0.0);
+    product_parallel(
+        weight,
+        matrix(dy, outputs, batch),
+        matrix(x, inputs, batch).t(),
+        0.0,
+    );
     for (b, row) in bias.iter_mut().zip(dy.chunks_exact(batch)) {
         *b = row.iter().sum();
     }
@@ -221,7 +248,9 @@ pub fn embedding_backward(
         .map(|((clouds, critical), gradients)| {
             let mut sum = vec![0.0; end];
             let mut work = CriticalPoints::default();
-            let rows = critical.chunks_exact(width).zip(gradients.chunks_exact(width));
+            let rows = critical
+                .chunks_exact(width)
+                .zip(gradients.chunks_exact(width));
             for (cloud, (critical, gradient)) in clouds.iter().zip(rows) {
                 work.backward(&embedding, parameters, cloud, critical, gradient, &mut sum);
             }
@@ -270,7 +299,8 @@ impl CriticalPoints {
             let slot = &mut self.slot[point as usize];
             if *slot == u32::MAX {
                 *slot = self.points.len() as u32;
-                self.points.push(cloud.view.see(cloud.points[point as usize]));
+                self.points
+                    .push(cloud.view.see(cloud.points[point as usize]));
             }
         }
         let n = self.points.len();
@@ -290,7 +320,8 @@ impl CriticalPoints {
         // Last layer: each channel has one winning point.
         let layer = &parameters.layers[2];
         let rows = parameters.weight(2).chunks_exact(w2);
-        let (sum3, bias3) = sum[layer.weight.start..layer.bias.end].split_at_mut(layer.weight.len());
+        let (sum3, bias3) =
+            sum[layer.weight.start..layer.bias.end].split_at_mut(layer.weight.len());
         for ((((&point, &g), weight), sum), bias) in critical
             .iter()
             .zip(feature_gradient)

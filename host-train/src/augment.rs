@@ -61,7 +61,11 @@ pub fn random_direction(rng: &mut Rng) -> Vec3 {
     let azimuth = rng.random_range(0.0..TAU);
     let cos_polar: f32 = rng.random_range(-1.0..1.0);
     let sin_polar = (1.0 - cos_polar * cos_polar).max(0.0).sqrt();
-    Vec3::new(sin_polar * azimuth.cos(), sin_polar * azimuth.sin(), cos_polar)
+    Vec3::new(
+        sin_polar * azimuth.cos(),
+        sin_polar * azimuth.sin(),
+        cos_polar,
+    )
 }
 
 /// Three independent scale factors, N(1, 0.1) clipped to [0.5, 1.5].

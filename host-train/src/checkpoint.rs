@@ -17,7 +17,9 @@ pub const BEST: &str = "best/checkpoint.safetensors";
 #[derive(Debug, thiserror::Error)]
 pub enum CheckpointError {
     /// There is none.
-    #[error("no checkpoint at {0}: give a run directory (with {BEST} or {LAST}) or a checkpoint file")]
+    #[error(
+        "no checkpoint at {0}: give a run directory (with {BEST} or {LAST}) or a checkpoint file"
+    )]
     Missing(PathBuf),
     /// The file could not be read.
     #[error("cannot read checkpoint {path}")]
@@ -94,15 +96,26 @@ impl Checkpoint {
         };
         for (i, layer) in self.parameters.layers.iter().enumerate() {
             let shape = vec![layer.outputs, layer.inputs];
-            add(format!("{}.weight", layer.name), shape, self.parameters.weight(i));
-            add(format!("{}.bias", layer.name), vec![layer.outputs], self.parameters.bias(i));
+            add(
+                format!("{}.weight", layer.name),
+                shape,
+                self.parameters.weight(i),
+            );
+            add(
+                format!("{}.bias", layer.name),
+                vec![layer.outputs],
+                self.parameters.bias(i),
+            );
         }
         for (name, values) in self.moments() {
             add(name.into(), vec![values.len()], values);
         }
         let views = tensors.iter().map(|(name, shape, bytes)| {
             let view = TensorView::new(Dtype::F32, shape.clone(), bytes);
-            (name.as_str(), view.expect("shape and bytes are those of the values"))
+            (
+                name.as_str(),
+                view.expect("shape and bytes are those of the values"),
+            )
         });
         let progress = serde_json::to_string(&self.progress).map_err(|e| write(e.into()))?;
         let shape = serde_json::to_string(&self.parameters.shape).map_err(|e| write(e.into()))?;
@@ -206,6 +219,9 @@ mod tests {
 
         let bytes = std::fs::read(&path).expect("read");
         std::fs::write(&path, &bytes[..bytes.len() / 2]).expect("cut");
-        assert!(matches!(Checkpoint::load(&path), Err(CheckpointError::Damaged { .. })));
+        assert!(matches!(
+            Checkpoint::load(&path),
+            Err(CheckpointError::Damaged { .. })
+        ));
     }
 }

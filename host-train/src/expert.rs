@@ -38,7 +38,10 @@ impl Expert {
 
 /// Largest step strictly below the error; stop where none is.
 fn steady(delta: f32) -> u8 {
-    signed(delta, STEPS[STOP_INDEX..].iter().rposition(|&s| s < delta.abs()))
+    signed(
+        delta,
+        STEPS[STOP_INDEX..].iter().rposition(|&s| s < delta.abs()),
+    )
 }
 
 /// Step nearest to the error, the larger of two equally near.
@@ -70,7 +73,13 @@ mod tests {
 
     #[test]
     fn steady_never_overshoots_and_greedy_takes_the_nearest() {
-        assert_eq!([0.0, -0.0, 0.0033, 0.0034, -0.28, 0.27].map(steady), [5, 5, 5, 6, 0, 9]);
-        assert_eq!([0.016, 0.021, -0.001, 0.0017, 3.0].map(greedy), [7, 8, 5, 6, 10]);
+        assert_eq!(
+            [0.0, -0.0, 0.0033, 0.0034, -0.28, 0.27].map(steady),
+            [5, 5, 5, 6, 0, 9]
+        );
+        assert_eq!(
+            [0.016, 0.021, -0.001, 0.0017, 3.0].map(greedy),
+            [7, 8, 5, 6, 10]
+        );
     }
 }

@@ -103,8 +103,14 @@ impl WeightFile {
         }
         for (i, &(inputs, outputs)) in LAYER_SHAPES.iter().enumerate() {
             let (weight_at, bias_at) = OFFSETS[i];
-            for (k, field) in [inputs, outputs, weight_at, bias_at].into_iter().enumerate() {
-                put(HEADER + i * TABLE_ROW + 4 * k, &(field as u32).to_le_bytes());
+            for (k, field) in [inputs, outputs, weight_at, bias_at]
+                .into_iter()
+                .enumerate()
+            {
+                put(
+                    HEADER + i * TABLE_ROW + 4 * k,
+                    &(field as u32).to_le_bytes(),
+                );
             }
             let mut panels = vec![0.0; inputs * padded(outputs)];
             pack_panels(inputs, outputs, parameters.weight(i), &mut panels);
@@ -165,13 +171,19 @@ mod tests {
         let refused = WeightFile::from_parameters(&parameters);
         assert!(matches!(
             refused,
-            Err(ExportError::Policy { source: Error::WeightsNotFinite { layer: 0 }, .. })
+            Err(ExportError::Policy {
+                source: Error::WeightsNotFinite { layer: 0 },
+                ..
+            })
         ));
     }
 
     #[test]
     fn another_shape_is_refused() {
-        let small = Shape { embed: [16, 16, 32], head: [16, 16] };
+        let small = Shape {
+            embed: [16, 16, 32],
+            head: [16, 16],
+        };
         let refused = WeightFile::from_parameters(&Parameters::random(small, 1));
         assert!(matches!(refused, Err(ExportError::Shape(_))));
     }

@@ -26,4 +26,5 @@ pub mod protocol;
 pub mod publish;
 pub mod random;
 pub mod register;
+pub mod reward;
 pub mod train;

@@ -25,18 +25,18 @@ impl CloneLoss {
 ///
 /// # Shapes
 /// `logits` and `gradients`: `[33, B]` each, translation first; `expert [B]`.
-pub fn clone_loss(
-    logits: [&[f32]; 2],
-    expert: &[Action],
-    gradients: [&mut [f32]; 2],
-) -> CloneLoss {
+pub fn clone_loss(logits: [&[f32]; 2], expert: &[Action], gradients: [&mut [f32]; 2]) -> CloneLoss {
     let batch = expert.len();
     let mut losses = [0.0f64; 2];
     let mut agree = 0usize;
     let weight = 1.0 / (2 * batch * AXES) as f32;
     for (head, (logits, gradient)) in logits.into_iter().zip(gradients).enumerate() {
         for (b, action) in expert.iter().enumerate() {
-            let labels = if head == 0 { action.translation } else { action.rotation };
+            let labels = if head == 0 {
+                action.translation
+            } else {
+                action.rotation
+            };
             for (axis, label) in labels.into_iter().enumerate() {
                 let at = |i: usize| (axis * STEP_SIZES + i) * batch + b;
                 let (log_sum, best) = log_sum_exp(std::array::from_fn(|i| logits[at(i)]));

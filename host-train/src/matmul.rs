@@ -17,8 +17,7 @@ pub fn matrix(data: &[f32], rows: usize, cols: usize) -> ArrayView2<'_, f32> {
 /// `out = keep * out + a b`, `out` row-major `[a.rows, b.cols]`.
 pub fn product(out: &mut [f32], a: ArrayView2<'_, f32>, b: ArrayView2<'_, f32>, keep: f32) {
     let shape = (a.nrows(), b.ncols());
-    let mut out =
-        ArrayViewMut2::from_shape(shape, out).expect("as many values as the product has");
+    let mut out = ArrayViewMut2::from_shape(shape, out).expect("as many values as the product has");
     general_mat_mul(1.0, &a, &b, keep, &mut out);
 }
 

@@ -126,7 +126,11 @@ impl Parameters {
     /// Parameters of a deployed policy; the value head, which is not deployed, is drawn from `seed`.
     pub fn from_policy(policy: &Policy<'_>, seed: u64) -> Self {
         let mut parameters = Self::random(Shape::PAPER, seed);
-        let dense = [policy.embedding.layers, policy.translation.layers, policy.rotation.layers];
+        let dense = [
+            policy.embedding.layers,
+            policy.translation.layers,
+            policy.rotation.layers,
+        ];
         for (layer, dense) in parameters.layers.iter().zip(dense.as_flattened()) {
             let weight = &mut parameters.values[layer.weight.clone()];
             for (row, values) in weight.chunks_exact_mut(layer.inputs).enumerate() {

@@ -3,6 +3,7 @@
 //! Golden numbers are outputs of the authors' PyTorch implementation of ReAgent for recorded inputs. Small
 //! extracts are in `tests/fixtures`; the complete file is used where it lies beside the checkout.
 
+use host_train::nn::{Parameters, Shape};
 use safetensors::{Dtype, SafeTensors};
 use std::path::{Path, PathBuf};
 
@@ -90,4 +91,16 @@ pub fn shared(path: &str) -> Option<PathBuf> {
         eprintln!("skipped in part: {} is absent", full.display());
         None
     }
+}
+
+/// The reference weights of the complete golden file.
+pub fn reference_parameters(golden: &Golden) -> Parameters {
+    let mut parameters = Parameters::zeros(Shape::PAPER);
+    for i in 0..parameters.layers.len() {
+        let name = parameters.layers[i].name;
+        let (weight, bias) = parameters.layer_mut(i);
+        weight.copy_from_slice(&golden.f32(&format!("{name}.weight")).1);
+        bias.copy_from_slice(&golden.f32(&format!("{name}.bias")).1);
+    }
+    parameters
 }

@@ -9,23 +9,11 @@ use host_train::optim::Adam;
 use host_train::train::{RollOut, Trainer};
 use reagent_core::pose::centroid;
 use reagent_core::{Action, Pose};
-use reagent_tests::Golden;
+use reagent_tests::{Golden, reference_parameters};
 
 fn trainer(parameters: Parameters) -> Trainer {
     let adam = Adam::new(parameters.values.len());
     Trainer::new(parameters, adam, 0, 1, RollOut::default(), Expert::Steady)
-}
-
-/// The reference weights of the complete golden file.
-fn reference_parameters(golden: &Golden) -> Parameters {
-    let mut parameters = Parameters::zeros(Shape::PAPER);
-    for i in 0..parameters.layers.len() {
-        let name = parameters.layers[i].name;
-        let (weight, bias) = parameters.layer_mut(i);
-        weight.copy_from_slice(&golden.f32(&format!("{name}.weight")).1);
-        bias.copy_from_slice(&golden.f32(&format!("{name}.bias")).1);
-    }
-    parameters
 }
 
 fn problem(source: Vec<[f32; 3]>, target: Vec<[f32; 3]>) -> Problem {
@@ -74,7 +62,10 @@ fn loss_and_gradient_at_alpha_zero_equal_the_reference() {
         ("loss.total_alpha0", loss.total()),
     ] {
         let expected = f64::from(golden.f32(name).1[0]);
-        assert!((value - expected).abs() < 1e-5, "{name}: {value} {expected}");
+        assert!(
+            (value - expected).abs() < 1e-5,
+            "{name}: {value} {expected}"
+        );
     }
     let gradient = trainer.last_gradient();
     for (i, layer) in gradient.layers.iter().enumerate() {
@@ -86,7 +77,10 @@ fn loss_and_gradient_at_alpha_zero_equal_the_reference() {
                 .map(|&g| f64::from(g).powi(2))
                 .sum::<f64>()
                 .sqrt();
-            assert!((norm - expected).abs() <= 1e-4 * expected, "{name}: {norm} {expected}");
+            assert!(
+                (norm - expected).abs() <= 1e-4 * expected,
+                "{name}: {norm} {expected}"
+            );
         }
     }
 }
@@ -130,10 +124,12 @@ fn gradients_equal_finite_differences_on_a_small_shape() {
         let scale = step / norm2.sqrt() as f32;
         let mut at = |sign: f32| {
             for i in range.clone() {
-                parameters.values[i] = trainer.parameters.values[i] + sign * scale * gradient.values[i];
+                parameters.values[i] =
+                    trainer.parameters.values[i] + sign * scale * gradient.values[i];
             }
             let loss = loss_at(&parameters);
-            parameters.values[range.clone()].copy_from_slice(&trainer.parameters.values[range.clone()]);
+            parameters.values[range.clone()]
+                .copy_from_slice(&trainer.parameters.values[range.clone()]);
             loss
         };
         let difference = (at(1.0) - at(-1.0)) / (2.0 * f64::from(step));
@@ -153,14 +149,22 @@ fn results_do_not_depend_on_the_number_of_threads() {
         head: [16, 16],
     };
     let train = |threads: usize| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .expect("threads");
         pool.install(|| {
             let mut trainer = trainer(Parameters::random(shape, 5));
             let problems = (0..8)
                 .map(|i| {
                     let model = host_train::dataset::procedural::model(7, i);
-                    let mut rng = host_train::random::stream(1, host_train::random::Purpose::Augment, i);
-                    Problem::from(host_train::augment::noisy_sample(&mut rng, &model.points, 100))
+                    let mut rng =
+                        host_train::random::stream(1, host_train::random::Purpose::Augment, i);
+                    Problem::from(host_train::augment::noisy_sample(
+                        &mut rng,
+                        &model.points,
+                        100,
+                    ))
                 })
                 .collect();
             trainer.update(problems, 1e-3);

@@ -8,7 +8,7 @@
 //! Kernels with fused multiply-add round once where the portable one rounds twice: they agree to
 //! 1e-5, not bit by bit.
 
-#![allow(unsafe_code)]
+#![allow(unsafe_code, clippy::indexing_slicing)]
 
 use crate::dims::PANEL;
 use crate::weights::Dense;

@@ -1,7 +1,7 @@
 //! AVX2 + FMA kernels: one panel of 16 outputs in two halves, by 6 points in 12 accumulators.
 //!
 //! The same conditions hold as for the AVX-512 kernels, with AVX2 and FMA detected.
-#![allow(unsafe_code)]
+#![allow(unsafe_code, clippy::indexing_slicing, clippy::needless_range_loop)]
 
 use crate::dims::PANEL;
 use crate::weights::Dense;

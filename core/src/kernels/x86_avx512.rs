@@ -3,7 +3,7 @@
 //! Every function must only be called where AVX-512F was detected, with `points` rows in `x` (and
 //! `y`), `max`/`argmax`/`start`/`y` at least as long as `layer.bias`, and a layer whose arrays have
 //! their padded lengths; [`super::Isa`] checks all of it.
-#![allow(unsafe_code)]
+#![allow(unsafe_code, clippy::indexing_slicing, clippy::needless_range_loop)]
 
 use crate::dims::PANEL;
 use crate::weights::Dense;

@@ -26,7 +26,9 @@ impl FromStr for DataSource {
             Some("") => Ok(DataSource::Procedural(1024)),
             Some(count) if count.starts_with(':') => match count[1..].parse() {
                 Ok(n) if n > 0 => Ok(DataSource::Procedural(n)),
-                _ => Err(format!("\"{s}\": write procedural:COUNT with a count above 0")),
+                _ => Err(format!(
+                    "\"{s}\": write procedural:COUNT with a count above 0"
+                )),
             },
             _ => Ok(DataSource::Directory(s.into())),
         }

@@ -53,7 +53,9 @@ pub enum TrainError {
     #[error("validation failed")]
     Validation(#[from] EvalError),
     /// The loss is no number any more.
-    #[error("the loss of update {update} is {loss}: lower the learning rate; the last checkpoint is whole")]
+    #[error(
+        "the loss of update {update} is {loss}: lower the learning rate; the last checkpoint is whole"
+    )]
     NotFinite {
         /// The update.
         update: u64,
@@ -313,10 +315,7 @@ fn clouds(config: &TrainConfig) -> Result<(Vec<Vec<Point>>, PairSet), TrainError
 }
 
 /// The trainer at the start of a run, or where it was left; and the best validation error so far.
-fn start(
-    config: &TrainConfig,
-    resume: bool,
-) -> Result<(Trainer, Option<(f64, u32)>), TrainError> {
+fn start(config: &TrainConfig, resume: bool) -> Result<(Trainer, Option<(f64, u32)>), TrainError> {
     let (parameters, adam, progress) = if resume {
         let checkpoint = Checkpoint::load(&config.out.join(LAST))?;
         (checkpoint.parameters, checkpoint.adam, checkpoint.progress)
@@ -379,4 +378,3 @@ fn progress_bar(updates: u64) -> ProgressBar {
         .unwrap_or_else(|_| ProgressStyle::default_bar());
     ProgressBar::new(updates).with_style(style)
 }
-

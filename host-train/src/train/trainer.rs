@@ -83,7 +83,9 @@ impl Trainer {
         let targets: Vec<Seen<'_>> = problems.iter().map(target).collect();
         embed(&self.packed, width, &targets, &mut self.targets);
 
-        let runs: Vec<usize> = (0..self.roll_out.trajectories).flat_map(|_| 0..count).collect();
+        let runs: Vec<usize> = (0..self.roll_out.trajectories)
+            .flat_map(|_| 0..count)
+            .collect();
         let rows: Vec<usize> = (0..runs.len()).collect();
         let mut poses = vec![Pose::IDENTITY; runs.len()];
         let mut observations = Vec::with_capacity(runs.len() * self.roll_out.steps);

@@ -1,0 +1,36 @@
+//! The step reward: did the source come closer to where it belongs (paper, reward equation)?
+
+use crate::dataset::Point;
+use glam::Vec3;
+
+/// Reward of a step that brought the clouds closer.
+pub const CLOSER: f32 = 0.5;
+/// Reward of a step that took them apart.
+pub const FARTHER: f32 = -0.6;
+/// Reward of a step that changed nothing.
+pub const SAME: f32 = -0.1;
+
+/// Chamfer distance in one direction: mean over `points` of the squared distance to the nearest of
+/// `truth`. NaN where either is empty.
+pub fn chamfer(points: &[Point], truth: &[Point]) -> f32 {
+    let nearest = |&p: &Point| {
+        let p = Vec3::from_array(p);
+        truth
+            .iter()
+            .map(|&q| p.distance_squared(Vec3::from_array(q)))
+            .fold(f32::NAN, f32::min)
+    };
+    let sum: f64 = points.iter().map(|p| f64::from(nearest(p))).sum();
+    (sum / points.len() as f64) as f32
+}
+
+/// Reward for the distance before and after a step. Only equal bits count as unchanged.
+pub fn reward(before: f32, after: f32) -> f32 {
+    if after < before {
+        CLOSER
+    } else if after > before {
+        FARTHER
+    } else {
+        SAME
+    }
+}

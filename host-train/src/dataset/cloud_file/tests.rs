@@ -1,0 +1,233 @@
+//! Small files of each kind, whole and broken.
+
+use super::*;
+use proptest::prelude::*;
+use std::io::Write;
+
+const TETRAHEDRON: [Point; 4] = [
+    [0.0, 0.0, 0.0],
+    [1.0, 0.0, 0.0],
+    [0.0, 1.0, 0.0],
+    [0.0, 0.0, 2.0],
+];
+const OFF: &str =
+    "OFF # a tetrahedron\n4 4 6\n0 0 0\n1 0 0\n0 1 0\n0 0 2\n3 0 1 2\n3 0 1 3\n3 0 2 3\n3 1 2 3\n";
+const PLY: &str = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty double y\nproperty float z\nproperty uchar red\nelement face 2\nproperty list uchar int vertex_indices\nend_header\n0 0 0 9\n1 0 0 9\n0 1 0 9\n0 0 2 9\n3 0 1 2\n4 0 1 2 3\n";
+const OBJ: &str =
+    "mtllib none.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 2\no a\nf 1 2 3\nf 1/1 2/2 3/3 4/4\n";
+const STL: &str = "solid t\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\nendsolid t\n";
+const PCD: &str = "VERSION .7\nFIELDS x y z intensity\nSIZE 4 4 4 4\nTYPE F F F F\nCOUNT 1 1 1 1\nWIDTH 3\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS 3\nDATA ascii\n0 0 0 1\nnan nan nan 1\n1 2 3 1\n";
+
+fn pcd_binary(kind: &str, payload: &[u8]) -> Vec<u8> {
+    let header = PCD.split("DATA").next().unwrap_or_default();
+    [header.as_bytes(), b"DATA ", kind.as_bytes(), b"\n", payload].concat()
+}
+
+fn read(name: &str, bytes: &[u8]) -> Result<CloudFile, CloudError> {
+    let mut file = tempfile::Builder::new()
+        .suffix(name)
+        .tempfile()
+        .expect("temporary file");
+    file.write_all(bytes).expect("write");
+    read_file(file.path())
+}
+
+fn refused(name: &str, bytes: &[u8]) -> String {
+    read(name, bytes).expect_err("must be refused").to_string()
+}
+
+#[test]
+fn meshes_of_every_kind() {
+    let off = read(".off", OFF.as_bytes()).expect("off");
+    assert_eq!(off.points, TETRAHEDRON);
+    assert_eq!(
+        off.faces,
+        Some(vec![[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]])
+    );
+    let glued = OFF.replace("OFF # a tetrahedron\n", "OFF");
+    assert_eq!(read(".OFF", glued.as_bytes()).expect("off"), off);
+
+    let ply = read(".ply", PLY.as_bytes()).expect("ply");
+    assert_eq!(ply.points, TETRAHEDRON);
+    assert_eq!(ply.faces, Some(vec![[0, 1, 2], [0, 1, 2], [0, 2, 3]]));
+
+    let obj = read(".obj", OBJ.as_bytes()).expect("obj");
+    assert_eq!(obj.points, TETRAHEDRON);
+    assert_eq!(obj.faces, Some(vec![[0, 1, 2], [0, 1, 2], [0, 2, 3]]));
+
+    let stl = read(".stl", STL.as_bytes()).expect("stl");
+    assert_eq!(
+        (stl.points.as_slice(), stl.faces),
+        (&TETRAHEDRON[..3], Some(vec![[0, 1, 2]]))
+    );
+}
+
+#[test]
+fn clouds_of_every_kind() {
+    let xyz = read(
+        ".xyz",
+        b"# made by hand\n0 0 0\n1,0,0,255\n\n0\t1e0\t0 7 7\n",
+    )
+    .expect("xyz");
+    assert_eq!(
+        (xyz.points.as_slice(), xyz.faces),
+        (&TETRAHEDRON[..3], None)
+    );
+
+    let pcd = read(".pcd", PCD.as_bytes()).expect("pcd");
+    assert_eq!(
+        (pcd.points.as_slice(), pcd.dropped),
+        (&[[0.0, 0.0, 0.0], [1.0, 2.0, 3.0]][..], 1)
+    );
+    let numbers = [
+        0.0f32,
+        0.0,
+        0.0,
+        1.0,
+        f32::NAN,
+        0.0,
+        0.0,
+        1.0,
+        1.0,
+        2.0,
+        3.0,
+        1.0,
+    ];
+    let payload: Vec<u8> = numbers.iter().flat_map(|x| x.to_le_bytes()).collect();
+    assert_eq!(
+        read(".pcd", &pcd_binary("binary", &payload)).expect("pcd"),
+        pcd
+    );
+
+    let bare = read(".obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\n").expect("obj");
+    assert_eq!(
+        (bare.points.as_slice(), bare.faces),
+        (&TETRAHEDRON[..3], None)
+    );
+}
+
+#[test]
+fn written_ply_reads_back() {
+    let file = tempfile::Builder::new()
+        .suffix(".ply")
+        .tempfile()
+        .expect("temporary file");
+    write_ply(file.path(), &TETRAHEDRON).expect("write");
+    let back = read_file(file.path()).expect("read");
+    assert_eq!(
+        back,
+        CloudFile {
+            points: TETRAHEDRON.into(),
+            faces: None,
+            dropped: 0
+        }
+    );
+}
+
+#[test]
+fn meshes_are_sampled_and_clouds_taken_as_they_are() {
+    let dir = tempfile::tempdir().expect("temporary directory");
+    let path = dir.path().join("t.off");
+    std::fs::write(&path, OFF).expect("write");
+    let points = read_cloud(&path, 1).expect("points");
+    assert_eq!(points.len(), MESH_POINTS);
+    assert_eq!(points, read_cloud(&path, 1).expect("points"));
+    assert_ne!(points, read_cloud(&path, 2).expect("points"));
+    let inside =
+        |&[x, y, z]: &Point| x >= 0.0 && y >= 0.0 && z >= 0.0 && x + y + z / 2.0 < 1.0 + 1e-5;
+    assert!(points.iter().all(inside));
+    std::fs::write(
+        &path,
+        OFF.replace("1 0 0", "0 0 0").replace("0 1 0", "0 0 0"),
+    )
+    .expect("write");
+    assert!(matches!(
+        read_cloud(&path, 1),
+        Err(CloudError::NoArea { .. })
+    ));
+
+    let path = dir.path().join("t.xyz");
+    std::fs::write(&path, "1 2 3\n4 5 6\n").expect("write");
+    assert_eq!(
+        read_cloud(&path, 1).expect("points"),
+        [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]
+    );
+}
+
+#[test]
+fn refusals_say_what_and_where() {
+    assert!(refused(".doc", b"").contains(".ply .pcd .xyz .off .obj or .stl"));
+    assert!(matches!(
+        read_file(Path::new("no/such.ply")),
+        Err(CloudError::Io { .. })
+    ));
+    assert!(refused(".xyz", b"").contains("no points"));
+    assert!(
+        refused(".xyz", b"0 0 0\n1 2\n")
+            .contains("line 2: expected three coordinates, found \"1 2\"")
+    );
+    assert!(refused(".xyz", b"0 0 0\nnan 0 0\n").contains("point 1 has a NaN"));
+    assert!(refused(".xyz", b"\xff\xfe").contains("byte 0 is not text"));
+    assert!(refused(".off", &OFF.as_bytes()[..38]).contains("it ends after"));
+    assert!(
+        refused(".off", OFF.replace("3 1 2 3", "3 1 2 9").as_bytes())
+            .contains("face 3 names vertex 9 of 4")
+    );
+    assert!(refused(".off", OFF.replace("3 1 2 3", "4 1 2 3").as_bytes()).contains("line 10"));
+    assert!(refused(".off", b"OFF\n99999999999 0 0\n").contains("it ends after 0"));
+    assert!(
+        refused(".ply", PLY.replace("float z", "float w").as_bytes()).contains("lack x, y or z")
+    );
+    assert!(
+        refused(
+            ".ply",
+            PLY.replace("vertex 4", "vertex 4000000000").as_bytes()
+        )
+        .contains("do not fit")
+    );
+    assert!(
+        refused(".ply", PLY.replace("3 0 1 2", "3 0 1 -2").as_bytes())
+            .contains("names vertex 4294967295")
+    );
+    assert!(refused(".ply", &PLY.as_bytes()[..PLY.len() - 10]).contains("end of file"));
+    assert!(refused(".pcd", PCD.replace("1 2 3 1\n", "").as_bytes()).contains("point 2"));
+    assert!(refused(".pcd", &pcd_binary("binary", &[0; 47])).contains("do not fit"));
+    assert!(
+        refused(
+            ".pcd",
+            &pcd_binary(
+                "binary_compressed",
+                &[255, 255, 255, 255, 255, 255, 255, 255, 1]
+            )
+        )
+        .contains("do not fit")
+    );
+    assert!(
+        refused(
+            ".pcd",
+            PCD.replace("0 0 0 1\n", "nan 0 0 1\n")
+                .replace("1 2 3 1\n", "inf 0 0 1\n")
+                .as_bytes()
+        )
+        .contains("3 invalid")
+    );
+    let binary = [&[b' '; 80][..], &2u32.to_le_bytes(), &[0; 50]].concat();
+    assert!(refused(".stl", &binary).contains("triangle 1"));
+}
+
+proptest! {
+    #[test]
+    fn flips_and_cuts_never_panic(kind in 0usize..7, at: prop::sample::Index, value: u8, cut: prop::sample::Index) {
+        let payload: Vec<u8> = (0..12).flat_map(|i| (i as f32).to_le_bytes()).collect();
+        let whole = [
+            (".off", OFF.as_bytes().to_vec()), (".ply", PLY.as_bytes().to_vec()), (".obj", OBJ.as_bytes().to_vec()),
+            (".stl", STL.as_bytes().to_vec()), (".pcd", PCD.as_bytes().to_vec()), (".pcd", pcd_binary("binary", &payload)),
+            (".ply", ply::emit(&TETRAHEDRON)),
+        ];
+        let (name, bytes) = &whole[kind];
+        let mut flipped = bytes.clone();
+        flipped[at.index(bytes.len())] = value;
+        let _ = read(name, &flipped);
+        let _ = read(name, &bytes[..cut.index(bytes.len())]);
+    }
+}

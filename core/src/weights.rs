@@ -54,6 +54,7 @@ pub const FILE_LEN: usize = {
     bias + 4 * padded(LAYER_SHAPES[LAYERS - 1].1) + 4
 };
 
+#[allow(clippy::indexing_slicing)] // evaluated by the compiler only
 const fn offsets() -> [(usize, usize); LAYERS] {
     let mut table = [(0, 0); LAYERS];
     let mut at = HEADER + LAYERS * TABLE_ROW;

@@ -16,6 +16,7 @@ use std::time::Instant;
 
 /// How to register.
 #[derive(Clone, Copy, Debug)]
+#[allow(clippy::large_enum_variant, reason = "a handful exist at a time")]
 pub enum Method<'w> {
     /// The learned policy, one arg-max action a step.
     Policy(Policy<'w>),

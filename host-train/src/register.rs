@@ -1,16 +1,10 @@
 //! One registration of two clouds in the user's own units.
 
 use crate::dataset::Point;
-use crate::random::{Purpose, stream};
-use rand::seq::index;
-use reagent_core::dims::MAX_POINTS;
 use reagent_core::net::Scratch;
 use reagent_core::steps::STEPS;
 use reagent_core::{Action, Error, Frame, Policy, Pose, Registrar, Verdict};
 use serde::Serialize;
-
-/// Points drawn from a cloud that exceeds the capacity.
-pub const SUBSAMPLE: usize = 2048;
 
 /// One step of a registration, as the trace file holds it: one JSON object a line.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -86,30 +80,66 @@ fn line(step: usize, action: Action, frame: Frame, pose: Pose) -> TraceLine {
     }
 }
 
-/// A cloud within the core's capacity: itself, or [`SUBSAMPLE`] of its points, drawn without replacement
-/// from the seed's stream number `index`, in their order.
-pub fn within_capacity(points: Vec<Point>, seed: u64, index: u64) -> Vec<Point> {
-    if points.len() <= MAX_POINTS {
-        return points;
-    }
-    let rng = &mut stream(seed, Purpose::Pairs, index);
-    let mut chosen = index::sample(rng, points.len(), SUBSAMPLE).into_vec();
-    chosen.sort_unstable();
-    chosen.into_iter().map(|i| points[i]).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::export::WeightFile;
+    use crate::nn::{Parameters, Shape};
+    use crate::random::{Purpose, stream};
+    use rand::RngExt;
+
+    fn cloud(index: u64) -> Vec<Point> {
+        let rng = &mut stream(2, Purpose::Pairs, index);
+        (0..64)
+            .map(|_| std::array::from_fn(|_| rng.random_range(-1.0..1.0)))
+            .collect()
+    }
+
+    /// The policy sees the same normalised clouds whatever the unit is, so it must take the same actions.
+    #[test]
+    fn the_unit_of_length_changes_translations_only() {
+        let file =
+            WeightFile::from_parameters(&Parameters::random(Shape::PAPER, 4)).expect("deployable");
+        let (source, target) = (cloud(0), cloud(1));
+        let doubled = |cloud: &[Point]| {
+            cloud
+                .iter()
+                .map(|p| p.map(|x| 2.0 * x))
+                .collect::<Vec<Point>>()
+        };
+        let one = register(file.policy(), &source, &target, Pose::IDENTITY, 4).expect("valid");
+        let two = register(
+            file.policy(),
+            &doubled(&source),
+            &doubled(&target),
+            Pose::IDENTITY,
+            4,
+        )
+        .expect("valid");
+        let actions = |r: &Registered| {
+            r.trace
+                .iter()
+                .map(|l| (l.translation_id, l.rotation_id))
+                .collect::<Vec<_>>()
+        };
+        assert_eq!(actions(&one), actions(&two));
+        assert_eq!(one.trace.len(), 4);
+        let (a, b) = (one.target_from_source, two.target_from_source);
+        assert_eq!(a.rotation, b.rotation);
+        assert!((b.translation - 2.0 * a.translation).length() < 1e-5);
+    }
 
     #[test]
-    fn only_clouds_beyond_the_capacity_are_subsampled() {
-        let cloud = |n: usize| (0..n).map(|i| [i as f32, 0.0, 0.0]).collect::<Vec<Point>>();
-        assert_eq!(within_capacity(cloud(MAX_POINTS), 1, 0).len(), MAX_POINTS);
-        let drawn = within_capacity(cloud(MAX_POINTS + 1), 1, 0);
-        assert_eq!(drawn.len(), SUBSAMPLE);
-        assert!(drawn.is_sorted_by(|a, b| a[0] < b[0]), "no point twice");
-        assert_eq!(drawn, within_capacity(cloud(MAX_POINTS + 1), 1, 0));
-        assert_ne!(drawn, within_capacity(cloud(MAX_POINTS + 1), 2, 0));
+    fn bad_clouds_are_refused() {
+        let file =
+            WeightFile::from_parameters(&Parameters::random(Shape::PAPER, 4)).expect("deployable");
+        let good = cloud(0);
+        let run = |s: &[Point], t: &[Point]| register(file.policy(), s, t, Pose::IDENTITY, 1).err();
+        assert_eq!(run(&[], &good), Some(Error::EmptyCloud));
+        assert_eq!(
+            run(&good, &good[..1]),
+            Some(Error::TooFewPoints { points: 1 })
+        );
+        assert_eq!(run(&good, &[[0.5; 3]; 8]), Some(Error::NoExtent));
     }
 }

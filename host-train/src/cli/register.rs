@@ -3,24 +3,28 @@
 use super::output::{write_json, write_text};
 use super::source;
 use crate::dataset::Point;
-use crate::dataset::cloud_file::{read_cloud, write_ply};
+use crate::dataset::cloud_file::{CloudFile, read_cloud, read_points, write_ply};
 use crate::export::WeightFile;
-use crate::register::{Registered, SUBSAMPLE, register, within_capacity};
+use crate::register::{Registered, register};
 use anyhow::{Context, bail};
 use clap::Args;
 use glam::Vec3;
 use reagent_core::dims::{MAX_POINTS, STEPS};
 use reagent_core::{Pose, Verdict};
-use serde_json::json;
+use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::time::Instant;
+
+/// Points drawn from a mesh, or from a cloud beyond the core's capacity.
+const SAMPLE: usize = 2048;
 
 /// Register a source cloud to a target cloud and print the pose
 ///
 /// Both clouds must be in the same unit of length; the pose and the trace are in it too. The policy sees the
 /// clouds normalised: the target's mean at the origin, its farthest point at 1. Files: .ply .pcd .xyz .off
-/// .obj .stl (vertices of a mesh with faces are replaced by points on its surface).
+/// .obj .stl. Of a mesh, 2048 points of its surface are used; of a cloud with more than 4096 points, 2048 of
+/// its points.
 #[derive(Debug, Args)]
 pub(super) struct RegisterArgs {
     /// Policy
@@ -105,9 +109,9 @@ impl RegisterArgs {
     pub(super) fn run(self, seed: u64) -> anyhow::Result<()> {
         let weights = WeightFile::load(&self.weights)?;
         let initial = self.init.map_or(Ok(Pose::IDENTITY), Initial::load)?;
-        let source_all = read(&self.source, seed)?;
-        let target = fit(&self.target, read(&self.target, seed)?, seed, 1);
-        let source = fit(&self.source, source_all.clone(), seed, 0);
+        let (source_file, source) = read(&self.source, seed)?;
+        // Another stream: a mesh registered to itself must not be sampled at the very same points.
+        let (_, target) = read(&self.target, seed.wrapping_add(1))?;
 
         let start = Instant::now();
         let found = register(weights.policy(), &source, &target, initial, self.steps)
@@ -123,7 +127,8 @@ impl RegisterArgs {
 
         print!("{}", report(&found, ms));
         if let Some(path) = &self.out {
-            let aligned: Vec<Point> = source_all
+            let aligned: Vec<Point> = source_file
+                .points
                 .iter()
                 .map(|&p| pose.apply(Vec3::from(p)).to_array())
                 .collect();
@@ -138,34 +143,58 @@ impl RegisterArgs {
             write_text(path, &(lines.join("\n") + "\n"))?;
         }
         if let Some(path) = &self.json {
-            let document = json!({
-                "target_from_source": pose.to_rows(),
-                "verdict": verdict(found.verdict),
-                "steps": found.trace.len(),
-                "ms": ms,
-                "source_points": source.len(),
-                "target_points": target.len(),
-            });
+            let document = Document {
+                target_from_source: pose.to_rows(),
+                verdict: verdict(found.verdict),
+                steps: found.trace.len(),
+                ms,
+                source_points: source.len(),
+                target_points: target.len(),
+            };
             write_json(path, &document)?;
         }
         Ok(())
     }
 }
 
-fn read(path: &Path, seed: u64) -> anyhow::Result<Vec<Point>> {
-    Ok(read_cloud(path, seed)?)
+/// What `--json` writes.
+#[derive(Serialize)]
+struct Document {
+    target_from_source: [[f32; 4]; 3],
+    verdict: &'static str,
+    steps: usize,
+    ms: f64,
+    source_points: usize,
+    target_points: usize,
 }
 
-/// The cloud within the core's capacity; says so where points are left out.
-fn fit(path: &Path, points: Vec<Point>, seed: u64, index: u64) -> Vec<Point> {
-    if points.len() > MAX_POINTS {
+/// A file, and the points of it that are registered; says so where they are not all.
+fn read(path: &Path, seed: u64) -> anyhow::Result<(CloudFile, Vec<Point>)> {
+    let file = read_cloud(path)?;
+    let points = file.points.len();
+    if file.dropped > 0 {
         eprintln!(
-            "{}: {} points exceed the capacity of {MAX_POINTS}; {SUBSAMPLE} of them are used (--seed {seed})",
+            "{}: {} points without coordinates are left out",
             path.display(),
-            points.len(),
+            file.dropped
         );
     }
-    within_capacity(points, seed, index)
+    if file.faces.is_none() && points <= MAX_POINTS {
+        let all = file.points.clone();
+        return Ok((file, all));
+    }
+    if file.faces.is_some() {
+        eprintln!(
+            "{}: a mesh; {SAMPLE} points of its surface are used",
+            path.display()
+        );
+    } else {
+        eprintln!(
+            "{}: {points} points exceed the capacity of {MAX_POINTS}; {SAMPLE} of them are used",
+            path.display()
+        );
+    }
+    Ok((file, read_points(path, SAMPLE, seed)?))
 }
 
 fn verdict(verdict: Verdict) -> &'static str {

@@ -1,0 +1,479 @@
+//! The trainer's command line from outside: exit status, one line that says what is wrong, results.
+
+use assert_cmd::Command;
+use assert_cmd::cargo::cargo_bin;
+use host_train::dataset::pairs::{PairSet, load_poses};
+use host_train::export::WeightFile;
+use host_train::nn::{Parameters, Shape};
+use reagent_tests::shared;
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use std::process::Output;
+use tempfile::TempDir;
+
+/// Runs the program in a folder.
+fn run(folder: &Path, arguments: &str) -> Output {
+    Command::new(cargo_bin("host-train"))
+        .current_dir(folder)
+        .args(arguments.split_whitespace())
+        .output()
+        .expect("host-train runs")
+}
+
+fn succeed(folder: &Path, arguments: &str) -> String {
+    let output = run(folder, arguments);
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(0), "{arguments}: {stderr}");
+    String::from_utf8(output.stdout).expect("text")
+}
+
+/// Status 1, and a single line on stderr that holds every one of `words`.
+fn fail(folder: &Path, arguments: &str, words: &[&str]) {
+    let output = run(folder, arguments);
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{arguments}: {stderr}");
+    assert_eq!(stderr.lines().count(), 1, "{arguments}: {stderr}");
+    assert!(stderr.starts_with("error: "), "{arguments}: {stderr}");
+    for word in words {
+        assert!(
+            stderr.contains(word),
+            "{arguments}: no \"{word}\" in: {stderr}"
+        );
+    }
+}
+
+fn folder() -> TempDir {
+    tempfile::tempdir().expect("a temporary folder")
+}
+
+/// An untrained policy.
+fn write_weights(path: &Path) -> Vec<u8> {
+    let file =
+        WeightFile::from_parameters(&Parameters::random(Shape::PAPER, 5)).expect("deployable");
+    file.save(path).expect("written");
+    file.bytes().to_vec()
+}
+
+fn read_json(path: &Path) -> Value {
+    serde_json::from_slice(&std::fs::read(path).expect("written")).expect("JSON")
+}
+
+#[test]
+fn bad_usage_has_status_2() {
+    let folder = folder();
+    for arguments in [
+        "",
+        "no-such-command",
+        "train --data procedural --out run",
+        "train --stage pretrain --out run",
+        "train --data procedural:0 --stage pretrain --out run",
+        "train --data procedural --stage pretrain --out run --resume --init a.rgw",
+        "eval --methods icp",
+        "eval --methods policy --pairs p.h5",
+        "eval --pairs p.h5",
+        "eval --weights w.rgw --methods icp --pairs p.h5",
+        "eval --methods icp --pairs p.h5 --data procedural --protocol scan",
+        "eval --methods icp --data procedural",
+        "eval --methods icp --pairs p.h5 --protocol scan",
+        "eval --methods icp --pairs p.h5 --threads 0",
+        "eval --methods icp --pairs p.h5 --steps -1",
+        "eval --methods icp,magic --pairs p.h5",
+        "pairs --data procedural --protocol table1 --out p.h5",
+        "pairs --data procedural --protocol scan --count 0 --out p.h5",
+        "register a.ply b.ply",
+        "register --weights w.rgw a.ply b.ply --init 1,2,3",
+        "register --weights w.rgw a.ply b.ply --init 2,0,0,0,0,1,0,0,0,0,1,0",
+        "export --run run --format f64 --out w.rgw",
+        "publish --weights w.rgw --fleet lab",
+    ] {
+        let output = run(folder.path(), arguments);
+        assert_eq!(output.status.code(), Some(2), "{arguments}");
+        assert!(output.stdout.is_empty(), "{arguments}");
+    }
+}
+
+#[test]
+fn every_command_explains_itself() {
+    let folder = folder();
+    for command in [
+        "train", "eval", "register", "pairs", "export", "import", "keygen", "publish",
+    ] {
+        let help = succeed(folder.path(), &format!("{command} --help"));
+        assert!(
+            help.contains("--seed <S>") && help.contains("[default: 42]"),
+            "{command}"
+        );
+    }
+}
+
+#[test]
+fn missing_files_are_named() {
+    let folder = folder();
+    let at = folder.path();
+    write_weights(&at.join("w.rgw"));
+    fail(at, "eval --methods init --pairs none.h5", &["none.h5"]);
+    fail(
+        at,
+        "eval --methods init --data none --protocol m40-models",
+        &["none", "procedural"],
+    );
+    fail(at, "eval --weights none.rgw --pairs p.h5", &["none.rgw"]);
+    fail(
+        at,
+        "train --data none --stage pretrain --out run",
+        &["none", "procedural"],
+    );
+    fail(at, "export --run none --out w.rgw", &["none"]);
+    fail(at, "import --pytorch none.zip --out w.rgw", &["none.zip"]);
+    fail(
+        at,
+        "register --weights w.rgw none.ply none.ply",
+        &["none.ply"],
+    );
+    fail(
+        at,
+        "register --weights w.rgw a.ply b.ply --init none.json",
+        &["none.json"],
+    );
+    fail(
+        at,
+        "pairs --data procedural --protocol scan --count 2 --out none/p.h5",
+        &["none/p.h5"],
+    );
+    fail(
+        at,
+        "publish --weights w.rgw --key none.key --fleet lab",
+        &["none.key", "keygen"],
+    );
+}
+
+#[test]
+fn truncated_and_flipped_weights_are_refused() {
+    let folder = folder();
+    let at = folder.path();
+    succeed(
+        at,
+        "pairs --data procedural --protocol m40-clean --count 1 --out p.h5",
+    );
+    let good = write_weights(&at.join("good.rgw"));
+    succeed(at, "eval --weights good.rgw --pairs p.h5 --steps 1");
+
+    let check = |bytes: &[u8], words: &[&str]| {
+        std::fs::write(at.join("bad.rgw"), bytes).expect("written");
+        fail(
+            at,
+            "eval --weights bad.rgw --pairs p.h5",
+            &[&["bad.rgw"], words].concat(),
+        );
+    };
+    check(&[], &[]);
+    check(&good[..31], &[]);
+    check(&good[..good.len() - 1], &[]);
+    check(&[&good[..], &[0]].concat(), &[]);
+    check(
+        b"not a policy at all, but long enough to hold a header",
+        &[],
+    );
+    for at in [0, 5, 17, 100, 5000, good.len() / 2, good.len() - 1] {
+        let mut flipped = good.clone();
+        flipped[at] ^= 0x10;
+        check(&flipped, &[]);
+    }
+}
+
+#[test]
+fn wrong_pairs_files_are_refused() {
+    let folder = folder();
+    let at = folder.path();
+    succeed(
+        at,
+        "pairs --data procedural --protocol m40-clean --count 2 --out p.h5",
+    );
+    let good = std::fs::read(at.join("p.h5")).expect("written");
+    let eval = "eval --methods init --pairs bad.h5";
+
+    std::fs::write(at.join("bad.h5"), b"no HDF5").expect("written");
+    fail(at, eval, &["bad.h5", "HDF5"]);
+    std::fs::write(at.join("bad.h5"), &good[..good.len() / 2]).expect("written");
+    fail(at, eval, &["bad.h5"]);
+
+    // A poses file is HDF5 without any of the datasets.
+    succeed(at, "eval --methods init --pairs p.h5 --poses bad.h5");
+    fail(at, eval, &["bad.h5", "source"]);
+
+    // Well-formed, but a cloud is beyond the core's capacity: the pair is named.
+    let mut set = PairSet::load(&at.join("p.h5")).expect("valid");
+    for source in &mut set.source {
+        source.resize(5000, [0.1, 0.2, 0.3]);
+    }
+    set.save(&at.join("big.h5")).expect("written");
+    write_weights(&at.join("w.rgw"));
+    let output = run(at, "eval --weights w.rgw --pairs big.h5");
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    let last = stderr.lines().last().unwrap_or_default();
+    assert_eq!(output.status.code(), Some(1));
+    assert!(
+        last.contains("big.h5: pair 0") && last.contains("5000"),
+        "{stderr}"
+    );
+}
+
+#[test]
+fn clouds_that_cannot_be_registered_are_refused() {
+    let folder = folder();
+    let at = folder.path();
+    write_weights(&at.join("w.rgw"));
+    let write = |name: &str, text: &str| std::fs::write(at.join(name), text).expect("written");
+    write("good.xyz", "0 0 0\n1 0 0\n0 1 0\n0 0 1\n");
+    write("empty.xyz", "");
+    write("one.xyz", "1 2 3\n");
+    write("nan.xyz", "0 0 0\n1 0 0\n0 nan 0\n0 0 1\n");
+    write("flat.xyz", "1 1 1\n1 1 1\n1 1 1\n");
+    write("cloud.las", "");
+    fail(
+        at,
+        "register --weights w.rgw empty.xyz good.xyz",
+        &["empty.xyz"],
+    );
+    fail(
+        at,
+        "register --weights w.rgw good.xyz one.xyz",
+        &["one.xyz", "1 point"],
+    );
+    fail(
+        at,
+        "register --weights w.rgw nan.xyz good.xyz",
+        &["nan.xyz", "2"],
+    );
+    fail(
+        at,
+        "register --weights w.rgw good.xyz flat.xyz",
+        &["flat.xyz"],
+    );
+    fail(
+        at,
+        "register --weights w.rgw cloud.las good.xyz",
+        &["cloud.las", ".ply"],
+    );
+}
+
+#[test]
+fn register_writes_pose_trace_and_the_moved_cloud() {
+    let folder = folder();
+    let at = folder.path();
+    write_weights(&at.join("w.rgw"));
+    let cloud = |shift: f32| {
+        let point = |i: i32| {
+            let a = i as f32 * 0.7;
+            format!(
+                "{} {} {}\n",
+                3.0 * a.sin() + shift,
+                2.0 * a.cos(),
+                (i % 7) as f32
+            )
+        };
+        (0..200).map(point).collect::<String>()
+    };
+    std::fs::write(at.join("a.xyz"), cloud(0.5)).expect("written");
+    std::fs::write(at.join("b.xyz"), cloud(0.0)).expect("written");
+    let text = succeed(
+        at,
+        "register --weights w.rgw a.xyz b.xyz --steps 3 --init 1,0,0,-.5,0,1,0,0,0,0,1,0 --out moved.ply --trace t.jsonl --json r.json",
+    );
+    assert!(
+        text.contains("target_from_source") && text.contains(" ms"),
+        "{text}"
+    );
+
+    let result = read_json(&at.join("r.json"));
+    let trace = std::fs::read_to_string(at.join("t.jsonl")).expect("written");
+    let lines: Vec<Value> = trace
+        .lines()
+        .map(|line| serde_json::from_str(line).expect("JSON"))
+        .collect();
+    assert_eq!(lines.len(), 3);
+    assert_eq!(lines[2]["target_from_source"], result["target_from_source"]);
+    assert_eq!(result["source_points"], 200);
+
+    // The moved cloud needs no initial pose to be where the first registration ended.
+    let moved =
+        host_train::dataset::cloud_file::read_cloud(&at.join("moved.ply")).expect("readable");
+    let row: Vec<f64> = (0..4)
+        .map(|i| {
+            result["target_from_source"][0][i]
+                .as_f64()
+                .expect("a number")
+        })
+        .collect();
+    let first = [0.5, 2.0, 0.0];
+    let x = row[0] * first[0] + row[1] * first[1] + row[2] * first[2] + row[3];
+    assert!(
+        (f64::from(moved.points[0][0]) - x).abs() < 1e-5,
+        "{x} {:?}",
+        moved.points[0]
+    );
+}
+
+/// Errors without times, which differ from run to run.
+fn without_times(mut row: Value) -> Value {
+    if let Some(fields) = row.as_object_mut() {
+        fields.retain(|name, _| !name.starts_with("ms_"));
+    }
+    row
+}
+
+#[test]
+fn results_depend_neither_on_threads_nor_on_the_way_of_the_pairs() {
+    let folder = folder();
+    let at = folder.path();
+    write_weights(&at.join("w.rgw"));
+    let draw = "--data procedural --protocol m40-models --count 6 --seed 9";
+    succeed(at, &format!("pairs {draw} --out p.h5"));
+    let run = "--weights w.rgw --methods policy,icp,init --steps 2 --per-step";
+    succeed(
+        at,
+        &format!("eval {run} --pairs p.h5 --threads 1 --json one.json --poses one.h5"),
+    );
+    succeed(
+        at,
+        &format!("eval {run} --pairs p.h5 --threads 3 --json three.json --poses three.h5"),
+    );
+    succeed(at, &format!("eval {run} {draw} --json drawn.json"));
+
+    let one = read_json(&at.join("one.json"));
+    assert_eq!(one["pairs"], 6);
+    for other in ["three.json", "drawn.json"] {
+        let other = read_json(&at.join(other));
+        for name in ["w", "icp", "init"] {
+            let row = |document: &Value| without_times(document["methods"][name].clone());
+            assert!(row(&one)["r_iso_deg"].is_f64(), "{name}");
+            assert_eq!(row(&one), row(&other), "{name}");
+        }
+    }
+    for name in ["w", "icp", "init"] {
+        let poses = |file: &str| load_poses(&at.join(file), name).expect("written");
+        assert_eq!(poses("one.h5"), poses("three.h5"), "{name}");
+    }
+
+    let steps = one["per_step"]["w"].as_array().expect("a row a step");
+    assert_eq!(steps.len(), 3);
+    assert_eq!(steps[0]["ms_median"], 0.0);
+    assert_eq!(steps[0]["r_iso_deg"], one["methods"]["init"]["r_iso_deg"]);
+    assert_eq!(steps[2]["adi_auc_pct"], one["methods"]["w"]["adi_auc_pct"]);
+    assert_eq!(one["per_step"].as_object().map(|m| m.len()), Some(1));
+}
+
+#[test]
+fn two_policies_of_one_name_are_refused() {
+    let folder = folder();
+    let at = folder.path();
+    std::fs::create_dir(at.join("other")).expect("made");
+    write_weights(&at.join("w.rgw"));
+    write_weights(&at.join("other/w.rgw"));
+    succeed(
+        at,
+        "pairs --data procedural --protocol m40-clean --count 1 --out p.h5",
+    );
+    fail(
+        at,
+        "eval --weights w.rgw other/w.rgw --pairs p.h5",
+        &["\"w\"", "rename"],
+    );
+}
+
+/// Initial errors and ICP of Open3D 0.20, measured on the same pairs: ISO R mean and median, ISO t mean,
+/// recall in percent.
+#[test]
+fn baselines_agree_with_open3d() {
+    let table = [
+        (
+            "pairs_models.h5",
+            [45.6, 47.1, 0.472, 0.0],
+            [9.39, 0.47, 0.057, 67.0],
+        ),
+        (
+            "pairs_categories.h5",
+            [43.0, 42.2, 0.483, 0.0],
+            [11.30, 0.72, 0.074, 63.0],
+        ),
+    ];
+    for (file, init, icp) in table {
+        let Some(pairs) = shared(&format!("data/{file}")) else {
+            return;
+        };
+        let folder = folder();
+        let pairs = pairs.canonicalize().expect("an existing file");
+        let arguments = format!(
+            "eval --methods init,icp --pairs {} --json e.json",
+            pairs.display()
+        );
+        succeed(folder.path(), &arguments);
+        let document = read_json(&folder.path().join("e.json"));
+        let row = |name: &str| {
+            let row = &document["methods"][name];
+            ["r_iso_deg", "r_iso_median_deg", "t_iso", "recall_r5_t005"]
+                .map(|field| row[field].as_f64().expect("a number"))
+        };
+        let ours = row("init");
+        let near = |a: f64, b: f64, tolerance: f64| {
+            assert!((a - b).abs() <= tolerance, "{file}: {a}, {b}")
+        };
+        near(ours[0], init[0], 0.05);
+        near(ours[1], init[1], 0.05);
+        near(ours[2], init[2], 0.0005);
+        near(ours[3], init[3], 0.0);
+        let ours = row("icp");
+        for (ours, theirs) in ours[..3].iter().zip(&icp[..3]) {
+            near(*ours, *theirs, 0.1 * theirs);
+        }
+        near(100.0 * ours[3], icp[3], 1.0);
+    }
+}
+
+/// The authors' evaluation loop on the same checkpoint and pairs.
+#[test]
+fn an_imported_checkpoint_reproduces_the_authors_poses() {
+    let paths = [
+        shared("fixtures/reference_checkpoint.zip"),
+        shared("fixtures/reference_poses.h5"),
+        shared("data/pairs_models.h5"),
+    ];
+    let [Some(checkpoint), Some(poses), Some(pairs)] = paths else {
+        return;
+    };
+    let absolute = |path: PathBuf| {
+        path.canonicalize()
+            .expect("an existing file")
+            .display()
+            .to_string()
+    };
+    let folder = folder();
+    let at = folder.path();
+    succeed(
+        at,
+        &format!("import --pytorch {} --out ref.rgw", absolute(checkpoint)),
+    );
+    succeed(
+        at,
+        &format!(
+            "eval --weights ref.rgw --pairs {} --poses p.h5",
+            absolute(pairs)
+        ),
+    );
+    let ours = load_poses(&at.join("p.h5"), "ref").expect("written");
+    let theirs = load_poses(&poses, "pred").expect("readable");
+    assert_eq!(ours.len(), theirs.len());
+    // All rows: float64 takes the same actions as the reference in each, whatever its margin.
+    for (row, (a, b)) in ours.iter().zip(&theirs).enumerate() {
+        let (a, b) = (a.to_rows(), b.to_rows());
+        let worst = a
+            .as_flattened()
+            .iter()
+            .zip(b.as_flattened())
+            .map(|(x, y)| (x - y).abs());
+        assert!(
+            worst.fold(0.0, f32::max) < 1e-4,
+            "row {row}: {a:?}, reference {b:?}"
+        );
+    }
+}

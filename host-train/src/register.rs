@@ -1,10 +1,16 @@
 //! One registration of two clouds in the user's own units.
 
+use crate::augment::resample;
 use crate::dataset::Point;
+use crate::random::{Purpose, stream};
+use reagent_core::dims::MAX_POINTS;
 use reagent_core::net::Scratch;
 use reagent_core::steps::STEPS;
 use reagent_core::{Action, Error, Frame, Policy, Pose, Registrar, Verdict};
 use serde::Serialize;
+
+/// Points drawn from a cloud that exceeds the capacity.
+pub const SUBSAMPLE: usize = 2048;
 
 /// One step of a registration, as the trace file holds it: one JSON object a line.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -80,12 +86,20 @@ fn line(step: usize, action: Action, frame: Frame, pose: Pose) -> TraceLine {
     }
 }
 
+/// A cloud within the core's capacity: itself, or [`SUBSAMPLE`] of its points, drawn without replacement
+/// from the seed's stream number `index`.
+pub fn within_capacity(points: Vec<Point>, seed: u64, index: u64) -> Vec<Point> {
+    if points.len() <= MAX_POINTS {
+        return points;
+    }
+    resample(&mut stream(seed, Purpose::Pairs, index), &points, SUBSAMPLE)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::export::WeightFile;
     use crate::nn::{Parameters, Shape};
-    use crate::random::{Purpose, stream};
     use rand::RngExt;
 
     fn cloud(index: u64) -> Vec<Point> {
@@ -141,5 +155,18 @@ mod tests {
             Some(Error::TooFewPoints { points: 1 })
         );
         assert_eq!(run(&good, &[[0.5; 3]; 8]), Some(Error::NoExtent));
+    }
+
+    #[test]
+    fn only_clouds_beyond_the_capacity_are_subsampled() {
+        let cloud = |n: usize| (0..n).map(|i| [i as f32, 0.0, 0.0]).collect::<Vec<Point>>();
+        assert_eq!(within_capacity(cloud(MAX_POINTS), 1, 0).len(), MAX_POINTS);
+        let drawn = within_capacity(cloud(MAX_POINTS + 1), 1, 0);
+        assert_eq!(drawn, within_capacity(cloud(MAX_POINTS + 1), 1, 0));
+        assert_ne!(drawn, within_capacity(cloud(MAX_POINTS + 1), 2, 0));
+        let mut ids: Vec<u32> = drawn.iter().map(|p| p[0] as u32).collect();
+        ids.sort_unstable();
+        ids.dedup();
+        assert_eq!(ids.len(), SUBSAMPLE, "no point twice");
     }
 }

@@ -3,21 +3,23 @@
 use super::output::{write_json, write_text};
 use super::source;
 use crate::dataset::Point;
-use crate::dataset::cloud_file::{CloudFile, read_cloud, read_points, write_ply};
+use crate::dataset::cloud_file::{read_cloud, write_ply};
 use crate::export::WeightFile;
-use crate::register::{Registered, register};
+use crate::register::{Registered, SUBSAMPLE, register, within_capacity};
 use anyhow::{Context, bail};
 use clap::Args;
 use glam::Vec3;
 use reagent_core::dims::{MAX_POINTS, STEPS};
 use reagent_core::{Pose, Verdict};
 use serde::Serialize;
+use std::fs::File;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::time::Instant;
 
-/// Points drawn from a mesh, or from a cloud beyond the core's capacity.
-const SAMPLE: usize = 2048;
+/// Longest pose file that is read.
+const POSE_BYTES: u64 = 64 * 1024;
 
 /// Register a source cloud to a target cloud and print the pose
 ///
@@ -76,7 +78,13 @@ impl Initial {
         match self {
             Initial::Pose(pose) => Ok(pose),
             Initial::File(path) => {
-                let read = || parse_pose(&std::fs::read_to_string(&path)?);
+                let read = || {
+                    let mut text = String::new();
+                    File::open(&path)?
+                        .take(POSE_BYTES)
+                        .read_to_string(&mut text)?;
+                    parse_pose(&text)
+                };
                 read().with_context(|| format!("initial pose {}", path.display()))
             }
         }
@@ -109,9 +117,11 @@ impl RegisterArgs {
     pub(super) fn run(self, seed: u64) -> anyhow::Result<()> {
         let weights = WeightFile::load(&self.weights)?;
         let initial = self.init.map_or(Ok(Pose::IDENTITY), Initial::load)?;
-        let (source_file, source) = read(&self.source, seed)?;
-        // Another stream: a mesh registered to itself must not be sampled at the very same points.
-        let (_, target) = read(&self.target, seed.wrapping_add(1))?;
+        // Seeds of their own: a mesh registered to itself must not be sampled at the very same points.
+        let source_all = read_cloud(&self.source, seed)?;
+        let target_all = read_cloud(&self.target, seed.wrapping_add(1))?;
+        let source = fit(&self.source, source_all.clone(), seed, 0);
+        let target = fit(&self.target, target_all, seed, 1);
 
         let start = Instant::now();
         let found = register(weights.policy(), &source, &target, initial, self.steps)
@@ -127,8 +137,7 @@ impl RegisterArgs {
 
         print!("{}", report(&found, ms));
         if let Some(path) = &self.out {
-            let aligned: Vec<Point> = source_file
-                .points
+            let aligned: Vec<Point> = source_all
                 .iter()
                 .map(|&p| pose.apply(Vec3::from(p)).to_array())
                 .collect();
@@ -168,33 +177,16 @@ struct Document {
     target_points: usize,
 }
 
-/// A file, and the points of it that are registered; says so where they are not all.
-fn read(path: &Path, seed: u64) -> anyhow::Result<(CloudFile, Vec<Point>)> {
-    let file = read_cloud(path)?;
-    let points = file.points.len();
-    if file.dropped > 0 {
+/// The cloud within the core's capacity; says so where points are left out.
+fn fit(path: &Path, points: Vec<Point>, seed: u64, index: u64) -> Vec<Point> {
+    if points.len() > MAX_POINTS {
         eprintln!(
-            "{}: {} points without coordinates are left out",
+            "{}: {} points exceed the capacity of {MAX_POINTS}; {SUBSAMPLE} of them are used",
             path.display(),
-            file.dropped
+            points.len(),
         );
     }
-    if file.faces.is_none() && points <= MAX_POINTS {
-        let all = file.points.clone();
-        return Ok((file, all));
-    }
-    if file.faces.is_some() {
-        eprintln!(
-            "{}: a mesh; {SAMPLE} points of its surface are used",
-            path.display()
-        );
-    } else {
-        eprintln!(
-            "{}: {points} points exceed the capacity of {MAX_POINTS}; {SAMPLE} of them are used",
-            path.display()
-        );
-    }
-    Ok((file, read_points(path, SAMPLE, seed)?))
+    within_capacity(points, seed, index)
 }
 
 fn verdict(verdict: Verdict) -> &'static str {

@@ -15,4 +15,5 @@ pub mod refine;
 mod service;
 pub mod session;
 pub mod store;
+mod updates;
 pub mod view;

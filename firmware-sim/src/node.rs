@@ -1,23 +1,20 @@
 //! A simulated robot: fetches the fleet's policy, keeps it, and answers refine requests with it.
 
-use crate::fetch::fetch;
-use crate::policy::{LoadedPolicy, UpdateError, verified_manifest};
+use crate::policy::UpdateError;
 use crate::service::{read_request, send_refusal, serve, small_frame};
-use crate::store::Store;
+use crate::updates::Updates;
 use crate::view::View;
 use ed25519_dalek::VerifyingKey;
-use reagent_core::wire::{Manifest, Message, Reason, Refusal, keys};
+use reagent_core::wire::{Message, Reason, Refusal, keys};
 use std::path::PathBuf;
 use std::sync::Arc;
 use thiserror::Error;
 use tokio::sync::mpsc::error::TrySendError;
 use tokio::sync::{mpsc, watch};
 use tokio::task::JoinHandle;
-use zenoh::handlers::{RingChannel, RingChannelHandler};
+use zenoh::handlers::RingChannel;
 use zenoh::liveliness::LivelinessToken;
-use zenoh::pubsub::Subscriber;
 use zenoh::query::{Query, Queryable};
-use zenoh::sample::Sample;
 use zenoh::{Session, Wait};
 
 /// Requests that wait while one runs; one more is refused as busy.
@@ -97,10 +94,10 @@ impl Node {
 
         let (view, seen) = watch::channel(View::default());
         let view = Arc::new(view);
-        let updates = Updates::new(session.clone(), config, view.clone())?;
+        let updates = Updates::new(session.clone(), config.clone(), view.clone())?;
 
         let (queue, requests) = mpsc::channel(QUEUE);
-        let (policies, worker_view) = (updates.policies.subscribe(), view.clone());
+        let (policies, worker_view) = (updates.policies(), view.clone());
         let reply_key = refine_key.clone();
         tokio::task::spawn_blocking(move || serve(requests, policies, &reply_key, &worker_view));
         let queue_view = view.clone();
@@ -123,7 +120,7 @@ impl Node {
             .await?;
         let publishing = publish_status(session.clone(), status_key, seen.clone());
 
-        let manifest_key = updates.manifest_key()?;
+        let manifest_key = keys::manifest(fleet).map_err(name)?;
         let announced = session
             .declare_subscriber(manifest_key.as_str())
             .with(RingChannel::new(4))
@@ -180,134 +177,5 @@ async fn publish_status(session: Session, key: keys::Key, mut seen: watch::Recei
         if seen.changed().await.is_err() {
             return;
         }
-    }
-}
-
-/// Follows the announcements of the fleet's policy.
-struct Updates {
-    session: Session,
-    config: NodeConfig,
-    store: Option<Store>,
-    policies: watch::Sender<Option<Arc<LoadedPolicy>>>,
-    view: Arc<watch::Sender<View>>,
-}
-
-impl Updates {
-    fn new(
-        session: Session,
-        config: NodeConfig,
-        view: Arc<watch::Sender<View>>,
-    ) -> Result<Self, UpdateError> {
-        let store = config.state.as_deref().map(Store::open).transpose()?;
-        let updates = Updates {
-            session,
-            store,
-            policies: watch::Sender::new(None),
-            view,
-            config,
-        };
-        match updates
-            .store
-            .as_ref()
-            .map(|s| s.load(&updates.config.trusted))
-        {
-            Some(Ok(Some(kept))) => updates.swap(kept),
-            Some(Err(error)) => updates.refused(error),
-            Some(Ok(None)) | None => {}
-        }
-        Ok(updates)
-    }
-
-    fn manifest_key(&self) -> Result<keys::Key, NodeError> {
-        let NodeConfig { fleet, robot, .. } = &self.config;
-        keys::manifest(fleet).map_err(|reason| NodeError::Name {
-            fleet: fleet.clone(),
-            robot: robot.clone(),
-            reason,
-        })
-    }
-
-    /// Takes announced policies as they come, and asks for the manifest whenever somebody appears
-    /// who answers for it: an announcement made before this robot listened is not missed.
-    async fn follow(self, key: keys::Key, announced: Subscriber<RingChannelHandler<Sample>>) {
-        if let Err(error) = self.try_follow(&key, announced).await {
-            tracing::error!("no longer following policies: {error}");
-        }
-    }
-
-    async fn try_follow(
-        &self,
-        key: &keys::Key,
-        announced: Subscriber<RingChannelHandler<Sample>>,
-    ) -> zenoh::Result<()> {
-        let querier = self.session.declare_querier(key.as_str()).await?;
-        let publisher_there = querier.matching_listener().await?;
-        self.ask(key).await?;
-        loop {
-            tokio::select! {
-                sample = announced.recv_async() => self.consider(&sample?.payload().to_bytes()).await,
-                matching = publisher_there.recv_async() => {
-                    if matching?.matching() {
-                        self.ask(key).await?;
-                    }
-                }
-            }
-        }
-    }
-
-    async fn ask(&self, key: &keys::Key) -> zenoh::Result<()> {
-        let replies = self.session.get(key.as_str()).await?;
-        while let Ok(reply) = replies.recv_async().await {
-            if let Ok(sample) = reply.result() {
-                self.consider(&sample.payload().to_bytes()).await;
-            }
-        }
-        Ok(())
-    }
-
-    /// Takes the announced policy if it is trusted, newer and whole.
-    async fn consider(&self, signed_manifest: &[u8]) {
-        match self.update(signed_manifest).await {
-            Ok(Some(policy)) => self.swap(policy),
-            Ok(None) => {}
-            Err(error) => self.refused(error),
-        }
-    }
-
-    async fn update(&self, signed_manifest: &[u8]) -> Result<Option<LoadedPolicy>, UpdateError> {
-        let manifest = verified_manifest(signed_manifest, &self.config.trusted)?;
-        if let Some(current) = &self.view.borrow().policy
-            && manifest.version <= current.version
-        {
-            let (announced, current) = (manifest.version, current.version);
-            tracing::debug!("policy version {announced} ignored, {current} is in use");
-            return Ok(None);
-        }
-        let policy = self.fetch_verified(manifest).await?;
-        if let Some(store) = &self.store {
-            store.save(signed_manifest, &policy)?;
-        }
-        Ok(Some(policy))
-    }
-
-    async fn fetch_verified(&self, manifest: Manifest) -> Result<LoadedPolicy, UpdateError> {
-        let bytes = fetch(&self.session, &self.config.fleet, &manifest).await?;
-        LoadedPolicy::new(manifest, &bytes)
-    }
-
-    fn swap(&self, policy: LoadedPolicy) {
-        let manifest = policy.manifest().clone();
-        let (name, version) = (&manifest.name, manifest.version);
-        tracing::info!("policy {name:?} version {version} verified and in use");
-        self.policies.send_replace(Some(Arc::new(policy)));
-        self.view.send_modify(|view| view.policy = Some(manifest));
-    }
-
-    fn refused(&self, error: UpdateError) {
-        tracing::warn!("policy not taken: {error}");
-        self.view.send_modify(|view| {
-            view.updates_refused += 1;
-            view.last_refusal = Some(Arc::new(error));
-        });
     }
 }

@@ -1,13 +1,18 @@
 //! A Zenoh network on loopback, random policies and clouds, for tests that need a fleet.
 #![allow(dead_code, reason = "each test program uses a part")]
 
+use ed25519_dalek::SigningKey;
 use firmware_sim::node::{Node, NodeConfig};
 use firmware_sim::session::{SessionArgs, open};
 use firmware_sim::view::View;
 use host_train::export::WeightFile;
 use host_train::nn::{Parameters, Shape};
+use host_train::publish::Publisher;
 use host_train::random::{Purpose, Rng, stream};
 use rand::RngExt;
+use reagent_core::net::Scratch;
+use reagent_core::wire::{CloudView, RefineRequest};
+use reagent_core::{Frame, Pose, Registrar};
 use std::net::TcpListener;
 use std::time::Duration;
 use tokio::sync::watch;
@@ -80,4 +85,43 @@ pub(crate) fn random_cloud(seed: u64, points: usize) -> Vec<[f32; 3]> {
     let mut rng: Rng = stream(seed, Purpose::Shape, 0);
     let point = |_| [(); 3].map(|()| rng.random_range(-3.0..5.0));
     (0..points).map(point).collect()
+}
+
+/// The fleet of the tests.
+pub(crate) const FLEET: &str = "test";
+
+/// One of a few signing keys.
+pub(crate) fn key(seed: u8) -> SigningKey {
+    SigningKey::from_bytes(&[seed; 32])
+}
+
+/// A publisher that signs with the first key, on a session of its own.
+pub(crate) async fn publisher(network: &Network) -> Publisher {
+    Publisher::new(network.join().await, FLEET, key(1)).expect("a good name")
+}
+
+/// A request for ten steps.
+pub(crate) fn request<'a>(source: &'a [[f32; 3]], target: &'a [[f32; 3]]) -> RefineRequest<'a> {
+    RefineRequest {
+        id: 77,
+        max_steps: 10,
+        initial: None,
+        source: CloudView::of(source),
+        target: CloudView::of(target),
+    }
+}
+
+/// What core computes here for the same clouds.
+pub(crate) fn local_pose(
+    policy: &WeightFile,
+    source: &[[f32; 3]],
+    target: &[[f32; 3]],
+    start: Pose,
+) -> Pose {
+    let mut scratch = Scratch::new();
+    let frame = Frame::of(target).expect("a good cloud");
+    Registrar::new(policy.policy(), &mut scratch)
+        .register(source, target, frame, start, 10)
+        .expect("good clouds")
+        .target_from_source
 }

@@ -1,0 +1,257 @@
+//! Robots answering refine requests, on real Zenoh sessions over loopback.
+
+mod support;
+
+use firmware_sim::client::{self, RefineError};
+use firmware_sim::node::{Node, NodeConfig, NodeError, QUEUE};
+use firmware_sim::session::{SessionArgs, open};
+use reagent_core::Pose;
+use reagent_core::wire::{self, Cloud, Message, Reason, RefineReply, RefineRequest, Refusal, keys};
+use std::sync::Arc;
+use support::{
+    FLEET, Network, local_pose, publisher, random_cloud, random_policy, request, until,
+    unused_endpoint,
+};
+use zenoh::Session;
+
+type Points<'a> = &'a [[f32; 3]];
+
+async fn refused(session: &Session, request: &RefineRequest<'_>) -> Reason {
+    match client::refine(session, FLEET, "r1", request).await {
+        Err(RefineError::Refused { refusal, .. }) => {
+            assert_eq!(refusal.id, request.id);
+            refusal.reason
+        }
+        other => panic!("not refused: {other:?}"),
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_published_policy_is_fetched_and_answers_bit_for_bit() {
+    let network = Network::start().await;
+    let node = network.node(FLEET, "r1").await;
+    let mut publisher = publisher(&network).await;
+    let policy = random_policy(1);
+    let shipped = publisher.publish(5, "first", policy.clone());
+    let shipped = shipped.await.expect("a good policy");
+    let view = until(&node, |view| view.policy.is_some()).await;
+    assert_eq!(view.policy, Some(shipped));
+
+    let session = network.join().await;
+    let (source, target) = (random_cloud(1, 300), random_cloud(2, 400));
+    let initial = Pose::from_rows([[0., -1., 0., 0.5], [1., 0., 0., 0.], [0., 0., 1., -2.]]);
+    for initial in [None, Some(initial)] {
+        let mut request = request(&source, &target);
+        request.initial = initial.map(|pose| pose.to_rows());
+        let reply = client::refine(&session, FLEET, "r1", &request).await;
+        let reply: RefineReply = reply.expect("a pose");
+        let start = initial.unwrap_or(Pose::IDENTITY);
+        let expected = local_pose(&policy, &source, &target, start);
+        assert_eq!(reply.target_from_source, expected.to_rows());
+        assert_ne!(reply.target_from_source, start.to_rows());
+        assert_eq!((reply.id, reply.steps, reply.policy_version), (77, 10, 5));
+    }
+    let view = until(&node, |view| view.served == 2).await;
+    assert_eq!((view.refused, view.in_hand), (0, 0));
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn every_bad_request_is_refused_with_its_reason() {
+    let network = Network::start().await;
+    let node = network.node(FLEET, "r1").await;
+    let session = network.join().await;
+    let good = random_cloud(1, 50);
+    assert_eq!(
+        refused(&session, &request(&good, &good)).await,
+        Reason::NoPolicy
+    );
+
+    let mut publisher = publisher(&network).await;
+    publisher
+        .publish(1, "first", random_policy(1))
+        .await
+        .expect("a good policy");
+    until(&node, |view| view.policy.is_some()).await;
+
+    let one = &good[..1];
+    let same = [[1.5; 3]; 20];
+    let many = random_cloud(2, 4097);
+    let mut nan = good.clone();
+    nan[17][1] = f32::NAN;
+    let cases: [(Points<'_>, Points<'_>, Reason); 8] = [
+        (&[], &good, Reason::EmptyCloud(Cloud::Source)),
+        (&good, &[], Reason::EmptyCloud(Cloud::Target)),
+        (one, &good, Reason::TooFewPoints(Cloud::Source, 1)),
+        (&good, &good[..2], Reason::TooFewPoints(Cloud::Target, 2)),
+        (&many, &good, Reason::TooManyPoints(Cloud::Source, 4097)),
+        (&good, &many, Reason::TooManyPoints(Cloud::Target, 4097)),
+        (&nan, &good, Reason::NotFinite(Cloud::Source, 17)),
+        (&good, &same, Reason::BadCloud),
+    ];
+    for (source, target, expected) in cases {
+        assert_eq!(refused(&session, &request(source, target)).await, expected);
+    }
+    let mut skewed = request(&good, &good);
+    skewed.initial = Some([[1.0; 4]; 3]);
+    assert_eq!(refused(&session, &skewed).await, Reason::BadPose);
+
+    let refine_key = keys::refine(FLEET, "r1").expect("good names");
+    let mut status = [0; wire::SMALL_FRAME_BYTES];
+    let status = wire::encode(&Message::Status(wire::Status::default()), &mut status);
+    let frames: [(&[u8], Reason); 4] = [
+        (&[], Reason::Malformed),
+        (&[wire::VERSION, 2, 0, 0], Reason::Malformed),
+        (status.expect("fits"), Reason::Malformed),
+        (
+            &[9, 2, 0, 0],
+            Reason::WrongVersion {
+                spoken: wire::VERSION,
+            },
+        ),
+    ];
+    for (frame, reason) in frames {
+        match client::ask(&session, &refine_key, "r1", frame.to_vec()).await {
+            Err(RefineError::Refused { refusal, .. }) => {
+                assert_eq!(refusal, Refusal { id: 0, reason });
+            }
+            other => panic!("not refused: {other:?}"),
+        }
+    }
+    // After all that it still serves.
+    let reply = client::refine(&session, FLEET, "r1", &request(&good, &good)).await;
+    assert!(reply.is_ok(), "{reply:?}");
+    assert_eq!(until(&node, |view| view.served == 1).await.refused, 14);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_full_queue_is_refused_and_every_request_answered() {
+    let network = Network::start().await;
+    let mut publisher = publisher(&network).await;
+    publisher
+        .publish(1, "first", random_policy(1))
+        .await
+        .expect("a good policy");
+    let node = network.node(FLEET, "r1").await;
+    until(&node, |view| view.policy.is_some()).await;
+    let session = network.join().await;
+    let cloud: Arc<[[f32; 3]]> = random_cloud(1, 4096).into();
+    let requests = 4 * QUEUE;
+    let mut asking = tokio::task::JoinSet::new();
+    for _ in 0..requests {
+        let (session, cloud) = (session.clone(), cloud.clone());
+        asking.spawn(async move {
+            let mut long = request(&cloud, &cloud);
+            long.max_steps = 25;
+            client::refine(&session, FLEET, "r1", &long)
+                .await
+                .map(|_| ())
+        });
+    }
+    let (mut poses, mut busy) = (0, 0);
+    for answer in asking.join_all().await {
+        match answer {
+            Ok(()) => poses += 1,
+            Err(RefineError::Refused { refusal, .. }) if refusal.reason == Reason::Busy => {
+                assert_eq!(refusal.id, 77);
+                busy += 1;
+            }
+            Err(other) => panic!("neither pose nor busy: {other}"),
+        }
+    }
+    assert!(poses > QUEUE && busy > 0, "{poses} poses, {busy} busy");
+    assert_eq!(poses + busy, requests);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn any_robot_is_one_that_is_there_with_the_least_to_do() {
+    let network = Network::start().await;
+    let session = network.join().await;
+    let nobody = client::any_robot(&session, FLEET).await;
+    assert!(
+        matches!(nobody, Err(RefineError::NoRobot { .. })),
+        "{nobody:?}"
+    );
+
+    let (first, second) = (
+        network.node(FLEET, "a").await,
+        network.node(FLEET, "b").await,
+    );
+    let mut publisher = publisher(&network).await;
+    publisher
+        .publish(1, "first", random_policy(1))
+        .await
+        .expect("a good policy");
+    for node in [&first, &second] {
+        until(node, |view| view.policy.is_some()).await;
+    }
+    let cloud = random_cloud(1, 10);
+    assert_eq!(client::any_robot(&session, FLEET).await.expect("two"), "a");
+    let reply = client::refine(&session, FLEET, "a", &request(&cloud, &cloud)).await;
+    assert!(reply.is_ok(), "{reply:?}");
+    assert_eq!(client::any_robot(&session, FLEET).await.expect("two"), "b");
+    let robots = client::robots(&session, FLEET).await.expect("two");
+    let served: Vec<_> = robots.iter().map(|(r, s)| (r.as_str(), s.served)).collect();
+    assert_eq!(served, [("a", 1), ("b", 0)]);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn nobody_at_the_key_is_said_at_once() {
+    let network = Network::start().await;
+    let node = network.node(FLEET, "r1").await;
+    let session = network.join().await;
+    let cloud = random_cloud(1, 10);
+    for (fleet, robot) in [(FLEET, "r2"), ("other", "r1")] {
+        let asked = std::time::Instant::now();
+        let error = client::refine(&session, fleet, robot, &request(&cloud, &cloud)).await;
+        let error = error.expect_err("there is no such robot").to_string();
+        let key = keys::refine(fleet, robot).expect("good names");
+        assert!(
+            error.contains(&format!("no robot answered at {key}")),
+            "{error}"
+        );
+        assert!(asked.elapsed() < client::TIMEOUT / 4);
+    }
+    drop(node);
+    let gone = client::refine(&session, FLEET, "r1", &request(&cloud, &cloud)).await;
+    assert!(matches!(gone, Err(RefineError::NoRobot { .. })), "{gone:?}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn no_router_at_the_endpoint_is_an_error_that_names_it() {
+    let endpoint = unused_endpoint();
+    let args = SessionArgs {
+        connect: vec![endpoint.clone()],
+        ..SessionArgs::default()
+    };
+    let error = open(&args)
+        .await
+        .expect_err("nothing listens there")
+        .to_string();
+    assert!(error.contains(&endpoint), "{error}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn names_that_cannot_be_keys_are_refused() {
+    let network = Network::start().await;
+    for (fleet, robot) in [("a/b", "r1"), ("f", "*"), ("", "r1"), ("f", "")] {
+        let config = NodeConfig {
+            fleet: fleet.into(),
+            robot: robot.into(),
+            trusted: vec![],
+            state: None,
+        };
+        let node = Node::start(network.router.clone(), config).await;
+        assert!(
+            matches!(node, Err(NodeError::Name { .. })),
+            "{fleet} {robot}"
+        );
+    }
+    let config = NodeConfig {
+        fleet: "f".into(),
+        robot: "any".into(),
+        trusted: vec![],
+        state: None,
+    };
+    let node = Node::start(network.router.clone(), config).await;
+    assert!(matches!(node, Err(NodeError::Reserved)));
+}

@@ -23,3 +23,13 @@ impl Policy<'static> {
         Policy::parse(Self::pretrained_bytes())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_linked_policy_is_sound() {
+        assert!(Policy::pretrained().is_ok());
+    }
+}

@@ -7,7 +7,7 @@ use reagent_core::{Action, Pose};
 use serde::{Deserialize, Serialize};
 
 /// Which expert labels the observations.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum Expert {
     /// The largest step that does not overshoot (the paper's choice: interpretable trajectories).

@@ -86,6 +86,16 @@ impl WeightFile {
         })
     }
 
+    /// The policy that ships with the core.
+    pub fn pretrained() -> Self {
+        Self::from_bytes(Policy::pretrained_bytes()).expect("a test checks the linked policy")
+    }
+
+    /// Reads a policy file, or takes the bundled one where none is named.
+    pub fn load_or_pretrained(path: Option<&Path>) -> Result<Self, ExportError> {
+        path.map_or_else(|| Ok(Self::pretrained()), Self::load)
+    }
+
     /// Serialises parameters as [`reagent_core::weights`] describes; the value head stays out.
     pub fn from_parameters(parameters: &Parameters) -> Result<Self, ExportError> {
         if parameters.shape != Shape::PAPER {

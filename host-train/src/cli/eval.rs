@@ -21,8 +21,8 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, Args)]
 #[command(group(ArgGroup::new("on").args(["pairs", "data"]).required(true)))]
 pub(super) struct EvalArgs {
-    /// Policies to evaluate, each reported under its file stem
-    #[arg(long, value_name = "FILE.rgw", num_args = 1.., required_unless_present = "methods")]
+    /// Policies to evaluate, each reported under its file stem [default: the bundled one, as "reagent"]
+    #[arg(long, value_name = "FILE.rgw", num_args = 1..)]
     weights: Vec<PathBuf>,
     /// Pairs drawn beforehand (source, target, transform_gt; raw and label if there)
     #[arg(long, value_name = "FILE.h5")]
@@ -56,10 +56,13 @@ pub(super) struct EvalArgs {
     poses: Option<PathBuf>,
 }
 
+/// Name under which the bundled policy is reported.
+const BUNDLED: &str = "reagent";
+
 /// What `--methods` accepts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum MethodName {
-    /// Every policy of --weights
+    /// Every policy of --weights, or the bundled one
     Policy,
     /// Point-to-point ICP, correspondence distance 0.5
     Icp,
@@ -75,20 +78,18 @@ impl EvalArgs {
             self.methods
         };
         let policies = methods.contains(&MethodName::Policy);
-        if policies && self.weights.is_empty() {
-            bad_usage("eval", "method \"policy\" needs --weights FILE.rgw");
-        }
         if !policies && !self.weights.is_empty() {
             bad_usage(
                 "eval",
                 "--weights is given, but \"policy\" is not among --methods",
             );
         }
-        let weights = self
-            .weights
-            .iter()
-            .map(|path| WeightFile::load(path).map(|file| (stem(path), file)))
-            .collect::<Result<Vec<_>, _>>()?;
+        let weights = if self.weights.is_empty() {
+            vec![(BUNDLED.into(), WeightFile::pretrained())]
+        } else {
+            let load = |path: &PathBuf| WeightFile::load(path).map(|file| (stem(path), file));
+            self.weights.iter().map(load).collect::<Result<_, _>>()?
+        };
 
         let mut contestants = Vec::new();
         for method in methods {

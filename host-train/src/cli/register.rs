@@ -29,9 +29,9 @@ const POSE_BYTES: u64 = 64 * 1024;
 /// its points.
 #[derive(Debug, Args)]
 pub(super) struct RegisterArgs {
-    /// Policy
+    /// Policy [default: the bundled one]
     #[arg(long, value_name = "FILE.rgw")]
-    weights: PathBuf,
+    weights: Option<PathBuf>,
     /// Cloud to move
     source: PathBuf,
     /// Cloud that stays
@@ -115,7 +115,7 @@ fn parse_pose(text: &str) -> anyhow::Result<Pose> {
 
 impl RegisterArgs {
     pub(super) fn run(self, seed: u64) -> anyhow::Result<()> {
-        let weights = WeightFile::load(&self.weights)?;
+        let weights = WeightFile::load_or_pretrained(self.weights.as_deref())?;
         let initial = self.init.map_or(Ok(Pose::IDENTITY), Initial::load)?;
         // Seeds of their own: a mesh registered to itself must not be sampled at the very same points.
         let source_all = read_cloud(&self.source, seed)?;

@@ -1,6 +1,8 @@
 //! `host-train train`
 
 use super::source::{DataSource, positive};
+use crate::expert::Expert;
+use crate::optim::Schedule;
 use crate::train::{self, Categories, Stage, TrainConfig};
 use anyhow::{Context, bail};
 use clap::Args;
@@ -30,6 +32,18 @@ pub(super) struct TrainArgs {
     /// Passes over the clouds [default: the paper's 50]
     #[arg(long, value_name = "N", value_parser = positive())]
     epochs: Option<usize>,
+    /// Points drawn from each cloud
+    #[arg(long, value_name = "N", value_parser = positive(), default_value_t = 1024)]
+    points: usize,
+    /// Learning rate of the first epochs [default: the paper's 1e-3 in pretrain, 1e-4 after]
+    #[arg(long, value_name = "RATE", value_parser = rate)]
+    learning_rate: Option<f32>,
+    /// Epochs between halvings of the learning rate
+    #[arg(long, value_name = "N", value_parser = positive(), default_value_t = 10)]
+    halve_every: usize,
+    /// Who labels the observations
+    #[arg(long, value_enum, value_name = "WHO", default_value_t = Expert::Steady)]
+    expert: Expert,
     /// Go on from the last checkpoint of the run
     #[arg(long)]
     resume: bool,
@@ -48,6 +62,12 @@ impl TrainArgs {
             categories: self.categories,
             epochs: self.epochs.map_or(paper.epochs, |n| n as u32),
             seed,
+            points: self.points,
+            schedule: Schedule {
+                initial: self.learning_rate.unwrap_or(paper.schedule.initial),
+                halve_every: self.halve_every as u32,
+            },
+            expert: self.expert,
             threads: self.threads.unwrap_or(paper.threads),
             init: self.init,
             ..paper
@@ -61,6 +81,14 @@ impl TrainArgs {
             );
         }
         Ok(())
+    }
+}
+
+/// A learning rate above 0 and at most 1.
+fn rate(text: &str) -> Result<f32, String> {
+    match text.parse() {
+        Ok(rate) if rate > 0.0 && rate <= 1.0 => Ok(rate),
+        _ => Err("give a number above 0 and at most 1".into()),
     }
 }
 

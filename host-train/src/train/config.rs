@@ -152,7 +152,7 @@ impl TrainConfig {
             },
             expert: Expert::Steady,
             roll_out: RollOut::default(),
-            validation: 0.1,
+            validation: 0.04,
             validation_pairs: 100,
         }
     }

@@ -229,7 +229,7 @@ mod tests {
         let reason = |text: &str| format!("{:#}", parse_pose(text).expect_err("not a pose"));
         assert!(reason("1,2,3").contains("there are 3"));
         assert!(reason("1,0,0,0,0,one,0,0,0,0,1,0").contains("\"one\" is not a number"));
-        assert!(reason("2,0,0,0,0,1,0,0,0,0,1,0").contains("rotation"));
+        assert!(reason("2,0,0,0,0,1,0,0,0,0,1,0").contains("rigid"));
         assert!(reason("1,0,0,nan,0,1,0,0,0,0,1,0").contains("pose"));
     }
 }

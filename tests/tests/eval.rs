@@ -1,0 +1,251 @@
+//! Results of the trainer's command line: registrations, baselines, the authors' poses.
+
+#[path = "support/program.rs"]
+mod program;
+
+use host_train::dataset::pairs::load_poses;
+use program::{fail, folder, read_json, run, succeed, without_times, write_weights};
+use reagent_tests::shared;
+use serde_json::Value;
+use std::path::PathBuf;
+
+#[test]
+fn register_writes_pose_trace_and_the_moved_cloud() {
+    let folder = folder();
+    let at = folder.path();
+    write_weights(&at.join("w.rgw"));
+    let cloud = |shift: f32| {
+        let point = |i: i32| {
+            let a = i as f32 * 0.7;
+            format!(
+                "{} {} {}\n",
+                3.0 * a.sin() + shift,
+                2.0 * a.cos(),
+                (i % 7) as f32
+            )
+        };
+        (0..200).map(point).collect::<String>()
+    };
+    std::fs::write(at.join("a.xyz"), cloud(0.5)).expect("written");
+    std::fs::write(at.join("b.xyz"), cloud(0.0)).expect("written");
+    let text = succeed(
+        at,
+        "register --weights w.rgw a.xyz b.xyz --steps 3 --init 1,0,0,-.5,0,1,0,0,0,0,1,0 --out moved.ply --trace t.jsonl --json r.json",
+    );
+    assert!(
+        text.contains("target_from_source") && text.contains(" ms"),
+        "{text}"
+    );
+
+    let result = read_json(&at.join("r.json"));
+    let trace = std::fs::read_to_string(at.join("t.jsonl")).expect("written");
+    let lines: Vec<Value> = trace
+        .lines()
+        .map(|line| serde_json::from_str(line).expect("JSON"))
+        .collect();
+    assert_eq!(lines.len(), 3);
+    assert_eq!(lines[2]["target_from_source"], result["target_from_source"]);
+    assert_eq!(result["source_points"], 200);
+
+    // The moved cloud needs no initial pose to be where the first registration ended.
+    let moved =
+        host_train::dataset::cloud_file::read_cloud(&at.join("moved.ply"), 0).expect("readable");
+    let row: Vec<f64> = (0..4)
+        .map(|i| {
+            result["target_from_source"][0][i]
+                .as_f64()
+                .expect("a number")
+        })
+        .collect();
+    let first = [0.5, 2.0, 0.0];
+    let x = row[0] * first[0] + row[1] * first[1] + row[2] * first[2] + row[3];
+    assert!(
+        (f64::from(moved[0][0]) - x).abs() < 1e-5,
+        "{x} {:?}",
+        moved[0]
+    );
+}
+
+/// Beyond the capacity a seeded part of the points is used, and said so.
+#[test]
+fn clouds_beyond_the_capacity_are_sampled() {
+    let folder = folder();
+    let at = folder.path();
+    write_weights(&at.join("w.rgw"));
+    let cloud: String = (0..5000u32)
+        .map(|i| format!("{} {} {}\n", i % 17, i % 29, i % 31))
+        .collect();
+    std::fs::write(at.join("big.xyz"), cloud).expect("written");
+    let register = |seed: u32, json: &str| {
+        let arguments = format!(
+            "register --weights w.rgw big.xyz big.xyz --steps 2 --seed {seed} --json {json}"
+        );
+        let output = run(at, &arguments);
+        assert_eq!(output.status.code(), Some(0));
+        let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(
+            stderr.contains("5000") && stderr.contains("2048"),
+            "{stderr}"
+        );
+        without_times(read_json(&at.join(json)))
+    };
+    let first = register(1, "1.json");
+    assert_eq!(first["source_points"], 2048);
+    assert_eq!(first, register(1, "again.json"));
+}
+
+#[test]
+fn results_depend_neither_on_threads_nor_on_the_way_of_the_pairs() {
+    let folder = folder();
+    let at = folder.path();
+    write_weights(&at.join("w.rgw"));
+    let draw = "--data procedural --protocol m40-models --count 6 --seed 9";
+    succeed(at, &format!("pairs {draw} --out p.h5"));
+    let run = "--weights w.rgw --methods policy,icp,init --steps 2 --per-step";
+    succeed(
+        at,
+        &format!("eval {run} --pairs p.h5 --threads 1 --json one.json --poses one.h5"),
+    );
+    succeed(
+        at,
+        &format!("eval {run} --pairs p.h5 --threads 3 --json three.json --poses three.h5"),
+    );
+    succeed(at, &format!("eval {run} {draw} --json drawn.json"));
+
+    let one = read_json(&at.join("one.json"));
+    assert_eq!(one["pairs"], 6);
+    for other in ["three.json", "drawn.json"] {
+        let other = read_json(&at.join(other));
+        for name in ["w", "icp", "init"] {
+            let row = |document: &Value| without_times(document["methods"][name].clone());
+            assert!(row(&one)["r_iso_deg"].is_f64(), "{name}");
+            assert_eq!(row(&one), row(&other), "{name}");
+        }
+    }
+    for name in ["w", "icp", "init"] {
+        let poses = |file: &str| load_poses(&at.join(file), name).expect("written");
+        assert_eq!(poses("one.h5"), poses("three.h5"), "{name}");
+    }
+
+    let steps = one["per_step"]["w"].as_array().expect("a row a step");
+    assert_eq!(steps.len(), 3);
+    assert_eq!(steps[0]["ms_median"], 0.0);
+    assert_eq!(steps[0]["r_iso_deg"], one["methods"]["init"]["r_iso_deg"]);
+    assert_eq!(steps[2]["adi_auc_pct"], one["methods"]["w"]["adi_auc_pct"]);
+    assert_eq!(one["per_step"].as_object().map(|m| m.len()), Some(1));
+}
+
+#[test]
+fn two_policies_of_one_name_are_refused() {
+    let folder = folder();
+    let at = folder.path();
+    std::fs::create_dir(at.join("other")).expect("made");
+    write_weights(&at.join("w.rgw"));
+    write_weights(&at.join("other/w.rgw"));
+    succeed(
+        at,
+        "pairs --data procedural --protocol m40-clean --count 1 --out p.h5",
+    );
+    fail(
+        at,
+        "eval --weights w.rgw other/w.rgw --pairs p.h5",
+        &["\"w\"", "rename"],
+    );
+}
+
+/// Initial errors and ICP of Open3D 0.20, measured on the same pairs: ISO R mean and median, ISO t mean,
+/// recall in percent.
+#[test]
+fn baselines_agree_with_open3d() {
+    let table = [
+        (
+            "pairs_models.h5",
+            [45.6, 47.1, 0.472, 0.0],
+            [9.39, 0.47, 0.057, 67.0],
+        ),
+        (
+            "pairs_categories.h5",
+            [43.0, 42.2, 0.483, 0.0],
+            [11.30, 0.72, 0.074, 63.0],
+        ),
+    ];
+    for (file, init, icp) in table {
+        let Some(pairs) = shared(&format!("data/{file}")) else {
+            return;
+        };
+        let folder = folder();
+        let pairs = pairs.canonicalize().expect("an existing file");
+        let arguments = format!(
+            "eval --methods init,icp --pairs {} --json e.json",
+            pairs.display()
+        );
+        succeed(folder.path(), &arguments);
+        let document = read_json(&folder.path().join("e.json"));
+        let row = |name: &str| {
+            let row = &document["methods"][name];
+            ["r_iso_deg", "r_iso_median_deg", "t_iso", "recall_r5_t005"]
+                .map(|field| row[field].as_f64().expect("a number"))
+        };
+        let ours = row("init");
+        let near = |a: f64, b: f64, tolerance: f64| {
+            assert!((a - b).abs() <= tolerance, "{file}: {a}, {b}")
+        };
+        near(ours[0], init[0], 0.05);
+        near(ours[1], init[1], 0.05);
+        near(ours[2], init[2], 0.0005);
+        near(ours[3], init[3], 0.0);
+        let ours = row("icp");
+        for (ours, theirs) in ours[..3].iter().zip(&icp[..3]) {
+            near(*ours, *theirs, 0.1 * theirs);
+        }
+        near(100.0 * ours[3], icp[3], 1.0);
+    }
+}
+
+/// The authors' evaluation loop on the same checkpoint and pairs.
+#[test]
+fn an_imported_checkpoint_reproduces_the_authors_poses() {
+    let paths = [
+        shared("fixtures/reference_checkpoint.zip"),
+        shared("fixtures/reference_poses.h5"),
+        shared("data/pairs_models.h5"),
+    ];
+    let [Some(checkpoint), Some(poses), Some(pairs)] = paths else {
+        return;
+    };
+    let absolute = |path: PathBuf| {
+        path.canonicalize()
+            .expect("an existing file")
+            .display()
+            .to_string()
+    };
+    let folder = folder();
+    let at = folder.path();
+    succeed(
+        at,
+        &format!("import --pytorch {} --out ref.rgw", absolute(checkpoint)),
+    );
+    succeed(
+        at,
+        &format!(
+            "eval --weights ref.rgw --pairs {} --poses p.h5",
+            absolute(pairs)
+        ),
+    );
+    let ours = load_poses(&at.join("p.h5"), "ref").expect("written");
+    let theirs = load_poses(&poses, "pred").expect("readable");
+    assert_eq!(ours.len(), theirs.len());
+    // All rows: float64 takes the same actions as the reference in each, whatever its margin.
+    for (row, (a, b)) in ours.iter().zip(&theirs).enumerate() {
+        let (a, b) = (a.to_rows(), b.to_rows());
+        let worst = a
+            .as_flattened()
+            .iter()
+            .zip(b.as_flattened())
+            .map(|(x, y)| (x - y).abs());
+        assert!(
+            worst.fold(0.0, f32::max) < 1e-4,
+            "row {row}: {a:?}, reference {b:?}"
+        );
+    }
+}

@@ -4,6 +4,7 @@ use clap::{Parser, Subcommand};
 use ed25519_dalek::VerifyingKey;
 use firmware_sim::node::{Node, NodeConfig};
 use firmware_sim::session::{SessionArgs, open};
+use std::io::IsTerminal;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use tracing_subscriber::EnvFilter;
@@ -83,6 +84,7 @@ fn main() -> ExitCode {
     tracing_subscriber::fmt()
         .with_env_filter(filter)
         .with_writer(std::io::stderr)
+        .with_ansi(std::io::stderr().is_terminal())
         .init();
     let outcome = tokio::runtime::Runtime::new()
         .map_err(anyhow::Error::from)

@@ -186,8 +186,19 @@ async fn any_robot_is_one_that_is_there_with_the_least_to_do() {
     }
     let cloud = random_cloud(1, 10);
     assert_eq!(client::any_robot(&session, FLEET).await.expect("two"), "a");
+    let status_key = keys::status(FLEET, "a").expect("good names");
+    let published = session.declare_subscriber(status_key.as_str());
+    let published = published.await.expect("an open session");
     let reply = client::refine(&session, FLEET, "a", &request(&cloud, &cloud)).await;
     assert!(reply.is_ok(), "{reply:?}");
+    loop {
+        let sample = published.recv_async().await.expect("an open session");
+        match wire::decode(&sample.payload().to_bytes()) {
+            Ok(Message::Status(status)) if status.served == 1 => break,
+            Ok(Message::Status(_)) => {}
+            other => panic!("no status: {other:?}"),
+        }
+    }
     assert_eq!(client::any_robot(&session, FLEET).await.expect("two"), "b");
     let robots = client::robots(&session, FLEET).await.expect("two");
     let served: Vec<_> = robots.iter().map(|(r, s)| (r.as_str(), s.served)).collect();

@@ -70,10 +70,7 @@ impl DemoArgs {
     /// Anything that fails, a robot's refusal included.
     pub async fn run(self) -> anyhow::Result<()> {
         let started = Instant::now();
-        let first = match &self.weights {
-            Some(path) => WeightFile::load(path)?,
-            None => bundled()?,
-        };
+        let first = WeightFile::load_or_pretrained(self.weights.as_deref())?;
         let scene = Scene::of(&self)?;
         println!("{}", scene.description);
 
@@ -249,18 +246,6 @@ fn table(before: &[Round], after: &[Round]) -> serde_json::Value {
 fn median(values: &mut [f64]) -> f64 {
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
-}
-
-/// The policy that ships with the core.
-#[cfg(feature = "pretrained")]
-fn bundled() -> anyhow::Result<WeightFile> {
-    let bytes = reagent_core::Policy::pretrained_bytes();
-    WeightFile::from_bytes(bytes).context("the bundled policy")
-}
-
-#[cfg(not(feature = "pretrained"))]
-fn bundled() -> anyhow::Result<WeightFile> {
-    bail!("this build has no bundled policy: give --weights FILE.rgw")
 }
 
 async fn join(endpoint: &str) -> anyhow::Result<Session> {

@@ -7,6 +7,7 @@ use crate::net::{self, Scratch, TargetHalf, View};
 use crate::pose::{Pose, centroid};
 use crate::steps::Action;
 use crate::weights::Policy;
+use core::fmt;
 use glam::Vec3;
 
 /// The normalised frame in which the policy works: `x_n = (x - centre) / scale`.
@@ -70,6 +71,15 @@ pub enum Verdict {
     Converged,
     /// The steps ran out while the policy still moved.
     StepLimit,
+}
+
+impl fmt::Display for Verdict {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Verdict::Converged => "converged",
+            Verdict::StepLimit => "step limit",
+        })
+    }
 }
 
 /// What the policy saw and did in one step.

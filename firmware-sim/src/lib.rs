@@ -13,6 +13,8 @@ pub mod policy;
 #[cfg(feature = "demo")]
 pub mod refine;
 mod service;
+// Compiled in, not linked: the file needs nothing of the trainer.
+#[path = "../../host-train/src/publish/session.rs"]
 pub mod session;
 pub mod store;
 mod updates;

@@ -66,7 +66,7 @@ impl Answer {
         json!({
             "robot": self.robot,
             "target_from_source": self.reply.target_from_source,
-            "verdict": format!("{:?}", self.reply.verdict),
+            "verdict": self.reply.verdict.to_string(),
             "steps": self.reply.steps,
             "ms_robot": f64::from(self.reply.micros) / 1e3,
             "ms_round_trip": self.round_trip_ms,
@@ -133,7 +133,7 @@ impl RefineArgs {
             println!("{}", row.map(|x| format!("{x:12.6}")).join(" "));
         }
         println!(
-            "{:?} after {} steps, {:.1} ms on robot {} (policy version {}), {:.1} ms with the network",
+            "{} after {} steps, {:.1} ms on robot {} (policy version {}), {:.1} ms with the network",
             reply.verdict,
             reply.steps,
             f64::from(reply.micros) / 1e3,

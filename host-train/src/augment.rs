@@ -4,6 +4,7 @@
 //! value, the authors' code does.
 
 use crate::dataset::Point;
+use crate::dataset::pairs::Sample;
 use crate::random::Rng;
 use glam::{Mat3, Vec3};
 use rand::seq::index;
@@ -128,27 +129,10 @@ pub fn random_affine(rng: &mut Rng, points: &mut [Point]) {
     linear(points, &(mirror * shear));
 }
 
-/// One training or test sample.
-#[derive(Clone, Debug)]
-pub struct Sample {
-    /// Observed source, `[N, 3]`.
-    pub source: Vec<Point>,
-    /// Target, `[N, 3]`.
-    pub target: Vec<Point>,
-    /// Plain transform that registers the source.
-    pub target_from_source: Pose,
-}
-
-/// Clean training sample: `k` points without replacement, the same for source and target, then scale,
-/// shear, mirror, a rigid offset of the source, and each cloud shuffled.
-pub fn clean_sample(rng: &mut Rng, model: &[Point], k: usize) -> Sample {
-    let mut target = resample(rng, model, k);
-    random_affine(rng, &mut target);
+/// Moves a source that lies on its target by a random rigid offset.
+pub fn misalign(rng: &mut Rng, mut source: Vec<Point>, target: Vec<Point>) -> Sample {
     let offset = random_rigid(rng);
-    let mut source = target.clone();
     transform(&mut source, &offset);
-    shuffle(rng, &mut source);
-    shuffle(rng, &mut target);
     Sample {
         source,
         target,
@@ -156,28 +140,36 @@ pub fn clean_sample(rng: &mut Rng, model: &[Point], k: usize) -> Sample {
     }
 }
 
-/// Noisy training sample: scale, shear, mirror, a rigid offset of the source, then `k` points drawn
-/// independently for source and target, noise on both, and each cloud shuffled.
+/// The clean condition: source and target are the same points, in different orders.
+pub fn clean_pair(rng: &mut Rng, points: Vec<Point>) -> Sample {
+    let mut sample = misalign(rng, points.clone(), points);
+    shuffle(rng, &mut sample.source);
+    shuffle(rng, &mut sample.target);
+    sample
+}
+
+/// The noisy condition: `k` points drawn independently for source and target, noise on both.
+pub fn noisy_pair(rng: &mut Rng, whole: &[Point], k: usize) -> Sample {
+    // A random draw is in random order already: no further shuffle is needed.
+    let (source, target) = (resample(rng, whole, k), resample(rng, whole, k));
+    let mut sample = misalign(rng, source, target);
+    jitter(rng, &mut sample.source);
+    jitter(rng, &mut sample.target);
+    sample
+}
+
+/// Clean training sample: `k` points of the model, deformed by scale, shear and mirror.
+pub fn clean_sample(rng: &mut Rng, model: &[Point], k: usize) -> Sample {
+    let mut points = resample(rng, model, k);
+    random_affine(rng, &mut points);
+    clean_pair(rng, points)
+}
+
+/// Noisy training sample: the model deformed by scale, shear and mirror, then [`noisy_pair`].
 pub fn noisy_sample(rng: &mut Rng, model: &[Point], k: usize) -> Sample {
     let mut whole = model.to_vec();
     random_affine(rng, &mut whole);
     noisy_pair(rng, &whole, k)
-}
-
-/// The noisy condition without affine augmentation: the evaluation protocol.
-pub fn noisy_pair(rng: &mut Rng, whole: &[Point], k: usize) -> Sample {
-    let offset = random_rigid(rng);
-    // A random draw is in random order already: no further shuffle is needed.
-    let mut source = resample(rng, whole, k);
-    let mut target = resample(rng, whole, k);
-    transform(&mut source, &offset);
-    jitter(rng, &mut source);
-    jitter(rng, &mut target);
-    Sample {
-        source,
-        target,
-        target_from_source: offset.inverse(),
-    }
 }
 
 #[cfg(test)]

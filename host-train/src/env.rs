@@ -1,7 +1,7 @@
 //! The environment: clouds to register, and the pose that actions accumulate (paper, eqs. 5, 8, 9).
 
-use crate::augment::Sample;
 use crate::dataset::Point;
+use crate::dataset::pairs::Sample;
 use reagent_core::net::View;
 use reagent_core::pose::centroid;
 use reagent_core::{Action, Pose};

@@ -10,12 +10,11 @@
 //! In each, the source is moved by a random rigid offset (angles U[0, 45) deg about each axis, translations
 //! U[-.5, .5)), and the points of both clouds are shuffled. No shape is deformed.
 
-use crate::augment::{jitter, random_rigid, resample, shuffle};
+use crate::augment::{clean_pair, misalign, noisy_pair, resample};
+use crate::dataset::Model;
 use crate::dataset::modelnet::{FIRST_HALF, SECOND_HALF};
-use crate::dataset::pairs::{NO_LABEL, PairSet};
-use crate::dataset::{Model, Point};
+use crate::dataset::pairs::PairSet;
 use crate::random::{Purpose, stream};
-use glam::Vec3;
 use rand::seq::index;
 use std::ops::Range;
 
@@ -67,62 +66,26 @@ pub fn draw(models: &[Model], protocol: Protocol, count: usize, seed: u64) -> Pa
     }
 
     let mut set = PairSet::default();
-    let mut raw = Vec::new();
     for (i, model) in chosen.into_iter().map(|k| &models[k]).enumerate() {
-        let pair = draw_pair(&model.points, protocol, seed, i as u64);
-        set.source.push(pair.source);
-        set.target.push(pair.target);
-        set.target_from_source.push(pair.target_from_source);
-        set.label
-            .push(i32::try_from(model.label).unwrap_or(NO_LABEL));
-        raw.push(pair.raw);
+        let rng = &mut stream(seed, Purpose::Pairs, i as u64);
+        let points = &model.points;
+        let (sample, raw) = match protocol {
+            Protocol::M40Clean => {
+                let first = points[..points.len().min(POINTS)].to_vec();
+                (clean_pair(rng, first.clone()), first)
+            }
+            Protocol::M40Models | Protocol::M40Categories => {
+                (noisy_pair(rng, points, POINTS), points.clone())
+            }
+            Protocol::Scan => {
+                let source = resample(rng, points, SCAN_POINTS);
+                let target = resample(rng, points, SCAN_POINTS);
+                (misalign(rng, source, target), points.clone())
+            }
+        };
+        set.push(sample, raw, model.label);
     }
-    PairSet {
-        raw: Some(raw),
-        ..set
-    }
-}
-
-struct Pair {
-    source: Vec<Point>,
-    target: Vec<Point>,
-    raw: Vec<Point>,
-    target_from_source: reagent_core::Pose,
-}
-
-fn draw_pair(points: &[Point], protocol: Protocol, seed: u64, index: u64) -> Pair {
-    let rng = &mut stream(seed, Purpose::Pairs, index);
-    let source_from_target = random_rigid(rng);
-    let (raw, mut source, mut target) = match protocol {
-        Protocol::M40Clean => {
-            let first = points[..points.len().min(POINTS)].to_vec();
-            (first.clone(), first.clone(), first)
-        }
-        Protocol::M40Models | Protocol::M40Categories => {
-            let (source, target) = (resample(rng, points, POINTS), resample(rng, points, POINTS));
-            (points.to_vec(), source, target)
-        }
-        Protocol::Scan => {
-            let source = resample(rng, points, SCAN_POINTS);
-            let target = resample(rng, points, SCAN_POINTS);
-            (points.to_vec(), source, target)
-        }
-    };
-    for point in &mut source {
-        *point = source_from_target.apply(Vec3::from(*point)).to_array();
-    }
-    if matches!(protocol, Protocol::M40Models | Protocol::M40Categories) {
-        jitter(rng, &mut source);
-        jitter(rng, &mut target);
-    }
-    shuffle(rng, &mut source);
-    shuffle(rng, &mut target);
-    Pair {
-        source,
-        target,
-        raw,
-        target_from_source: source_from_target.inverse(),
-    }
+    set
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@ mod key;
 mod session;
 
 pub use key::{KeyError, keygen, read_key};
-pub use session::{SessionArgs, SessionError, open_session};
+pub use session::{SessionArgs, SessionError, open as open_session};
 
 use crate::export::{ExportError, WeightFile};
 use ed25519_dalek::{Signer, SigningKey};

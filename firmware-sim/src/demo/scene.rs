@@ -2,9 +2,9 @@
 
 use super::{DemoArgs, ROBOTS};
 use anyhow::bail;
-use host_train::augment::{Sample, noisy_pair, noisy_sample, random_rigid, resample, transform};
+use host_train::augment::{misalign, noisy_pair, noisy_sample, resample};
 use host_train::dataset::camera::Camera;
-use host_train::dataset::pairs::PairSet;
+use host_train::dataset::pairs::{PairSet, Sample};
 use host_train::dataset::procedural::{self, Shape};
 use host_train::dataset::{Model, modelnet};
 use host_train::random::{Purpose, Rng, stream};
@@ -89,15 +89,9 @@ impl Scene {
 
 /// The shape as depth cameras see it, moved at random; to be registered to points of its surface.
 fn seen_by_camera(rng: &mut Rng, shape: &Shape) -> Sample {
-    let mut source = Camera::default().observe(&shape.mesh, VIEWS, POINTS, rng);
+    let source = Camera::default().observe(&shape.mesh, VIEWS, POINTS, rng);
     let target = resample(rng, &shape.model.points, POINTS);
-    let offset = random_rigid(rng);
-    transform(&mut source, &offset);
-    Sample {
-        source,
-        target,
-        target_from_source: offset.inverse(),
-    }
+    misalign(rng, source, target)
 }
 
 /// One pair of each item, each drawn from a stream of its own.
@@ -109,11 +103,7 @@ fn pairs_of<T>(
     let mut pairs = PairSet::default();
     for (index, item) in items.enumerate() {
         let (sample, model) = draw(&mut stream(seed, Purpose::Pairs, index as u64), item);
-        pairs.source.push(sample.source);
-        pairs.target.push(sample.target);
-        pairs.target_from_source.push(sample.target_from_source);
-        pairs.label.push(model.label as i32);
-        pairs.raw.get_or_insert_default().push(model.points);
+        pairs.push(sample, model.points, model.label);
     }
     pairs
 }

@@ -9,8 +9,8 @@ use crate::register::{Registered, SUBSAMPLE, register, within_capacity};
 use anyhow::{Context, bail};
 use clap::Args;
 use glam::Vec3;
+use reagent_core::Pose;
 use reagent_core::dims::{MAX_POINTS, STEPS};
-use reagent_core::{Pose, Verdict};
 use serde::Serialize;
 use std::fs::File;
 use std::io::Read;
@@ -154,7 +154,7 @@ impl RegisterArgs {
         if let Some(path) = &self.json {
             let document = Document {
                 target_from_source: pose.to_rows(),
-                verdict: verdict(found.verdict),
+                verdict: found.verdict.to_string(),
                 steps: found.trace.len(),
                 ms,
                 source_points: source.len(),
@@ -170,7 +170,7 @@ impl RegisterArgs {
 #[derive(Serialize)]
 struct Document {
     target_from_source: [[f32; 4]; 3],
-    verdict: &'static str,
+    verdict: String,
     steps: usize,
     ms: f64,
     source_points: usize,
@@ -189,13 +189,6 @@ fn fit(path: &Path, points: Vec<Point>, seed: u64, index: u64) -> Vec<Point> {
     within_capacity(points, seed, index)
 }
 
-fn verdict(verdict: Verdict) -> &'static str {
-    match verdict {
-        Verdict::Converged => "converged",
-        Verdict::StepLimit => "step limit",
-    }
-}
-
 fn report(found: &Registered, ms: f64) -> String {
     let mut text = String::from("target_from_source, rows of [R | t] in the clouds' units:\n");
     for row in found.target_from_source.to_rows() {
@@ -204,7 +197,7 @@ fn report(found: &Registered, ms: f64) -> String {
     }
     text + &format!(
         "{} after {} steps, {ms:.1} ms\n",
-        verdict(found.verdict),
+        found.verdict,
         found.trace.len()
     )
 }

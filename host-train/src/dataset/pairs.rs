@@ -19,6 +19,17 @@ const POSES: &str = "[M,3,4] f32";
 /// Label of a pair whose category is not known.
 pub const NO_LABEL: i32 = -1;
 
+/// One pair of clouds and its true pose.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Sample {
+    /// Observed source, `[N]` points.
+    pub source: Vec<Point>,
+    /// Target, `[N']` points.
+    pub target: Vec<Point>,
+    /// Plain transform that registers the source.
+    pub target_from_source: Pose,
+}
+
 /// M pairs of clouds; every list has M entries.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PairSet {
@@ -35,6 +46,15 @@ pub struct PairSet {
 }
 
 impl PairSet {
+    /// Adds a pair with its noise-free target and its category. A set is filled by this or loaded.
+    pub fn push(&mut self, sample: Sample, raw: Vec<Point>, label: u32) {
+        self.source.push(sample.source);
+        self.target.push(sample.target);
+        self.target_from_source.push(sample.target_from_source);
+        self.raw.get_or_insert_default().push(raw);
+        self.label.push(i32::try_from(label).unwrap_or(NO_LABEL));
+    }
+
     /// Reads and checks a pairs file: shapes, equal numbers of entries, finite points, rigid poses.
     pub fn load(path: &Path) -> Result<PairSet, DatasetError> {
         let file = H5File::open(path)?;

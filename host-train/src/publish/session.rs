@@ -1,5 +1,7 @@
-//! Opening a Zenoh session that says at once what is wrong. Robots have their own copy of this file,
-//! because they never link the trainer.
+//! Opening a Zenoh session that says at once what is wrong.
+//!
+//! The one definition for both ends: firmware-sim compiles this file too, since a robot never links
+//! the trainer.
 
 use std::path::PathBuf;
 use thiserror::Error;
@@ -48,7 +50,7 @@ const CONNECT_MS: &str = "3000";
 ///
 /// # Errors
 /// See [`SessionError`].
-pub async fn open_session(args: &SessionArgs) -> Result<Session, SessionError> {
+pub async fn open(args: &SessionArgs) -> Result<Session, SessionError> {
     let config = config(args)?;
     zenoh::open(config)
         .await

@@ -1,6 +1,7 @@
 //! The training loop: clouds in, checkpoints and metrics out.
 
 mod config;
+mod data;
 mod run;
 mod trainer;
 

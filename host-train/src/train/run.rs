@@ -1,11 +1,12 @@
 //! A whole run: data, updates, validation, checkpoints.
 
-use super::config::{Categories, DataSource, Stage, TrainConfig};
+use super::config::{Stage, TrainConfig};
+use super::data::{clouds, problems};
 use super::trainer::Trainer;
-use crate::augment::{Sample, clean_sample, noisy_pair, noisy_sample};
 use crate::checkpoint::{BEST, Checkpoint, CheckpointError, LAST, Progress};
+use crate::dataset::DatasetError;
 use crate::dataset::pairs::PairSet;
-use crate::dataset::{DatasetError, Model, Point, modelnet, procedural};
+use crate::dataset::pairs::Sample;
 use crate::env::Problem;
 use crate::eval::{Contestant, EvalError, EvalSettings, Method, evaluate};
 use crate::export::{ExportError, WeightFile};
@@ -15,7 +16,6 @@ use crate::nn::{Parameters, Shape};
 use crate::optim::Adam;
 use crate::random::{Purpose, Rng, stream};
 use indicatif::{ProgressBar, ProgressStyle};
-use rand::seq::SliceRandom;
 use rayon::prelude::*;
 use serde_json::json;
 use std::io::{IsTerminal, Write};
@@ -236,82 +236,6 @@ pub fn fine_tune(
         progress(trainer.updates, stats.loss);
     }
     Ok(WeightFile::from_parameters(&trainer.parameters)?)
-}
-
-/// The problems of an update: the next clouds in an endless sequence of shuffled epochs, each with an
-/// augmentation of its own.
-fn problems<C: AsRef<[Point]> + Sync>(
-    config: &TrainConfig,
-    clouds: &[C],
-    update: u64,
-) -> Vec<Problem> {
-    let n = clouds.len() as u64;
-    let batch = config.roll_out.problems as u64;
-    let positions: Vec<u64> = (update * batch..(update + 1) * batch).collect();
-    let order = |epoch: u64| {
-        let mut order: Vec<usize> = (0..clouds.len()).collect();
-        order.shuffle(&mut stream(config.seed, Purpose::Order, epoch));
-        order
-    };
-    let mut current = (positions[0] / n, order(positions[0] / n));
-    let picks: Vec<(u64, usize)> = positions
-        .into_iter()
-        .map(|position| {
-            if position / n != current.0 {
-                current = (position / n, order(position / n));
-            }
-            (position, current.1[(position % n) as usize])
-        })
-        .collect();
-    picks
-        .into_par_iter()
-        .map(|(position, cloud)| {
-            let mut rng = stream(config.seed, Purpose::Augment, position);
-            let cloud = clouds[cloud].as_ref();
-            Problem::from(match config.stage {
-                Stage::Pretrain => clean_sample(&mut rng, cloud, config.points),
-                Stage::Il => noisy_sample(&mut rng, cloud, config.points),
-            })
-        })
-        .collect()
-}
-
-/// Training clouds, and noisy pairs of the meshes held back for validation.
-fn clouds(config: &TrainConfig) -> Result<(Vec<Vec<Point>>, PairSet), TrainError> {
-    let mut training: Vec<Model> = Vec::new();
-    let mut held_back: Vec<Model> = Vec::new();
-    for source in &config.data {
-        let models = match source {
-            DataSource::Directory(path) => {
-                let models = modelnet::load(path, modelnet::Split::Train)?;
-                match config.categories {
-                    Categories::First => modelnet::categories(models, 0..20),
-                    Categories::All => models,
-                }
-            }
-            DataSource::Procedural(count) => procedural::models(config.seed, *count),
-        };
-        let (train, validation) =
-            modelnet::validation_split(models, config.seed, config.validation);
-        training.extend(train);
-        held_back.extend(validation);
-    }
-    if training.len() < 2 || held_back.is_empty() {
-        return Err(TrainError::TooFewClouds(training.len()));
-    }
-    held_back.shuffle(&mut stream(config.seed, Purpose::Split, 1));
-    held_back.truncate(config.validation_pairs);
-    let mut pairs = PairSet::default();
-    for (i, model) in held_back.into_iter().enumerate() {
-        let mut rng = stream(config.seed, Purpose::Pairs, i as u64);
-        let sample = noisy_pair(&mut rng, &model.points, config.points);
-        pairs.source.push(sample.source);
-        pairs.target.push(sample.target);
-        pairs.target_from_source.push(sample.target_from_source);
-        pairs.label.push(model.label as i32);
-        pairs.raw.get_or_insert_default().push(model.points);
-    }
-    Ok((training.into_iter().map(|m| m.points).collect(), pairs))
 }
 
 /// The trainer at the start of a run, or where it was left; and the best validation error so far.

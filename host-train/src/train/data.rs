@@ -1,0 +1,74 @@
+//! What a run trains on, and what it is validated on.
+
+use super::config::{Categories, DataSource, Stage, TrainConfig};
+use super::run::TrainError;
+use crate::augment::{clean_sample, noisy_sample};
+use crate::dataset::pairs::PairSet;
+use crate::dataset::{Model, Point, modelnet, procedural};
+use crate::env::Problem;
+use crate::protocol::{self, Protocol};
+use crate::random::{Purpose, stream};
+use rand::seq::SliceRandom;
+use rayon::prelude::*;
+
+/// Training clouds, and noisy pairs of the meshes held back for validation.
+pub(super) fn clouds(config: &TrainConfig) -> Result<(Vec<Vec<Point>>, PairSet), TrainError> {
+    let mut training: Vec<Model> = Vec::new();
+    let mut held_back: Vec<Model> = Vec::new();
+    for source in &config.data {
+        let models = match source {
+            DataSource::Directory(path) => {
+                let models = modelnet::load(path, modelnet::Split::Train)?;
+                match config.categories {
+                    Categories::First => modelnet::categories(models, modelnet::FIRST_HALF),
+                    Categories::All => models,
+                }
+            }
+            DataSource::Procedural(count) => procedural::models(config.seed, *count),
+        };
+        let (train, validation) =
+            modelnet::validation_split(models, config.seed, config.validation);
+        training.extend(train);
+        held_back.extend(validation);
+    }
+    if training.len() < 2 || held_back.is_empty() {
+        return Err(TrainError::TooFewClouds(training.len()));
+    }
+    let count = held_back.len().min(config.validation_pairs);
+    let pairs = protocol::draw(&held_back, Protocol::M40Models, count, config.seed);
+    Ok((training.into_iter().map(|m| m.points).collect(), pairs))
+}
+
+/// The problems of an update: the next clouds in an endless sequence of shuffled epochs, each with an
+/// augmentation of its own.
+pub(super) fn problems(config: &TrainConfig, clouds: &[Vec<Point>], update: u64) -> Vec<Problem> {
+    let n = clouds.len() as u64;
+    let batch = config.roll_out.problems as u64;
+    let positions: Vec<u64> = (update * batch..(update + 1) * batch).collect();
+    let order = |epoch: u64| {
+        let mut order: Vec<usize> = (0..clouds.len()).collect();
+        order.shuffle(&mut stream(config.seed, Purpose::Order, epoch));
+        order
+    };
+    let mut current = (positions[0] / n, order(positions[0] / n));
+    let picks: Vec<(u64, usize)> = positions
+        .into_iter()
+        .map(|position| {
+            if position / n != current.0 {
+                current = (position / n, order(position / n));
+            }
+            (position, current.1[(position % n) as usize])
+        })
+        .collect();
+    picks
+        .into_par_iter()
+        .map(|(position, cloud)| {
+            let mut rng = stream(config.seed, Purpose::Augment, position);
+            let cloud = &clouds[cloud];
+            Problem::from(match config.stage {
+                Stage::Pretrain => clean_sample(&mut rng, cloud, config.points),
+                Stage::Il => noisy_sample(&mut rng, cloud, config.points),
+            })
+        })
+        .collect()
+}

@@ -84,9 +84,15 @@ pub fn categories(models: Vec<Model>, labels: Range<u32>) -> Vec<Model> {
 }
 
 /// Carves a validation split out of a training split by mesh: `(training, validation)`, each in the
-/// given order, with `fraction` (0 to 1) of the models, rounded, in the second.
+/// given order, with `fraction` (0 to 1) of the models, rounded, in the second; at least one of two or
+/// more where the fraction is above 0.
 pub fn validation_split(models: Vec<Model>, seed: u64, fraction: f64) -> (Vec<Model>, Vec<Model>) {
-    let held_out = (models.len() as f64 * fraction.clamp(0.0, 1.0)).round() as usize;
+    let share = (models.len() as f64 * fraction.clamp(0.0, 1.0)).round() as usize;
+    let held_out = if fraction > 0.0 && models.len() > 1 {
+        share.max(1)
+    } else {
+        share
+    };
     let mut is_held_out = vec![false; models.len()];
     is_held_out[..held_out].fill(true);
     is_held_out.shuffle(&mut stream(seed, Purpose::Split, 0));

@@ -32,7 +32,7 @@ pub(super) fn clouds(config: &TrainConfig) -> Result<(Vec<Vec<Point>>, PairSet),
         held_back.extend(validation);
     }
     if training.len() < 2 || held_back.is_empty() {
-        return Err(TrainError::TooFewClouds(training.len()));
+        return Err(TrainError::TooFewClouds(training.len() + held_back.len()));
     }
     let count = held_back.len().min(config.validation_pairs);
     let pairs = protocol::draw(&held_back, Protocol::M40Models, count, config.seed);

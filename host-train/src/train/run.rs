@@ -30,7 +30,9 @@ pub enum TrainError {
     #[error(transparent)]
     Data(#[from] DatasetError),
     /// There are too few clouds.
-    #[error("{0} training clouds are too few: give at least 2")]
+    #[error(
+        "{0} training clouds are too few: give at least 3, of which one is held back for validation"
+    )]
     TooFewClouds(usize),
     /// The run directory cannot be used.
     #[error("cannot write to run directory {path}")]

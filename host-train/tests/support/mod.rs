@@ -1,18 +1,16 @@
 //! Runs the trainer's program as a user does.
 #![allow(dead_code, reason = "each test program uses a part")]
 
-use assert_cmd::Command;
-use assert_cmd::cargo::cargo_bin;
 use host_train::export::WeightFile;
 use host_train::nn::{Parameters, Shape};
 use serde_json::Value;
 use std::path::Path;
-use std::process::Output;
+use std::process::{Command, Output};
 use tempfile::TempDir;
 
 /// Runs the program in a folder.
 pub(crate) fn run(folder: &Path, arguments: &str) -> Output {
-    Command::new(cargo_bin("host-train"))
+    Command::new(env!("CARGO_BIN_EXE_host-train"))
         .current_dir(folder)
         .args(arguments.split_whitespace())
         .output()

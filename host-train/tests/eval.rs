@@ -1,13 +1,12 @@
 //! Results of the trainer's command line: registrations, baselines, the authors' poses.
 
-#[path = "support/program.rs"]
-mod program;
+mod support;
 
 use host_train::dataset::pairs::load_poses;
-use program::{fail, folder, read_json, run, succeed, without_times, write_weights};
 use reagent_tests::shared;
 use serde_json::Value;
 use std::path::PathBuf;
+use support::{fail, folder, read_json, run, succeed, without_times, write_weights};
 
 #[test]
 fn register_writes_pose_trace_and_the_moved_cloud() {

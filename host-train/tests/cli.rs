@@ -1,10 +1,9 @@
 //! The trainer's command line from outside: exit status, and one line that says what is wrong.
 
-#[path = "support/program.rs"]
-mod program;
+mod support;
 
 use host_train::dataset::pairs::PairSet;
-use program::{fail, folder, run, succeed, write_weights};
+use support::{fail, folder, run, succeed, write_weights};
 
 #[test]
 fn bad_usage_has_status_2() {

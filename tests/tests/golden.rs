@@ -3,6 +3,8 @@
 use glam::{Mat3, Vec3};
 use host_train::agent::{Activations, Features, Seen, embed};
 use host_train::augment;
+use host_train::dataset::h5::H5File;
+use host_train::dataset::pairs::PairSet;
 use host_train::expert::Expert;
 use host_train::export::WeightFile;
 use host_train::nn::PackedEmbedding;
@@ -13,7 +15,7 @@ use reagent_core::net::{Scratch, View};
 use reagent_core::pose::{centroid, euler_from_rotation, rotation_from_euler};
 use reagent_core::steps::STEPS;
 use reagent_core::{Action, Frame, Pose, Registrar};
-use reagent_tests::{Golden, reference_parameters};
+use reagent_tests::{Golden, reference_parameters, shared};
 
 const EXTRACT: &str = "reference.safetensors";
 
@@ -379,4 +381,42 @@ fn kernels() -> Vec<Isa> {
     #[cfg(not(target_arch = "x86_64"))]
     let fast = [None; 0];
     fast.into_iter().flatten().chain([Isa::PORTABLE]).collect()
+}
+
+#[test]
+fn the_imported_checkpoint_takes_every_recorded_action() {
+    let (Some(checkpoint), Some(recorded), Some(pairs)) = (
+        shared("fixtures/reference_checkpoint.zip"),
+        shared("fixtures/reference_poses.h5"),
+        shared("data/pairs_models.h5"),
+    ) else {
+        return;
+    };
+    let parameters = host_train::import::pytorch(&checkpoint).expect("a checkpoint");
+    let file = WeightFile::from_parameters(&parameters).expect("deployable");
+    let pairs = PairSet::load(&pairs).expect("pairs");
+    let (_, ids) = H5File::open(&recorded)
+        .and_then(|file| file.read_i64("actions", "[M,10,2,3] i64"))
+        .expect("recorded actions");
+    let (expected, _) = ids.as_chunks::<6>();
+    assert_eq!(expected.len(), 10 * pairs.source.len());
+    let mut scratch = Box::new(Scratch::new());
+    let mut registrar = Registrar::new(file.policy(), &mut scratch);
+    for (i, (source, target)) in pairs.source.iter().zip(&pairs.target).enumerate() {
+        let mut registration = registrar
+            .start(source, target, Frame::IDENTITY, Pose::IDENTITY)
+            .expect("sound clouds");
+        for s in 0..10 {
+            let Action {
+                translation,
+                rotation,
+            } = registrar.step(&mut registration).action;
+            let taken: Vec<i64> = translation
+                .iter()
+                .chain(&rotation)
+                .map(|&id| id.into())
+                .collect();
+            assert_eq!(taken, expected[10 * i + s], "pair {i} step {s}");
+        }
+    }
 }

@@ -130,12 +130,7 @@ fn run_here(config: &TrainConfig, resume: bool, stop: &AtomicBool) -> Result<(),
         let learning_rate = config.schedule.rate(epoch);
         let problems = problems(config, &training, update);
         let stats = trainer.update(problems, learning_rate);
-        if !stats.loss.is_finite() {
-            return Err(TrainError::NotFinite {
-                update,
-                loss: stats.loss,
-            });
-        }
+        finite(update, stats.loss)?;
         epoch_loss += stats.loss;
         epoch_agreement += stats.agreement;
         epoch_updates += 1;
@@ -161,9 +156,12 @@ fn run_here(config: &TrainConfig, resume: bool, stop: &AtomicBool) -> Result<(),
             let improved = best.is_none_or(|(lowest, _)| errors.chamfer_mod < lowest);
             if improved {
                 best = Some((errors.chamfer_mod, epoch));
-                checkpoint(&trainer, best).save(&config.out.join(BEST))?;
             }
-            checkpoint(&trainer, best).save(&last)?;
+            let state = checkpoint(&trainer, best);
+            if improved {
+                state.save(&config.out.join(BEST))?;
+            }
+            state.save(&last)?;
             let report = format!(
                 "epoch {epoch:3}  lr {learning_rate:.1e}  loss {:.3}  agreement {:.1} %  {rate:.0} samples/s  validation: ISO R {:.2} deg, median {:.2}, ISO t {:.4}, recall {:.0} %, modified CD {:.2e}{}",
                 epoch_loss / n,
@@ -185,8 +183,8 @@ fn run_here(config: &TrainConfig, resume: bool, stop: &AtomicBool) -> Result<(),
         }
     }
     bar.finish_and_clear();
-    checkpoint(&trainer, best).save(&last)?;
     if trainer.updates < total {
+        checkpoint(&trainer, best).save(&last)?;
         eprintln!(
             "stopped after update {} of {total}; go on with --resume",
             trainer.updates
@@ -229,15 +227,19 @@ pub fn fine_tune(
             .map(|i| Problem::from(sample(&mut stream(seed, Purpose::Augment, i), i)))
             .collect();
         let stats = trainer.update(problems, config.schedule.initial * (1.0 - spent));
-        if !stats.loss.is_finite() {
-            return Err(TrainError::NotFinite {
-                update,
-                loss: stats.loss,
-            });
-        }
+        finite(update, stats.loss)?;
         progress(trainer.updates, stats.loss);
     }
     Ok(WeightFile::from_parameters(&trainer.parameters)?)
+}
+
+/// Refuses a loss that is no number.
+fn finite(update: u64, loss: f64) -> Result<(), TrainError> {
+    if loss.is_finite() {
+        Ok(())
+    } else {
+        Err(TrainError::NotFinite { update, loss })
+    }
 }
 
 /// The trainer at the start of a run, or where it was left; and the best validation error so far.

@@ -183,7 +183,10 @@ fn large_repeated_and_flat_clouds_are_registered() {
             "{stderr}"
         );
         let (angle, shift) = errors(found(at), 1.0);
-        assert!(angle < 10.0 && shift < 0.1, "{source}: {angle} deg, {shift}");
+        assert!(
+            angle < 10.0 && shift < 0.1,
+            "{source}: {angle} deg, {shift}"
+        );
         let points = read_cloud(&at.join("moved.ply"), 0)
             .expect("readable")
             .points

@@ -25,6 +25,8 @@ pub enum Purpose {
     Pairs = 7,
     /// Splits of a data set.
     Split = 8,
+    /// Points drawn from the surfaces of loose meshes.
+    Surface = 20,
 }
 
 /// The stream for `purpose`, number `index`, under `seed`.

@@ -48,8 +48,9 @@ fn register_writes_pose_trace_and_the_moved_cloud() {
     assert_eq!(result["source_points"], 200);
 
     // The moved cloud needs no initial pose to be where the first registration ended.
-    let moved =
-        host_train::dataset::cloud_file::read_cloud(&at.join("moved.ply"), 0).expect("readable");
+    let moved = host_train::dataset::cloud_file::read_cloud(&at.join("moved.ply"), 0)
+        .expect("readable")
+        .points;
     let row: Vec<f64> = (0..4)
         .map(|i| {
             result["target_from_source"][0][i]

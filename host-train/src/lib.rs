@@ -5,6 +5,7 @@
 
 pub mod agent;
 pub mod augment;
+pub mod bop;
 pub mod buffer;
 pub mod checkpoint;
 pub mod cli;

@@ -25,6 +25,8 @@ pub enum Purpose {
     Pairs = 7,
     /// Splits of a data set.
     Split = 8,
+    /// Scenes of the BOP generator.
+    Scene = 20,
 }
 
 /// The stream for `purpose`, number `index`, under `seed`.

@@ -1,5 +1,6 @@
 //! Where clouds come from.
 
+pub mod bop;
 pub mod camera;
 pub mod cloud_file;
 mod error;
@@ -8,6 +9,7 @@ pub mod mesh;
 pub mod modelnet;
 pub mod pairs;
 pub mod procedural;
+pub mod raster;
 pub mod solids;
 pub mod triangulate;
 

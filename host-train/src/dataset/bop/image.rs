@@ -156,10 +156,7 @@ mod tests {
         write_depth(&path, &image).expect("written");
         assert_eq!(read_depth(&path).expect("read"), image);
         let said = read_mask(&path).expect_err("16 bits").to_string();
-        assert!(
-            said.contains("a.png") && said.contains("Sixteen"),
-            "{said}"
-        );
+        assert!(said.contains("a.png") && said.contains("Sixteen"), "{said}");
 
         let mask: Vec<bool> = (0..15).map(|i| i % 4 == 0).collect();
         write_mask(&path, [5, 3], &mask).expect("written");
@@ -181,7 +178,10 @@ mod tests {
         std::fs::write(&path, bytes).expect("written");
         assert!(matches!(
             read_depth(&path),
-            Err(BopError::TooLarge { width: 2_000_000_000, .. })
+            Err(BopError::TooLarge {
+                width: 2_000_000_000,
+                ..
+            })
         ));
     }
 }

@@ -9,8 +9,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 /// What `scene_gt.json` should hold.
-pub(super) const SCENE_GT: &str =
-    "{\"IMAGE\": [{\"obj_id\": int, \"cam_R_m2c\": [9 numbers], \"cam_t_m2c\": [3 numbers, mm]}, …]}";
+pub(super) const SCENE_GT: &str = "{\"IMAGE\": [{\"obj_id\": int, \"cam_R_m2c\": [9 numbers], \"cam_t_m2c\": [3 numbers, mm]}, …]}";
 /// What `scene_camera.json` should hold.
 pub(super) const SCENE_CAMERA: &str =
     "{\"IMAGE\": {\"cam_K\": [9 numbers], \"depth_scale\": number}}";
@@ -19,7 +18,8 @@ pub(super) const SCENE_GT_INFO: &str = "{\"IMAGE\": [{\"visib_fract\": number, �
 /// What `models_info.json` should hold.
 pub(super) const MODELS_INFO: &str = "{\"OBJECT\": {\"diameter\": number, mm, \"symmetries_discrete\" and \"symmetries_continuous\" where there are any}}";
 /// What a list of targets should hold.
-pub(super) const TARGETS: &str = "[{\"scene_id\": int, \"im_id\": int, \"obj_id\": int, \"inst_count\": int}, …]";
+pub(super) const TARGETS: &str =
+    "[{\"scene_id\": int, \"im_id\": int, \"obj_id\": int, \"inst_count\": int}, …]";
 
 /// One annotated object in `scene_gt.json`.
 #[derive(Clone, Debug, Deserialize, Serialize)]
@@ -131,8 +131,7 @@ pub(crate) fn write(path: &Path, document: &impl Serialize) -> Result<(), BopErr
         path: path.into(),
         source,
     };
-    let text = serde_json::to_string_pretty(document)
-        .map_err(|e| io(std::io::Error::other(e)))?;
+    let text = serde_json::to_string_pretty(document).map_err(|e| io(std::io::Error::other(e)))?;
     std::fs::write(path, text + "\n").map_err(io)
 }
 

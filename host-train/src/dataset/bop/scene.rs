@@ -1,7 +1,9 @@
 //! The annotated images of one split, read on demand.
 
 use super::image::{Image, read_depth, read_mask};
-use super::json::{self, Annotation, AnnotationInfo, CameraEntry, Numbered, SCENE_CAMERA, SCENE_GT};
+use super::json::{
+    self, Annotation, AnnotationInfo, CameraEntry, Numbered, SCENE_CAMERA, SCENE_GT,
+};
 use super::{BopError, Models};
 use crate::dataset::Point;
 use crate::dataset::raster::Pinhole;
@@ -154,7 +156,9 @@ impl Scenes {
                     index: index as u32,
                     object,
                     camera_from_model: pose.ok_or_else(|| {
-                        malformed(format!("image {image}, entry {index} is not a finite rigid transform"))
+                        malformed(format!(
+                            "image {image}, entry {index} is not a finite rigid transform"
+                        ))
                     })?,
                     visible: visible.map_or(1.0, |v| v.visib_fract),
                 });
@@ -176,7 +180,10 @@ impl Scenes {
         };
         let name = format!("{:06}_{:06}.png", instance.image, instance.index);
         let mask_path = folder.join(masks).join(name);
-        let Image { size, values: depth } = read_depth(&depth_path)?;
+        let Image {
+            size,
+            values: depth,
+        } = read_depth(&depth_path)?;
         let mask = read_mask(&mask_path)?;
         if mask.size != size {
             return Err(BopError::Size {

@@ -8,6 +8,7 @@ mod print;
 
 pub mod agent;
 pub mod augment;
+pub mod bop;
 pub mod buffer;
 pub mod checkpoint;
 pub mod cli;

@@ -3,6 +3,7 @@
 //! Exit status: 0 on success, 2 on bad usage (clap's), 1 on failure, with one line on stderr that says
 //! what was wrong, where, and what to do.
 
+mod bop_synth;
 mod eval;
 mod export;
 mod import;
@@ -40,6 +41,7 @@ enum Command {
     Eval(eval::EvalArgs),
     Register(register::RegisterArgs),
     Pairs(pairs::PairsArgs),
+    BopSynth(bop_synth::BopSynthArgs),
     Export(export::ExportArgs),
     Import(import::ImportArgs),
     Keygen(keygen::KeygenArgs),
@@ -59,6 +61,7 @@ impl Cli {
             Command::Eval(args) => args.run(seed),
             Command::Register(args) => args.run(seed),
             Command::Pairs(args) => args.run(seed),
+            Command::BopSynth(args) => args.run(seed),
             Command::Export(args) => args.run(),
             Command::Import(args) => args.run(),
             Command::Keygen(args) => args.run(),

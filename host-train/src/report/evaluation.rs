@@ -46,7 +46,7 @@ pub(super) fn section(evaluation: &Evaluation) -> Section {
         blocks.push(Block::Table(Table::of_metrics(caption, &rows)));
     }
     if !evaluation.objects.is_empty() {
-        blocks.push(Block::Table(objects(&evaluation.objects)));
+        blocks.push(Block::Table(objects(evaluation)));
     }
     let mut errors = recall_curves(evaluation);
     errors.extend(box_plots(evaluation));
@@ -72,16 +72,23 @@ fn charts(blocks: &mut Vec<Block>, heading: &str, charts: Vec<Chart>) {
 }
 
 /// A row for each object and method, in whatever order they are nested.
-fn objects(found: &[(Vec<String>, Fields)]) -> Table {
+fn objects(evaluation: &Evaluation) -> Table {
+    let found = &evaluation.objects;
     let deepest = found
         .iter()
         .map(|(names, _)| names.len())
         .max()
         .unwrap_or(0);
-    let labels: Vec<&str> = ["object", "method", "", ""]
-        .into_iter()
-        .take(deepest)
-        .collect();
+    let is_method = |name: &String| evaluation.methods.iter().any(|(method, _)| method == name);
+    let outer_method = found
+        .iter()
+        .all(|(names, _)| names.first().is_some_and(is_method));
+    let labels = if outer_method {
+        ["method", "object", "", ""]
+    } else {
+        ["object", "method", "", ""]
+    };
+    let labels: Vec<&str> = labels.into_iter().take(deepest).collect();
     let named = |names: &[String]| {
         let mut names = names.to_vec();
         names.resize(deepest, String::new());

@@ -314,11 +314,19 @@ fn rows(at: &At<'_>, names: &mut Vec<String>, found: &mut Vec<(Vec<String>, Fiel
         Value::Object(_) => at.entries().unwrap_or_default(),
         Value::Array(_) => {
             let elements = at.elements().unwrap_or_default().into_iter().enumerate();
-            elements.map(|(i, at)| (i.to_string(), at)).collect()
+            let name = |i: usize, at: &At<'_>| match at.value.get("name") {
+                Some(Value::String(name)) => name.clone(),
+                _ => i.to_string(),
+            };
+            elements.map(|(i, at)| (name(i, &at), at)).collect()
         }
         _ => return,
     };
-    let numbers = at.fields().unwrap_or_default();
+    let mut numbers = at.fields().unwrap_or_default();
+    if at.value.get("name").is_some() {
+        // An id beside a name says nothing.
+        numbers.remove("object");
+    }
     if !numbers.is_empty() {
         found.push((names.clone(), numbers));
     }

@@ -45,6 +45,10 @@ impl Metric {
             "recall_r5_t005" => ("recall (5 deg, .05)", "%", 1, 100.0, Higher, false),
             "ms_median" => ("time median", "ms", 2, 1.0, Lower, true),
             "ms_p95" => ("time p95", "ms", 2, 1.0, Lower, true),
+            "ad_10" => ("AD < 0.10 d", "%", 1, 1.0, Higher, false),
+            "ad_05" => ("AD < 0.05 d", "%", 1, 1.0, Higher, false),
+            "ad_02" => ("AD < 0.02 d", "%", 1, 1.0, Higher, false),
+            "pairs" => ("pairs", "", 0, 1.0, Neither, false),
             "loss" => ("loss", "", 3, 1.0, Lower, false),
             "agreement" => ("agreement with the expert", "%", 1, 100.0, Higher, false),
             "agreement_axes" => (
@@ -115,7 +119,11 @@ impl Metric {
 }
 
 /// Columns in the order of the paper's tables; others follow by name.
-const ORDER: [&str; 15] = [
+const ORDER: [&str; 19] = [
+    "pairs",
+    "ad_10",
+    "ad_05",
+    "ad_02",
     "r_mae_deg",
     "t_mae",
     "r_iso_deg",

@@ -27,6 +27,8 @@ pub enum Purpose {
     Split = 8,
     /// Points drawn from the surfaces of loose meshes.
     Surface = 20,
+    /// Scenes of the BOP generator.
+    Scene = 21,
 }
 
 /// The stream for `purpose`, number `index`, under `seed`.

@@ -6,6 +6,7 @@ use crate::dataset::Point;
 use crate::dataset::cloud_file::{check_output, read_cloud, write_cloud};
 use crate::export::WeightFile;
 use crate::register::{Registered, SUBSAMPLE, register, within_capacity};
+use crate::trace::{self, Header, Traced};
 use anyhow::{Context, bail};
 use clap::Args;
 use reagent_core::dims::{MAX_POINTS, STEPS};
@@ -45,7 +46,8 @@ pub(super) struct RegisterArgs {
     /// Write the source, moved onto the target: .ply .pcd .npy (with normals where it has them) or .xyz
     #[arg(long, value_name = "ALIGNED.ply")]
     out: Option<PathBuf>,
-    /// Write one JSON line a step: action ids, signed steps, pose
+    /// Write one JSON line with clouds and initial pose, then one a step: action ids, signed steps, pose,
+    /// probabilities; `report` shows it
     #[arg(long, value_name = "FILE")]
     trace: Option<PathBuf>,
     /// Write pose, verdict, steps and time (milliseconds) as JSON
@@ -143,12 +145,18 @@ impl RegisterArgs {
             write_cloud(path, &source_all.moved(&pose))?;
         }
         if let Some(path) = &self.trace {
-            let lines = found
-                .trace
-                .iter()
-                .map(serde_json::to_string)
-                .collect::<Result<Vec<_>, _>>()?;
-            write_text(path, &(lines.join("\n") + "\n"))?;
+            let traced = Traced {
+                header: Header {
+                    name: format!("{} to {}", file_name(&self.source), file_name(&self.target)),
+                    policy: self.weights.as_deref().map_or("reagent".into(), stem),
+                    source: source.clone(),
+                    target: target.clone(),
+                    truth: None,
+                    initial: initial.to_rows(),
+                },
+                steps: found.trace.clone(),
+            };
+            write_text(path, &trace::to_text(&[traced])?)?;
         }
         if let Some(path) = &self.json {
             let document = Document {
@@ -163,6 +171,19 @@ impl RegisterArgs {
         }
         Ok(())
     }
+}
+
+/// Last part of a path.
+fn file_name(path: &Path) -> String {
+    path.file_name()
+        .unwrap_or(path.as_os_str())
+        .to_string_lossy()
+        .into_owned()
+}
+
+/// Name under which a policy is reported.
+fn stem(path: &Path) -> String {
+    file_name(&path.with_extension(""))
 }
 
 /// What `--json` writes.

@@ -3,6 +3,7 @@
 //! [`load`] reads whatever a directory holds. A data set is kept in memory: 2048 points of a model take 24 KiB,
 //! ModelNet40 300 MiB, ShapeNet's 51,000 models 1.2 GiB. What would exceed [`MAX_BYTES`] is refused.
 
+pub mod bop;
 pub mod camera;
 pub mod cloud_file;
 mod error;
@@ -11,6 +12,7 @@ pub mod mesh;
 pub mod modelnet;
 pub mod pairs;
 pub mod procedural;
+pub mod raster;
 pub mod solids;
 pub mod tree;
 pub mod triangulate;

@@ -5,6 +5,7 @@
 
 pub mod agent;
 pub mod augment;
+pub mod baselines;
 pub mod buffer;
 pub mod checkpoint;
 pub mod cli;
@@ -14,7 +15,6 @@ pub mod eval;
 pub mod expert;
 pub mod export;
 pub mod files;
-pub mod icp;
 pub mod import;
 pub mod loss;
 pub mod matmul;

@@ -25,6 +25,10 @@ pub enum Purpose {
     Pairs = 7,
     /// Splits of a data set.
     Split = 8,
+    /// Tuples of matches that a registration tests.
+    Tuples = 20,
+    /// One part of a pair drawn for a sweep.
+    Sweep = 21,
 }
 
 /// The stream for `purpose`, number `index`, under `seed`.

@@ -150,7 +150,7 @@ mod tests {
             let n = turn * Vec3::new(n.x as f32, n.y as f32, n.z as f32);
             wide(n.to_array())
         };
-        let normals = normals(&back, &lists, &NormalSettings::default());
+        let normals = normals(&back, &lists, &NormalSettings::DEFAULT);
         fpfh(
             points,
             &normals.into_iter().map(turn).collect::<Vec<_>>(),

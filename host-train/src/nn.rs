@@ -3,7 +3,7 @@
 use crate::random::{Purpose, stream};
 use rand::RngExt;
 use reagent_core::dims::{LOGITS, PANEL, padded};
-use reagent_core::weights::{Dense, Embedding, Policy, pack_panels};
+use reagent_core::weights::{Dense, Policy, pack_panels};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
@@ -164,44 +164,52 @@ impl Parameters {
 /// The embedding in the layout of core's kernels.
 #[derive(Clone, Debug)]
 pub struct PackedEmbedding {
-    widths: [(usize, usize); 3],
-    panels: [Vec<f32>; 3],
-    bias: [Vec<f32>; 3],
+    layers: Vec<PackedLayer>,
+}
+
+#[derive(Clone, Debug)]
+struct PackedLayer {
+    inputs: usize,
+    outputs: usize,
+    panels: Vec<f32>,
+    bias: Vec<f32>,
 }
 
 impl PackedEmbedding {
     /// Memory for a shape; [`PackedEmbedding::pack`] fills it.
     pub fn new(parameters: &Parameters) -> Self {
-        let widths = std::array::from_fn(|i| {
-            let layer = &parameters.layers[i];
-            (layer.inputs, layer.outputs)
-        });
-        let mut packed = PackedEmbedding {
-            widths,
-            panels: widths.map(|(inputs, outputs)| vec![0.0; inputs * padded(outputs)]),
-            bias: widths.map(|(_, outputs)| vec![0.0; padded(outputs)]),
-        };
+        let layers = parameters.layers[..parameters.shape.embed.len()]
+            .iter()
+            .map(|layer| PackedLayer {
+                inputs: layer.inputs,
+                outputs: layer.outputs,
+                panels: vec![0.0; layer.inputs * padded(layer.outputs)],
+                bias: vec![0.0; padded(layer.outputs)],
+            })
+            .collect();
+        let mut packed = PackedEmbedding { layers };
         packed.pack(parameters);
         packed
     }
 
     /// Takes over the current parameters.
     pub fn pack(&mut self, parameters: &Parameters) {
-        for (i, (inputs, outputs)) in self.widths.into_iter().enumerate() {
-            pack_panels(inputs, outputs, parameters.weight(i), &mut self.panels[i]);
-            self.bias[i][..outputs].copy_from_slice(parameters.bias(i));
+        for (i, layer) in self.layers.iter_mut().enumerate() {
+            let weight = parameters.weight(i);
+            pack_panels(layer.inputs, layer.outputs, weight, &mut layer.panels);
+            layer.bias[..layer.outputs].copy_from_slice(parameters.bias(i));
         }
     }
 
     /// As core's kernels take it.
-    pub fn view(&self) -> Embedding<'_> {
-        Embedding {
-            layers: std::array::from_fn(|i| {
-                let (inputs, outputs) = self.widths[i];
-                Dense::new(inputs, outputs, &self.panels[i], &self.bias[i])
+    pub fn view(&self) -> Vec<Dense<'_>> {
+        self.layers
+            .iter()
+            .map(|layer| {
+                Dense::new(layer.inputs, layer.outputs, &layer.panels, &layer.bias)
                     .expect("arrays were made with the padded lengths")
-            }),
-        }
+            })
+            .collect()
     }
 }
 

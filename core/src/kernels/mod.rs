@@ -13,11 +13,14 @@
 use crate::dims::PANEL;
 use crate::weights::Dense;
 
+mod nearest;
 mod portable;
 #[cfg(target_arch = "x86_64")]
 mod x86_avx2;
 #[cfg(target_arch = "x86_64")]
 mod x86_avx512;
+
+pub use nearest::Queries;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Kind {
@@ -65,6 +68,17 @@ impl Isa {
     #[cfg(target_arch = "x86_64")]
     pub fn avx512() -> Option<Isa> {
         has_avx512::get().then_some(Isa(Kind::Avx512))
+    }
+
+    /// All kernels that this machine runs, the portable ones first.
+    pub fn all() -> impl Iterator<Item = Isa> {
+        #[cfg(target_arch = "x86_64")]
+        let others = [Isa::avx2(), Isa::avx512()];
+        #[cfg(not(target_arch = "x86_64"))]
+        let others = [None];
+        [Isa::PORTABLE]
+            .into_iter()
+            .chain(others.into_iter().flatten())
     }
 
     /// Name of the instruction set.
@@ -170,6 +184,20 @@ impl Isa {
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
             Kind::Avx512 => unsafe { x86_avx512::gemv(layer, start, from, x, y) },
+        }
+    }
+
+    /// Squared distance from each query to the nearest of `others`, infinite where there is none.
+    /// The same bits on every kernel.
+    pub fn nearest_squared(self, queries: &mut Queries, others: &[[f32; 3]]) {
+        match self.0 {
+            Kind::Portable => nearest::portable::<16>(queries, others),
+            // SAFETY: the instruction set was detected.
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx2 => unsafe { nearest::avx2(queries, others) },
+            // SAFETY: as above.
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx512 => unsafe { nearest::avx512(queries, others) },
         }
     }
 }

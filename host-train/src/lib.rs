@@ -32,5 +32,6 @@ pub mod random;
 pub mod register;
 pub mod report;
 pub mod reward;
+pub mod sweep;
 pub mod trace;
 pub mod train;

@@ -42,13 +42,15 @@ fn register_writes_pose_trace_and_the_moved_cloud() {
         .lines()
         .map(|line| serde_json::from_str(line).expect("JSON"))
         .collect();
-    assert_eq!(lines.len(), 3);
-    assert_eq!(lines[2]["target_from_source"], result["target_from_source"]);
+    assert_eq!(lines.len(), 4);
+    assert_eq!(lines[0]["registration"]["name"], "a.xyz to b.xyz");
+    assert_eq!(lines[3]["target_from_source"], result["target_from_source"]);
     assert_eq!(result["source_points"], 200);
 
     // The moved cloud needs no initial pose to be where the first registration ended.
-    let moved =
-        host_train::dataset::cloud_file::read_cloud(&at.join("moved.ply"), 0).expect("readable");
+    let moved = host_train::dataset::cloud_file::read_cloud(&at.join("moved.ply"), 0)
+        .expect("readable")
+        .points;
     let row: Vec<f64> = (0..4)
         .map(|i| {
             result["target_from_source"][0][i]

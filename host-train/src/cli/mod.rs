@@ -12,6 +12,7 @@ mod output;
 mod pairs;
 mod progress;
 mod register;
+mod report;
 mod source;
 mod table;
 mod train;
@@ -45,6 +46,7 @@ enum Command {
     Import(import::ImportArgs),
     Keygen(keygen::KeygenArgs),
     Publish(PublishArgs),
+    Report(report::ReportArgs),
 }
 
 impl Cli {
@@ -63,6 +65,7 @@ impl Cli {
             Command::Export(args) => args.run(),
             Command::Import(args) => args.run(),
             Command::Keygen(args) => args.run(),
+            Command::Report(args) => args.run(),
             Command::Publish(args) => {
                 let runtime =
                     tokio::runtime::Runtime::new().context("cannot start the network threads")?;

@@ -52,9 +52,13 @@ struct BopDocument<'a> {
 }
 
 /// One line on what is evaluated.
-pub(super) fn describe(found: &Refinements, estimates: &Path) -> String {
+pub(super) fn describe(found: &Refinements, root: &Path, estimates: &Path) -> String {
     let (unrefined, missing) = found.unrefined();
-    let mut text = format!("initial poses of {}", estimates.display());
+    let mut text = format!(
+        "{}, initial poses of {}",
+        root.display(),
+        estimates.display()
+    );
     if missing > 0 {
         text += &format!("; {missing} listed objects have none, which counts as a failure");
     }
@@ -69,6 +73,7 @@ pub(super) fn describe(found: &Refinements, estimates: &Path) -> String {
 pub(super) fn report(
     found: &Refinements,
     outcomes: &[Outcome],
+    document: Document<'_>,
     json: Option<&Path>,
     results: Option<&Path>,
 ) -> anyhow::Result<()> {
@@ -85,7 +90,6 @@ pub(super) fn report(
         }
     }
     if let Some(path) = json {
-        let document = Document::new(found.set.source.len(), outcomes);
         write_json(path, &BopDocument { document, objects })?;
     }
     Ok(())

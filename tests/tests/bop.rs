@@ -297,6 +297,19 @@ fn training_samples_are_the_papers() {
 }
 
 #[test]
+fn validation_images_are_held_back() {
+    let open = || BopTraining::open(EXACT.path(), 1, BopSampling::default()).expect("opened");
+    let all = open().instances().len();
+    let (training, validation) = open().split(5, 0.5);
+    let image = |set: &BopTraining| set.instances().iter().map(|i| i.image).collect::<Vec<_>>();
+    assert_eq!(image(&training).len() + image(&validation).len(), all);
+    assert!(image(&training).iter().all(|i| !image(&validation).contains(i)));
+    let pairs = validation.pairs(3, 5).expect("pairs");
+    assert_eq!((pairs.source.len(), pairs.label.len()), (3, 3));
+    assert_eq!(pairs, validation.pairs(3, 5).expect("pairs"));
+}
+
+#[test]
 fn on_listed_targets_the_others_are_trained_on() {
     let dir = generated(0.0, 7);
     let root = dir.path();

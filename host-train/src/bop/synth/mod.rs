@@ -92,7 +92,7 @@ pub fn generate(
     for (split, scenes, number) in splits {
         for k in 0..scenes {
             // One stream places a scene's objects, and one each of its images.
-            let first = (number << 40) | ((k as u64) << 16);
+            let first = (number << 48) | ((k as u64) << 24);
             let rng = &mut stream(settings.seed, Purpose::Scene, first);
             let scene = Scene::arrange(objects, settings.per_scene, rng);
             let mut writer = SceneWriter::create(out.join(split).join(format!("{k:06}")))?;

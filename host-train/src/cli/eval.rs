@@ -1,13 +1,14 @@
 //! `host-train eval`
 
+use super::bop_eval::{self, EvalProtocol};
 use super::contest::ContestArgs;
 use super::output::{write_json, write_text};
 use super::progress::Progress;
 use super::source::DataSource;
 use super::{bad_usage, source, table};
+use crate::bop::evaluate::Refinements;
 use crate::dataset::pairs::{PairSet, save_poses};
 use crate::eval::{Document, EvalSettings, evaluate};
-use crate::protocol::Protocol;
 use crate::trace;
 use anyhow::Context;
 use clap::{ArgGroup, Args};
@@ -31,8 +32,14 @@ pub(super) struct EvalArgs {
     data: Option<DataSource>,
     /// How to draw them
     #[arg(long, value_enum, value_name = "NAME", conflicts_with = "pairs")]
-    protocol: Option<Protocol>,
-    /// How many to draw [default: one a model; 100 of the built-in shapes]
+    protocol: Option<EvalProtocol>,
+    /// Initial poses for protocol bop, in the BOP results format (scene_id,im_id,obj_id,score,R,t,time; mm)
+    #[arg(long, value_name = "FILE.csv", conflicts_with = "pairs")]
+    estimates: Option<PathBuf>,
+    /// Write refined poses in the same format; with several methods, one FILE-METHOD.csv each
+    #[arg(long, value_name = "FILE.csv", requires = "estimates")]
+    results: Option<PathBuf>,
+    /// How many to draw [default: one a model; 100 of the built-in shapes; all objects that have an estimate]
     #[arg(long, value_name = "M", conflicts_with = "pairs", value_parser = source::positive())]
     count: Option<usize>,
     /// Also report policies after every step, with cumulative times
@@ -56,13 +63,33 @@ impl EvalArgs {
     pub(super) fn run(self, seed: u64) -> anyhow::Result<()> {
         let policies = self.contest.policies("eval")?;
         let contestants = self.contest.contestants(&policies, seed);
+        let mut refinements = None;
         let (set, origin) = match (&self.pairs, &self.data, self.protocol) {
             (Some(path), _, _) => (PairSet::load(path)?, path.display().to_string()),
-            (None, Some(data), Some(protocol)) => (
-                source::draw(data, protocol, self.count, seed)?,
-                data.to_string(),
+            (None, Some(data), Some(EvalProtocol::Models(protocol))) => {
+                if self.estimates.is_some() {
+                    bad_usage("eval", "--estimates is for --protocol bop");
+                }
+                let set = source::draw(data, protocol, self.count, seed)?;
+                (set, data.to_string())
+            }
+            (None, Some(DataSource::Directory(root)), Some(EvalProtocol::Bop)) => {
+                let Some(estimates) = &self.estimates else {
+                    bad_usage(
+                        "eval",
+                        "--protocol bop refines poses: give --estimates FILE.csv",
+                    );
+                };
+                let mut found = Refinements::open(root, estimates, self.count, seed)?;
+                let set = std::mem::take(&mut found.set);
+                let origin = bop_eval::describe(&found, root, estimates);
+                refinements = Some(found);
+                (set, origin)
+            }
+            _ => bad_usage(
+                "eval",
+                "give --pairs FILE.h5, or --data and --protocol; bop needs a directory",
             ),
-            _ => bad_usage("eval", "give --pairs FILE.h5, or --data and --protocol"),
         };
         let settings = EvalSettings {
             steps: self.contest.steps,
@@ -87,8 +114,12 @@ impl EvalArgs {
                 &trace::to_text(&traced.with_context(|| origin.clone())?)?,
             )?;
         }
-        if let Some(path) = &self.json {
-            write_json(path, &Document::new(pairs, &outcomes))?;
+        let document = Document::new(pairs, &outcomes);
+        if let Some(found) = &refinements {
+            let (json, results) = (self.json.as_deref(), self.results.as_deref());
+            bop_eval::report(found, &outcomes, document, json, results)?;
+        } else if let Some(path) = &self.json {
+            write_json(path, &document)?;
         }
         if let Some(path) = &self.poses {
             let poses: Vec<_> = outcomes

@@ -3,6 +3,7 @@
 //! Exit status: 0 on success, 2 on bad usage (clap's), 1 on failure, with one line on stderr that says
 //! what was wrong, where, and what to do.
 
+mod bop_eval;
 mod bop_synth;
 mod contest;
 mod eval;

@@ -1,7 +1,7 @@
 //! Embedding and policy heads, written once over the kernels of the machine.
 
 use crate::dims::{EMBED, FEATURES, HEAD, LOGITS, TILE, padded};
-use crate::kernels::Isa;
+use crate::kernels::{Codes, Isa};
 use crate::pose::Pose;
 use crate::weights::{Dense, Embedding, Head, Policy};
 use glam::Vec3;
@@ -125,6 +125,82 @@ pub fn embed_argmax(
     embed_tiles(isa, layers, points, view, hidden, |last, x, first| {
         isa.dense_argmax(last, x, first, feature, argmax);
     });
+}
+
+/// The last layer as the search for critical points takes it.
+#[derive(Clone, Copy, Debug)]
+pub struct SearchLayer<'a> {
+    /// Its weights in 8 bits, in which the search is made.
+    pub codes: Codes<'a>,
+    /// Its weights, row-major `[outputs, inputs]`, for the winners.
+    pub rows: &'a [f32],
+}
+
+/// Working memory of [`embed_search`] for `N` points, a last hidden layer of width `H` and `F`
+/// features.
+#[derive(Debug)]
+pub struct SearchScratch<'a> {
+    /// As in [`embed_argmax`].
+    pub hidden: [&'a mut [f32]; 2],
+    /// Last hidden layer, `[N, H]`.
+    pub kept: &'a mut [f32],
+    /// The same in 8 bits, `[N, padded_codes(H)]`.
+    pub codes: &'a mut [u8],
+    /// Scale of each row of codes, `[N]`.
+    pub scales: &'a mut [f32],
+    /// Highest scores, `[GROUPS, F]`.
+    pub best: &'a mut [f32],
+    /// The points that reach them, `[GROUPS, F]`.
+    pub winner: &'a mut [u32],
+}
+
+/// As [`embed_argmax`], with the critical points searched for in 8 bits and the features of the points
+/// found computed in f32: exact features of almost always the right points (see
+/// [`Isa::search`]). Features and critical points from the hidden layer on are the same on every kernel.
+///
+/// Arrays of other lengths than in [`SearchScratch`] give the feature of an empty cloud.
+#[allow(clippy::too_many_arguments)]
+pub fn embed_search(
+    isa: Isa,
+    layers: &[Dense<'_>],
+    last: &SearchLayer<'_>,
+    points: &[[f32; 3]],
+    view: &View,
+    scratch: SearchScratch<'_>,
+    feature: &mut [f32],
+    argmax: &mut [u32],
+) {
+    feature.fill(f32::NEG_INFINITY);
+    argmax.fill(0);
+    let SearchScratch {
+        hidden,
+        kept,
+        codes,
+        scales,
+        best,
+        winner,
+    } = scratch;
+    let stride = last.codes.inputs;
+    embed_tiles(isa, layers, points, view, hidden, |layer, x, first| {
+        let first = first as usize;
+        let width = layer.inputs;
+        let n = x.len() / width.max(1);
+        let (Some(kept), Some(codes), Some(scales)) = (
+            kept.get_mut(first * width..(first + n) * width),
+            codes.get_mut(first * stride..(first + n) * stride),
+            scales.get_mut(first..first + n),
+        ) else {
+            return;
+        };
+        kept.copy_from_slice(x);
+        isa.quantise_rows(width, x, codes, scales);
+    });
+    let Some(layer) = layers.last() else { return };
+    isa.search(&last.codes, codes, scales, best, winner);
+    isa.winners(layer.inputs, last.rows, layer.bias, kept, winner, feature);
+    for (index, &found) in argmax.iter_mut().zip(winner.iter()) {
+        *index = found;
+    }
 }
 
 /// Hidden layers tile by tile, ping-pong between two buffers; `last` gets the last layer, its inputs

@@ -11,8 +11,8 @@ use crate::nn::{HEAD_R, HEAD_T, PackedEmbedding, Parameters, VALUE};
 use ndarray::ArrayView2;
 use rayon::prelude::*;
 use reagent_core::dims::TILE;
-use reagent_core::kernels::Isa;
-use reagent_core::net::{View, embed_argmax};
+use reagent_core::kernels::{GROUPS, Isa};
+use reagent_core::net::{SearchScratch, View, embed_argmax, embed_search};
 use reagent_core::weights::Dense;
 
 /// A cloud as the network sees it.
@@ -33,11 +33,11 @@ pub struct Features {
     pub critical: Vec<u32>,
 }
 
-/// Embeds clouds with core's kernel, keeping the critical points.
+/// Embeds clouds with core's kernels, keeping the critical points.
 pub fn embed(packed: &PackedEmbedding, width: usize, clouds: &[Seen<'_>], out: &mut Features) {
     let isa = Isa::best();
     let layers = packed.view();
-    let widest = hidden_widths(&layers).max().unwrap_or(0);
+    let search = packed.search_view();
     out.values.resize(clouds.len() * width, 0.0);
     out.critical.resize(clouds.len() * width, 0);
     out.values
@@ -45,13 +45,61 @@ pub fn embed(packed: &PackedEmbedding, width: usize, clouds: &[Seen<'_>], out: &
         .zip(out.critical.par_chunks_mut(width))
         .zip(clouds)
         .for_each_init(
-            || [vec![0.0; TILE * widest], vec![0.0; TILE * widest]],
-            |hidden, ((values, critical), cloud)| {
-                let hidden = hidden.each_mut().map(Vec::as_mut_slice);
+            || EmbedMemory::new(&layers),
+            |memory, ((values, critical), cloud)| {
                 let Seen { points, view } = cloud;
-                embed_argmax(isa, &layers, points, view, hidden, values, critical);
+                let Some(last) = &search else {
+                    let hidden = memory.hidden.each_mut().map(Vec::as_mut_slice);
+                    embed_argmax(isa, &layers, points, view, hidden, values, critical);
+                    return;
+                };
+                let scratch = memory.for_search(points.len(), last.codes.inputs, width);
+                embed_search(isa, &layers, last, points, view, scratch, values, critical);
             },
         );
+}
+
+/// What one thread embeds clouds in.
+struct EmbedMemory {
+    /// Width of the last hidden layer.
+    width: usize,
+    hidden: [Vec<f32>; 2],
+    kept: Vec<f32>,
+    codes: Vec<u8>,
+    scales: Vec<f32>,
+    best: Vec<f32>,
+    winner: Vec<u32>,
+}
+
+impl EmbedMemory {
+    fn new(layers: &[Dense<'_>]) -> Self {
+        let widest = hidden_widths(layers).max().unwrap_or(0);
+        EmbedMemory {
+            width: hidden_widths(layers).last().unwrap_or(0),
+            hidden: [vec![0.0; TILE * widest], vec![0.0; TILE * widest]],
+            kept: Vec::new(),
+            codes: Vec::new(),
+            scales: Vec::new(),
+            best: Vec::new(),
+            winner: Vec::new(),
+        }
+    }
+
+    fn for_search(&mut self, points: usize, stride: usize, features: usize) -> SearchScratch<'_> {
+        self.kept.resize(points * self.width, 0.0);
+        self.codes.resize(points * stride, 0);
+        self.scales.resize(points, 0.0);
+        self.best.resize(GROUPS * features, 0.0);
+        self.winner.resize(GROUPS * features, 0);
+        SearchScratch {
+            hidden: self.hidden.each_mut().map(Vec::as_mut_slice),
+            kept: &mut self.kept,
+            codes: &mut self.codes,
+            scales: &mut self.scales,
+            best: &mut self.best,
+            winner: &mut self.winner,
+        }
+    }
 }
 
 /// Outputs of each layer but the last.

@@ -3,6 +3,8 @@
 use crate::random::{Purpose, stream};
 use rand::RngExt;
 use reagent_core::dims::{LOGITS, PANEL, padded};
+use reagent_core::kernels::{Codes, Isa, pack_codes, padded_codes};
+use reagent_core::net::SearchLayer;
 use reagent_core::weights::{Dense, Policy, pack_panels};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
@@ -161,10 +163,35 @@ impl Parameters {
     }
 }
 
+/// How the points that reach a feature's maximum are found during training.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Search {
+    /// In 8 bits where the machine multiplies bytes faster than floats, in f32 elsewhere.
+    #[default]
+    Auto,
+    /// In f32.
+    F32,
+    /// In 8 bits; the features of the points found are f32.
+    Int8,
+}
+
+impl Search {
+    fn in_bytes(self) -> bool {
+        match self {
+            Search::Auto => Isa::best().has_fast_bytes(),
+            Search::F32 => false,
+            Search::Int8 => true,
+        }
+    }
+}
+
 /// The embedding in the layout of core's kernels.
 #[derive(Clone, Debug)]
 pub struct PackedEmbedding {
     layers: Vec<PackedLayer>,
+    /// Last layer row-major and in 8 bits, where critical points are searched for in 8 bits.
+    search: Option<(Vec<f32>, Vec<i8>)>,
 }
 
 #[derive(Clone, Debug)]
@@ -176,8 +203,13 @@ struct PackedLayer {
 }
 
 impl PackedEmbedding {
-    /// Memory for a shape; [`PackedEmbedding::pack`] fills it.
+    /// The current parameters, to be searched as the machine does best.
     pub fn new(parameters: &Parameters) -> Self {
+        Self::with_search(parameters, Search::Auto)
+    }
+
+    /// The current parameters, with a way to search for critical points.
+    pub fn with_search(parameters: &Parameters, search: Search) -> Self {
         let layers = parameters.layers[..parameters.shape.embed.len()]
             .iter()
             .map(|layer| PackedLayer {
@@ -187,7 +219,12 @@ impl PackedEmbedding {
                 bias: vec![0.0; padded(layer.outputs)],
             })
             .collect();
-        let mut packed = PackedEmbedding { layers };
+        let last = &parameters.layers[parameters.shape.embed.len() - 1];
+        let search = search.in_bytes().then(|| {
+            let codes = padded_codes(last.inputs) * padded(last.outputs);
+            (vec![0.0; last.weight.len()], vec![0; codes])
+        });
+        let mut packed = PackedEmbedding { layers, search };
         packed.pack(parameters);
         packed
     }
@@ -199,6 +236,19 @@ impl PackedEmbedding {
             pack_panels(layer.inputs, layer.outputs, weight, &mut layer.panels);
             layer.bias[..layer.outputs].copy_from_slice(parameters.bias(i));
         }
+        if let Some((rows, codes)) = &mut self.search {
+            let last = self.layers.len() - 1;
+            rows.copy_from_slice(parameters.weight(last));
+            pack_codes(self.layers[last].inputs, rows, codes);
+        }
+    }
+
+    /// The last layer as core's search takes it; none where it searches in f32.
+    pub fn search_view(&self) -> Option<SearchLayer<'_>> {
+        let (rows, codes) = self.search.as_ref()?;
+        let last = self.layers.last()?;
+        let codes = Codes::new(padded_codes(last.inputs), last.outputs, codes)?;
+        Some(SearchLayer { codes, rows })
     }
 
     /// As core's kernels take it.

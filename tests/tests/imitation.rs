@@ -4,7 +4,7 @@ use glam::Vec3;
 use host_train::buffer::Observation;
 use host_train::env::Problem;
 use host_train::expert::Expert;
-use host_train::nn::{Parameters, Shape, VALUE};
+use host_train::nn::{Parameters, Search, Shape, VALUE};
 use host_train::optim::Adam;
 use host_train::train::{RollOut, Trainer};
 use reagent_core::pose::centroid;
@@ -13,7 +13,9 @@ use reagent_tests::{Golden, reference_parameters};
 
 fn trainer(parameters: Parameters) -> Trainer {
     let adam = Adam::new(parameters.values.len());
-    Trainer::new(parameters, adam, 0, 1, RollOut::default(), Expert::Steady)
+    let mut trainer = Trainer::new(parameters, adam, 0, 1, RollOut::default(), Expert::Steady);
+    trainer.search_in(Search::F32);
+    trainer
 }
 
 fn problem(source: Vec<[f32; 3]>, target: Vec<[f32; 3]>) -> Problem {

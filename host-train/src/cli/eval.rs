@@ -1,13 +1,14 @@
 //! `host-train eval`
 
 use super::contest::ContestArgs;
-use super::output::write_json;
+use super::output::{write_json, write_text};
 use super::progress::Progress;
 use super::source::DataSource;
 use super::{bad_usage, source, table};
 use crate::dataset::pairs::{PairSet, save_poses};
 use crate::eval::{Document, EvalSettings, evaluate};
 use crate::protocol::Protocol;
+use crate::trace;
 use anyhow::Context;
 use clap::{ArgGroup, Args};
 use std::path::PathBuf;
@@ -43,6 +44,12 @@ pub(super) struct EvalArgs {
     /// Write the final poses, one dataset [M,3,4] a method
     #[arg(long, value_name = "FILE.h5")]
     poses: Option<PathBuf>,
+    /// Write the first pairs as every policy registers them, step by step; `report` shows them
+    #[arg(long, value_name = "FILE")]
+    trace: Option<PathBuf>,
+    /// Pairs of the trace
+    #[arg(long, value_name = "N", default_value_t = 5, requires = "trace", value_parser = source::positive())]
+    traced: usize,
 }
 
 impl EvalArgs {
@@ -72,6 +79,13 @@ impl EvalArgs {
         print!("{}", table::methods(&outcomes));
         for outcome in outcomes.iter().filter(|o| !o.per_step.is_empty()) {
             print!("\n{}", table::steps(&outcome.name, &outcome.per_step));
+        }
+        if let Some(path) = &self.trace {
+            let traced = trace::pairs(&set, &contestants, settings.steps, self.traced);
+            write_text(
+                path,
+                &trace::to_text(&traced.with_context(|| origin.clone())?)?,
+            )?;
         }
         if let Some(path) = &self.json {
             write_json(path, &Document::new(pairs, &outcomes))?;

@@ -42,9 +42,13 @@ impl Metric {
             "add_auc_pct" => ("ADD AUC", "%", 1, 1.0, Higher, false),
             "chamfer_mod" => ("modified CD", "1e-3", 4, 1e3, Lower, true),
             "chamfer_mod_median" => ("modified CD median", "1e-3", 4, 1e3, Lower, true),
-            "recall_r5_t005" => ("recall (5 deg, .05)", "%", 1, 100.0, Higher, false),
+            "recall_r5_t005" => ("recall", "%", 1, 100.0, Higher, false),
             "ms_median" => ("time median", "ms", 2, 1.0, Lower, true),
             "ms_p95" => ("time p95", "ms", 2, 1.0, Lower, true),
+            "ad_10" => ("AD < 0.10 d", "%", 1, 1.0, Higher, false),
+            "ad_05" => ("AD < 0.05 d", "%", 1, 1.0, Higher, false),
+            "ad_02" => ("AD < 0.02 d", "%", 1, 1.0, Higher, false),
+            "pairs" => ("pairs", "", 0, 1.0, Neither, false),
             "loss" => ("loss", "", 3, 1.0, Lower, false),
             "agreement" => ("agreement with the expert", "%", 1, 100.0, Higher, false),
             "agreement_axes" => (
@@ -115,7 +119,11 @@ impl Metric {
 }
 
 /// Columns in the order of the paper's tables; others follow by name.
-const ORDER: [&str; 15] = [
+const ORDER: [&str; 19] = [
+    "pairs",
+    "ad_10",
+    "ad_05",
+    "ad_02",
     "r_mae_deg",
     "t_mae",
     "r_iso_deg",
@@ -133,9 +141,13 @@ const ORDER: [&str; 15] = [
     "ms_p95",
 ];
 
+/// Place of a key in the paper's order; after all others for those that are not in it.
+pub(crate) fn place(key: &str) -> usize {
+    ORDER.iter().position(|k| *k == key).unwrap_or(ORDER.len())
+}
+
 /// Sorts keys into the paper's order.
 pub(crate) fn sort(keys: &mut [String]) {
-    let place = |key: &str| ORDER.iter().position(|k| *k == key).unwrap_or(ORDER.len());
     keys.sort_by(|a, b| place(a).cmp(&place(b)).then_with(|| a.cmp(b)));
 }
 

@@ -6,7 +6,7 @@ use crate::buffer::{Buffer, Observation};
 use crate::env::{self, Problem};
 use crate::expert::Expert;
 use crate::loss::{CloneLoss, clone_loss, log_sum_exp};
-use crate::nn::{PackedEmbedding, Parameters};
+use crate::nn::{PackedEmbedding, Parameters, Search};
 use crate::optim::Adam;
 use crate::random::{Purpose, Rng, stream};
 use rand::{RngExt, seq::SliceRandom};
@@ -65,6 +65,11 @@ impl Trainer {
             targets: Features::default(),
             activations: Activations::default(),
         }
+    }
+
+    /// Searches for critical points in another way than the machine does best.
+    pub fn search_in(&mut self, search: Search) {
+        self.packed = PackedEmbedding::with_search(&self.parameters, search);
     }
 
     /// One update on new problems.

@@ -14,6 +14,7 @@ pub mod eval;
 pub mod expert;
 pub mod export;
 pub mod files;
+pub mod heads;
 pub mod icp;
 pub mod import;
 pub mod loss;

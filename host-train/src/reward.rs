@@ -2,6 +2,7 @@
 
 use crate::dataset::Point;
 use glam::Vec3;
+use reagent_core::net::View;
 
 /// Reward of a step that brought the clouds closer.
 pub const CLOSER: f32 = 0.5;
@@ -22,6 +23,12 @@ pub fn chamfer(points: &[Point], truth: &[Point]) -> f32 {
     };
     let sum: f64 = points.iter().map(|p| f64::from(nearest(p))).sum();
     (sum / points.len() as f64) as f32
+}
+
+/// As [`chamfer`], of a cloud as it is seen.
+pub fn chamfer_seen(points: &[Point], view: &View, truth: &[Point]) -> f32 {
+    let seen: Vec<Point> = points.iter().map(|&p| view.see(p)).collect();
+    chamfer(&seen, truth)
 }
 
 /// Reward for the distance before and after a step. Only equal bits count as unchanged.

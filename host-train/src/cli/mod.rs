@@ -19,6 +19,9 @@ use crate::publish::{self, PublishArgs};
 use anyhow::Context;
 use clap::{Parser, Subcommand};
 
+/// The seed where none is given.
+const DEFAULT_SEED: u64 = 42;
+
 /// Train, evaluate, export and publish ReAgent point cloud registration policies.
 ///
 /// Clouds are in any unit of length unless a command says otherwise; angles on the command line and in
@@ -27,7 +30,7 @@ use clap::{Parser, Subcommand};
 #[command(version, propagate_version = true)]
 pub struct Cli {
     /// Seed of every random draw; the same seed gives the same result on any number of threads
-    #[arg(long, global = true, default_value_t = 42, value_name = "S")]
+    #[arg(long, global = true, default_value_t = DEFAULT_SEED, value_name = "S")]
     seed: u64,
     #[command(subcommand)]
     command: Command,

@@ -49,6 +49,7 @@
     )
 )]
 
+pub mod chamfer;
 pub mod dims;
 pub mod error;
 pub mod kernels;

@@ -12,9 +12,9 @@ use crate::nn::{PackedEmbedding, Parameters};
 use ndarray::ArrayView2;
 use rayon::prelude::*;
 use reagent_core::dims::TILE;
-use reagent_core::kernels::Isa;
-use reagent_core::net::{View, embed_argmax};
-use reagent_core::weights::Embedding;
+use reagent_core::kernels::{GROUPS, Isa};
+use reagent_core::net::{SearchScratch, View, embed_argmax, embed_search};
+use reagent_core::weights::Dense;
 
 /// A cloud as the network sees it.
 #[derive(Clone, Copy, Debug)]
@@ -34,11 +34,11 @@ pub struct Features {
     pub critical: Vec<u32>,
 }
 
-/// Embeds clouds with core's kernel, keeping the critical points.
+/// Embeds clouds with core's kernels, keeping the critical points.
 pub fn embed(packed: &PackedEmbedding, width: usize, clouds: &[Seen<'_>], out: &mut Features) {
     let isa = Isa::best();
-    let embedding = packed.view();
-    let [l1, l2, _] = &embedding.layers;
+    let layers = packed.view();
+    let search = packed.search_view();
     out.values.resize(clouds.len() * width, 0.0);
     out.critical.resize(clouds.len() * width, 0);
     out.values
@@ -46,20 +46,66 @@ pub fn embed(packed: &PackedEmbedding, width: usize, clouds: &[Seen<'_>], out: &
         .zip(out.critical.par_chunks_mut(width))
         .zip(clouds)
         .for_each_init(
-            || (vec![0.0; TILE * l1.outputs], vec![0.0; TILE * l2.outputs]),
-            |(h1, h2), ((values, critical), cloud)| {
-                embed_argmax(
-                    isa,
-                    &embedding,
-                    cloud.points,
-                    &cloud.view,
-                    h1,
-                    h2,
-                    values,
-                    critical,
-                );
+            || EmbedMemory::new(&layers),
+            |memory, ((values, critical), cloud)| {
+                let Seen { points, view } = cloud;
+                let Some(last) = &search else {
+                    let hidden = memory.hidden.each_mut().map(Vec::as_mut_slice);
+                    embed_argmax(isa, &layers, points, view, hidden, values, critical);
+                    return;
+                };
+                let scratch = memory.for_search(points.len(), last.codes.inputs, width);
+                embed_search(isa, &layers, last, points, view, scratch, values, critical);
             },
         );
+}
+
+/// What one thread embeds clouds in.
+struct EmbedMemory {
+    /// Width of the last hidden layer.
+    width: usize,
+    hidden: [Vec<f32>; 2],
+    kept: Vec<f32>,
+    codes: Vec<u8>,
+    scales: Vec<f32>,
+    best: Vec<f32>,
+    winner: Vec<u32>,
+}
+
+impl EmbedMemory {
+    fn new(layers: &[Dense<'_>]) -> Self {
+        let widest = hidden_widths(layers).max().unwrap_or(0);
+        EmbedMemory {
+            width: hidden_widths(layers).last().unwrap_or(0),
+            hidden: [vec![0.0; TILE * widest], vec![0.0; TILE * widest]],
+            kept: Vec::new(),
+            codes: Vec::new(),
+            scales: Vec::new(),
+            best: Vec::new(),
+            winner: Vec::new(),
+        }
+    }
+
+    fn for_search(&mut self, points: usize, stride: usize, features: usize) -> SearchScratch<'_> {
+        self.kept.resize(points * self.width, 0.0);
+        self.codes.resize(points * stride, 0);
+        self.scales.resize(points, 0.0);
+        self.best.resize(GROUPS * features, 0.0);
+        self.winner.resize(GROUPS * features, 0);
+        SearchScratch {
+            hidden: self.hidden.each_mut().map(Vec::as_mut_slice),
+            kept: &mut self.kept,
+            codes: &mut self.codes,
+            scales: &mut self.scales,
+            best: &mut self.best,
+            winner: &mut self.winner,
+        }
+    }
+}
+
+/// Outputs of each layer but the last.
+fn hidden_widths(layers: &[Dense<'_>]) -> impl Iterator<Item = usize> {
+    layers.iter().rev().skip(1).rev().map(|layer| layer.outputs)
 }
 
 pub(crate) fn relu_backward(activation: &[f32], gradient: &mut [f32]) {
@@ -76,7 +122,7 @@ const SHARDS: usize = 16;
 /// Gradient of the embedding's parameters, for clouds with given gradients of their features.
 ///
 /// # Shapes
-/// `features` of `clouds`, `feature_gradients [clouds, F]`; the first three layers of `gradient` are
+/// `features` of `clouds`, `feature_gradients [clouds, F]`; the embedding's layers of `gradient` are
 /// overwritten.
 pub fn embedding_backward(
     packed: &PackedEmbedding,
@@ -87,8 +133,8 @@ pub fn embedding_backward(
     gradient: &mut Parameters,
 ) {
     let width = parameters.shape.features();
-    let end = gradient.layers[2].bias.end;
-    let embedding = packed.view();
+    let layers = packed.view();
+    let end = gradient.layers[layers.len() - 1].bias.end;
     let shard = clouds.len().div_ceil(SHARDS).max(1);
     let sums: Vec<Vec<f32>> = clouds
         .par_chunks(shard)
@@ -96,12 +142,12 @@ pub fn embedding_backward(
         .zip(feature_gradients.par_chunks(shard * width))
         .map(|((clouds, critical), gradients)| {
             let mut sum = vec![0.0; end];
-            let mut work = CriticalPoints::default();
+            let mut work = CriticalPoints::new(&layers);
             let rows = critical
                 .chunks_exact(width)
                 .zip(gradients.chunks_exact(width));
             for (cloud, (critical, gradient)) in clouds.iter().zip(rows) {
-                work.backward(&embedding, parameters, cloud, critical, gradient, &mut sum);
+                work.backward(&layers, parameters, cloud, critical, gradient, &mut sum);
             }
             sum
         })
@@ -116,31 +162,40 @@ pub fn embedding_backward(
 }
 
 /// Working memory for the points that won a channel of one cloud.
-#[derive(Default)]
 struct CriticalPoints {
     /// Slot of each point of the cloud, `u32::MAX` where it won nothing.
     slot: Vec<u32>,
     /// The winning points as seen, `[slots, 3]`.
     points: Vec<Point>,
-    hidden1: Vec<f32>,
-    hidden2: Vec<f32>,
-    gradient1: Vec<f32>,
-    gradient2: Vec<f32>,
+    /// Activations of each hidden layer.
+    hidden: Vec<Hidden>,
+}
+
+/// One hidden layer at the winning points.
+struct Hidden {
+    width: usize,
+    /// `[slots, width]`.
+    values: Vec<f32>,
+    /// `[slots, width]`.
+    gradient: Vec<f32>,
 }
 
 impl CriticalPoints {
-    /// Adds one cloud's gradient to `sum`, laid out as the first three layers.
-    fn backward(
-        &mut self,
-        embedding: &Embedding<'_>,
-        parameters: &Parameters,
-        cloud: &Seen<'_>,
-        critical: &[u32],
-        feature_gradient: &[f32],
-        sum: &mut [f32],
-    ) {
-        let isa = Isa::best();
-        let [w1, w2, _] = parameters.shape.embed;
+    fn new(layers: &[Dense<'_>]) -> Self {
+        let hidden = hidden_widths(layers).map(|width| Hidden {
+            width,
+            values: Vec::new(),
+            gradient: Vec::new(),
+        });
+        CriticalPoints {
+            slot: Vec::new(),
+            points: Vec::new(),
+            hidden: hidden.collect(),
+        }
+    }
+
+    /// Gathers the winning points and runs the hidden layers on them.
+    fn forward(&mut self, layers: &[Dense<'_>], cloud: &Seen<'_>, critical: &[u32]) {
         self.slot.clear();
         self.slot.resize(cloud.points.len(), u32::MAX);
         self.points.clear();
@@ -152,52 +207,69 @@ impl CriticalPoints {
                     .push(cloud.view.see(cloud.points[point as usize]));
             }
         }
-        let n = self.points.len();
-        for (buffer, width) in [
-            (&mut self.hidden1, w1),
-            (&mut self.hidden2, w2),
-            (&mut self.gradient1, w1),
-            (&mut self.gradient2, w2),
-        ] {
-            buffer.clear();
-            buffer.resize(n * width, 0.0);
+        let isa = Isa::best();
+        let mut x = self.points.as_flattened();
+        for (layer, hidden) in layers.iter().zip(&mut self.hidden) {
+            for buffer in [&mut hidden.values, &mut hidden.gradient] {
+                buffer.clear();
+                buffer.resize(self.points.len() * hidden.width, 0.0);
+            }
+            isa.dense_relu(layer, x, &mut hidden.values);
+            x = &hidden.values;
         }
-        let x = self.points.as_flattened();
-        isa.dense_relu(&embedding.layers[0], x, &mut self.hidden1);
-        isa.dense_relu(&embedding.layers[1], &self.hidden1, &mut self.hidden2);
+    }
+
+    /// Adds one cloud's gradient to `sum`, laid out as the embedding's layers.
+    fn backward(
+        &mut self,
+        layers: &[Dense<'_>],
+        parameters: &Parameters,
+        cloud: &Seen<'_>,
+        critical: &[u32],
+        feature_gradient: &[f32],
+        sum: &mut [f32],
+    ) {
+        self.forward(layers, cloud, critical);
+        let last = layers.len() - 1;
+        let top = self.hidden.last_mut().expect("two or more layers");
 
         // Last layer: each channel has one winning point.
-        let layer = &parameters.layers[2];
-        let rows = parameters.weight(2).chunks_exact(w2);
-        let (sum3, bias3) =
+        let layer = &parameters.layers[last];
+        let rows = parameters.weight(last).chunks_exact(top.width);
+        let (last_sum, bias_sum) =
             sum[layer.weight.start..layer.bias.end].split_at_mut(layer.weight.len());
         for ((((&point, &g), weight), sum), bias) in critical
             .iter()
             .zip(feature_gradient)
             .zip(rows)
-            .zip(sum3.chunks_exact_mut(w2))
-            .zip(bias3)
+            .zip(last_sum.chunks_exact_mut(top.width))
+            .zip(bias_sum)
         {
-            let at = self.slot[point as usize] as usize * w2;
-            let hidden = &self.hidden2[at..at + w2];
-            let gradient = &mut self.gradient2[at..at + w2];
-            for k in 0..w2 {
+            let at = self.slot[point as usize] as usize * top.width;
+            let hidden = &top.values[at..at + top.width];
+            let gradient = &mut top.gradient[at..at + top.width];
+            for k in 0..top.width {
                 sum[k] += g * hidden[k];
                 gradient[k] += g * weight[k];
             }
             *bias += g;
         }
-        relu_backward(&self.hidden2, &mut self.gradient2);
-        let gradient2 = matrix(&self.gradient2, n, w2);
-        accumulate(parameters, 1, sum, gradient2, &self.hidden1);
-        product(
-            &mut self.gradient1,
-            gradient2,
-            matrix(parameters.weight(1), w2, w1),
-            0.0,
-        );
-        relu_backward(&self.hidden1, &mut self.gradient1);
-        accumulate(parameters, 0, sum, matrix(&self.gradient1, n, w1), x);
+
+        // Hidden layers: dense over the winning points.
+        let n = self.points.len();
+        for i in (0..last).rev() {
+            let (below, here) = self.hidden.split_at_mut(i);
+            let here = &mut here[0];
+            relu_backward(&here.values, &mut here.gradient);
+            let gradient = matrix(&here.gradient, n, here.width);
+            let Some(below) = below.last_mut() else {
+                accumulate(parameters, i, sum, gradient, self.points.as_flattened());
+                break;
+            };
+            accumulate(parameters, i, sum, gradient, &below.values);
+            let weight = matrix(parameters.weight(i), here.width, below.width);
+            product(&mut below.gradient, gradient, weight, 0.0);
+        }
     }
 }
 

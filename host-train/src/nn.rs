@@ -3,7 +3,9 @@
 use crate::random::{Purpose, stream};
 use rand::RngExt;
 use reagent_core::dims::{LOGITS, PANEL, padded};
-use reagent_core::weights::{Dense, Embedding, Policy, pack_panels};
+use reagent_core::kernels::{Codes, Isa, pack_codes, padded_codes};
+use reagent_core::net::SearchLayer;
+use reagent_core::weights::{Dense, Policy, pack_panels};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
@@ -204,47 +206,103 @@ impl Parameters {
     }
 }
 
+/// How the points that reach a feature's maximum are found during training.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum Search {
+    /// In 8 bits where the machine multiplies bytes faster than floats, in f32 elsewhere.
+    #[default]
+    Auto,
+    /// In f32.
+    F32,
+    /// In 8 bits; the features of the points found are f32.
+    Int8,
+}
+
+impl Search {
+    fn in_bytes(self) -> bool {
+        match self {
+            Search::Auto => Isa::best().has_fast_bytes(),
+            Search::F32 => false,
+            Search::Int8 => true,
+        }
+    }
+}
+
 /// The embedding in the layout of core's kernels.
 #[derive(Clone, Debug)]
 pub struct PackedEmbedding {
-    widths: [(usize, usize); 3],
-    panels: [Vec<f32>; 3],
-    bias: [Vec<f32>; 3],
+    layers: Vec<PackedLayer>,
+    /// Last layer row-major and in 8 bits, where critical points are searched for in 8 bits.
+    search: Option<(Vec<f32>, Vec<i8>)>,
+}
+
+#[derive(Clone, Debug)]
+struct PackedLayer {
+    inputs: usize,
+    outputs: usize,
+    panels: Vec<f32>,
+    bias: Vec<f32>,
 }
 
 impl PackedEmbedding {
-    /// Memory for a shape; [`PackedEmbedding::pack`] fills it.
+    /// The current parameters, to be searched as the machine does best.
     pub fn new(parameters: &Parameters) -> Self {
-        let widths = std::array::from_fn(|i| {
-            let layer = &parameters.layers[i];
-            (layer.inputs, layer.outputs)
+        Self::with_search(parameters, Search::Auto)
+    }
+
+    /// The current parameters, with a way to search for critical points.
+    pub fn with_search(parameters: &Parameters, search: Search) -> Self {
+        let layers = parameters.layers[..parameters.shape.embedding_layers()]
+            .iter()
+            .map(|layer| PackedLayer {
+                inputs: layer.inputs,
+                outputs: layer.outputs,
+                panels: vec![0.0; layer.inputs * padded(layer.outputs)],
+                bias: vec![0.0; padded(layer.outputs)],
+            })
+            .collect();
+        let last = &parameters.layers[parameters.shape.embedding_layers() - 1];
+        let search = search.in_bytes().then(|| {
+            let codes = padded_codes(last.inputs) * padded(last.outputs);
+            (vec![0.0; last.weight.len()], vec![0; codes])
         });
-        let mut packed = PackedEmbedding {
-            widths,
-            panels: widths.map(|(inputs, outputs)| vec![0.0; inputs * padded(outputs)]),
-            bias: widths.map(|(_, outputs)| vec![0.0; padded(outputs)]),
-        };
+        let mut packed = PackedEmbedding { layers, search };
         packed.pack(parameters);
         packed
     }
 
     /// Takes over the current parameters.
     pub fn pack(&mut self, parameters: &Parameters) {
-        for (i, (inputs, outputs)) in self.widths.into_iter().enumerate() {
-            pack_panels(inputs, outputs, parameters.weight(i), &mut self.panels[i]);
-            self.bias[i][..outputs].copy_from_slice(parameters.bias(i));
+        for (i, layer) in self.layers.iter_mut().enumerate() {
+            let weight = parameters.weight(i);
+            pack_panels(layer.inputs, layer.outputs, weight, &mut layer.panels);
+            layer.bias[..layer.outputs].copy_from_slice(parameters.bias(i));
+        }
+        if let Some((rows, codes)) = &mut self.search {
+            let last = self.layers.len() - 1;
+            rows.copy_from_slice(parameters.weight(last));
+            pack_codes(self.layers[last].inputs, rows, codes);
         }
     }
 
+    /// The last layer as core's search takes it; none where it searches in f32.
+    pub fn search_view(&self) -> Option<SearchLayer<'_>> {
+        let (rows, codes) = self.search.as_ref()?;
+        let last = self.layers.last()?;
+        let codes = Codes::new(padded_codes(last.inputs), last.outputs, codes)?;
+        Some(SearchLayer { codes, rows })
+    }
+
     /// As core's kernels take it.
-    pub fn view(&self) -> Embedding<'_> {
-        Embedding {
-            layers: std::array::from_fn(|i| {
-                let (inputs, outputs) = self.widths[i];
-                Dense::new(inputs, outputs, &self.panels[i], &self.bias[i])
+    pub fn view(&self) -> Vec<Dense<'_>> {
+        self.layers
+            .iter()
+            .map(|layer| {
+                Dense::new(layer.inputs, layer.outputs, &layer.panels, &layer.bias)
                     .expect("arrays were made with the padded lengths")
-            }),
-        }
+            })
+            .collect()
     }
 }
 

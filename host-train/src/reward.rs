@@ -1,7 +1,7 @@
 //! The step reward: did the source come closer to where it belongs (paper, reward equation)?
 
 use crate::dataset::Point;
-use glam::Vec3;
+use reagent_core::kernels::Isa;
 use reagent_core::net::View;
 
 /// Reward of a step that brought the clouds closer.
@@ -14,21 +14,12 @@ pub const SAME: f32 = -0.1;
 /// Chamfer distance in one direction: mean over `points` of the squared distance to the nearest of
 /// `truth`. NaN where either is empty.
 pub fn chamfer(points: &[Point], truth: &[Point]) -> f32 {
-    let nearest = |&p: &Point| {
-        let p = Vec3::from_array(p);
-        truth
-            .iter()
-            .map(|&q| p.distance_squared(Vec3::from_array(q)))
-            .fold(f32::NAN, f32::min)
-    };
-    let sum: f64 = points.iter().map(|p| f64::from(nearest(p))).sum();
-    (sum / points.len() as f64) as f32
+    chamfer_seen(points, &View::IDENTITY, truth)
 }
 
 /// As [`chamfer`], of a cloud as it is seen.
 pub fn chamfer_seen(points: &[Point], view: &View, truth: &[Point]) -> f32 {
-    let seen: Vec<Point> = points.iter().map(|&p| view.see(p)).collect();
-    chamfer(&seen, truth)
+    reagent_core::chamfer::chamfer(Isa::best(), points, view, truth)
 }
 
 /// Reward for the distance before and after a step. Only equal bits count as unchanged.

@@ -9,7 +9,7 @@ use host_train::env::{Accumulation, Problem};
 use host_train::expert::Expert;
 use host_train::export::WeightFile;
 use host_train::heads::Activations;
-use host_train::nn::PackedEmbedding;
+use host_train::nn::{PackedEmbedding, Search};
 use host_train::optim::{Adam, Schedule};
 use host_train::reward::{chamfer, reward};
 use reagent_core::kernels::Isa;
@@ -275,7 +275,8 @@ fn forward_pass_of_the_trainer_and_of_the_robot() {
     let batch = sources.len();
 
     // The trainer's batched pass: features, logits, values.
-    let packed = PackedEmbedding::new(&parameters);
+    let packed = PackedEmbedding::with_search(&parameters, Search::F32);
+    let in_bytes = PackedEmbedding::with_search(&parameters, Search::Int8);
     let [source, target] = [&sources, &targets].map(|clouds| {
         let seen: Vec<Seen<'_>> = clouds
             .iter()
@@ -285,7 +286,18 @@ fn forward_pass_of_the_trainer_and_of_the_robot() {
             })
             .collect();
         let mut features = Features::default();
+        embed(&in_bytes, 1024, &seen, &mut features);
+        let searched = features.clone();
         embed(&packed, 1024, &seen, &mut features);
+        assert_eq!(searched.values.len(), features.values.len());
+        // Searched in 8 bits, a feature is exact or that of a point that comes close.
+        let other = features.critical.iter().zip(&searched.critical);
+        let other = other.filter(|(a, b)| a != b).count();
+        assert!(other * 8 < features.critical.len(), "{other} other points");
+        assert!(largest_difference(&searched.values, &features.values) < 5e-3);
+        for (searched, exact) in searched.values.iter().zip(&features.values) {
+            assert!(*searched < exact + 1e-6, "no point beats the maximum");
+        }
         features
     });
     assert!(largest_difference(&source.values, &golden.f32("forward.feat_source").1) < 1e-5);
@@ -313,7 +325,7 @@ fn forward_pass_of_the_trainer_and_of_the_robot() {
     let file = WeightFile::from_parameters(&parameters).expect("deployable");
     let argmax = actions(&golden, "forward.argmax");
     let (_, logits_t) = golden.f32("forward.logits_t");
-    for isa in kernels() {
+    for isa in Isa::all() {
         let mut scratch = Box::new(Scratch::new());
         let mut registrar = Registrar::with_isa(isa, file.policy(), &mut scratch);
         for b in 0..batch {
@@ -349,7 +361,7 @@ fn whole_registrations_take_the_reference_s_steps() {
         let (_, logits_r) = golden.f32(&format!("{group}.logits_r"));
         let finals = golden.clouds(&format!("{group}.final_cloud"));
         let batch = sources.len();
-        for isa in kernels() {
+        for isa in Isa::all() {
             let mut scratch = Box::new(Scratch::new());
             let mut registrar = Registrar::with_isa(isa, file.policy(), &mut scratch);
             for b in 0..batch {
@@ -382,15 +394,6 @@ fn whole_registrations_take_the_reference_s_steps() {
             }
         }
     }
-}
-
-/// Every kernel set that this machine runs.
-fn kernels() -> Vec<Isa> {
-    #[cfg(target_arch = "x86_64")]
-    let fast = [Isa::avx2(), Isa::avx512()];
-    #[cfg(not(target_arch = "x86_64"))]
-    let fast = [None; 0];
-    fast.into_iter().flatten().chain([Isa::PORTABLE]).collect()
 }
 
 #[test]

@@ -5,7 +5,7 @@ use glam::Vec3;
 use host_train::buffer::{Buffer, Observation};
 use host_train::env::Problem;
 use host_train::loss::{Losses, PpoSettings};
-use host_train::nn::{Parameters, Shape};
+use host_train::nn::{Parameters, Search, Shape};
 use host_train::optim::Adam;
 use host_train::train::{Method, RollOut, Trainer};
 use reagent_core::pose::centroid;
@@ -14,6 +14,10 @@ use reagent_tests::{Golden, reference_parameters};
 
 fn trainer(parameters: Parameters, method: Method) -> Trainer {
     let adam = Adam::new(parameters.values.len());
+    let method = Method {
+        search: Search::F32,
+        ..method
+    };
     Trainer::new(parameters, adam, 0, 1, RollOut::default(), method)
 }
 
@@ -349,7 +353,7 @@ fn gradients_equal_finite_differences_on_a_small_shape() {
 #[test]
 fn results_do_not_depend_on_the_number_of_threads() {
     let shape = Shape {
-        extra: 0,
+        extra: 1,
         embed: [16, 16, 32],
         head: [16, 16],
     };

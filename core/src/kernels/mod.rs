@@ -13,29 +13,45 @@
 use crate::dims::PANEL;
 use crate::weights::Dense;
 
+#[cfg(target_arch = "x86_64")]
+mod detect;
+mod nearest;
 mod portable;
+mod search;
+#[cfg(target_arch = "x86_64")]
+mod x86_amx;
 #[cfg(target_arch = "x86_64")]
 mod x86_avx2;
 #[cfg(target_arch = "x86_64")]
 mod x86_avx512;
+#[cfg(target_arch = "x86_64")]
+mod x86_vnni;
 
+pub use nearest::Queries;
+pub use search::{CODES, Codes, GROUPS, pack_codes, padded_codes};
+
+/// Instruction sets, from the slowest to the fastest.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Kind {
     Portable,
     #[cfg(target_arch = "x86_64")]
     Avx2,
+    /// AVX2 with AVX-VNNI.
+    #[cfg(target_arch = "x86_64")]
+    AvxVnni,
     #[cfg(target_arch = "x86_64")]
     Avx512,
+    /// AVX-512F with AVX-512 VNNI.
+    #[cfg(target_arch = "x86_64")]
+    Avx512Vnni,
+    /// AVX-512F and VNNI with AMX tiles of bytes.
+    #[cfg(target_arch = "x86_64")]
+    Amx,
 }
 
 /// A set of kernels that this machine is known to run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Isa(Kind);
-
-#[cfg(target_arch = "x86_64")]
-cpufeatures::new!(has_avx2, "avx2", "fma");
-#[cfg(target_arch = "x86_64")]
-cpufeatures::new!(has_avx512, "avx512f");
 
 impl Isa {
     /// The kernels that run everywhere.
@@ -43,28 +59,41 @@ impl Isa {
 
     /// The fastest kernels of this machine.
     pub fn best() -> Isa {
-        #[cfg(target_arch = "x86_64")]
-        {
-            if has_avx512::get() {
-                return Isa(Kind::Avx512);
-            }
-            if has_avx2::get() {
-                return Isa(Kind::Avx2);
-            }
+        Isa::all().last().unwrap_or(Isa::PORTABLE)
+    }
+
+    /// All kernels that this machine runs, from the slowest to the fastest.
+    #[cfg(target_arch = "x86_64")]
+    pub fn all() -> impl Iterator<Item = Isa> {
+        [
+            (Kind::Portable, 0),
+            (Kind::Avx2, detect::AVX2),
+            (Kind::AvxVnni, detect::AVX2 | detect::AVX_VNNI),
+            (Kind::Avx512, detect::AVX512),
+            (Kind::Avx512Vnni, detect::AVX512_VNNI),
+            (Kind::Amx, detect::AMX),
+        ]
+        .into_iter()
+        .filter(|(_, needs)| detect::has(*needs))
+        .map(|(kind, _)| Isa(kind))
+    }
+
+    /// All kernels that this machine runs, from the slowest to the fastest.
+    #[cfg(not(target_arch = "x86_64"))]
+    pub fn all() -> impl Iterator<Item = Isa> {
+        [Isa::PORTABLE].into_iter()
+    }
+
+    /// Whether bytes are multiplied faster than floats here, which makes [`Isa::search`] worth its
+    /// losses.
+    pub fn has_fast_bytes(self) -> bool {
+        match self.0 {
+            Kind::Portable => false,
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx2 | Kind::Avx512 => false,
+            #[cfg(target_arch = "x86_64")]
+            Kind::AvxVnni | Kind::Avx512Vnni | Kind::Amx => true,
         }
-        Isa::PORTABLE
-    }
-
-    /// AVX2 and FMA kernels, where the machine has them.
-    #[cfg(target_arch = "x86_64")]
-    pub fn avx2() -> Option<Isa> {
-        has_avx2::get().then_some(Isa(Kind::Avx2))
-    }
-
-    /// AVX-512F kernels, where the machine has them.
-    #[cfg(target_arch = "x86_64")]
-    pub fn avx512() -> Option<Isa> {
-        has_avx512::get().then_some(Isa(Kind::Avx512))
     }
 
     /// Name of the instruction set.
@@ -74,7 +103,13 @@ impl Isa {
             #[cfg(target_arch = "x86_64")]
             Kind::Avx2 => "avx2+fma",
             #[cfg(target_arch = "x86_64")]
+            Kind::AvxVnni => "avx2+fma+vnni",
+            #[cfg(target_arch = "x86_64")]
             Kind::Avx512 => "avx512f",
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx512Vnni => "avx512f+vnni",
+            #[cfg(target_arch = "x86_64")]
+            Kind::Amx => "avx512f+vnni+amx",
         }
     }
 
@@ -89,10 +124,12 @@ impl Isa {
             // SAFETY: `Kind::Avx2` exists only where detection found AVX2 and FMA; `points` rows
             // of `x` and `y` are in bounds as counted above.
             #[cfg(target_arch = "x86_64")]
-            Kind::Avx2 => unsafe { x86_avx2::dense_relu(layer, points, x, y) },
+            Kind::Avx2 | Kind::AvxVnni => unsafe { x86_avx2::dense_relu(layer, points, x, y) },
             // SAFETY: as above, with AVX-512F.
             #[cfg(target_arch = "x86_64")]
-            Kind::Avx512 => unsafe { x86_avx512::dense_relu(layer, points, x, y) },
+            Kind::Avx512 | Kind::Avx512Vnni | Kind::Amx => unsafe {
+                x86_avx512::dense_relu(layer, points, x, y)
+            },
         }
     }
 
@@ -109,12 +146,12 @@ impl Isa {
             Kind::Portable => portable::dense_max::<false>(layer, points, x, 0, max, &mut []),
             // SAFETY: features detected; `points` rows of `x` and all of `max` are in bounds.
             #[cfg(target_arch = "x86_64")]
-            Kind::Avx2 => unsafe {
+            Kind::Avx2 | Kind::AvxVnni => unsafe {
                 x86_avx2::dense_max::<false>(layer, points, x, 0, max, &mut []);
             },
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
-            Kind::Avx512 => unsafe {
+            Kind::Avx512 | Kind::Avx512Vnni | Kind::Amx => unsafe {
                 x86_avx512::dense_max::<false>(layer, points, x, 0, max, &mut []);
             },
         }
@@ -141,12 +178,12 @@ impl Isa {
             Kind::Portable => portable::dense_max::<true>(layer, points, x, first, max, argmax),
             // SAFETY: features detected; `points` rows of `x`, `max` and `argmax` are in bounds.
             #[cfg(target_arch = "x86_64")]
-            Kind::Avx2 => unsafe {
+            Kind::Avx2 | Kind::AvxVnni => unsafe {
                 x86_avx2::dense_max::<true>(layer, points, x, first, max, argmax);
             },
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
-            Kind::Avx512 => unsafe {
+            Kind::Avx512 | Kind::Avx512Vnni | Kind::Amx => unsafe {
                 x86_avx512::dense_max::<true>(layer, points, x, first, max, argmax);
             },
         }
@@ -166,10 +203,156 @@ impl Isa {
             Kind::Portable => portable::gemv(layer, start, from, x, y),
             // SAFETY: features detected; lengths checked above.
             #[cfg(target_arch = "x86_64")]
-            Kind::Avx2 => unsafe { x86_avx2::gemv(layer, start, from, x, y) },
+            Kind::Avx2 | Kind::AvxVnni => unsafe { x86_avx2::gemv(layer, start, from, x, y) },
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
-            Kind::Avx512 => unsafe { x86_avx512::gemv(layer, start, from, x, y) },
+            Kind::Avx512 | Kind::Avx512Vnni | Kind::Amx => unsafe {
+                x86_avx512::gemv(layer, start, from, x, y)
+            },
+        }
+    }
+
+    /// Codes 0..=255 of non-negative rows with one scale each, `x ≈ code * scale`, for
+    /// [`Isa::search`]. The same bits on every kernel.
+    ///
+    /// # Shapes
+    /// `x [points, width]`, `codes [points, padded_codes(width)]`, `scales [points]`; rows beyond the
+    /// shortest are left alone.
+    pub fn quantise_rows(self, width: usize, x: &[f32], codes: &mut [u8], scales: &mut [f32]) {
+        let stride = padded_codes(width);
+        if width == 0 {
+            return;
+        }
+        match self.0 {
+            Kind::Portable => search::quantise(width, stride, x, codes, scales),
+            // SAFETY: the instruction set was detected.
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx2 | Kind::AvxVnni => unsafe {
+                search::quantise_avx2(width, stride, x, codes, scales);
+            },
+            // SAFETY: as above.
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx512 | Kind::Avx512Vnni | Kind::Amx => unsafe {
+                search::quantise_avx512(width, stride, x, codes, scales);
+            },
+        }
+    }
+
+    /// Finds the point with the highest score of each output in each of [`GROUPS`] groups of points
+    /// (point `n` is of group `n % GROUPS`): `score = scales[n] * Σ codes[n] weight`. The first of
+    /// equals; the same on every kernel.
+    ///
+    /// # Shapes
+    /// `codes [points, layer.inputs]`, `scales [points]`, `best` and `winner [GROUPS, layer.outputs]`,
+    /// overwritten; other lengths leave both as they are.
+    pub fn search(
+        self,
+        layer: &Codes<'_>,
+        codes: &[u8],
+        scales: &[f32],
+        best: &mut [f32],
+        winner: &mut [u32],
+    ) {
+        let results = GROUPS * layer.outputs;
+        let whole = layer.panels.len() == layer.inputs * layer.outputs
+            && layer.inputs.is_multiple_of(CODES)
+            && layer.outputs.is_multiple_of(PANEL);
+        let points = scales.len();
+        if !whole
+            || codes.len() != points * layer.inputs
+            || best.len() != results
+            || winner.len() != results
+        {
+            return;
+        }
+        best.fill(f32::NEG_INFINITY);
+        winner.fill(0);
+        let mut first = 0;
+        while first < points {
+            let tile = first..(first + search::TILE).min(points);
+            first = tile.end;
+            let panels = 0..layer.outputs / PANEL;
+            match self.0 {
+                Kind::Portable => {
+                    search::portable(layer, tile, panels, codes, scales, best, winner);
+                }
+                // SAFETY: the instruction set was detected, lengths were checked above.
+                #[cfg(target_arch = "x86_64")]
+                Kind::Avx2 | Kind::Avx512 => unsafe {
+                    search::avx2(layer, tile, panels, codes, scales, best, winner);
+                },
+                // SAFETY: as above.
+                #[cfg(target_arch = "x86_64")]
+                Kind::AvxVnni => unsafe {
+                    x86_vnni::search_256(layer, tile, panels, codes, scales, best, winner);
+                },
+                // SAFETY: as above.
+                #[cfg(target_arch = "x86_64")]
+                Kind::Avx512Vnni => unsafe {
+                    x86_vnni::search_512(
+                        layer, tile.start, tile, panels, codes, scales, best, winner,
+                    );
+                },
+                // SAFETY: as above.
+                #[cfg(target_arch = "x86_64")]
+                Kind::Amx => unsafe {
+                    x86_amx::search(layer, tile, panels, codes, scales, best, winner);
+                },
+            }
+        }
+    }
+
+    /// Outputs of the winners of [`Isa::search`] in f32, and the better of each output's groups.
+    ///
+    /// # Shapes
+    /// `rows [outputs, width]`, `bias` and `feature [outputs]`, `hidden [points, width]`, `winner
+    /// [GROUPS, outputs]`, of which the first row becomes the result; other lengths leave both as
+    /// they are.
+    pub fn winners(
+        self,
+        width: usize,
+        rows: &[f32],
+        bias: &[f32],
+        hidden: &[f32],
+        winner: &mut [u32],
+        feature: &mut [f32],
+    ) {
+        let outputs = bias.len();
+        if width == 0
+            || rows.len() != outputs * width
+            || winner.len() != GROUPS * outputs
+            || feature.len() != outputs
+        {
+            return;
+        }
+        match self.0 {
+            Kind::Portable => search::winners(width, rows, bias, hidden, winner, feature),
+            // SAFETY: the instruction set was detected.
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx2 | Kind::AvxVnni => unsafe {
+                search::winners_avx2(width, rows, bias, hidden, winner, feature);
+            },
+            // SAFETY: as above.
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx512 | Kind::Avx512Vnni | Kind::Amx => unsafe {
+                search::winners_avx512(width, rows, bias, hidden, winner, feature);
+            },
+        }
+    }
+
+    /// Squared distance from each query to the nearest of `others`, infinite where there is none.
+    /// The same bits on every kernel.
+    pub fn nearest_squared(self, queries: &mut Queries, others: &[[f32; 3]]) {
+        match self.0 {
+            Kind::Portable => nearest::portable::<16>(queries, others),
+            // SAFETY: the instruction set was detected.
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx2 | Kind::AvxVnni => unsafe { nearest::avx2(queries, others) },
+            // SAFETY: as above.
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx512 | Kind::Avx512Vnni | Kind::Amx => unsafe {
+                nearest::avx512(queries, others)
+            },
         }
     }
 }

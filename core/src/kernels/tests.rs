@@ -52,14 +52,8 @@ fn case() -> impl Strategy<Value = Case> {
 }
 
 fn others() -> Vec<Isa> {
-    #[cfg(target_arch = "x86_64")]
-    let found = [Isa::avx2(), Isa::avx512()]
-        .into_iter()
-        .flatten()
-        .collect::<Vec<_>>();
-    #[cfg(not(target_arch = "x86_64"))]
-    let found = Vec::new();
-    if found.len() < 2 {
+    let found: Vec<Isa> = Isa::all().skip(1).collect();
+    if found.len() < 5 {
         println!("this machine runs only {found:?} beside the portable kernels");
     }
     found
@@ -114,6 +108,62 @@ proptest! {
                     prop_assert_eq!(alone[o], max[o], "the kept row reaches the maximum");
                 }
             }
+        }
+    }
+
+    #[test]
+    fn search_equals_portable(
+        (inputs, outputs) in (1usize..200, 1usize..8).prop_map(|(i, o)| (padded_codes(i), o * PANEL)),
+        points in 0usize..500,
+        extreme in 0u8..4,
+        seed: u64,
+    ) {
+        let mut state = seed;
+        let mut byte = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            (state >> 56) as u8
+        };
+        let panels: Vec<i8> = (0..inputs * outputs)
+            .map(|_| match (extreme, byte()) { (1, _) => 127, (2, _) => -127, (_, b) => b as i8 })
+            .collect();
+        let codes: Vec<u8> = (0..points * inputs)
+            .map(|_| match (extreme, byte()) { (1 | 2, _) => 255, (3, b) => b / 128, (_, b) => b })
+            .collect();
+        let scales: Vec<f32> = (0..points).map(|_| f32::from(byte() / 32)).collect();
+        let layer = Codes::new(inputs, outputs, &panels).expect("padded lengths");
+        let mut expected = (vec![0.0; GROUPS * outputs], vec![0; GROUPS * outputs]);
+        Isa::PORTABLE.search(&layer, &codes, &scales, &mut expected.0, &mut expected.1);
+        for isa in others() {
+            let mut found = (vec![0.0; GROUPS * outputs], vec![0; GROUPS * outputs]);
+            isa.search(&layer, &codes, &scales, &mut found.0, &mut found.1);
+            prop_assert_eq!(&found, &expected, "{}", isa.name());
+        }
+    }
+
+    #[test]
+    fn codes_and_winners_equal_portable(case in case()) {
+        let (width, stride) = (case.inputs, padded_codes(case.inputs));
+        let points = case.x.len() / width;
+        let x: Vec<f32> = case.x.iter().map(|v| v.max(0.0)).collect();
+        let mut expected = (vec![9; points * stride], vec![9.0; points]);
+        Isa::PORTABLE.quantise_rows(width, &x, &mut expected.0, &mut expected.1);
+        for ((x, codes), scale) in x.chunks(width).zip(expected.0.chunks(stride)).zip(&expected.1) {
+            for (x, &code) in x.iter().zip(codes) {
+                prop_assert!((x - f32::from(code) * scale).abs() <= 0.501 * scale);
+            }
+        }
+        let rows = &case.panels[..case.outputs * width];
+        let bias = &case.bias[..case.outputs];
+        let winner: Vec<u32> = (0..GROUPS * case.outputs).map(|i| (i * 7 % (points + 1)) as u32).collect();
+        let mut won = (winner.clone(), vec![0.0; case.outputs]);
+        Isa::PORTABLE.winners(width, rows, bias, &x, &mut won.0, &mut won.1);
+        for isa in others() {
+            let mut found = (vec![7; points * stride], vec![7.0; points]);
+            isa.quantise_rows(width, &x, &mut found.0, &mut found.1);
+            prop_assert_eq!(&found, &expected, "{}", isa.name());
+            let mut found = (winner.clone(), vec![0.0; case.outputs]);
+            isa.winners(width, rows, bias, &x, &mut found.0, &mut found.1);
+            prop_assert_eq!(&found, &won, "{}", isa.name());
         }
     }
 

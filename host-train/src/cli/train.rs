@@ -3,6 +3,7 @@
 use super::source::{DataSource, positive};
 use crate::env::Accumulation;
 use crate::expert::Expert;
+use crate::nn::Search;
 use crate::train::record::RunRecord;
 use crate::train::{self, Anneal, Categories, Follow, Network, Stage, TrainConfig};
 use anyhow::{Context, bail};
@@ -94,6 +95,9 @@ struct MethodOptions {
     /// Trajectories from each problem [default: the paper's 4]
     #[arg(long, value_name = "N", value_parser = positive())]
     trajectories: Option<usize>,
+    /// How the points that reach a feature's maximum are found [default: auto]
+    #[arg(long, value_enum, value_name = "HOW")]
+    search: Option<Search>,
     /// Weight of the reinforcement term [default: the paper's 2 in stage ilrl; 0.1 is its value for LINEMOD]
     #[arg(long, value_name = "W", value_parser = at_least_0)]
     alpha: Option<f64>,
@@ -191,6 +195,7 @@ impl TrainArgs {
         set(&mut method.expert, given.expert);
         set(&mut method.follow, given.follow);
         set(&mut method.accumulation, given.accumulation);
+        set(&mut method.search, given.search);
         set(&mut method.ppo.alpha, given.alpha.map(|a| a as f32));
         method.ppo.normalise_advantages |= given.normalise_advantages;
         method.ppo.clip_values |= given.clip_values;

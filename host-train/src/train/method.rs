@@ -3,6 +3,7 @@
 use crate::env::Accumulation;
 use crate::expert::Expert;
 use crate::loss::PpoSettings;
+use crate::nn::Search;
 use serde::{Deserialize, Serialize};
 
 /// How observations are gathered and used.
@@ -66,6 +67,8 @@ pub struct Method {
     /// Decay, in every mini-batch, of an exponential average of the parameters that is validated and
     /// exported in their place (ours; the authors' code has none).
     pub average: Option<f32>,
+    /// How the points that reach a feature's maximum are found.
+    pub search: Search,
 }
 
 impl Method {
@@ -78,6 +81,7 @@ impl Method {
             ppo: PpoSettings::new(alpha),
             clip_gradient: None,
             average: None,
+            search: Search::Auto,
         }
     }
 }

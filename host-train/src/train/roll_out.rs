@@ -6,7 +6,7 @@ use crate::buffer::{Buffer, Observation};
 use crate::env::{Accumulation, Problem};
 use crate::heads::Activations;
 use crate::loss::{ALL_AXES, axes, log_sum_exp};
-use crate::nn::{PackedEmbedding, Parameters};
+use crate::nn::{PackedEmbedding, Parameters, Search};
 use crate::random::Rng;
 use crate::reward::{chamfer_seen, reward};
 use rand::RngExt;
@@ -27,10 +27,10 @@ pub struct Agent {
 }
 
 impl Agent {
-    /// An agent with these parameters.
-    pub fn new(parameters: Parameters) -> Self {
+    /// An agent with these parameters that finds critical points in the given way.
+    pub fn new(parameters: Parameters, search: Search) -> Self {
         Agent {
-            packed: PackedEmbedding::new(&parameters),
+            packed: PackedEmbedding::with_search(&parameters, search),
             parameters,
             sources: Features::default(),
             targets: Features::default(),

@@ -88,7 +88,7 @@ impl Trainer {
         Trainer {
             averaged: method.average.map(|_| parameters.values.clone()),
             gradient: Parameters::zeros(parameters.shape),
-            agent: Agent::new(parameters),
+            agent: Agent::new(parameters, method.search),
             adam,
             updates,
             spent: Spent::default(),

@@ -8,7 +8,7 @@ use crate::env::{Accumulation, Problem};
 use crate::eval::{Contestant, EvalError, EvalSettings, Method, evaluate};
 use crate::export::WeightFile;
 use crate::metrics::{GroundTruth, PairMetrics, Summary};
-use crate::nn::Parameters;
+use crate::nn::{Parameters, Search};
 use rayon::prelude::*;
 use reagent_core::Pose;
 
@@ -50,7 +50,7 @@ pub fn arg_max_poses(
     pairs: &PairSet,
     steps: usize,
 ) -> Vec<Vec<Pose>> {
-    let mut agent = Agent::new(parameters);
+    let mut agent = Agent::new(parameters, Search::F32);
     let problems: Vec<Problem> = (0..pairs.source.len())
         .map(|i| {
             Problem::from(Sample {

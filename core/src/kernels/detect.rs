@@ -1,0 +1,51 @@
+//! Which instruction sets this machine runs, found once.
+
+use core::arch::x86_64::__cpuid_count;
+use core::sync::atomic::{AtomicU8, Ordering};
+
+cpufeatures::new!(has_avx2, "avx2", "fma");
+cpufeatures::new!(has_avx512, "avx512f");
+
+pub(super) const AVX2: u8 = 1;
+pub(super) const AVX_VNNI: u8 = 2;
+pub(super) const AVX512: u8 = 4;
+pub(super) const AVX512_VNNI: u8 = 8;
+pub(super) const AMX: u8 = 16;
+/// Set once the rest is known.
+const KNOWN: u8 = 128;
+
+static FOUND: AtomicU8 = AtomicU8::new(0);
+
+/// Whether the machine runs all of `wanted`.
+pub(super) fn has(wanted: u8) -> bool {
+    let mut found = FOUND.load(Ordering::Relaxed);
+    if found == 0 {
+        found = detect() | KNOWN;
+        FOUND.store(found, Ordering::Relaxed);
+    }
+    found & wanted == wanted
+}
+
+/// `cpufeatures` asks whether the system saves the registers; the extensions it does not know need
+/// no more than that, but AMX, for which Linux is asked.
+fn detect() -> u8 {
+    let mut found = 0;
+    if has_avx2::get() {
+        found |= AVX2;
+        if __cpuid_count(7, 1).eax & (1 << 4) != 0 {
+            found |= AVX_VNNI;
+        }
+    }
+    if has_avx512::get() {
+        found |= AVX512;
+        let leaf = __cpuid_count(7, 0);
+        if leaf.ecx & (1 << 11) != 0 {
+            found |= AVX512_VNNI;
+            let amx_tile_int8 = (1 << 24) | (1 << 25);
+            if leaf.edx & amx_tile_int8 == amx_tile_int8 && super::x86_amx::permitted() {
+                found |= AMX;
+            }
+        }
+    }
+    found
+}

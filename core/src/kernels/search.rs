@@ -1,0 +1,253 @@
+//! The search for critical points in int8: which point reaches the maximum of each output, found with
+//! 8-bit codes; the caller computes the winners' outputs in f32 ([`winners`]).
+//!
+//! Activations after a ReLU become unsigned codes with one scale a point, weights signed codes with
+//! one scale an output. A scale of the output and its bias change no arg-max, so the search needs
+//! neither. Points take turns in [`GROUPS`] groups, each with a winner of its own: a near tie is lost
+//! only within a group, which divides the wrong winners by about the number of groups.
+//!
+//! Integer sums are exact, and the score is one conversion and one product whose last eight bits make
+//! room for the point's place in its tile, so that one maximum keeps both: the same winners on every
+//! kernel. What the eight bits held is far below what rounding to codes has lost.
+
+#![allow(unsafe_code, clippy::indexing_slicing)]
+
+use crate::dims::PANEL;
+use core::ops::Range;
+
+/// Points whose codes stay in the L1 cache while the panels pass.
+pub(super) const TILE: usize = 192;
+/// Bits of a score that hold the point's place in the tile.
+pub(super) const PLACE: u32 = 0xff;
+
+const _: () = assert!(TILE <= PLACE as usize + 1 && TILE.is_multiple_of(GROUPS));
+
+/// Highest scores of one panel's outputs within a tile, for each group.
+pub(super) type PanelBest = [[f32; PANEL]; GROUPS];
+/// Before the first point.
+pub(super) const NONE: PanelBest = [[f32::NEG_INFINITY; PANEL]; GROUPS];
+
+/// Candidates of each output.
+pub const GROUPS: usize = 2;
+/// Inputs are padded with zeros to multiples of this.
+pub const CODES: usize = 64;
+/// Inputs whose codes lie together for one output: one lane of a dot-product instruction.
+const QUAD: usize = 4;
+
+/// Length of a row of codes.
+pub const fn padded_codes(inputs: usize) -> usize {
+    inputs.div_ceil(CODES) * CODES
+}
+
+/// Signed weight codes of one layer.
+#[derive(Clone, Copy, Debug)]
+pub struct Codes<'a> {
+    /// Length of a row of activation codes, a multiple of [`CODES`].
+    pub inputs: usize,
+    /// Outputs, padded to whole panels.
+    pub outputs: usize,
+    /// `[outputs / PANEL][inputs / 4][PANEL][4]`.
+    pub panels: &'a [i8],
+}
+
+impl<'a> Codes<'a> {
+    /// Codes of exactly the padded length; `None` for any other length.
+    pub fn new(inputs: usize, outputs: usize, panels: &'a [i8]) -> Option<Self> {
+        let fits = inputs > 0
+            && inputs.is_multiple_of(CODES)
+            && outputs.is_multiple_of(PANEL)
+            && panels.len() == inputs * outputs;
+        fits.then_some(Codes {
+            inputs,
+            outputs,
+            panels,
+        })
+    }
+}
+
+/// Weight codes of a row-major `[outputs, inputs]` matrix, symmetric in ±127 of each row's largest
+/// magnitude; `panels` as in [`Codes`].
+pub fn pack_codes(inputs: usize, row_major: &[f32], panels: &mut [i8]) {
+    let stride = padded_codes(inputs);
+    panels.fill(0);
+    for (p, panel) in panels.chunks_exact_mut(stride * PANEL).enumerate() {
+        for lane in 0..PANEL {
+            let at = (p * PANEL + lane) * inputs;
+            let row = row_major.get(at..at + inputs).unwrap_or(&[]);
+            let largest = row.iter().fold(0.0f32, |m, w| m.max(w.abs()));
+            let to_code = if largest > 0.0 { 127.0 / largest } else { 0.0 };
+            for (quad, weights) in panel.chunks_exact_mut(PANEL * QUAD).zip(row.chunks(QUAD)) {
+                for (code, w) in quad.iter_mut().skip(lane * QUAD).zip(weights) {
+                    *code = nearest_even(w * to_code) as i8;
+                }
+            }
+        }
+    }
+}
+
+/// Rounds to the nearest integer, ties to even, for magnitudes below 2^22.
+#[inline(always)]
+fn nearest_even(x: f32) -> i32 {
+    const SHIFT: f32 = 12_582_912.0; // 1.5 * 2^23: one unit in the last place is 1
+    (x + SHIFT).to_bits() as i32 - SHIFT.to_bits() as i32
+}
+
+/// Codes 0..=255 of non-negative rows, with the scale of each: `x ≈ code * scale`.
+///
+/// `x [points, width]`, `codes [points, stride]`, `scale [points]`; `stride >= width`.
+#[inline(always)]
+pub(super) fn quantise(
+    width: usize,
+    stride: usize,
+    x: &[f32],
+    codes: &mut [u8],
+    scales: &mut [f32],
+) {
+    let rows = x.chunks_exact(width).zip(codes.chunks_exact_mut(stride));
+    for ((x, codes), scale) in rows.zip(scales) {
+        let mut lanes = [0.0f32; 16];
+        let (whole, rest) = x.as_chunks::<16>();
+        for values in whole {
+            for (m, &v) in lanes.iter_mut().zip(values) {
+                *m = if v > *m { v } else { *m };
+            }
+        }
+        let largest = lanes.iter().chain(rest).fold(0.0f32, |m, &v| m.max(v));
+        let to_code = if largest > 0.0 { 255.0 / largest } else { 0.0 };
+        *scale = largest * (1.0 / 255.0);
+        let (values, rest) = codes.split_at_mut(width);
+        for (code, &v) in values.iter_mut().zip(x) {
+            *code = nearest_even(v * to_code) as u8;
+        }
+        rest.fill(0);
+    }
+}
+
+/// Takes the best of a tile that starts with point `first` into the best of the cloud.
+#[inline(always)]
+pub(super) fn merge(
+    tile: &PanelBest,
+    first: usize,
+    panel: usize,
+    outputs: usize,
+    best: &mut [f32],
+    winner: &mut [u32],
+) {
+    for (group, tile) in tile.iter().enumerate() {
+        let at = group * outputs + panel * PANEL;
+        let best = best[at..at + PANEL].iter_mut();
+        let winner = winner[at..at + PANEL].iter_mut();
+        for ((best, winner), &score) in best.zip(winner).zip(tile) {
+            let higher = score > *best;
+            *best = if higher { score } else { *best };
+            let here = first as u32 + (score.to_bits() & PLACE);
+            *winner = if higher { here } else { *winner };
+        }
+    }
+}
+
+/// See [`super::Isa::search`]; `points` are one tile.
+#[inline(always)]
+pub(super) fn portable(
+    layer: &Codes<'_>,
+    points: Range<usize>,
+    panels: Range<usize>,
+    codes: &[u8],
+    scales: &[f32],
+    best: &mut [f32],
+    winner: &mut [u32],
+) {
+    for p in panels {
+        let panel = &layer.panels[p * layer.inputs * PANEL..(p + 1) * layer.inputs * PANEL];
+        let (quads, _) = panel.as_chunks::<{ PANEL * QUAD }>();
+        let mut tile = NONE;
+        for n in points.clone() {
+            let (x, _) = codes[n * layer.inputs..(n + 1) * layer.inputs].as_chunks::<QUAD>();
+            let mut sum = [0i32; PANEL];
+            for (x, weights) in x.iter().zip(quads) {
+                for (s, w) in sum.iter_mut().zip(weights.as_chunks::<QUAD>().0) {
+                    for k in 0..QUAD {
+                        *s += i32::from(x[k]) * i32::from(w[k]);
+                    }
+                }
+            }
+            let place = (n - points.start) as u32;
+            for (best, s) in tile[n % GROUPS].iter_mut().zip(sum) {
+                let score = s as f32 * scales[n];
+                let score = f32::from_bits(score.to_bits() & !PLACE | place);
+                *best = if score > *best { score } else { *best };
+            }
+        }
+        merge(&tile, points.start, p, layer.outputs, best, winner);
+    }
+}
+
+/// See [`super::Isa::winners`].
+#[inline(always)]
+pub(super) fn winners(
+    width: usize,
+    rows: &[f32],
+    bias: &[f32],
+    hidden: &[f32],
+    winner: &mut [u32],
+    feature: &mut [f32],
+) {
+    let outputs = bias.len();
+    for (o, (row, feature)) in rows.chunks_exact(width).zip(feature.iter_mut()).enumerate() {
+        let mut best = (f32::NEG_INFINITY, 0);
+        for group in 0..GROUPS {
+            let n = winner[group * outputs + o];
+            let at = n as usize * width;
+            let Some(x) = hidden.get(at..at + width) else {
+                continue;
+            };
+            let value = dot(row, x) + bias[o];
+            if value > best.0 || (value == best.0 && n < best.1) {
+                best = (value, n);
+            }
+        }
+        (*feature, winner[o]) = best;
+    }
+}
+
+/// Sums in 16 lanes, then pairwise, then what is left over: the same bits on every kernel.
+#[inline(always)]
+fn dot(a: &[f32], b: &[f32]) -> f32 {
+    let mut lanes = [0.0f32; 16];
+    let ((a, a_rest), (b, b_rest)) = (a.as_chunks::<16>(), b.as_chunks::<16>());
+    for (a, b) in a.iter().zip(b) {
+        for i in 0..16 {
+            lanes[i] += a[i] * b[i];
+        }
+    }
+    let lanes: [f32; 8] = core::array::from_fn(|i| lanes[i] + lanes[8 + i]);
+    let lanes: [f32; 4] = core::array::from_fn(|i| lanes[i] + lanes[4 + i]);
+    let mut sum = (lanes[0] + lanes[2]) + (lanes[1] + lanes[3]);
+    for (a, b) in a_rest.iter().zip(b_rest) {
+        sum += a * b;
+    }
+    sum
+}
+
+/// Compiles a function of this file for an instruction set.
+#[cfg(target_arch = "x86_64")]
+macro_rules! with_features {
+    ($features:literal: $name:ident = $of:ident($($arg:ident: $t:ty),*)) => {
+        #[target_feature(enable = $features)]
+        #[allow(clippy::too_many_arguments)]
+        pub(super) fn $name($($arg: $t),*) {
+            $of($($arg),*);
+        }
+    };
+}
+
+#[cfg(target_arch = "x86_64")]
+with_features!("avx2": quantise_avx2 = quantise(width: usize, stride: usize, x: &[f32], codes: &mut [u8], scales: &mut [f32]));
+#[cfg(target_arch = "x86_64")]
+with_features!("avx512f": quantise_avx512 = quantise(width: usize, stride: usize, x: &[f32], codes: &mut [u8], scales: &mut [f32]));
+#[cfg(target_arch = "x86_64")]
+with_features!("avx2": winners_avx2 = winners(width: usize, rows: &[f32], bias: &[f32], hidden: &[f32], winner: &mut [u32], feature: &mut [f32]));
+#[cfg(target_arch = "x86_64")]
+with_features!("avx512f": winners_avx512 = winners(width: usize, rows: &[f32], bias: &[f32], hidden: &[f32], winner: &mut [u32], feature: &mut [f32]));
+#[cfg(target_arch = "x86_64")]
+with_features!("avx2": avx2 = portable(layer: &Codes<'_>, points: Range<usize>, panels: Range<usize>, codes: &[u8], scales: &[f32], best: &mut [f32], winner: &mut [u32]));

@@ -3,6 +3,7 @@
 //! Exit status: 0 on success, 2 on bad usage (clap's), 1 on failure, with one line on stderr that says
 //! what was wrong, where, and what to do.
 
+mod bench;
 mod eval;
 mod export;
 mod import;
@@ -39,6 +40,7 @@ pub struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     Train(train::TrainArgs),
+    Bench(bench::BenchArgs),
     Eval(eval::EvalArgs),
     Register(register::RegisterArgs),
     Pairs(pairs::PairsArgs),
@@ -57,6 +59,7 @@ impl Cli {
         let seed = self.seed;
         match self.command {
             Command::Train(args) => args.run(seed),
+            Command::Bench(args) => args.run(seed),
             Command::Eval(args) => args.run(seed),
             Command::Register(args) => args.run(seed),
             Command::Pairs(args) => args.run(seed),

@@ -59,6 +59,16 @@ pub enum Stage {
     Ilrl,
 }
 
+impl fmt::Display for Stage {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(match self {
+            Stage::Pretrain => "pretrain",
+            Stage::Il => "il",
+            Stage::Ilrl => "ilrl",
+        })
+    }
+}
+
 /// Which categories of a directory are trained on, by label.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]

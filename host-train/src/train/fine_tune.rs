@@ -49,13 +49,7 @@ pub fn fine_tune(
         let rate = config.learning_rate.initial * (1.0 - spent);
         let stats = trainer
             .update(problems, rate)
-            .map_err(|diverged| TrainError::Diverged {
-                update,
-                mini_batch: diverged.mini_batch,
-                loss: diverged.losses.total,
-                gradient_norm: diverged.gradient_norm,
-                saved: None,
-            })?;
+            .map_err(|diverged| TrainError::diverged(update, &diverged, None))?;
         progress(trainer.updates, stats.loss);
     }
     Ok(WeightFile::from_parameters(&trainer.result())?)

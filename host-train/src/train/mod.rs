@@ -1,5 +1,6 @@
 //! The training loop: clouds in, checkpoints and metrics out.
 
+mod bench;
 mod config;
 mod data;
 mod fine_tune;
@@ -12,6 +13,7 @@ mod stats;
 mod trainer;
 mod validate;
 
+pub use bench::{Speed, bench};
 pub use config::{Categories, DataSource, Network, Stage, TrainConfig};
 pub use fine_tune::fine_tune;
 pub use learning_rate::{Anneal, LearningRate};

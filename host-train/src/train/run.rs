@@ -3,7 +3,7 @@
 use super::config::TrainConfig;
 use super::data::{clouds, fingerprint, problems};
 use super::record::{RunDirectory, RunRecord};
-use super::trainer::Trainer;
+use super::trainer::{Diverged, Trainer};
 use super::validate::validate;
 use crate::checkpoint::{BEST, Checkpoint, CheckpointError, EpochSums, LAST, PREVIOUS, Progress};
 use crate::dataset::DatasetError;
@@ -109,20 +109,37 @@ pub enum TrainError {
     },
 }
 
+impl TrainError {
+    pub(super) fn diverged(update: u64, what: &Diverged, saved: Option<PathBuf>) -> Self {
+        TrainError::Diverged {
+            update,
+            mini_batch: what.mini_batch,
+            loss: what.losses.total,
+            gradient_norm: what.gradient_norm,
+            saved,
+        }
+    }
+}
+
 /// Runs a stage of training to its end, or to `stop`. What it writes is in the table of
 /// [`super::record`].
 ///
 /// # Errors
 /// See [`TrainError`]; what was checkpointed before stays.
 pub fn run(config: &TrainConfig, resume: bool, stop: &AtomicBool) -> Result<(), TrainError> {
+    on_threads(config.threads, || run_here(config, resume, stop))
+}
+
+/// Works on so many threads; 0 takes all cores.
+pub(super) fn on_threads<T: Send>(
+    threads: usize,
+    work: impl FnOnce() -> Result<T, TrainError> + Send,
+) -> Result<T, TrainError> {
     let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(config.threads)
+        .num_threads(threads)
         .build()
-        .map_err(|source| TrainError::Threads {
-            threads: config.threads,
-            source,
-        })?;
-    pool.install(|| run_here(config, resume, stop))
+        .map_err(|source| TrainError::Threads { threads, source })?;
+    pool.install(work)
 }
 
 fn run_here(config: &TrainConfig, resume: bool, stop: &AtomicBool) -> Result<(), TrainError> {
@@ -178,13 +195,7 @@ fn run_here(config: &TrainConfig, resume: bool, stop: &AtomicBool) -> Result<(),
             Err(diverged) => {
                 let saved = directory.save_diverged(update, &diverged)?;
                 checkpoint(&trainer, &progress).save(&config.out.join("diverged.safetensors"))?;
-                return Err(TrainError::Diverged {
-                    update,
-                    mini_batch: diverged.mini_batch,
-                    loss: diverged.losses.total,
-                    gradient_norm: diverged.gradient_norm,
-                    saved: Some(saved),
-                });
+                return Err(TrainError::diverged(update, &diverged, Some(saved)));
             }
         };
         let sums = &mut progress.epoch;

@@ -135,8 +135,11 @@ impl Checkpoint {
             (false, true) => Self::load(&previous).map(Some),
             (true, kept) => match Self::load(&last) {
                 Err(error @ CheckpointError::Damaged { .. }) if kept => {
+                    let newest = Self::load(&previous)?;
                     eprintln!("{error}; going on from {PREVIOUS}");
-                    Self::load(&previous).map(Some)
+                    // Out of the way, lest it take the place of the one that is whole.
+                    rename(&last, &run.join("damaged.safetensors"))?;
+                    Ok(Some(newest))
                 }
                 loaded => loaded.map(Some),
             },
@@ -148,12 +151,6 @@ impl Checkpoint {
     pub fn save_newest(&self, run: &Path) -> Result<(), CheckpointError> {
         let (last, next) = (run.join(LAST), run.join("next.safetensors"));
         self.save(&next)?;
-        let rename = |from: &Path, to: &Path| {
-            std::fs::rename(from, to).map_err(|source| CheckpointError::Write {
-                path: to.into(),
-                source,
-            })
-        };
         if last.is_file() {
             rename(&last, &run.join(PREVIOUS))?;
         }
@@ -275,6 +272,13 @@ impl Checkpoint {
             ("adam.highest", &self.adam.highest),
         ]
     }
+}
+
+fn rename(from: &Path, to: &Path) -> Result<(), CheckpointError> {
+    std::fs::rename(from, to).map_err(|source| CheckpointError::Write {
+        path: to.into(),
+        source,
+    })
 }
 
 #[cfg(test)]

@@ -101,6 +101,9 @@ impl RunDirectory {
     ) -> Result<Self, TrainError> {
         let path = record.config.out.clone();
         std::fs::create_dir_all(path.join("best")).map_err(|e| unusable(&path, e))?;
+        for folder in [path.clone(), path.join("best")] {
+            remove_unfinished(&folder).map_err(|e| unusable(&folder, e))?;
+        }
         probe(&path, bytes)?;
         if resumed.is_some() {
             let differences = RunRecord::load(&path)?.differences(record);
@@ -173,6 +176,18 @@ impl RunDirectory {
         write_atomically(&path, document.to_string().as_bytes()).map_err(|e| unusable(&path, e))?;
         Ok(path)
     }
+}
+
+/// Removes files that a killed process was writing (see [`crate::files`]).
+fn remove_unfinished(folder: &Path) -> std::io::Result<()> {
+    for entry in std::fs::read_dir(folder)? {
+        let entry = entry?;
+        let name = entry.file_name();
+        if name.to_string_lossy().starts_with(".tmp") && entry.file_type()?.is_file() {
+            std::fs::remove_file(entry.path())?;
+        }
+    }
+    Ok(())
 }
 
 /// Writes and removes a file of the given size.

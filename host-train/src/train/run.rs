@@ -159,7 +159,9 @@ fn run_here(config: &TrainConfig, resume: bool, stop: &AtomicBool) -> Result<(),
     } else {
         None
     };
-    let updates_before = resumed.as_ref().map(|c| c.progress.updates);
+    // A run that was stopped before its first checkpoint starts again.
+    let done = resumed.as_ref().map_or(0, |c| c.progress.updates);
+    let updates_before = resume.then_some(done);
     let (mut trainer, mut progress) = start(config, resumed)?;
     // Four vectors of a checkpoint, and an average; last, previous, best and one being written.
     let room = trainer.agent.parameters.values.len() * 4 * 5 * 4;

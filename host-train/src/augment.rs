@@ -6,7 +6,7 @@
 use crate::dataset::Point;
 use crate::dataset::pairs::Sample;
 use crate::random::Rng;
-use glam::{Mat3, Vec3};
+use glam::{Affine3, Mat3, Vec3};
 use rand::seq::index;
 use rand::{RngExt, seq::SliceRandom};
 use rand_distr::{Distribution, Normal, StandardNormal};
@@ -21,8 +21,17 @@ pub const JITTER_CLIP: f32 = 0.05;
 
 /// A random offset: each Euler angle U[0, 45) deg (positive only), each translation U[-0.5, 0.5).
 pub fn random_rigid(rng: &mut Rng) -> Pose {
-    let angles = Vec3::from_array(std::array::from_fn(|_| rng.random_range(0.0..FRAC_PI_4)));
-    let shift = Vec3::from_array(std::array::from_fn(|_| rng.random_range(-0.5..0.5)));
+    random_rigid_within(rng, FRAC_PI_4, 0.5)
+}
+
+/// A random offset: each Euler angle U[0, `max_angle_rad`), each translation U[-`max_shift`, `max_shift`). The same
+/// stream gives the same offset but for its size.
+pub fn random_rigid_within(rng: &mut Rng, max_angle_rad: f32, max_shift: f32) -> Pose {
+    let mut unit = || rng.random_range(0.0..1.0f32);
+    let angles = Vec3::from_array(std::array::from_fn(|_| unit() * max_angle_rad));
+    let shift = Vec3::from_array(std::array::from_fn(|_| {
+        unit() * (2.0 * max_shift) - max_shift
+    }));
     Pose {
         rotation: rotation_from_euler(angles),
         translation: shift,
@@ -31,9 +40,39 @@ pub fn random_rigid(rng: &mut Rng) -> Pose {
 
 /// Adds N(0, 0.01) clipped to 0.05 to every coordinate.
 pub fn jitter(rng: &mut Rng, points: &mut [Point]) {
+    jitter_by(rng, points, JITTER_SIGMA, JITTER_CLIP);
+}
+
+/// Adds N(0, `sigma`) clipped to `clip` to every coordinate.
+pub fn jitter_by(rng: &mut Rng, points: &mut [Point], sigma: f32, clip: f32) {
     for x in points.as_flattened_mut() {
         let noise: f32 = StandardNormal.sample(rng);
-        *x += (JITTER_SIGMA * noise).clamp(-JITTER_CLIP, JITTER_CLIP);
+        *x += (sigma * noise).clamp(-clip, clip);
+    }
+}
+
+/// What is left of a cloud on one side of a plane with a random normal: this share of the points, rounded up.
+/// Their order stays.
+pub fn crop(rng: &mut Rng, points: &mut Vec<Point>, share: f32) {
+    let normal = random_direction(rng);
+    let mut by_height: Vec<(f32, usize)> = points
+        .iter()
+        .enumerate()
+        .map(|(i, &p)| (normal.dot(Vec3::from_array(p)), i))
+        .collect();
+    by_height.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    by_height.truncate((share * points.len() as f32).ceil() as usize);
+    let mut kept: Vec<usize> = by_height.into_iter().map(|(_, i)| i).collect();
+    kept.sort_unstable();
+    *points = kept.into_iter().map(|i| points[i]).collect();
+}
+
+/// Replaces the first points of a cloud, this share of them, by points uniform in the unit ball.
+pub fn clutter(rng: &mut Rng, points: &mut [Point], share: f32) {
+    let replaced = (share * points.len() as f32).round() as usize;
+    for p in points.iter_mut().take(replaced) {
+        let radius = rng.random_range(0.0..1.0f32).cbrt();
+        *p = (radius * random_direction(rng)).to_array();
     }
 }
 
@@ -121,17 +160,30 @@ fn map(points: &mut [Point], f: impl Fn(Vec3) -> Vec3) {
     }
 }
 
-/// The paper's affine regularisation: scale, then shear, then mirror, one draw each.
-pub fn random_affine(rng: &mut Rng, points: &mut [Point]) {
-    scale(points, random_scale(rng));
+/// The paper's affine regularisation as one map: scale about `centre`, then shear, then mirror, one draw each.
+pub fn random_affine(rng: &mut Rng, centre: Vec3) -> Affine3 {
+    let factors = random_scale(rng);
     let shear = random_shear(rng);
     let mirror = mirror_matrix(random_direction(rng));
-    linear(points, &(mirror * shear));
+    let scale = Affine3 {
+        matrix3: Mat3::from_diagonal(factors),
+        translation: centre - centre * factors,
+    };
+    Affine3::from_mat3(mirror * shear) * scale
+}
+
+/// Applies an affine map.
+pub fn affine(points: &mut [Point], map_of_point: &Affine3) {
+    map(points, |p| map_of_point.transform_point3(p));
 }
 
 /// Moves a source that lies on its target by a random rigid offset.
-pub fn misalign(rng: &mut Rng, mut source: Vec<Point>, target: Vec<Point>) -> Sample {
-    let offset = random_rigid(rng);
+pub fn misalign(rng: &mut Rng, source: Vec<Point>, target: Vec<Point>) -> Sample {
+    misalign_by(random_rigid(rng), source, target)
+}
+
+/// Moves a source that lies on its target by `offset`.
+pub fn misalign_by(offset: Pose, mut source: Vec<Point>, target: Vec<Point>) -> Sample {
     transform(&mut source, &offset);
     Sample {
         source,
@@ -152,6 +204,10 @@ pub fn clean_pair(rng: &mut Rng, points: Vec<Point>) -> Sample {
 pub fn noisy_pair(rng: &mut Rng, whole: &[Point], k: usize) -> Sample {
     // A random draw is in random order already: no further shuffle is needed.
     let (source, target) = (resample(rng, whole, k), resample(rng, whole, k));
+    with_noise(rng, source, target)
+}
+
+fn with_noise(rng: &mut Rng, source: Vec<Point>, target: Vec<Point>) -> Sample {
     let mut sample = misalign(rng, source, target);
     jitter(rng, &mut sample.source);
     jitter(rng, &mut sample.target);
@@ -161,72 +217,20 @@ pub fn noisy_pair(rng: &mut Rng, whole: &[Point], k: usize) -> Sample {
 /// Clean training sample: `k` points of the model, deformed by scale, shear and mirror.
 pub fn clean_sample(rng: &mut Rng, model: &[Point], k: usize) -> Sample {
     let mut points = resample(rng, model, k);
-    random_affine(rng, &mut points);
+    let deformed = random_affine(rng, centroid(&points));
+    affine(&mut points, &deformed);
     clean_pair(rng, points)
 }
 
-/// Noisy training sample: the model deformed by scale, shear and mirror, then [`noisy_pair`].
+/// Noisy training sample: the model deformed by scale (about the centroid of all its points), shear and mirror,
+/// then [`noisy_pair`]. Only the points that are drawn are deformed.
 pub fn noisy_sample(rng: &mut Rng, model: &[Point], k: usize) -> Sample {
-    let mut whole = model.to_vec();
-    random_affine(rng, &mut whole);
-    noisy_pair(rng, &whole, k)
+    let deformed = random_affine(rng, centroid(model));
+    let (mut source, mut target) = (resample(rng, model, k), resample(rng, model, k));
+    affine(&mut source, &deformed);
+    affine(&mut target, &deformed);
+    with_noise(rng, source, target)
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::random::{Purpose, stream};
-
-    fn cube(n: usize) -> Vec<Point> {
-        let mut rng = stream(3, Purpose::Shape, 0);
-        (0..n)
-            .map(|_| std::array::from_fn(|_| rng.random_range(-0.5..0.5)))
-            .collect()
-    }
-
-    #[test]
-    fn offsets_have_the_paper_s_ranges() {
-        let mut rng = stream(1, Purpose::Augment, 0);
-        let (mut angle, mut shift) = (0.0, 0.0);
-        for _ in 0..4000 {
-            let pose = random_rigid(&mut rng);
-            let trace = pose.rotation.x_axis.x + pose.rotation.y_axis.y + pose.rotation.z_axis.z;
-            angle += ((trace - 1.0) / 2.0).acos().to_degrees() / 4000.0;
-            shift += pose.translation.length() / 4000.0;
-        }
-        assert!((angle - 44.7).abs() < 1.0, "mean rotation {angle} deg");
-        assert!((shift - 0.484).abs() < 0.01, "mean translation {shift}");
-    }
-
-    #[test]
-    fn resampling_keeps_every_point_when_asked_for_more() {
-        let mut rng = stream(1, Purpose::Augment, 1);
-        let cloud = cube(10);
-        let drawn = resample(&mut rng, &cloud, 25);
-        assert_eq!(drawn.len(), 25);
-        assert!(cloud.iter().all(|p| drawn.contains(p)));
-        assert!(resample(&mut rng, &[], 5).is_empty());
-    }
-
-    #[test]
-    fn clean_samples_register_exactly() {
-        let mut rng = stream(1, Purpose::Augment, 2);
-        let sample = clean_sample(&mut rng, &cube(256), 64);
-        for &p in &sample.source {
-            let seen = sample.target_from_source.apply(Vec3::from_array(p));
-            let nearest = sample
-                .target
-                .iter()
-                .map(|&q| seen.distance(Vec3::from_array(q)))
-                .fold(f32::INFINITY, f32::min);
-            assert!(nearest < 1e-5, "{nearest}");
-        }
-    }
-
-    #[test]
-    fn samples_depend_on_their_stream_only() {
-        let draw = |i| noisy_sample(&mut stream(9, Purpose::Augment, i), &cube(256), 64).source;
-        assert_eq!(draw(4), draw(4));
-        assert_ne!(draw(4), draw(5));
-    }
-}
+mod tests;

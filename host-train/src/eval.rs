@@ -3,10 +3,11 @@
 //! Clouds are used as they are, as in the paper's experiments: no normalisation. A policy takes its most
 //! likely action in every step, on core's kernels.
 
+use crate::baselines::{FgrSettings, IcpSettings, fgr, icp};
 use crate::dataset::Point;
 use crate::dataset::pairs::PairSet;
-use crate::icp::{IcpSettings, point_to_point};
-use crate::metrics::{GroundTruth, PairMetrics, Summary, quantile};
+use crate::metrics::{Errors, GroundTruth, PairMetrics, Summary, quantile};
+use crate::random::{Purpose, stream};
 use rayon::prelude::*;
 use reagent_core::net::Scratch;
 use reagent_core::{Error, Frame, Policy, Pose, Registrar};
@@ -20,8 +21,30 @@ use std::time::Instant;
 pub enum Method<'w> {
     /// The learned policy, one arg-max action a step.
     Policy(Policy<'w>),
-    /// Point-to-point ICP with [`IcpSettings::default`].
+    /// The policy, then point-to-plane ICP from where it ended.
+    PolicyIcp(Policy<'w>),
+    /// Point-to-point ICP, [`IcpSettings::POINT`].
     Icp,
+    /// Point-to-plane ICP, [`IcpSettings::PLANE`].
+    IcpPlane,
+    /// Trimmed ICP, [`IcpSettings::TRIMMED`].
+    IcpTrimmed,
+    /// Fast global registration as Open3D does it by default, [`FgrSettings::FIXED`]. The seed chooses the tuples
+    /// that it tests, pair by pair.
+    Fgr {
+        /// Of the draws.
+        seed: u64,
+    },
+    /// Fast global registration as in its paper, [`FgrSettings::GRADUATED`].
+    FgrGnc {
+        /// Of the draws.
+        seed: u64,
+    },
+    /// [`Method::Fgr`], then point-to-plane ICP.
+    FgrIcpPlane {
+        /// Of the draws.
+        seed: u64,
+    },
     /// Nothing is done: the initial error.
     Init,
 }
@@ -78,6 +101,8 @@ pub struct Outcome {
     pub target_from_source: Vec<Pose>,
     /// Its final errors and times.
     pub row: Row,
+    /// Its final errors, pair by pair.
+    pub errors: Errors,
     /// Its rows step by step, for a policy and if asked for.
     pub per_step: Vec<StepRow>,
 }
@@ -145,6 +170,7 @@ pub fn evaluate(
                     contestant.method,
                     &set.source[i],
                     &set.target[i],
+                    i as u64,
                     settings,
                     scratch,
                 );
@@ -171,11 +197,13 @@ pub fn evaluate(
     })?;
 
     let outcome = |(c, contestant): (usize, &Contestant<'_>)| {
+        let metrics_at = |step: usize| -> Vec<PairMetrics> {
+            measured.iter().map(|pair| pair[c][step]).collect()
+        };
         let row = |step: usize| {
-            let metrics: Vec<PairMetrics> = measured.iter().map(|pair| pair[c][step]).collect();
             let ms: Vec<f64> = trajectories[c].iter().map(|t| t.ms[step]).collect();
             Row {
-                summary: Summary::of(&metrics),
+                summary: Summary::of(&metrics_at(step)),
                 ms_median: quantile(ms.clone(), 0.5),
                 ms_p95: quantile(ms, 0.95),
             }
@@ -187,6 +215,7 @@ pub fn evaluate(
             name: contestant.name.clone(),
             target_from_source: trajectories[c].iter().map(|t| t.poses[last]).collect(),
             row: row(last),
+            errors: Errors::of(&metrics_at(last)),
             per_step: steps
                 .map(|step| StepRow {
                     step,
@@ -208,32 +237,56 @@ fn register(
     method: Method<'_>,
     source: &[Point],
     target: &[Point],
+    index: u64,
     settings: &EvalSettings,
     scratch: &mut Scratch,
 ) -> Result<Trajectory, Error> {
     let start = Instant::now();
-    let elapsed_ms = || start.elapsed().as_secs_f64() * 1e3;
     let mut track = Trajectory {
         poses: vec![Pose::IDENTITY],
         ms: vec![0.0],
     };
-    match method {
+    let mut reached = |pose: Pose| {
+        track.poses.push(pose);
+        track.ms.push(start.elapsed().as_secs_f64() * 1e3);
+        pose
+    };
+    // Where the first stage ends, and by what it is refined.
+    let (pose, refinement) = match method {
         Method::Init => return Ok(track),
-        Method::Icp => {
-            let found = point_to_point(source, target, Pose::IDENTITY, &IcpSettings::default())?;
-            track.poses.push(found.target_from_source);
-            track.ms.push(elapsed_ms());
+        Method::Icp => (Pose::IDENTITY, Some(IcpSettings::POINT)),
+        Method::IcpPlane => (Pose::IDENTITY, Some(IcpSettings::PLANE)),
+        Method::IcpTrimmed => (Pose::IDENTITY, Some(IcpSettings::TRIMMED)),
+        Method::Fgr { seed } | Method::FgrGnc { seed } | Method::FgrIcpPlane { seed } => {
+            let how = match method {
+                Method::FgrGnc { .. } => FgrSettings::GRADUATED,
+                _ => FgrSettings::FIXED,
+            };
+            let rng = &mut stream(seed, Purpose::Tuples, index);
+            let found = fgr(source, target, &how, rng)?;
+            let refined = matches!(method, Method::FgrIcpPlane { .. });
+            (
+                reached(found.target_from_source),
+                refined.then_some(IcpSettings::PLANE),
+            )
         }
-        Method::Policy(policy) => {
+        Method::Policy(policy) | Method::PolicyIcp(policy) => {
             let mut registrar = Registrar::new(policy, scratch);
             let mut registration =
                 registrar.start(source, target, Frame::IDENTITY, Pose::IDENTITY)?;
             for _ in 0..settings.steps {
                 registrar.step(&mut registration);
-                track.poses.push(registration.target_from_source());
-                track.ms.push(elapsed_ms());
+                reached(registration.target_from_source());
             }
+            let refined = matches!(method, Method::PolicyIcp(_));
+            (
+                registration.target_from_source(),
+                refined.then_some(IcpSettings::PLANE),
+            )
         }
+    };
+    if let Some(refinement) = refinement {
+        reached(icp(source, target, pose, &refinement)?.target_from_source);
     }
     if !(settings.per_step && matches!(method, Method::Policy(_))) {
         track.poses.drain(..track.poses.len() - 1);
@@ -262,12 +315,14 @@ fn for_each_pair<T: Send>(
         .collect()
 }
 
-/// The document that `eval --json` writes.
+/// The document that `eval --json` writes: the number of pairs, the rows of every method, step by step where
+/// asked for, and the final errors pair by pair.
 #[derive(Debug, Serialize)]
 pub struct Document<'a> {
     pairs: usize,
     methods: BTreeMap<&'a str, &'a Row>,
     per_step: BTreeMap<&'a str, &'a [StepRow]>,
+    errors: BTreeMap<&'a str, &'a Errors>,
 }
 
 impl<'a> Document<'a> {
@@ -280,6 +335,10 @@ impl<'a> Document<'a> {
                 .iter()
                 .filter(|o| !o.per_step.is_empty())
                 .map(|o| (o.name.as_str(), o.per_step.as_slice()))
+                .collect(),
+            errors: outcomes
+                .iter()
+                .map(|o| (o.name.as_str(), &o.errors))
                 .collect(),
         }
     }

@@ -3,8 +3,13 @@
 //! Data flows one way: `dataset -> augment -> env <-> agent -> buffer -> loss -> optim` (the loop is in
 //! `train`), then `export` makes the bytes that `publish` hands to the fleet.
 
+#[macro_use]
+mod print;
+
 pub mod agent;
 pub mod augment;
+pub mod baselines;
+pub mod bop;
 pub mod buffer;
 pub mod checkpoint;
 pub mod cli;
@@ -15,7 +20,6 @@ pub mod expert;
 pub mod export;
 pub mod files;
 pub mod heads;
-pub mod icp;
 pub mod import;
 pub mod loss;
 pub mod matmul;
@@ -27,5 +31,8 @@ pub mod protocol;
 pub mod publish;
 pub mod random;
 pub mod register;
+pub mod report;
 pub mod reward;
+pub mod sweep;
+pub mod trace;
 pub mod train;

@@ -25,6 +25,14 @@ pub enum Purpose {
     Pairs = 7,
     /// Splits of a data set.
     Split = 8,
+    /// Points drawn from the surfaces of loose meshes.
+    Surface = 20,
+    /// Scenes of the BOP generator.
+    Scene = 21,
+    /// Tuples of matches that a registration tests.
+    Tuples = 22,
+    /// One part of a pair drawn for a sweep.
+    Sweep = 23,
 }
 
 /// The stream for `purpose`, number `index`, under `seed`.

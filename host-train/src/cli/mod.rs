@@ -4,6 +4,8 @@
 //! what was wrong, where, and what to do.
 
 mod bench;
+mod bop_synth;
+mod contest;
 mod eval;
 mod export;
 mod import;
@@ -12,7 +14,9 @@ mod output;
 mod pairs;
 mod progress;
 mod register;
+mod report;
 mod source;
+mod sweep;
 mod table;
 mod train;
 
@@ -42,12 +46,15 @@ enum Command {
     Train(train::TrainArgs),
     Bench(bench::BenchArgs),
     Eval(eval::EvalArgs),
+    Sweep(sweep::SweepArgs),
     Register(register::RegisterArgs),
     Pairs(pairs::PairsArgs),
+    BopSynth(bop_synth::BopSynthArgs),
     Export(export::ExportArgs),
     Import(import::ImportArgs),
     Keygen(keygen::KeygenArgs),
     Publish(PublishArgs),
+    Report(report::ReportArgs),
 }
 
 impl Cli {
@@ -61,11 +68,14 @@ impl Cli {
             Command::Train(args) => args.run(seed),
             Command::Bench(args) => args.run(seed),
             Command::Eval(args) => args.run(seed),
+            Command::Sweep(args) => args.run(seed),
             Command::Register(args) => args.run(seed),
             Command::Pairs(args) => args.run(seed),
+            Command::BopSynth(args) => args.run(seed),
             Command::Export(args) => args.run(),
             Command::Import(args) => args.run(),
             Command::Keygen(args) => args.run(),
+            Command::Report(args) => args.run(),
             Command::Publish(args) => {
                 let runtime =
                     tokio::runtime::Runtime::new().context("cannot start the network threads")?;

@@ -1,8 +1,7 @@
 //! Where a command's models come from.
 
-use crate::dataset::modelnet::{self, Split};
 use crate::dataset::pairs::PairSet;
-use crate::dataset::{Model, procedural};
+use crate::dataset::{self, Model, Split, modelnet, procedural};
 use crate::protocol::{self, Protocol};
 use anyhow::bail;
 use clap::ValueEnum;
@@ -15,8 +14,6 @@ pub(super) use crate::train::DataSource;
 const PROCEDURAL_PAIRS: usize = 100;
 /// Built-in shapes from this number on are for evaluation: training counts up from 0 and never gets here.
 const HELD_OUT: u64 = 1 << 32;
-/// File of the ScanObjectNN layout.
-const SCAN_FILE: &str = "test_objectdataset.h5";
 
 /// An argument from 1 to a million: more than anyone needs, and no more than memory holds.
 pub(super) fn positive() -> RangedU64ValueParser<usize> {
@@ -30,28 +27,31 @@ pub(super) fn draw(
     count: Option<usize>,
     seed: u64,
 ) -> anyhow::Result<PairSet> {
-    let models = match data {
-        DataSource::Directory(dir) => test_models(dir, protocol)?,
-        DataSource::Procedural(shapes) => {
-            let drawn = count.unwrap_or(PROCEDURAL_PAIRS).min(*shapes);
-            (0..drawn as u64)
-                .map(|i| procedural::model(seed, HELD_OUT + i))
-                .collect()
-        }
-    };
-    Ok(protocol::draw(
-        &models,
-        protocol,
-        count.unwrap_or(models.len()),
-        seed,
-    ))
+    let models = models(data, protocol, count, seed)?;
+    let count = count.unwrap_or(models.len());
+    Ok(protocol::draw(&models, protocol, count, seed))
 }
 
-fn test_models(dir: &Path, protocol: Protocol) -> anyhow::Result<Vec<Model>> {
-    let models = match protocol {
-        Protocol::Scan => modelnet::load_file(&dir.join(SCAN_FILE))?,
-        _ => modelnet::load(dir, Split::Test)?,
-    };
+/// The test models that a protocol takes of a data set; built-in shapes as many as pairs are asked for.
+pub(super) fn models(
+    data: &DataSource,
+    protocol: Protocol,
+    count: Option<usize>,
+    seed: u64,
+) -> anyhow::Result<Vec<Model>> {
+    match data {
+        DataSource::Directory(path) => test_models(path, protocol, seed),
+        DataSource::Procedural(shapes) => {
+            let drawn = count.unwrap_or(PROCEDURAL_PAIRS).min(*shapes);
+            Ok((0..drawn as u64)
+                .map(|i| procedural::model(seed, HELD_OUT + i))
+                .collect())
+        }
+    }
+}
+
+fn test_models(path: &Path, protocol: Protocol, seed: u64) -> anyhow::Result<Vec<Model>> {
+    let models = dataset::load(path, Split::Test, seed)?;
     let Some(labels) = protocol.labels() else {
         return Ok(models);
     };
@@ -61,10 +61,9 @@ fn test_models(dir: &Path, protocol: Protocol) -> anyhow::Result<Vec<Model>> {
             .to_possible_value()
             .map_or(String::new(), |v| v.get_name().to_owned());
         bail!(
-            "{}: no test model has a label from {} to {}, as protocol {name} asks for",
-            dir.display(),
+            "{}: no test model has a label from {} on, as protocol {name} asks for; take another protocol",
+            path.display(),
             labels.start,
-            labels.end - 1,
         );
     }
     Ok(models)

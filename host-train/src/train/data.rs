@@ -2,9 +2,9 @@
 
 use super::config::{Categories, DataSource, Stage, TrainConfig};
 use super::run::TrainError;
-use crate::augment::{clean_pair, noisy_pair, random_affine, resample};
+use crate::augment::{clean_pair, clean_sample, noisy_pair, noisy_sample, resample};
 use crate::dataset::pairs::{PairSet, Sample};
-use crate::dataset::{Model, Point, modelnet, procedural};
+use crate::dataset::{self, Model, Point, Split, modelnet, procedural};
 use crate::env::Problem;
 use crate::protocol::{self, Protocol};
 use crate::random::{Purpose, Rng, stream};
@@ -19,7 +19,7 @@ pub(super) fn clouds(config: &TrainConfig) -> Result<(Vec<Vec<Point>>, PairSet),
     for source in &config.data {
         let models = match source {
             DataSource::Directory(path) => {
-                let models = modelnet::load(path, modelnet::Split::Train)?;
+                let models = dataset::load(path, Split::Train, config.seed)?;
                 match config.categories {
                     Categories::First => modelnet::categories(models, modelnet::FIRST_HALF),
                     Categories::All => models,
@@ -73,22 +73,14 @@ pub(super) fn problems(config: &TrainConfig, clouds: &[Vec<Point>], update: u64)
 
 /// A training pair of one cloud, as the stage wants it.
 fn sample(config: &TrainConfig, rng: &mut Rng, cloud: &[Point]) -> Sample {
-    let deform = |rng: &mut Rng, points: &mut [Point]| {
-        if config.augmentation {
-            random_affine(rng, points);
-        }
-    };
-    match config.stage {
-        Stage::Pretrain => {
-            let mut points = resample(rng, cloud, config.points);
-            deform(rng, &mut points);
+    match (config.stage, config.augmentation) {
+        (Stage::Pretrain, true) => clean_sample(rng, cloud, config.points),
+        (Stage::Pretrain, false) => {
+            let points = resample(rng, cloud, config.points);
             clean_pair(rng, points)
         }
-        Stage::Il | Stage::Ilrl => {
-            let mut whole = cloud.to_vec();
-            deform(rng, &mut whole);
-            noisy_pair(rng, &whole, config.points)
-        }
+        (Stage::Il | Stage::Ilrl, true) => noisy_sample(rng, cloud, config.points),
+        (Stage::Il | Stage::Ilrl, false) => noisy_pair(rng, cloud, config.points),
     }
 }
 

@@ -90,7 +90,7 @@ impl RefineArgs {
             (None, Some(source), Some(target)) => {
                 let clouds = [(0, source), (1, target)].map(|(index, path)| {
                     let cloud = read_cloud(path, self.seed)?;
-                    anyhow::Ok(within_capacity(cloud, self.seed, index))
+                    anyhow::Ok(within_capacity(cloud.points, self.seed, index))
                 });
                 let [source, target] = clouds;
                 let (source, target) = (source?, target?);

@@ -6,7 +6,7 @@
 use crate::dataset::Point;
 use crate::dataset::pairs::Sample;
 use crate::random::Rng;
-use glam::{Mat3, Vec3};
+use glam::{Affine3, Mat3, Vec3};
 use rand::seq::index;
 use rand::{RngExt, seq::SliceRandom};
 use rand_distr::{Distribution, Normal, StandardNormal};
@@ -121,12 +121,21 @@ fn map(points: &mut [Point], f: impl Fn(Vec3) -> Vec3) {
     }
 }
 
-/// The paper's affine regularisation: scale, then shear, then mirror, one draw each.
-pub fn random_affine(rng: &mut Rng, points: &mut [Point]) {
-    scale(points, random_scale(rng));
+/// The paper's affine regularisation as one map: scale about `centre`, then shear, then mirror, one draw each.
+pub fn random_affine(rng: &mut Rng, centre: Vec3) -> Affine3 {
+    let factors = random_scale(rng);
     let shear = random_shear(rng);
     let mirror = mirror_matrix(random_direction(rng));
-    linear(points, &(mirror * shear));
+    let scale = Affine3 {
+        matrix3: Mat3::from_diagonal(factors),
+        translation: centre - centre * factors,
+    };
+    Affine3::from_mat3(mirror * shear) * scale
+}
+
+/// Applies an affine map.
+pub fn affine(points: &mut [Point], map_of_point: &Affine3) {
+    map(points, |p| map_of_point.transform_point3(p));
 }
 
 /// Moves a source that lies on its target by a random rigid offset.
@@ -152,6 +161,10 @@ pub fn clean_pair(rng: &mut Rng, points: Vec<Point>) -> Sample {
 pub fn noisy_pair(rng: &mut Rng, whole: &[Point], k: usize) -> Sample {
     // A random draw is in random order already: no further shuffle is needed.
     let (source, target) = (resample(rng, whole, k), resample(rng, whole, k));
+    with_noise(rng, source, target)
+}
+
+fn with_noise(rng: &mut Rng, source: Vec<Point>, target: Vec<Point>) -> Sample {
     let mut sample = misalign(rng, source, target);
     jitter(rng, &mut sample.source);
     jitter(rng, &mut sample.target);
@@ -161,72 +174,20 @@ pub fn noisy_pair(rng: &mut Rng, whole: &[Point], k: usize) -> Sample {
 /// Clean training sample: `k` points of the model, deformed by scale, shear and mirror.
 pub fn clean_sample(rng: &mut Rng, model: &[Point], k: usize) -> Sample {
     let mut points = resample(rng, model, k);
-    random_affine(rng, &mut points);
+    let deformed = random_affine(rng, centroid(&points));
+    affine(&mut points, &deformed);
     clean_pair(rng, points)
 }
 
-/// Noisy training sample: the model deformed by scale, shear and mirror, then [`noisy_pair`].
+/// Noisy training sample: the model deformed by scale (about the centroid of all its points), shear and mirror,
+/// then [`noisy_pair`]. Only the points that are drawn are deformed.
 pub fn noisy_sample(rng: &mut Rng, model: &[Point], k: usize) -> Sample {
-    let mut whole = model.to_vec();
-    random_affine(rng, &mut whole);
-    noisy_pair(rng, &whole, k)
+    let deformed = random_affine(rng, centroid(model));
+    let (mut source, mut target) = (resample(rng, model, k), resample(rng, model, k));
+    affine(&mut source, &deformed);
+    affine(&mut target, &deformed);
+    with_noise(rng, source, target)
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::random::{Purpose, stream};
-
-    fn cube(n: usize) -> Vec<Point> {
-        let mut rng = stream(3, Purpose::Shape, 0);
-        (0..n)
-            .map(|_| std::array::from_fn(|_| rng.random_range(-0.5..0.5)))
-            .collect()
-    }
-
-    #[test]
-    fn offsets_have_the_paper_s_ranges() {
-        let mut rng = stream(1, Purpose::Augment, 0);
-        let (mut angle, mut shift) = (0.0, 0.0);
-        for _ in 0..4000 {
-            let pose = random_rigid(&mut rng);
-            let trace = pose.rotation.x_axis.x + pose.rotation.y_axis.y + pose.rotation.z_axis.z;
-            angle += ((trace - 1.0) / 2.0).acos().to_degrees() / 4000.0;
-            shift += pose.translation.length() / 4000.0;
-        }
-        assert!((angle - 44.7).abs() < 1.0, "mean rotation {angle} deg");
-        assert!((shift - 0.484).abs() < 0.01, "mean translation {shift}");
-    }
-
-    #[test]
-    fn resampling_keeps_every_point_when_asked_for_more() {
-        let mut rng = stream(1, Purpose::Augment, 1);
-        let cloud = cube(10);
-        let drawn = resample(&mut rng, &cloud, 25);
-        assert_eq!(drawn.len(), 25);
-        assert!(cloud.iter().all(|p| drawn.contains(p)));
-        assert!(resample(&mut rng, &[], 5).is_empty());
-    }
-
-    #[test]
-    fn clean_samples_register_exactly() {
-        let mut rng = stream(1, Purpose::Augment, 2);
-        let sample = clean_sample(&mut rng, &cube(256), 64);
-        for &p in &sample.source {
-            let seen = sample.target_from_source.apply(Vec3::from_array(p));
-            let nearest = sample
-                .target
-                .iter()
-                .map(|&q| seen.distance(Vec3::from_array(q)))
-                .fold(f32::INFINITY, f32::min);
-            assert!(nearest < 1e-5, "{nearest}");
-        }
-    }
-
-    #[test]
-    fn samples_depend_on_their_stream_only() {
-        let draw = |i| noisy_sample(&mut stream(9, Purpose::Augment, i), &cube(256), 64).source;
-        assert_eq!(draw(4), draw(4));
-        assert_ne!(draw(4), draw(5));
-    }
-}
+mod tests;

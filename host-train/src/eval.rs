@@ -6,7 +6,7 @@
 use crate::dataset::Point;
 use crate::dataset::pairs::PairSet;
 use crate::icp::{IcpSettings, point_to_point};
-use crate::metrics::{GroundTruth, PairMetrics, Summary, quantile};
+use crate::metrics::{Errors, GroundTruth, PairMetrics, Summary, quantile};
 use rayon::prelude::*;
 use reagent_core::net::Scratch;
 use reagent_core::{Error, Frame, Policy, Pose, Registrar};
@@ -78,6 +78,8 @@ pub struct Outcome {
     pub target_from_source: Vec<Pose>,
     /// Its final errors and times.
     pub row: Row,
+    /// Its final errors, pair by pair.
+    pub errors: Errors,
     /// Its rows step by step, for a policy and if asked for.
     pub per_step: Vec<StepRow>,
 }
@@ -171,11 +173,13 @@ pub fn evaluate(
     })?;
 
     let outcome = |(c, contestant): (usize, &Contestant<'_>)| {
+        let metrics_at = |step: usize| -> Vec<PairMetrics> {
+            measured.iter().map(|pair| pair[c][step]).collect()
+        };
         let row = |step: usize| {
-            let metrics: Vec<PairMetrics> = measured.iter().map(|pair| pair[c][step]).collect();
             let ms: Vec<f64> = trajectories[c].iter().map(|t| t.ms[step]).collect();
             Row {
-                summary: Summary::of(&metrics),
+                summary: Summary::of(&metrics_at(step)),
                 ms_median: quantile(ms.clone(), 0.5),
                 ms_p95: quantile(ms, 0.95),
             }
@@ -187,6 +191,7 @@ pub fn evaluate(
             name: contestant.name.clone(),
             target_from_source: trajectories[c].iter().map(|t| t.poses[last]).collect(),
             row: row(last),
+            errors: Errors::of(&metrics_at(last)),
             per_step: steps
                 .map(|step| StepRow {
                     step,
@@ -262,12 +267,14 @@ fn for_each_pair<T: Send>(
         .collect()
 }
 
-/// The document that `eval --json` writes.
+/// The document that `eval --json` writes: the number of pairs, the rows of every method, step by step where
+/// asked for, and the final errors pair by pair.
 #[derive(Debug, Serialize)]
 pub struct Document<'a> {
     pairs: usize,
     methods: BTreeMap<&'a str, &'a Row>,
     per_step: BTreeMap<&'a str, &'a [StepRow]>,
+    errors: BTreeMap<&'a str, &'a Errors>,
 }
 
 impl<'a> Document<'a> {
@@ -280,6 +287,10 @@ impl<'a> Document<'a> {
                 .iter()
                 .filter(|o| !o.per_step.is_empty())
                 .map(|o| (o.name.as_str(), o.per_step.as_slice()))
+                .collect(),
+            errors: outcomes
+                .iter()
+                .map(|o| (o.name.as_str(), &o.errors))
                 .collect(),
         }
     }

@@ -3,8 +3,12 @@
 //! Data flows one way: `dataset -> augment -> env <-> agent -> buffer -> loss -> optim` (the loop is in
 //! `train`), then `export` makes the bytes that `publish` hands to the fleet.
 
+#[macro_use]
+mod print;
+
 pub mod agent;
 pub mod augment;
+pub mod bop;
 pub mod buffer;
 pub mod checkpoint;
 pub mod cli;
@@ -26,5 +30,7 @@ pub mod protocol;
 pub mod publish;
 pub mod random;
 pub mod register;
+pub mod report;
 pub mod reward;
+pub mod trace;
 pub mod train;

@@ -25,6 +25,10 @@ pub enum Purpose {
     Pairs = 7,
     /// Splits of a data set.
     Split = 8,
+    /// Points drawn from the surfaces of loose meshes.
+    Surface = 20,
+    /// Scenes of the BOP generator.
+    Scene = 21,
 }
 
 /// The stream for `purpose`, number `index`, under `seed`.

@@ -3,31 +3,13 @@
 use crate::augment::resample;
 use crate::dataset::Point;
 use crate::random::{Purpose, stream};
+use crate::trace::Step;
 use reagent_core::dims::MAX_POINTS;
 use reagent_core::net::Scratch;
-use reagent_core::steps::STEPS;
-use reagent_core::{Action, Error, Frame, Policy, Pose, Registrar, Verdict};
-use serde::Serialize;
+use reagent_core::{Error, Frame, Policy, Pose, Registrar, Verdict};
 
 /// Points drawn from a cloud that exceeds the capacity.
 pub const SUBSAMPLE: usize = 2048;
-
-/// One step of a registration, as the trace file holds it: one JSON object a line.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct TraceLine {
-    /// Number of the step, from 1.
-    pub step: usize,
-    /// Step ids of the translation along x, y, z (0 to 10, 5 is stop).
-    pub translation_id: [u8; 3],
-    /// Step ids of the rotation about x, y, z.
-    pub rotation_id: [u8; 3],
-    /// Signed translation, in the clouds' units.
-    pub translation: [f32; 3],
-    /// Signed rotation angles, radians.
-    pub rotation_rad: [f32; 3],
-    /// Pose after the step, rows of `[R | t]`, in the clouds' units.
-    pub target_from_source: [[f32; 4]; 3],
-}
 
 /// A finished registration.
 #[derive(Clone, Debug, PartialEq)]
@@ -37,7 +19,7 @@ pub struct Registered {
     /// Whether the policy ended by stopping.
     pub verdict: Verdict,
     /// Every step taken.
-    pub trace: Vec<TraceLine>,
+    pub trace: Vec<Step>,
 }
 
 /// Registers `source [N, 3]` to `target [M, 3]`, both in the same unit of length, from `initial`. The policy
@@ -59,10 +41,10 @@ pub fn register(
     let mut registration = registrar.start(source, target, frame, initial)?;
     let mut trace = Vec::with_capacity(steps);
     while registration.steps() < steps && registration.verdict() != Verdict::Converged {
-        let action = registrar.step(&mut registration).action;
-        trace.push(line(
+        let taken = registrar.step(&mut registration);
+        trace.push(Step::new(
             registration.steps(),
-            action,
+            &taken,
             frame,
             registration.target_from_source(),
         ));
@@ -72,18 +54,6 @@ pub fn register(
         verdict: registration.verdict(),
         trace,
     })
-}
-
-fn line(step: usize, action: Action, frame: Frame, pose: Pose) -> TraceLine {
-    let signed = |ids: [u8; 3]| ids.map(|id| STEPS.get(usize::from(id)).copied().unwrap_or(0.0));
-    TraceLine {
-        step,
-        translation_id: action.translation,
-        rotation_id: action.rotation,
-        translation: signed(action.translation).map(|t| t * frame.scale),
-        rotation_rad: signed(action.rotation),
-        target_from_source: pose.to_rows(),
-    }
 }
 
 /// A cloud within the core's capacity: itself, or [`SUBSAMPLE`] of its points, drawn without replacement

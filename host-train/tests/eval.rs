@@ -42,13 +42,15 @@ fn register_writes_pose_trace_and_the_moved_cloud() {
         .lines()
         .map(|line| serde_json::from_str(line).expect("JSON"))
         .collect();
-    assert_eq!(lines.len(), 3);
-    assert_eq!(lines[2]["target_from_source"], result["target_from_source"]);
+    assert_eq!(lines.len(), 4);
+    assert_eq!(lines[0]["registration"]["name"], "a.xyz to b.xyz");
+    assert_eq!(lines[3]["target_from_source"], result["target_from_source"]);
     assert_eq!(result["source_points"], 200);
 
     // The moved cloud needs no initial pose to be where the first registration ended.
-    let moved =
-        host_train::dataset::cloud_file::read_cloud(&at.join("moved.ply"), 0).expect("readable");
+    let moved = host_train::dataset::cloud_file::read_cloud(&at.join("moved.ply"), 0)
+        .expect("readable")
+        .points;
     let row: Vec<f64> = (0..4)
         .map(|i| {
             result["target_from_source"][0][i]
@@ -124,6 +126,32 @@ fn results_depend_neither_on_threads_nor_on_the_way_of_the_pairs() {
     for name in ["w", "icp", "init"] {
         let poses = |file: &str| load_poses(&at.join(file), name).expect("written");
         assert_eq!(poses("one.h5"), poses("three.h5"), "{name}");
+    }
+
+    for name in ["w", "icp", "init"] {
+        let errors = &one["errors"][name];
+        assert_eq!(
+            errors,
+            &read_json(&at.join("three.json"))["errors"][name],
+            "{name}"
+        );
+        for (list, mean) in [
+            ("r_iso_deg", Some("r_iso_deg")),
+            ("t_iso", Some("t_iso")),
+            ("chamfer_mod", Some("chamfer_mod")),
+            ("adi", None),
+            ("add", None),
+        ] {
+            let list: Vec<f64> = serde_json::from_value(errors[list].clone()).expect("numbers");
+            assert_eq!(list.len(), 6, "{name}: one error a pair");
+            if let Some(mean) = mean {
+                let expected = one["methods"][name][mean].as_f64().expect("a number");
+                let sum: f64 = list.iter().sum();
+                assert!((sum / 6.0 - expected).abs() < 1e-12, "{name} {mean}");
+            }
+        }
+        let quartiles = &one["methods"][name]["quartiles"]["r_iso_deg"];
+        assert_eq!(quartiles[1], one["methods"][name]["r_iso_median_deg"]);
     }
 
     let steps = one["per_step"]["w"].as_array().expect("a row a step");

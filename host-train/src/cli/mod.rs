@@ -3,6 +3,7 @@
 //! Exit status: 0 on success, 2 on bad usage (clap's), 1 on failure, with one line on stderr that says
 //! what was wrong, where, and what to do.
 
+mod bop_synth;
 mod eval;
 mod export;
 mod import;
@@ -11,6 +12,7 @@ mod output;
 mod pairs;
 mod progress;
 mod register;
+mod report;
 mod source;
 mod table;
 mod train;
@@ -39,10 +41,12 @@ enum Command {
     Eval(eval::EvalArgs),
     Register(register::RegisterArgs),
     Pairs(pairs::PairsArgs),
+    BopSynth(bop_synth::BopSynthArgs),
     Export(export::ExportArgs),
     Import(import::ImportArgs),
     Keygen(keygen::KeygenArgs),
     Publish(PublishArgs),
+    Report(report::ReportArgs),
 }
 
 impl Cli {
@@ -57,9 +61,11 @@ impl Cli {
             Command::Eval(args) => args.run(seed),
             Command::Register(args) => args.run(seed),
             Command::Pairs(args) => args.run(seed),
+            Command::BopSynth(args) => args.run(seed),
             Command::Export(args) => args.run(),
             Command::Import(args) => args.run(),
             Command::Keygen(args) => args.run(),
+            Command::Report(args) => args.run(),
             Command::Publish(args) => {
                 let runtime =
                     tokio::runtime::Runtime::new().context("cannot start the network threads")?;

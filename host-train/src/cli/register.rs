@@ -3,14 +3,14 @@
 use super::output::{write_json, write_text};
 use super::source;
 use crate::dataset::Point;
-use crate::dataset::cloud_file::{read_cloud, write_ply};
+use crate::dataset::cloud_file::{check_output, read_cloud, write_cloud};
 use crate::export::WeightFile;
 use crate::register::{Registered, SUBSAMPLE, register, within_capacity};
+use crate::trace::{self, Header, Traced};
 use anyhow::{Context, bail};
 use clap::Args;
-use glam::Vec3;
-use reagent_core::Pose;
 use reagent_core::dims::{MAX_POINTS, STEPS};
+use reagent_core::{Frame, Pose};
 use serde::Serialize;
 use std::fs::File;
 use std::io::Read;
@@ -24,9 +24,9 @@ const POSE_BYTES: u64 = 64 * 1024;
 /// Register a source cloud to a target cloud and print the pose
 ///
 /// Both clouds must be in the same unit of length; the pose and the trace are in it too. The policy sees the
-/// clouds normalised: the target's mean at the origin, its farthest point at 1. Files: .ply .pcd .xyz .off
+/// clouds normalised: the target's mean at the origin, its farthest point at 1. Files: .ply .pcd .xyz .npy .off
 /// .obj .stl. Of a mesh, 2048 points of its surface are used; of a cloud with more than 4096 points, 2048 of
-/// its points.
+/// its points. Points with NaN in a .pcd, pixels without depth, are left out.
 #[derive(Debug, Args)]
 pub(super) struct RegisterArgs {
     /// Policy [default: the bundled one]
@@ -43,10 +43,11 @@ pub(super) struct RegisterArgs {
     /// Refinement steps at most
     #[arg(long, value_name = "N", default_value_t = STEPS, value_parser = source::positive())]
     steps: usize,
-    /// Write the source, moved onto the target
+    /// Write the source, moved onto the target: .ply .pcd .npy (with normals where it has them) or .xyz
     #[arg(long, value_name = "ALIGNED.ply")]
     out: Option<PathBuf>,
-    /// Write one JSON line a step: action ids, signed steps, pose
+    /// Write one JSON line with clouds and initial pose, then one a step: action ids, signed steps, pose,
+    /// probabilities; `report` shows it
     #[arg(long, value_name = "FILE")]
     trace: Option<PathBuf>,
     /// Write pose, verdict, steps and time (milliseconds) as JSON
@@ -115,13 +116,17 @@ fn parse_pose(text: &str) -> anyhow::Result<Pose> {
 
 impl RegisterArgs {
     pub(super) fn run(self, seed: u64) -> anyhow::Result<()> {
+        if let Some(path) = &self.out {
+            check_output(path)?;
+        }
         let weights = WeightFile::load_or_pretrained(self.weights.as_deref())?;
         let initial = self.init.map_or(Ok(Pose::IDENTITY), Initial::load)?;
         // Seeds of their own: a mesh registered to itself must not be sampled at the very same points.
         let source_all = read_cloud(&self.source, seed)?;
         let target_all = read_cloud(&self.target, seed.wrapping_add(1))?;
-        let source = fit(&self.source, source_all.clone(), seed, 0);
-        let target = fit(&self.target, target_all, seed, 1);
+        let source = fit(&self.source, source_all.points.clone(), seed, 0);
+        let target = fit(&self.target, target_all.points, seed, 1);
+        note_units(&source, &target);
 
         let start = Instant::now();
         let found = register(weights.policy(), &source, &target, initial, self.steps)
@@ -137,19 +142,21 @@ impl RegisterArgs {
 
         print!("{}", report(&found, ms));
         if let Some(path) = &self.out {
-            let aligned: Vec<Point> = source_all
-                .iter()
-                .map(|&p| pose.apply(Vec3::from(p)).to_array())
-                .collect();
-            write_ply(path, &aligned)?;
+            write_cloud(path, &source_all.moved(&pose))?;
         }
         if let Some(path) = &self.trace {
-            let lines = found
-                .trace
-                .iter()
-                .map(serde_json::to_string)
-                .collect::<Result<Vec<_>, _>>()?;
-            write_text(path, &(lines.join("\n") + "\n"))?;
+            let traced = Traced {
+                header: Header {
+                    name: format!("{} to {}", file_name(&self.source), file_name(&self.target)),
+                    policy: self.weights.as_deref().map_or("reagent".into(), stem),
+                    source: source.clone(),
+                    target: target.clone(),
+                    truth: None,
+                    initial: initial.to_rows(),
+                },
+                steps: found.trace.clone(),
+            };
+            write_text(path, &trace::to_text(&[traced])?)?;
         }
         if let Some(path) = &self.json {
             let document = Document {
@@ -164,6 +171,19 @@ impl RegisterArgs {
         }
         Ok(())
     }
+}
+
+/// Last part of a path.
+fn file_name(path: &Path) -> String {
+    path.file_name()
+        .unwrap_or(path.as_os_str())
+        .to_string_lossy()
+        .into_owned()
+}
+
+/// Name under which a policy is reported.
+fn stem(path: &Path) -> String {
+    file_name(&path.with_extension(""))
 }
 
 /// What `--json` writes.
@@ -189,6 +209,17 @@ fn fit(path: &Path, points: Vec<Point>, seed: u64, index: u64) -> Vec<Point> {
     within_capacity(points, seed, index)
 }
 
+/// Says so where the clouds differ in size as millimetres and metres do.
+fn note_units(source: &[Point], target: &[Point]) {
+    let size = |points: &[Point]| Frame::of(points).map_or(0.0, |frame| frame.scale);
+    let ratio = size(source) / size(target);
+    if ratio.is_normal() && !(0.02..50.0).contains(&ratio) {
+        eprintln!(
+            "the source is {ratio:.3} times as large as the target; are both in the same unit of length?"
+        );
+    }
+}
+
 fn report(found: &Registered, ms: f64) -> String {
     let mut text = String::from("target_from_source, rows of [R | t] in the clouds' units:\n");
     for row in found.target_from_source.to_rows() {
@@ -205,6 +236,7 @@ fn report(found: &Registered, ms: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use glam::Vec3;
 
     #[test]
     fn poses_are_read_from_numbers_and_json() {

@@ -1,8 +1,7 @@
 //! Where a command's models come from.
 
-use crate::dataset::modelnet::{self, Split};
 use crate::dataset::pairs::PairSet;
-use crate::dataset::{Model, procedural};
+use crate::dataset::{self, Model, Split, modelnet, procedural};
 use crate::protocol::{self, Protocol};
 use anyhow::bail;
 use clap::ValueEnum;
@@ -15,8 +14,6 @@ pub(super) use crate::train::DataSource;
 const PROCEDURAL_PAIRS: usize = 100;
 /// Built-in shapes from this number on are for evaluation: training counts up from 0 and never gets here.
 const HELD_OUT: u64 = 1 << 32;
-/// File of the ScanObjectNN layout.
-const SCAN_FILE: &str = "test_objectdataset.h5";
 
 /// An argument from 1 to a million: more than anyone needs, and no more than memory holds.
 pub(super) fn positive() -> RangedU64ValueParser<usize> {
@@ -31,7 +28,7 @@ pub(super) fn draw(
     seed: u64,
 ) -> anyhow::Result<PairSet> {
     let models = match data {
-        DataSource::Directory(dir) => test_models(dir, protocol)?,
+        DataSource::Directory(path) => test_models(path, protocol, seed)?,
         DataSource::Procedural(shapes) => {
             let drawn = count.unwrap_or(PROCEDURAL_PAIRS).min(*shapes);
             (0..drawn as u64)
@@ -47,11 +44,8 @@ pub(super) fn draw(
     ))
 }
 
-fn test_models(dir: &Path, protocol: Protocol) -> anyhow::Result<Vec<Model>> {
-    let models = match protocol {
-        Protocol::Scan => modelnet::load_file(&dir.join(SCAN_FILE))?,
-        _ => modelnet::load(dir, Split::Test)?,
-    };
+fn test_models(path: &Path, protocol: Protocol, seed: u64) -> anyhow::Result<Vec<Model>> {
+    let models = dataset::load(path, Split::Test, seed)?;
     let Some(labels) = protocol.labels() else {
         return Ok(models);
     };
@@ -61,10 +55,9 @@ fn test_models(dir: &Path, protocol: Protocol) -> anyhow::Result<Vec<Model>> {
             .to_possible_value()
             .map_or(String::new(), |v| v.get_name().to_owned());
         bail!(
-            "{}: no test model has a label from {} to {}, as protocol {name} asks for",
-            dir.display(),
+            "{}: no test model has a label from {} on, as protocol {name} asks for; take another protocol",
+            path.display(),
             labels.start,
-            labels.end - 1,
         );
     }
     Ok(models)

@@ -2,8 +2,9 @@
 
 use super::Point;
 use super::mesh::Mesh;
+use super::raster::Pinhole;
 use crate::random::Rng;
-use glam::{Mat3, Quat, Vec2, Vec3};
+use glam::{Affine3A, Mat3, Quat, Vec2, Vec3};
 use rand::RngExt;
 use rand::seq::SliceRandom;
 use rand_distr::StandardNormal;
@@ -45,16 +46,18 @@ impl Camera {
     /// points; a mesh outside of all images gives none at all.
     pub fn observe(&self, mesh: &Mesh, views: usize, count: usize, rng: &mut Rng) -> Vec<Point> {
         let turn = random_rotation(rng);
+        let pinhole = self.pinhole();
         let mut points = Vec::new();
         for view in 0..views {
             let camera_from_world = looking_from(turn * sphere_direction(view, views));
-            let depths = self.render(mesh, camera_from_world);
+            let place = Affine3A::from_mat3_translation(camera_from_world, self.distance * Vec3::Z);
+            let depths = pinhole.inverse_depths(mesh, &place);
             for (pixel, &inverse_depth) in depths.iter().enumerate() {
                 if inverse_depth > 0.0 {
                     let noise: f32 = rng.sample(StandardNormal);
                     let depth = 1.0 / inverse_depth + self.depth_noise * noise;
                     let in_camera =
-                        self.ray(pixel % self.pixels[0], pixel / self.pixels[0]) * depth;
+                        pinhole.ray(pixel % self.pixels[0], pixel / self.pixels[0]) * depth;
                     let from_centre = in_camera - self.distance * Vec3::Z;
                     points.push(camera_from_world.transpose() * from_centre);
                 }
@@ -69,73 +72,14 @@ impl Camera {
         points.into_iter().map(Into::into).collect()
     }
 
-    /// One over the depth of the nearest surface at each pixel, 0 where there is none.
-    fn render(&self, mesh: &Mesh, camera_from_world: Mat3) -> Vec<f32> {
-        let [width, height] = self.pixels;
-        let mut image = vec![0.0f32; width * height];
-        let place = |v: &Vec3| camera_from_world * *v + self.distance * Vec3::Z;
-        let vertices: Vec<Vec3> = mesh.vertices.iter().map(place).collect();
-        let in_camera = Mesh {
-            vertices,
-            faces: mesh.faces.clone(),
-        };
-        for &face in &in_camera.faces {
-            let Some(corners) = in_camera.corners(face) else {
-                continue;
-            };
-            // Written so that NaN is left out, too.
-            if corners.iter().all(|corner| corner.z > 1e-3) {
-                self.fill(corners, &mut image);
-            }
-        }
-        image
-    }
-
-    /// Draws one triangle: the inverse depth is linear in the image.
-    fn fill(&self, corners: [Vec3; 3], image: &mut [f32]) {
-        let [width, height] = self.pixels;
-        let [a, b, c] = corners.map(|corner| self.project(corner));
-        let doubled_area = (b - a).perp_dot(c - a);
-        if doubled_area == 0.0 || !doubled_area.is_finite() {
-            return;
-        }
-        let (low, high) = (a.min(b).min(c), a.max(b).max(c));
-        let first = |x: f32| (x - 0.5).ceil().max(0.0) as usize;
-        let end = |x: f32, size: usize| ((x + 0.5).floor().max(0.0) as usize).min(size);
-        for row in first(low.y)..end(high.y, height) {
-            for column in first(low.x)..end(high.x, width) {
-                let p = Vec2::new(column as f32 + 0.5, row as f32 + 0.5);
-                let weights = [(b, c), (c, a), (a, b)]
-                    .map(|(from, to)| (to - from).perp_dot(p - from) / doubled_area);
-                if weights.iter().all(|&weight| weight >= 0.0) {
-                    let inverse: f32 = weights
-                        .iter()
-                        .zip(&corners)
-                        .map(|(weight, corner)| weight / corner.z)
-                        .sum();
-                    let pixel = &mut image[row * width + column];
-                    *pixel = pixel.max(inverse);
-                }
-            }
-        }
-    }
-
-    fn focal_pixels(&self) -> f32 {
+    fn pinhole(&self) -> Pinhole {
         let half = Vec2::from_angle(self.field_of_view_deg.to_radians() / 2.0);
-        self.pixels[1] as f32 / 2.0 * half.x / half.y
-    }
-
-    fn project(&self, point: Vec3) -> Vec2 {
-        let [width, height] = self.pixels.map(|n| n as f32);
-        Vec2::new(width, height) / 2.0 + self.focal_pixels() / point.z * point.truncate()
-    }
-
-    /// The ray through a pixel's centre, to depth 1.
-    fn ray(&self, column: usize, row: usize) -> Vec3 {
-        let [width, height] = self.pixels.map(|n| n as f32);
-        let offset =
-            Vec2::new(column as f32 + 0.5, row as f32 + 0.5) - Vec2::new(width, height) / 2.0;
-        (offset / self.focal_pixels()).extend(1.0)
+        let size = self.pixels.map(|n| n as f32);
+        Pinhole {
+            size: self.pixels,
+            focal: Vec2::splat(size[1] / 2.0 * half.x / half.y),
+            centre: (Vec2::from_array(size) - 1.0) / 2.0,
+        }
     }
 }
 
@@ -149,7 +93,7 @@ fn sphere_direction(i: usize, n: usize) -> Vec3 {
 }
 
 /// Uniform over all rotations.
-fn random_rotation(rng: &mut Rng) -> Quat {
+pub(crate) fn random_rotation(rng: &mut Rng) -> Quat {
     let [x, y, z, w]: [f32; 4] = std::array::from_fn(|_| rng.sample(StandardNormal));
     Quat::from_xyzw(x, y, z, w).normalize()
 }
@@ -167,7 +111,6 @@ mod tests {
     use crate::dataset::procedural;
     use crate::dataset::solids::at;
     use crate::random::{Purpose, stream};
-    use glam::Affine3A;
 
     fn sphere_in_sphere() -> Mesh {
         let mut mesh = Mesh::default();

@@ -1,5 +1,7 @@
 //! What can be wrong with a data set on disk.
 
+use super::cloud_file::CloudError;
+use super::modelnet::Split;
 use std::path::PathBuf;
 
 /// Where the reference data set is published.
@@ -11,7 +13,7 @@ pub const MODELNET40_URL: &str =
 pub enum DatasetError {
     /// The data directory does not exist.
     #[error(
-        "no data directory {}; unpack {MODELNET40_URL} there, or use the built-in data set (--data procedural)",
+        "no data directory {}; unpack {MODELNET40_URL} there, name another, or use the built-in data set (--data procedural)",
         dir.display()
     )]
     NoDirectory {
@@ -32,6 +34,35 @@ pub enum DatasetError {
     EmptyList {
         /// The list.
         list: PathBuf,
+    },
+    /// A directory holds none of what is read.
+    #[error(
+        "{}: no data set: neither train_files.txt and test_files.txt (modelnet40_ply_hdf5_2048, {MODELNET40_URL}), nor \
+         training_objectdataset.h5 and test_objectdataset.h5 (ScanObjectNN), nor .off .ply .obj .stl .pcd .xyz .npy files",
+        dir.display()
+    )]
+    NoModels {
+        /// Directory that was searched.
+        dir: PathBuf,
+    },
+    /// A tree of loose files divides them, and leaves none to one of the splits.
+    #[error("{}: of its {files} files none is of the {split} split; put some under {split}/", dir.display())]
+    EmptySplit {
+        /// Directory that was searched.
+        dir: PathBuf,
+        /// The split.
+        split: Split,
+        /// Files of the other one.
+        files: usize,
+    },
+    /// A loose file was refused.
+    #[error(transparent)]
+    Cloud(#[from] CloudError),
+    /// The clouds would take too much memory.
+    #[error("{}: its clouds would take more than 8 GiB of memory; use a part of it", path.display())]
+    BeyondMemory {
+        /// File or directory concerned.
+        path: PathBuf,
     },
     /// A file does not exist.
     #[error("no file {}; check the path, or unpack the data set again", path.display())]

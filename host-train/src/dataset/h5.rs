@@ -1,13 +1,12 @@
 //! Reading and writing of numeric HDF5 datasets, with errors that say what is where.
 
-use super::{DatasetError, Point};
+use super::{DatasetError, MAX_BYTES, Point};
 use hdf5_pure::{DType, Dataset, File};
 use std::path::{Path, PathBuf};
 
-/// No dataset of these formats comes near this many elements (8 GiB as f32).
-const MAX_ELEMENTS: u64 = 1 << 31;
-/// Deflate cannot expand by more than 1032; a larger claim is a corrupt header.
-const MAX_EXPANSION: u64 = 1032;
+/// Coordinates of real clouds compress two- or threefold; a claim of more than this many bytes from one of the
+/// file's is a corrupt header.
+const MAX_EXPANSION: u64 = 128;
 
 /// An open HDF5 file. Only the datasets that are asked for are read and decoded.
 pub struct H5File {
@@ -168,12 +167,17 @@ impl H5File {
         let dataset = self.file.dataset(name).map_err(|e| self.corrupt(e))?;
         let shape = dataset.shape().map_err(|e| self.corrupt(e))?;
         let elements = shape.iter().fold(1u64, |n, &d| n.saturating_mul(d));
-        let limit = self.bytes.saturating_mul(MAX_EXPANSION).min(MAX_ELEMENTS);
-        if elements > limit {
+        let bytes = elements.saturating_mul(size_of::<f32>() as u64);
+        if bytes > self.bytes.saturating_mul(MAX_EXPANSION) {
             return Err(DatasetError::TooLarge {
                 path: self.path.clone(),
                 dataset: name.into(),
                 elements,
+            });
+        }
+        if bytes > MAX_BYTES {
+            return Err(DatasetError::BeyondMemory {
+                path: self.path.clone(),
             });
         }
         let shape = shape.iter().map(|&d| d as usize).collect();

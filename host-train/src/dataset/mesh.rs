@@ -29,6 +29,12 @@ impl Mesh {
 
     /// `count` independent random points, evenly distributed by area. Empty where the mesh has no area.
     pub fn sample(&self, count: usize, rng: &mut Rng) -> Vec<Point> {
+        let drawn = self.sample_with_normals(count, rng).into_iter();
+        drawn.map(|(point, _)| point).collect()
+    }
+
+    /// As [`Mesh::sample`], each point with the unit normal of its face, as the face is wound.
+    pub fn sample_with_normals(&self, count: usize, rng: &mut Rng) -> Vec<(Point, Point)> {
         let mut total = 0.0f64;
         let areas = self.faces.iter().map(|&face| {
             total += self.face_area(face);
@@ -51,7 +57,9 @@ impl Mesh {
             } else {
                 (u, v)
             };
-            (a + (b - a) * u + (c - a) * v).to_array()
+            let (b, c) = (b - a, c - a);
+            let normal = b.cross(c).normalize_or_zero();
+            ((a + b * u + c * v).to_array(), normal.to_array())
         };
         (0..count).map(draw).collect()
     }

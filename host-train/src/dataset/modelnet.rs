@@ -1,32 +1,42 @@
 //! The `modelnet40_ply_hdf5_2048` layout: `train_files.txt`, `test_files.txt` and `ply_data_*.h5`.
 
 use super::h5::H5File;
-use super::{DatasetError, Model};
+use super::{DatasetError, MAX_BYTES, Model, Point};
 use crate::random::{Purpose, stream};
 use rand::seq::SliceRandom;
+use std::fmt;
 use std::ops::Range;
 use std::path::Path;
 
 /// Labels of the first half of the categories: the ones the paper trains on.
 pub const FIRST_HALF: Range<u32> = 0..20;
-/// Labels of the second half: the paper's held-out categories.
-pub const SECOND_HALF: Range<u32> = 20..40;
+/// Labels of the second half, 20 to 39 in ModelNet40: the paper's held-out categories.
+pub const SECOND_HALF: Range<u32> = 20..u32::MAX;
 
-/// Which of the two published splits.
+/// Which part of a data set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Split {
-    /// `train_files.txt`.
+    /// Models to train on, and to choose a checkpoint by.
     Train,
-    /// `test_files.txt`.
+    /// Models that training never sees.
     Test,
 }
 
 impl Split {
-    fn list(self) -> &'static str {
+    pub(super) fn list(self) -> &'static str {
         match self {
             Split::Train => "train_files.txt",
             Split::Test => "test_files.txt",
         }
+    }
+}
+
+impl fmt::Display for Split {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Split::Train => "train",
+            Split::Test => "test",
+        })
     }
 }
 
@@ -48,6 +58,10 @@ pub fn load(dir: &Path, split: Split) -> Result<Vec<Model>, DatasetError> {
         // The published lists name the files by a path that exists only where they were made.
         let name = line.rsplit(['/', '\\']).next().unwrap_or(line);
         models.extend(load_file(&dir.join(name))?);
+        let points: usize = models.iter().map(|model| model.points.len()).sum();
+        if (points * size_of::<Point>()) as u64 > MAX_BYTES {
+            return Err(DatasetError::BeyondMemory { path: list });
+        }
     }
     if models.is_empty() {
         return Err(DatasetError::EmptyList { list });

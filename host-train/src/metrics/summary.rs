@@ -37,6 +37,56 @@ pub struct Summary {
     pub chamfer_mod_median: f64,
     /// Area under the ADD recall curve up to a tenth of the diameter, percent.
     pub add_auc_pct: f64,
+    /// First quartile, median and third quartile of every error.
+    pub quartiles: Quartiles,
+}
+
+/// First quartile, median and third quartile of each error of [`PairMetrics`], linearly interpolated.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Quartiles {
+    /// Of [`PairMetrics::r_mae_deg`], degrees.
+    pub r_mae_deg: [f64; 3],
+    /// Of [`PairMetrics::t_mae`].
+    pub t_mae: [f64; 3],
+    /// Of [`PairMetrics::r_iso_deg`], degrees.
+    pub r_iso_deg: [f64; 3],
+    /// Of [`PairMetrics::t_iso`].
+    pub t_iso: [f64; 3],
+    /// Of [`PairMetrics::chamfer_mod`], squared units.
+    pub chamfer_mod: [f64; 3],
+    /// Of [`PairMetrics::add`], diameters.
+    pub add: [f64; 3],
+    /// Of [`PairMetrics::adi`], diameters.
+    pub adi: [f64; 3],
+}
+
+/// The errors of each pair, in the order of the pairs: one list an error, for plots.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Errors {
+    /// [`PairMetrics::r_iso_deg`], degrees.
+    pub r_iso_deg: Vec<f64>,
+    /// [`PairMetrics::t_iso`].
+    pub t_iso: Vec<f64>,
+    /// [`PairMetrics::adi`], diameters.
+    pub adi: Vec<f64>,
+    /// [`PairMetrics::add`], diameters.
+    pub add: Vec<f64>,
+    /// [`PairMetrics::chamfer_mod`], squared units.
+    pub chamfer_mod: Vec<f64>,
+}
+
+impl Errors {
+    /// Lists the errors of `pairs`.
+    pub fn of(pairs: &[PairMetrics]) -> Errors {
+        let list = |f: fn(&PairMetrics) -> f64| pairs.iter().map(f).collect();
+        Errors {
+            r_iso_deg: list(|m| m.r_iso_deg),
+            t_iso: list(|m| m.t_iso),
+            adi: list(|m| m.adi),
+            add: list(|m| m.add),
+            chamfer_mod: list(|m| m.chamfer_mod),
+        }
+    }
 }
 
 impl Summary {
@@ -45,6 +95,16 @@ impl Summary {
         let values = |f: fn(&PairMetrics) -> f64| pairs.iter().map(f).collect::<Vec<f64>>();
         let mean =
             |f: fn(&PairMetrics) -> f64| pairs.iter().map(f).sum::<f64>() / pairs.len() as f64;
+        let quartiles = |f| [0.25, 0.5, 0.75].map(|q| quantile(values(f), q));
+        let quartiles = Quartiles {
+            r_mae_deg: quartiles(|m| m.r_mae_deg),
+            t_mae: quartiles(|m| m.t_mae),
+            r_iso_deg: quartiles(|m| m.r_iso_deg),
+            t_iso: quartiles(|m| m.t_iso),
+            chamfer_mod: quartiles(|m| m.chamfer_mod),
+            add: quartiles(|m| m.add),
+            adi: quartiles(|m| m.adi),
+        };
         let recalled = |m: &&PairMetrics| m.r_iso_deg < RECALL_R_DEG && m.t_iso < RECALL_T;
         Summary {
             r_mae_deg: mean(|m| m.r_mae_deg),
@@ -54,10 +114,11 @@ impl Summary {
             adi_auc_pct: 100.0 * auc(&values(|m| m.adi)),
             chamfer_mod: mean(|m| m.chamfer_mod),
             recall_r5_t005: pairs.iter().filter(recalled).count() as f64 / pairs.len() as f64,
-            r_iso_median_deg: quantile(values(|m| m.r_iso_deg), 0.5),
-            t_iso_median: quantile(values(|m| m.t_iso), 0.5),
-            chamfer_mod_median: quantile(values(|m| m.chamfer_mod), 0.5),
+            r_iso_median_deg: quartiles.r_iso_deg[1],
+            t_iso_median: quartiles.t_iso[1],
+            chamfer_mod_median: quartiles.chamfer_mod[1],
             add_auc_pct: 100.0 * auc(&values(|m| m.add)),
+            quartiles,
         }
     }
 }

@@ -4,7 +4,7 @@ use super::config::{Categories, DataSource, Stage, TrainConfig};
 use super::run::TrainError;
 use crate::augment::{clean_sample, noisy_sample};
 use crate::dataset::pairs::PairSet;
-use crate::dataset::{Model, Point, modelnet, procedural};
+use crate::dataset::{self, Model, Point, Split, modelnet, procedural};
 use crate::env::Problem;
 use crate::protocol::{self, Protocol};
 use crate::random::{Purpose, stream};
@@ -18,7 +18,7 @@ pub(super) fn clouds(config: &TrainConfig) -> Result<(Vec<Vec<Point>>, PairSet),
     for source in &config.data {
         let models = match source {
             DataSource::Directory(path) => {
-                let models = modelnet::load(path, modelnet::Split::Train)?;
+                let models = dataset::load(path, Split::Train, config.seed)?;
                 match config.categories {
                     Categories::First => modelnet::categories(models, modelnet::FIRST_HALF),
                     Categories::All => models,

@@ -1,40 +1,55 @@
 //! Wavefront `.obj`: all objects of the file as one mesh, or its bare vertices where it has no faces.
+//!
+//! Read here rather than by a crate: a surface needs two of the format's keywords, and a refusal should name
+//! the line.
 
-use super::{CloudFile, text};
-use tobj::{LoadError, LoadOptions};
+use super::{CloudFile, fan, text};
 
-pub(super) fn parse(mut bytes: &[u8]) -> Result<CloudFile, String> {
-    let whole = bytes;
-    let options = LoadOptions {
-        triangulate: true,
-        ignore_points: true,
-        ignore_lines: true,
-        ..LoadOptions::default()
-    };
-    // Materials play no part.
-    let loaded = tobj::load_obj_buf(&mut bytes, &options, |_| Err(LoadError::GenericFailure));
-    let (models, _) = loaded.map_err(|e| e.to_string())?;
+pub(super) fn parse(bytes: &[u8]) -> Result<CloudFile, String> {
+    // Names and comments may be in any encoding.
+    let mut whole = String::from_utf8_lossy(bytes);
+    if whole.contains('\\') {
+        // A backslash continues a line.
+        whole = whole.replace("\\\r\n", " ").replace("\\\n", " ").into();
+    }
     let mut file = CloudFile::default();
     let mut triangles = Vec::new();
-    for model in models {
-        let first = file.points.len() as u32;
-        let (points, _) = model.mesh.positions.as_chunks::<3>();
-        file.points.extend(points);
-        let (faces, _) = model.mesh.indices.as_chunks::<3>();
-        triangles.extend(
-            faces
-                .iter()
-                .map(|face| face.map(|index| first.saturating_add(index))),
-        );
+    let mut polygon = Vec::new();
+    for (line, content) in text::numbered(&whole) {
+        let (keyword, rest) = content
+            .split_once(char::is_whitespace)
+            .unwrap_or((content, ""));
+        match keyword {
+            "v" => file.points.push(text::point(rest, line)?),
+            "f" => {
+                polygon.clear();
+                for corner in rest.split_whitespace() {
+                    let index = corner.split('/').next().and_then(|word| word.parse().ok());
+                    let vertex = index.and_then(|index| resolve(index, file.points.len()));
+                    polygon.push(vertex.ok_or_else(|| {
+                        format!("line {line}: \"{corner}\" names no vertex before it")
+                    })?);
+                }
+                triangles.extend(fan(&polygon));
+            }
+            _ => {}
+        }
     }
-    if triangles.is_empty() {
-        let vertices = text::lines(whole)?
-            .filter_map(|(line, text)| text.strip_prefix("v ").map(|rest| (line, rest)));
-        file.points = vertices
-            .map(|(line, rest)| text::point(rest, line))
-            .collect::<Result<_, _>>()?;
-    } else {
-        file.faces = Some(triangles);
-    }
+    file.faces = Some(triangles).filter(|triangles| !triangles.is_empty());
     Ok(file)
+}
+
+/// The vertex of an index: they count from 1, negative ones back from the last.
+fn resolve(index: i64, vertices: usize) -> Option<u32> {
+    let count = i64::try_from(vertices).ok()?;
+    let at = if index < 0 {
+        count.checked_add(index)?
+    } else {
+        index.checked_sub(1)?
+    };
+    if (0..count).contains(&at) {
+        u32::try_from(at).ok()
+    } else {
+        None
+    }
 }

@@ -8,6 +8,7 @@ use ply_rs_bw::ply::{Property, PropertyAccess, PropertyAccessResult};
 #[derive(Default)]
 struct Vertex {
     position: Point,
+    normal: Point,
 }
 
 impl PropertyAccess for Vertex {
@@ -16,13 +17,16 @@ impl PropertyAccess for Vertex {
     }
 
     fn set_property(&mut self, name: &str, property: Property) -> PropertyAccessResult {
-        let axis = match name {
-            "x" => 0,
-            "y" => 1,
-            "z" => 2,
+        let coordinate = match name {
+            "x" => &mut self.position[0],
+            "y" => &mut self.position[1],
+            "z" => &mut self.position[2],
+            "nx" => &mut self.normal[0],
+            "ny" => &mut self.normal[1],
+            "nz" => &mut self.normal[2],
             _ => return PropertyAccessResult::Ignored,
         };
-        self.position[axis] = property.to_f32_lossy().unwrap_or(f32::NAN);
+        *coordinate = property.to_f32_lossy().unwrap_or(f32::NAN);
         PropertyAccessResult::Set
     }
 }
@@ -75,25 +79,31 @@ pub(super) fn parse(bytes: &[u8]) -> Result<CloudFile, String> {
                 .read_payload_for_element(&mut reader, element, &header)
                 .map_err(|e| e.to_string())?;
             if name == "vertex" {
-                if ["x", "y", "z"]
-                    .iter()
-                    .any(|&axis| !element.properties.contains_key(axis))
-                {
+                let has = |axes: [&str; 3]| {
+                    axes.iter()
+                        .all(|&axis| element.properties.contains_key(axis))
+                };
+                if !has(["x", "y", "z"]) {
                     return Err("its vertices lack x, y or z".into());
                 }
-                file.points = read.into_iter().map(|vertex| vertex.position).collect();
+                file.points = read.iter().map(|vertex| vertex.position).collect();
+                if has(["nx", "ny", "nz"]) {
+                    file.normals = Some(read.iter().map(|vertex| vertex.normal).collect());
+                }
             }
         }
     }
     Ok(file)
 }
 
-pub(super) fn emit(points: &[Point]) -> Vec<u8> {
-    let axes = "property float x\nproperty float y\nproperty float z\n";
+/// A binary file of `[N, 3]` points, or `[N, 6]` points and normals, given as little-endian float32.
+pub(super) fn emit(rows: &[u8], count: usize, columns: usize) -> Vec<u8> {
+    let properties: String = ["x", "y", "z", "nx", "ny", "nz"][..columns]
+        .iter()
+        .map(|name| format!("property float {name}\n"))
+        .collect();
     let header = format!(
-        "ply\nformat binary_little_endian 1.0\nelement vertex {}\n{axes}end_header\n",
-        points.len()
+        "ply\nformat binary_little_endian 1.0\nelement vertex {count}\n{properties}end_header\n"
     );
-    let numbers = points.iter().flatten().flat_map(|x| x.to_le_bytes());
-    header.into_bytes().into_iter().chain(numbers).collect()
+    [header.as_bytes(), rows].concat()
 }

@@ -107,20 +107,221 @@ fn clouds_of_every_kind() {
 }
 
 #[test]
-fn written_ply_reads_back() {
-    let file = tempfile::Builder::new()
-        .suffix(".ply")
-        .tempfile()
-        .expect("temporary file");
-    write_ply(file.path(), &TETRAHEDRON).expect("write");
-    let back = read_file(file.path()).expect("read");
+fn what_is_written_reads_back() {
+    let dir = tempfile::tempdir().expect("temporary directory");
+    let mut cloud = Cloud {
+        points: TETRAHEDRON.into(),
+        normals: Some(vec![[0.0, 0.6, -0.8]; 4]),
+    };
+    cloud.points[2][0] = 0.1;
+    for name in ["c.ply", "c.pcd", "c.npy", "c.XYZ"] {
+        let path = dir.path().join(name);
+        let bare = Cloud {
+            normals: None,
+            ..cloud.clone()
+        };
+        write_cloud(&path, &bare).expect("write");
+        assert_eq!(read_cloud(&path, 0).expect("read"), bare, "{name}");
+        write_cloud(&path, &cloud).expect("write");
+        let back = read_cloud(&path, 0).expect("read");
+        assert_eq!(back.points, cloud.points, "{name}");
+        assert_eq!(back.normals.is_some(), name != "c.XYZ", "{name}");
+        assert!(
+            back.normals
+                .is_none_or(|normals| normals == [[0.0, 0.6, -0.8]; 4]),
+            "{name}"
+        );
+    }
+    let error = write_cloud(&dir.path().join("c.stl"), &cloud).expect_err("not written");
+    assert!(error.to_string().contains("written as .ply"), "{error}");
+}
+
+#[test]
+fn a_moved_cloud_turns_its_normals() {
+    let cloud = Cloud {
+        points: vec![[1.0, 0.0, 0.0]],
+        normals: Some(vec![[0.0, 1.0, 0.0]]),
+    };
+    let rotation = glam::Mat3::from_rotation_z(std::f32::consts::FRAC_PI_2);
+    let moved = cloud.moved(&Pose {
+        rotation,
+        translation: Vec3::new(0.0, 0.0, 5.0),
+    });
+    let near = |a: Point, b: Point| Vec3::from(a).distance(b.into()) < 1e-6;
+    assert!(near(moved.points[0], [0.0, 1.0, 5.0]));
+    assert!(near(moved.normals.expect("kept")[0], [-1.0, 0.0, 0.0]));
+}
+
+#[test]
+fn normals_are_kept_where_all_are_defined() {
+    let ply = "ply\nformat ascii 1.0\nelement vertex 2\nproperty float nx\nproperty float x\nproperty float y\nproperty float z\nproperty float ny\nproperty float nz\nend_header\n0 1 2 3 0 2\n1 4 5 6 0 0\n";
+    let file = read(".ply", ply.as_bytes()).expect("ply");
+    assert_eq!(file.points, [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]);
+    assert_eq!(file.normals, Some(vec![[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]));
     assert_eq!(
-        back,
-        CloudFile {
-            points: TETRAHEDRON.into(),
-            faces: None,
-            dropped: 0
-        }
+        read(".ply", ply.replace("0 1 2 3 0 2", "0 1 2 3 0 0").as_bytes())
+            .expect("ply")
+            .normals,
+        None
+    );
+
+    // Padding lies between the fields as the point cloud library writes them.
+    let pcd = "VERSION .7\nFIELDS x y z _ normal_x normal_y normal_z _\nSIZE 4 4 4 1 4 4 4 1\nTYPE F F F U F F F U\nCOUNT 1 1 1 4 1 1 1 4\nWIDTH 1\nHEIGHT 1\nPOINTS 1\nDATA binary\n";
+    let mut bytes = pcd.as_bytes().to_vec();
+    for row in [[1.0f32, 2.0, 3.0], [0.0, 1.0, 0.0]] {
+        bytes.extend(row.iter().flat_map(|x| x.to_le_bytes()));
+        bytes.extend([9; 4]);
+    }
+    let file = read(".pcd", &bytes).expect("pcd");
+    assert_eq!(
+        (file.points, file.normals),
+        (vec![[1.0, 2.0, 3.0]], Some(vec![[0.0, 1.0, 0.0]]))
+    );
+
+    let mesh = Mesh {
+        vertices: TETRAHEDRON.map(Vec3::from).to_vec(),
+        faces: vec![[0, 1, 2], [0, 3, 1]],
+    };
+    for (point, normal) in mesh.sample_with_normals(100, &mut stream(1, Purpose::Surface, 0)) {
+        assert_eq!(
+            normal,
+            if point[2] == 0.0 {
+                [0.0, 0.0, 1.0]
+            } else {
+                [0.0, 1.0, 0.0]
+            }
+        );
+    }
+}
+
+fn npy(descr: &str, order: &str, shape: &str, payload: &[u8]) -> Vec<u8> {
+    let dictionary =
+        format!("{{'descr': '{descr}', 'fortran_order': {order}, 'shape': ({shape}), }}\n");
+    let length = (dictionary.len() as u16).to_le_bytes();
+    [
+        b"\x93NUMPY\x01\x00",
+        &length[..],
+        dictionary.as_bytes(),
+        payload,
+    ]
+    .concat()
+}
+
+#[test]
+fn arrays_of_both_orders_and_widths() {
+    let expected = [[0.0, 1.0, 2.0], [4.0, 5.0, 6.0]];
+    let rows: Vec<u8> = (0..8).flat_map(|i| f64::from(i).to_le_bytes()).collect();
+    assert_eq!(
+        read(".npy", &npy("<f8", "False", "2, 4", &rows))
+            .expect("npy")
+            .points,
+        expected
+    );
+    let columns = [0.0f32, 4.0, 1.0, 5.0, 2.0, 6.0];
+    let bytes: Vec<u8> = columns.iter().flat_map(|x| x.to_be_bytes()).collect();
+    assert_eq!(
+        read(".npy", &npy(">f4", "True", "2, 3", &bytes))
+            .expect("npy")
+            .points,
+        expected
+    );
+    // Six columns that are no unit vectors are something else than normals.
+    let colours: Vec<u8> = [1.0f32, 2.0, 3.0, 255.0, 0.0, 7.0]
+        .iter()
+        .flat_map(|x| x.to_le_bytes())
+        .collect();
+    assert_eq!(
+        read(".npy", &npy("<f4", "False", "1, 6", &colours))
+            .expect("npy")
+            .normals,
+        None
+    );
+
+    assert!(refused(".npy", &npy("<i4", "False", "2, 3", &bytes)).contains("expected float32"));
+    assert!(
+        refused(".npy", &npy("<f4", "False", "6,", &bytes))
+            .contains("its shape is (6,), expected (N, 3)")
+    );
+    assert!(
+        refused(".npy", &npy("<f4", "False", "1099511627776, 3", &bytes))
+            .contains("but 6 numbers follow")
+    );
+    assert!(
+        refused(
+            ".npy",
+            &npy(
+                "<f4",
+                "False",
+                "9223372036854775807, 9223372036854775807",
+                &bytes
+            )
+        )
+        .contains("6 numbers")
+    );
+    assert!(refused(".npy", b"\x93NUMPY\x02\x00\xff\xff\xff\xff{").contains("inside its header"));
+}
+
+#[test]
+fn meshes_as_programs_write_them() {
+    let relative = read(".obj", b"# M\xfcller\nv 0 0 0 1 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\nf -3//1 \\\n -2//1 -1//1\nv 0 0 2\nf 1 2 4\n");
+    let relative = relative.expect("obj");
+    assert_eq!(
+        (relative.points.as_slice(), relative.faces),
+        (&TETRAHEDRON[..], Some(vec![[0, 1, 2], [0, 1, 3]]))
+    );
+    for (bad, line) in [
+        ("f 1 2 9", "line 4"),
+        ("f 0 1 2", "line 4"),
+        ("f -4 1 2", "line 4"),
+        ("f 1 2 x", "line 4"),
+        ("v 1 2", "line 4"),
+    ] {
+        let text = format!("v 0 0 0\nv 1 0 0\nv 0 1 0\n{bad}\n");
+        assert!(refused(".obj", text.as_bytes()).contains(line), "{bad}");
+    }
+
+    let two = STL.replace("solid t\n", "solid\n");
+    assert_eq!(
+        read(".stl", format!("{two}{STL}").as_bytes())
+            .expect("two solids")
+            .faces
+            .map(|f| f.len()),
+        Some(2)
+    );
+    let mut binary = [
+        &b"solid made by a program"[..],
+        &[b' '; 57],
+        &1u32.to_le_bytes(),
+        &[0; 12],
+    ]
+    .concat();
+    binary.extend(
+        TETRAHEDRON[..3]
+            .iter()
+            .flatten()
+            .flat_map(|x| x.to_le_bytes())
+            .chain([0, 0]),
+    );
+    assert_eq!(
+        read(".stl", &binary).expect("binary").points,
+        TETRAHEDRON[..3]
+    );
+    assert!(
+        refused(".stl", STL.replace("vertex 1 0 0\n", "").as_bytes())
+            .contains("line 7: the facet does not have three corners")
+    );
+    assert!(refused(".stl", &STL.as_bytes()[..80]).contains("before endsolid"));
+
+    let big_endian = "ply\nformat binary_big_endian 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n";
+    let numbers: Vec<u8> = [1.0f32, 2.0, 3.0]
+        .iter()
+        .flat_map(|x| x.to_be_bytes())
+        .collect();
+    assert_eq!(
+        read(".ply", &[big_endian.as_bytes(), &numbers].concat())
+            .expect("ply")
+            .points,
+        [[1.0, 2.0, 3.0]]
     );
 }
 
@@ -129,13 +330,13 @@ fn meshes_are_sampled_and_clouds_taken_as_they_are() {
     let dir = tempfile::tempdir().expect("temporary directory");
     let path = dir.path().join("t.off");
     std::fs::write(&path, OFF).expect("write");
-    let points = read_cloud(&path, 1).expect("points");
-    assert_eq!(points.len(), MESH_POINTS);
-    assert_eq!(points, read_cloud(&path, 1).expect("points"));
-    assert_ne!(points, read_cloud(&path, 2).expect("points"));
+    let cloud = read_cloud(&path, 1).expect("points");
+    assert_eq!(cloud.points.len(), MESH_POINTS);
+    assert_eq!(cloud, read_cloud(&path, 1).expect("points"));
+    assert_ne!(cloud, read_cloud(&path, 2).expect("points"));
     let inside =
         |&[x, y, z]: &Point| x >= 0.0 && y >= 0.0 && z >= 0.0 && x + y + z / 2.0 < 1.0 + 1e-5;
-    assert!(points.iter().all(inside));
+    assert!(cloud.points.iter().all(inside));
     std::fs::write(
         &path,
         OFF.replace("1 0 0", "0 0 0").replace("0 1 0", "0 0 0"),
@@ -149,14 +350,14 @@ fn meshes_are_sampled_and_clouds_taken_as_they_are() {
     let path = dir.path().join("t.xyz");
     std::fs::write(&path, "1 2 3\n4 5 6\n").expect("write");
     assert_eq!(
-        read_cloud(&path, 1).expect("points"),
+        read_cloud(&path, 1).expect("points").points,
         [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]
     );
 }
 
 #[test]
 fn refusals_say_what_and_where() {
-    assert!(refused(".doc", b"").contains(".ply .pcd .xyz .off .obj or .stl"));
+    assert!(refused(".doc", b"").contains(".ply .pcd .xyz .npy .off .obj or .stl"));
     assert!(matches!(
         read_file(Path::new("no/such.ply")),
         Err(CloudError::Io { .. })
@@ -212,7 +413,7 @@ fn refusals_say_what_and_where() {
         .contains("3 invalid")
     );
     let binary = [&[b' '; 80][..], &2u32.to_le_bytes(), &[0; 50]].concat();
-    assert!(refused(".stl", &binary).contains("triangle 1"));
+    assert!(refused(".stl", &binary).contains("claims 2 triangles and holds 1"));
 }
 
 proptest! {
@@ -222,7 +423,7 @@ proptest! {
         let whole = [
             (".off", OFF.as_bytes().to_vec()), (".ply", PLY.as_bytes().to_vec()), (".obj", OBJ.as_bytes().to_vec()),
             (".stl", STL.as_bytes().to_vec()), (".pcd", PCD.as_bytes().to_vec()), (".pcd", pcd_binary("binary", &payload)),
-            (".ply", ply::emit(&TETRAHEDRON)),
+            (".ply", ply::emit(&[0; 48], 4, 3)),
         ];
         let (name, bytes) = &whole[kind];
         let mut flipped = bytes.clone();

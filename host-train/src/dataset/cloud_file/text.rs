@@ -14,6 +14,12 @@ pub(super) fn parse_xyz(bytes: &[u8]) -> Result<CloudFile, String> {
     })
 }
 
+/// Points as lines of `x y z`, in the shortest form that reads back the same.
+pub(super) fn emit_xyz(points: &[Point]) -> Vec<u8> {
+    let lines = points.iter().map(|[x, y, z]| format!("{x} {y} {z}\n"));
+    lines.collect::<String>().into_bytes()
+}
+
 /// Object file format, also with colours or normals (COFF, NOFF), and with the counts on the first line as
 /// some files of ModelNet have them.
 pub(super) fn parse_off(bytes: &[u8]) -> Result<CloudFile, String> {
@@ -72,22 +78,31 @@ pub(super) fn parse_off(bytes: &[u8]) -> Result<CloudFile, String> {
 pub(super) fn lines(bytes: &[u8]) -> Result<impl Iterator<Item = (usize, &str)>, String> {
     let text =
         std::str::from_utf8(bytes).map_err(|e| format!("byte {} is not text", e.valid_up_to()))?;
+    Ok(numbered(text))
+}
+
+/// As [`lines`], of what is known to be text.
+pub(super) fn numbered(text: &str) -> impl Iterator<Item = (usize, &str)> {
     let numbered = text
         .lines()
         .enumerate()
         .map(|(i, line)| (i + 1, line.split('#').next().unwrap_or("").trim()));
-    Ok(numbered.filter(|(_, line)| !line.is_empty()))
+    numbered.filter(|(_, line)| !line.is_empty())
 }
 
 pub(super) fn point(text: &str, line: usize) -> Result<Point, String> {
-    let words = text
+    let mut words = text
         .split([' ', '\t', ',', ';'])
         .filter(|word| !word.is_empty());
-    let numbers: Vec<f32> = words.take(3).map_while(|word| word.parse().ok()).collect();
-    numbers.try_into().map_err(|_| {
-        format!(
-            "line {line}: expected three coordinates, found \"{}\"",
-            text.chars().take(40).collect::<String>()
-        )
-    })
+    let mut point = [0.0; 3];
+    for coordinate in &mut point {
+        let word = words.next().and_then(|word| word.parse().ok());
+        *coordinate = word.ok_or_else(|| {
+            format!(
+                "line {line}: expected three coordinates, found \"{}\"",
+                text.chars().take(40).collect::<String>()
+            )
+        })?;
+    }
+    Ok(point)
 }

@@ -1,0 +1,234 @@
+//! Test pairs of a data set in BOP layout, and refined poses back in the camera's frame.
+
+use super::normalise::Normalisation;
+use super::sample::test_sample;
+use super::table::{Estimated, ObjectRow, objects};
+use crate::dataset::bop::{
+    BopError, Estimate, Instance, MaskKind, Models, Scenes, read_results, targets,
+};
+use crate::dataset::pairs::{PairSet, Sample};
+use crate::random::{Purpose, stream};
+use rayon::prelude::*;
+use reagent_core::{Error, Pose};
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// Points of source and target (the paper's).
+const POINTS: usize = 1024;
+
+/// An annotated object and its estimate, if it has one.
+type Matched = (Instance, Option<Estimate>);
+/// A sample, if the object has a depth inside its mask.
+type Drawn = Result<Option<(Sample, Normalisation)>, BopError>;
+
+/// Annotated objects with the estimates from which they are refined. Clouds take 24 kB a pair.
+#[derive(Clone, Debug)]
+pub struct Refinements {
+    /// What is registered: the observed source placed by the estimate, and the model, in normalised units. The label
+    /// is the object's id.
+    pub set: PairSet,
+    refined: Vec<(Instance, Estimate, Normalisation)>,
+    /// Objects that cannot be refined: no depth inside the mask, or no estimate at all.
+    rest: Vec<Matched>,
+    models: Models,
+}
+
+impl Refinements {
+    /// Reads the folder `test` of a data set and the estimates for it, and draws the source of each pair inside
+    /// the estimated mask (`mask_estimate`; where a scene has none, `mask_visib`). A pair depends on the
+    /// seed and on its place only.
+    ///
+    /// What is evaluated: the objects that `test_targets.json` lists, of which those without an estimate count as
+    /// failures; without such a list, the objects that have an estimate. Several estimates of one object in one
+    /// image go, best score first, each to the nearest annotation that is free. `count` takes that many, spread
+    /// evenly over all.
+    ///
+    /// # Errors
+    /// A file that is missing or not as it should be; no estimate that belongs to an annotated object.
+    pub fn open(
+        root: &Path,
+        estimates: &Path,
+        count: Option<usize>,
+        seed: u64,
+    ) -> Result<Refinements, BopError> {
+        let models = Models::open(root, seed)?;
+        let scenes = Scenes::open(&root.join("test"), &models)?;
+        let listed = targets(root)?;
+        let mut matched = matched(&scenes.instances, read_results(estimates)?);
+        matched.retain(|(i, estimate)| match &listed {
+            Some(listed) => listed.contains(&(i.scene, i.image, i.object)),
+            None => estimate.is_some(),
+        });
+        if let Some(count) = count.filter(|&count| count < matched.len()) {
+            let all = matched.len();
+            matched = (0..count).map(|k| matched[k * all / count]).collect();
+        }
+        if matched.iter().all(|(_, estimate)| estimate.is_none()) {
+            return Err(BopError::Empty {
+                path: estimates.into(),
+                what: "no estimate belongs to an annotated object of the folder test",
+            });
+        }
+
+        let draw = |(place, (instance, estimate)): (usize, &Matched)| -> Drawn {
+            let (Some(estimate), Some(model)) = (estimate, models.get(instance.object)) else {
+                return Ok(None);
+            };
+            let seen = scenes.observe(instance, MaskKind::Estimated)?;
+            Ok(test_sample(
+                &mut stream(seed, Purpose::Pairs, place as u64),
+                &seen,
+                &estimate.camera_from_model,
+                &instance.camera_from_model,
+                &model.surface,
+                POINTS,
+            ))
+        };
+        let drawn: Vec<Drawn> = matched.par_iter().enumerate().map(draw).collect();
+
+        let mut set = PairSet::default();
+        let (mut refined, mut rest) = (Vec::new(), Vec::new());
+        for ((instance, estimate), drawn) in matched.into_iter().zip(drawn) {
+            match (estimate, drawn?) {
+                (Some(estimate), Some((sample, frame))) => {
+                    set.source.push(sample.source);
+                    set.target.push(sample.target);
+                    set.target_from_source.push(sample.target_from_source);
+                    set.label.push(instance.object as i32);
+                    refined.push((instance, estimate, frame));
+                }
+                (estimate, _) => rest.push((instance, estimate)),
+            }
+        }
+        if refined.is_empty() {
+            return Err(BopError::Empty {
+                path: scenes.dir,
+                what: "no object with an estimate has a depth inside its mask",
+            });
+        }
+        Ok(Refinements {
+            set,
+            refined,
+            rest,
+            models,
+        })
+    }
+
+    /// Objects to be evaluated that cannot be refined, and how many of these have no estimate.
+    pub fn unrefined(&self) -> (usize, usize) {
+        let missing = self.rest.iter().filter(|(_, e)| e.is_none()).count();
+        (self.rest.len(), missing)
+    }
+
+    /// The refined poses, millimetres, in the camera's frame, with the score of the estimate; an object that
+    /// cannot be refined keeps its estimate. `target_from_source` has one registration a pair of the set.
+    pub fn results(&self, target_from_source: &[Pose]) -> Vec<Estimate> {
+        let refined = self.refined.iter().zip(target_from_source);
+        let refined = refined.map(|((_, estimate, frame), pose)| Estimate {
+            camera_from_model: frame.refined(&estimate.camera_from_model, pose),
+            time_s: -1.0,
+            ..*estimate
+        });
+        let mut results: Vec<Estimate> = refined.collect();
+        results.extend(self.rest.iter().filter_map(|(_, estimate)| *estimate));
+        results.sort_by_key(|e| (e.scene, e.image, e.object));
+        results
+    }
+
+    /// The rows of the paper's tables for registrations as in [`Self::results`].
+    ///
+    /// # Errors
+    /// A model without points.
+    pub fn objects(&self, target_from_source: &[Pose]) -> Result<Vec<ObjectRow>, Error> {
+        let refined = self.refined.iter().zip(target_from_source);
+        let refined = refined.map(|((instance, estimate, frame), pose)| Estimated {
+            object: instance.object,
+            truth: instance.camera_from_model,
+            estimate: Some(frame.refined(&estimate.camera_from_model, pose)),
+        });
+        let rest = self.rest.iter().map(|(instance, estimate)| Estimated {
+            object: instance.object,
+            truth: instance.camera_from_model,
+            estimate: estimate.map(|e| e.camera_from_model),
+        });
+        let all: Vec<Estimated> = refined.chain(rest).collect();
+        objects(&self.models, &all)
+    }
+}
+
+/// Each annotated object with its estimate, if it has one.
+fn matched(instances: &[Instance], mut estimates: Vec<Estimate>) -> Vec<Matched> {
+    let mut places: BTreeMap<(u32, u32, u32), Vec<usize>> = BTreeMap::new();
+    for (place, i) in instances.iter().enumerate() {
+        let key = (i.scene, i.image, i.object);
+        places.entry(key).or_default().push(place);
+    }
+    let mut matched: Vec<_> = instances.iter().map(|&i| (i, None)).collect();
+    estimates.sort_by(|a, b| b.score.total_cmp(&a.score));
+    for estimate in estimates {
+        let key = (estimate.scene, estimate.image, estimate.object);
+        let distance = |&place: &usize| {
+            let truth = &instances[place].camera_from_model;
+            truth
+                .translation
+                .distance(estimate.camera_from_model.translation)
+        };
+        let free = places.get(&key).into_iter().flatten().copied();
+        let nearest = free
+            .filter(|&place| matched[place].1.is_none())
+            .min_by(|a, b| distance(a).total_cmp(&distance(b)));
+        if let Some(place) = nearest {
+            matched[place].1 = Some(estimate);
+        }
+    }
+    matched
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::Vec3;
+
+    fn at(x: f32) -> Pose {
+        Pose {
+            translation: Vec3::new(x, 0.0, 900.0),
+            ..Pose::IDENTITY
+        }
+    }
+
+    #[test]
+    fn estimates_go_to_the_nearest_free_annotation_best_score_first() {
+        let instance = |image, index, x| Instance {
+            scene: 1,
+            image,
+            index,
+            object: 4,
+            camera_from_model: at(x),
+            visible: 1.0,
+        };
+        let estimate = |image, score, x| Estimate {
+            scene: 1,
+            image,
+            object: 4,
+            score,
+            camera_from_model: at(x),
+            time_s: -1.0,
+        };
+        let instances = [
+            instance(0, 0, 0.0),
+            instance(0, 1, 100.0),
+            instance(5, 0, 0.0),
+        ];
+        let estimates = vec![
+            estimate(0, 0.2, 30.0),
+            estimate(0, 0.9, 10.0),
+            estimate(0, 0.1, 100.0),
+            estimate(3, 1.0, 0.0),
+        ];
+        let scores: Vec<Option<f32>> = matched(&instances, estimates)
+            .into_iter()
+            .map(|(_, e)| e.map(|e| e.score))
+            .collect();
+        assert_eq!(scores, [Some(0.9), Some(0.2), None]);
+    }
+}

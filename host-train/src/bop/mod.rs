@@ -1,0 +1,12 @@
+//! Object pose refinement on data sets in BOP layout: the paper's LINEMOD experiment.
+//!
+//! Source is what the camera sees of an object, target its model; a registration of the two refines the pose.
+//! Training and validation samples are annotated objects, cut out roughly and moved by a random error; test
+//! samples start from another method's estimate. A generator writes scenes in the same layout.
+
+pub mod evaluate;
+pub mod normalise;
+pub mod sample;
+pub mod segment;
+pub mod synth;
+pub mod table;

@@ -1,0 +1,213 @@
+//! The paper's tables on LINEMOD: share of poses whose average distance (AD) is below a part of the diameter.
+//!
+//! AD is ADD, the mean distance of corresponding model points under the true and the estimated pose, or ADI, the mean
+//! distance to the closest one, for objects with a symmetry (Hinterstoisser et al., 2012).
+
+use crate::dataset::bop::{BopModel, Models};
+use crate::neighbours::{Neighbours, wide};
+use rayon::prelude::*;
+use reagent_core::{Error, Pose};
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::fmt::Write;
+
+/// Parts of the diameter of the three tables.
+pub const THRESHOLDS: [f64; 3] = [0.10, 0.05, 0.02];
+
+/// One row: an object, and what part of its poses is good.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ObjectRow {
+    /// Id of the object.
+    pub object: u32,
+    /// Its name.
+    pub name: String,
+    /// Number of poses, those included that were not estimated at all.
+    pub pairs: usize,
+    /// Whether ADI was used.
+    pub symmetric: bool,
+    /// Percent with AD below a tenth of the diameter.
+    pub ad_10: f64,
+    /// Percent below a twentieth.
+    pub ad_05: f64,
+    /// Percent below a fiftieth.
+    pub ad_02: f64,
+}
+
+/// A pose to be measured, millimetres.
+#[derive(Clone, Copy, Debug)]
+pub struct Estimated {
+    /// Object concerned.
+    pub object: u32,
+    /// Its true pose.
+    pub truth: Pose,
+    /// The estimated one; `None` where there is none, which counts as a failure.
+    pub estimate: Option<Pose>,
+}
+
+/// AD of an estimate, in diameters of the model. `tree` holds [`BopModel::metric_points`].
+pub fn average_distance(model: &BopModel, tree: &Neighbours, truth: &Pose, estimate: &Pose) -> f64 {
+    // A rigid motion keeps distances: everything is measured in the model's frame.
+    // ADI asks, as the BOP toolkit, how far each true point is from the estimated ones.
+    let residual = if model.symmetric {
+        estimate.inverse().after(*truth)
+    } else {
+        truth.inverse().after(*estimate)
+    };
+    let rows = residual.to_rows().map(|row| row.map(f64::from));
+    let moved = |p: &[f32; 3]| {
+        let [x, y, z] = p.map(f64::from);
+        nalgebra::Vector3::from(rows.map(|r| r[0] * x + r[1] * y + r[2] * z + r[3]))
+    };
+    let points = &model.metric_points;
+    let sum: f64 = if model.symmetric {
+        let distance = |p| tree.nearest(moved(p)).1.sqrt();
+        points.iter().map(distance).sum()
+    } else {
+        let distance = |p: &[f32; 3]| (moved(p) - wide(*p)).norm();
+        points.iter().map(distance).sum()
+    };
+    sum / points.len() as f64 / model.diameter_mm
+}
+
+/// One row an object, by id; objects without poses have none.
+///
+/// # Errors
+/// A model without points. Poses of objects without a model are left out.
+pub fn objects(models: &Models, poses: &[Estimated]) -> Result<Vec<ObjectRow>, Error> {
+    let mut by_object: BTreeMap<u32, Vec<&Estimated>> = BTreeMap::new();
+    for pose in poses {
+        by_object.entry(pose.object).or_default().push(pose);
+    }
+    let mut rows = Vec::new();
+    for (object, poses) in by_object {
+        let Some(model) = models.get(object) else {
+            continue;
+        };
+        let tree = Neighbours::new(&model.metric_points)?;
+        let distances: Vec<f64> = poses
+            .par_iter()
+            .map(|pose| {
+                pose.estimate.map_or(f64::INFINITY, |estimate| {
+                    average_distance(model, &tree, &pose.truth, &estimate)
+                })
+            })
+            .collect();
+        let percent = |threshold: f64| {
+            let good = distances.iter().filter(|&&d| d < threshold).count();
+            100.0 * good as f64 / distances.len() as f64
+        };
+        rows.push(ObjectRow {
+            object,
+            name: model.name.clone(),
+            pairs: distances.len(),
+            symmetric: model.symmetric,
+            ad_10: percent(THRESHOLDS[0]),
+            ad_05: percent(THRESHOLDS[1]),
+            ad_02: percent(THRESHOLDS[2]),
+        });
+    }
+    Ok(rows)
+}
+
+/// The table as text: per object, then the mean over objects; objects with ADI have a star.
+pub fn text(method: &str, rows: &[ObjectRow]) -> String {
+    let names = rows.iter().map(|r| r.name.chars().count());
+    let width = names.max().unwrap_or(0).max("object".len()) + 1;
+    let mut text = format!(
+        "{method}, percent of poses with AD below a part of the diameter (*: ADI)\n\
+         {:width$}  poses   <0.10d  <0.05d  <0.02d\n",
+        "object"
+    );
+    let mut line = |name: &str, pairs: usize, values: [f64; 3]| {
+        let [a, b, c] = values;
+        writeln!(
+            text,
+            "{name:width$}  {pairs:<6}  {a:<6.1}  {b:<6.1}  {c:.1}"
+        )
+        .expect("writing to a string cannot fail");
+    };
+    for row in rows {
+        let star = if row.symmetric { "*" } else { "" };
+        let values = [row.ad_10, row.ad_05, row.ad_02];
+        line(&format!("{}{star}", row.name), row.pairs, values);
+    }
+    let mean = |f: fn(&ObjectRow) -> f64| rows.iter().map(f).sum::<f64>() / rows.len() as f64;
+    let means = [mean(|r| r.ad_10), mean(|r| r.ad_05), mean(|r| r.ad_02)];
+    line("mean", rows.iter().map(|r| r.pairs).sum(), means);
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::{Mat3, Vec3};
+
+    fn square(symmetric: bool) -> BopModel {
+        let metric_points = vec![
+            [-10.0, -10.0, 0.0],
+            [10.0, -10.0, 0.0],
+            [10.0, 10.0, 0.0],
+            [-10.0, 10.0, 0.0],
+        ];
+        BopModel {
+            object: 7,
+            name: "square".into(),
+            diameter_mm: 10.0 * 8f64.sqrt(),
+            symmetric,
+            surface: metric_points.clone(),
+            metric_points,
+        }
+    }
+
+    fn distance(symmetric: bool, estimate: impl Fn(Pose) -> Pose) -> f64 {
+        let truth = Pose {
+            rotation: Mat3::from_rotation_x(0.8),
+            translation: Vec3::new(5.0, -3.0, 700.0),
+        };
+        let model = square(symmetric);
+        let tree = Neighbours::new(&model.metric_points).expect("points");
+        average_distance(&model, &tree, &truth, &estimate(truth))
+    }
+
+    #[test]
+    fn distances_are_those_one_can_see() {
+        let turn = |angle: f32| {
+            move |truth: Pose| {
+                truth.after(Pose {
+                    rotation: Mat3::from_rotation_z(angle),
+                    translation: Vec3::ZERO,
+                })
+            }
+        };
+        let quarter = std::f32::consts::FRAC_PI_2;
+        // A quarter turn takes every corner to the next, 20 mm away; the square looks the same.
+        assert!((distance(false, turn(quarter)) - 20.0 / 800f64.sqrt()).abs() < 1e-5);
+        assert!(distance(true, turn(quarter)) < 1e-5);
+        // Three millimetres towards the camera are three for every point, whatever the metric.
+        let nearer = |mut pose: Pose| {
+            pose.translation.z -= 3.0;
+            pose
+        };
+        assert!((distance(false, nearer) - 3.0 / 800f64.sqrt()).abs() < 1e-4);
+        assert!((distance(true, nearer) - 3.0 / 800f64.sqrt()).abs() < 1e-4);
+    }
+
+    #[test]
+    fn text_has_a_row_an_object_and_the_mean_over_objects() {
+        let row = |object, pairs, ad_10, symmetric| ObjectRow {
+            object,
+            name: format!("thing{object}"),
+            pairs,
+            symmetric,
+            ad_10,
+            ad_05: 10.0,
+            ad_02: 0.0,
+        };
+        let table = text("icp", &[row(1, 3, 100.0, false), row(2, 9, 50.0, true)]);
+        assert!(table.contains("thing2*   9       50.0"), "{table}");
+        assert!(
+            table.contains("mean      12      75.0    10.0    0.0"),
+            "{table}"
+        );
+    }
+}

@@ -1,0 +1,105 @@
+//! `host-train bop-synth`
+
+use super::progress::Progress;
+use super::source::positive;
+use crate::bop::synth::objects::{self, Object};
+use crate::bop::synth::{ESTIMATES_FILE, SynthSettings, generate};
+use clap::Args;
+use std::path::PathBuf;
+
+/// Generate scenes in the layout of the BOP benchmark
+///
+/// Several objects on a plane, seen by a noisy depth camera: folders test and train with depth images, masks and
+/// true poses, models_eval with the models (mm), and estimates.csv with initial poses for test, whose errors are of
+/// the size of PoseCNN's on LINEMOD. Masks as an estimator would give them are in mask_estimate, beside the
+/// layout's own mask and mask_visib.
+#[derive(Debug, Args)]
+pub(super) struct BopSynthArgs {
+    /// Meshes (.ply .off .obj .stl), or the built-in shapes, among them solids of revolution and boxes
+    #[arg(long, value_name = "DIR|FILE|procedural")]
+    models: PathBuf,
+    /// Folder to write; empty or absent
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Scenes of the split test
+    #[arg(long, value_name = "N", value_parser = positive())]
+    scenes: usize,
+    /// Scenes of the split train [default: as many]
+    #[arg(long, value_name = "N", value_parser = positive())]
+    train_scenes: Option<usize>,
+    /// Views of each scene
+    #[arg(long, value_name = "N", value_parser = positive(), default_value_t = SynthSettings::default().images)]
+    images: usize,
+    /// Objects of the data set, at most
+    #[arg(long, value_name = "N", value_parser = positive(), default_value_t = 8)]
+    objects: usize,
+    /// Objects in each scene
+    #[arg(long, value_name = "N", value_parser = positive(), default_value_t = SynthSettings::default().per_scene)]
+    per_scene: usize,
+    /// Millimetres of one unit of the meshes [default: each is scaled to a random diameter of 100 to 250 mm]
+    #[arg(long, value_name = "MM", value_parser = scale)]
+    mm_per_unit: Option<f32>,
+    /// Columns and rows of the images
+    #[arg(long, value_name = "COLUMNSxROWS", value_parser = size, default_value = "320x240")]
+    size: [usize; 2],
+    /// Factor on the sensor's noise; 0 gives exact depths
+    #[arg(long, value_name = "FACTOR", value_parser = factor, default_value_t = 1.0)]
+    noise: f32,
+}
+
+/// The name that stands for the built-in shapes.
+const PROCEDURAL: &str = "procedural";
+
+impl BopSynthArgs {
+    pub(super) fn run(self, seed: u64) -> anyhow::Result<()> {
+        let objects: Vec<Object> = if self.models.as_os_str() == PROCEDURAL {
+            objects::procedural(self.objects, seed)
+        } else {
+            objects::from_files(&self.models, self.objects, self.mm_per_unit, seed)?
+        };
+        let settings = SynthSettings {
+            test_scenes: self.scenes,
+            train_scenes: self.train_scenes.unwrap_or(self.scenes),
+            images: self.images,
+            per_scene: self.per_scene,
+            size: self.size,
+            noise: self.noise,
+            seed,
+        };
+        let images = (settings.test_scenes + settings.train_scenes) * settings.images;
+        let progress = Progress::new(images, "images");
+        let done = generate(&objects, &settings, &self.out, &|| progress.tick());
+        progress.finish();
+        done?;
+        println!(
+            "{} images of {} objects in {}; initial estimates in {}",
+            images,
+            objects.len(),
+            self.out.display(),
+            self.out.join(ESTIMATES_FILE).display(),
+        );
+        Ok(())
+    }
+}
+
+/// `COLUMNSxROWS`, each from 16 to 4096.
+fn size(text: &str) -> Result<[usize; 2], String> {
+    let number = |word: &str| word.parse().ok().filter(|n| (16..=4096).contains(n));
+    text.split_once('x')
+        .and_then(|(columns, rows)| Some([number(columns)?, number(rows)?]))
+        .ok_or_else(|| "give COLUMNSxROWS, such as 320x240, each from 16 to 4096".into())
+}
+
+fn scale(text: &str) -> Result<f32, String> {
+    match text.parse() {
+        Ok(mm) if mm > 0.0 && mm <= 1e6 => Ok(mm),
+        _ => Err("give a number above 0, such as 1000 for meshes in metres".into()),
+    }
+}
+
+fn factor(text: &str) -> Result<f32, String> {
+    match text.parse() {
+        Ok(x) if (0.0..=100.0).contains(&x) => Ok(x),
+        _ => Err("give a number from 0 to 100".into()),
+    }
+}

@@ -1,0 +1,187 @@
+//! Depth images and masks: greyscale PNG.
+
+use super::BopError;
+use png::{BitDepth, ColorType, Decoder, Encoder, Limits, Transformations};
+use std::fs::File;
+use std::io::{BufReader, BufWriter};
+use std::path::Path;
+
+/// Most pixels of an image that are read: 8 times those of a full HD camera.
+pub const MAX_PIXELS: usize = 1 << 24;
+
+/// A greyscale image.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Image {
+    /// Columns and rows.
+    pub size: [usize; 2],
+    /// Values row by row.
+    pub values: Vec<u16>,
+}
+
+/// Reads a depth image: greyscale of 16 bits.
+///
+/// # Errors
+/// No file, no PNG, an image of another kind, one that ends early or is too large.
+pub fn read_depth(path: &Path) -> Result<Image, BopError> {
+    read(path, "a greyscale PNG of 16 bits", |bits| {
+        bits == BitDepth::Sixteen
+    })
+}
+
+/// Reads a mask: greyscale of up to 8 bits, where anything but 0 belongs to the object.
+///
+/// # Errors
+/// As [`read_depth`].
+pub fn read_mask(path: &Path) -> Result<Image, BopError> {
+    read(path, "a greyscale PNG of 8 bits", |bits| {
+        bits != BitDepth::Sixteen
+    })
+}
+
+fn read(
+    path: &Path,
+    expected: &'static str,
+    allowed: fn(BitDepth) -> bool,
+) -> Result<Image, BopError> {
+    let file = File::open(path).map_err(|source| match source.kind() {
+        std::io::ErrorKind::NotFound => BopError::Missing {
+            path: path.into(),
+            expected,
+        },
+        _ => BopError::Io {
+            path: path.into(),
+            source,
+        },
+    })?;
+    let malformed = |reason: String| BopError::Malformed {
+        path: path.into(),
+        reason,
+        expected,
+    };
+    let limits = Limits {
+        bytes: 4 * MAX_PIXELS,
+    };
+    let mut decoder = Decoder::new_with_limits(BufReader::new(file), limits);
+    decoder.set_transformations(Transformations::EXPAND);
+    let header = decoder
+        .read_header_info()
+        .map_err(|e| malformed(e.to_string()))?;
+    let (width, height) = (header.width as usize, header.height as usize);
+    if width.checked_mul(height).is_none_or(|n| n > MAX_PIXELS) {
+        return Err(BopError::TooLarge {
+            path: path.into(),
+            width,
+            height,
+            limit: MAX_PIXELS,
+        });
+    }
+    if header.color_type != ColorType::Grayscale || !allowed(header.bit_depth) {
+        return Err(malformed(format!(
+            "it is {:?} of {:?} bits",
+            header.color_type, header.bit_depth
+        )));
+    }
+    let wide = header.bit_depth == BitDepth::Sixteen;
+    let mut reader = decoder.read_info().map_err(|e| malformed(e.to_string()))?;
+    let bytes = width * height * (1 + usize::from(wide));
+    if reader.output_buffer_size() != Some(bytes) {
+        return Err(malformed(
+            "it has a transparency that no depth image has".into(),
+        ));
+    }
+    let mut buffer = vec![0u8; bytes];
+    reader
+        .next_frame(&mut buffer)
+        .map_err(|e| malformed(e.to_string()))?;
+    let values = if wide {
+        let (pairs, _) = buffer.as_chunks::<2>();
+        pairs.iter().copied().map(u16::from_be_bytes).collect()
+    } else {
+        buffer.into_iter().map(u16::from).collect()
+    };
+    Ok(Image {
+        size: [width, height],
+        values,
+    })
+}
+
+/// Writes a depth image, greyscale of 16 bits.
+///
+/// # Errors
+/// The system's, or an image whose size is not that of its values.
+pub fn write_depth(path: &Path, image: &Image) -> Result<(), BopError> {
+    let bytes: Vec<u8> = image.values.iter().flat_map(|v| v.to_be_bytes()).collect();
+    write(path, image.size, BitDepth::Sixteen, &bytes)
+}
+
+/// Writes a mask, greyscale of 8 bits: 255 where true.
+///
+/// # Errors
+/// As [`write_depth`].
+pub fn write_mask(path: &Path, size: [usize; 2], mask: &[bool]) -> Result<(), BopError> {
+    let bytes: Vec<u8> = mask.iter().map(|&inside| 255 * u8::from(inside)).collect();
+    write(path, size, BitDepth::Eight, &bytes)
+}
+
+fn write(path: &Path, size: [usize; 2], bits: BitDepth, bytes: &[u8]) -> Result<(), BopError> {
+    let io = |source| BopError::Io {
+        path: path.into(),
+        source,
+    };
+    let file = BufWriter::new(File::create(path).map_err(io)?);
+    let mut encoder = Encoder::new(file, size[0] as u32, size[1] as u32);
+    encoder.set_color(ColorType::Grayscale);
+    encoder.set_depth(bits);
+    encoder
+        .write_header()
+        .and_then(|mut writer| {
+            writer.write_image_data(bytes)?;
+            writer.finish()
+        })
+        .map_err(|e| io(std::io::Error::other(e)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn images_survive_a_round_trip() {
+        let dir = tempfile::tempdir().expect("temporary directory");
+        let path = dir.path().join("a.png");
+        let image = Image {
+            size: [5, 3],
+            values: (0..15).map(|i| i * 4369).collect(),
+        };
+        write_depth(&path, &image).expect("written");
+        assert_eq!(read_depth(&path).expect("read"), image);
+        let said = read_mask(&path).expect_err("16 bits").to_string();
+        assert!(said.contains("a.png") && said.contains("Sixteen"), "{said}");
+
+        let mask: Vec<bool> = (0..15).map(|i| i % 4 == 0).collect();
+        write_mask(&path, [5, 3], &mask).expect("written");
+        let read = read_mask(&path).expect("read");
+        assert!(read.values.iter().map(|&v| v != 0).eq(mask));
+        assert!(read_depth(&path).is_err());
+    }
+
+    /// The header alone says how many pixels; no such amount of memory is asked for.
+    #[test]
+    fn absurd_dimensions_are_refused_by_the_header() {
+        let dir = tempfile::tempdir().expect("temporary directory");
+        let path = dir.path().join("bomb.png");
+        let mut bytes = Vec::new();
+        let mut encoder = Encoder::new(&mut bytes, 2_000_000_000, 2_000_000_000);
+        encoder.set_color(ColorType::Grayscale);
+        encoder.set_depth(BitDepth::Sixteen);
+        drop(encoder.write_header());
+        std::fs::write(&path, bytes).expect("written");
+        assert!(matches!(
+            read_depth(&path),
+            Err(BopError::TooLarge {
+                width: 2_000_000_000,
+                ..
+            })
+        ));
+    }
+}

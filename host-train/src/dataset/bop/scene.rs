@@ -1,0 +1,266 @@
+//! The annotated images of one split, read on demand.
+
+use super::image::{Image, read_depth, read_mask};
+use super::json::{
+    self, Annotation, AnnotationInfo, CameraEntry, Numbered, SCENE_CAMERA, SCENE_GT,
+};
+use super::{BopError, Models};
+use crate::dataset::Point;
+use crate::dataset::raster::Pinhole;
+use glam::Vec2;
+use reagent_core::Pose;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// One annotated object in one image.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Instance {
+    /// Scene.
+    pub scene: u32,
+    /// Image of the scene.
+    pub image: u32,
+    /// Place among the image's annotations.
+    pub index: u32,
+    /// Object.
+    pub object: u32,
+    /// True pose, millimetres.
+    pub camera_from_model: Pose,
+    /// Visible share of the silhouette; 1 where the data set does not say.
+    pub visible: f32,
+}
+
+/// Which segmentation of an instance is used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MaskKind {
+    /// `mask_visib`: the true visible part.
+    Visible,
+    /// `mask_estimate`, our addition to the layout, as an estimator would give it; where a scene has no such
+    /// folder, `mask_visib`.
+    Estimated,
+}
+
+/// What the camera sees of one instance and around it.
+#[derive(Clone, Debug)]
+pub struct Observation {
+    /// The camera, with the size of the image.
+    pub camera: Pinhole,
+    depth: Vec<u16>,
+    depth_scale_mm: f32,
+    mask: Vec<u16>,
+}
+
+impl Observation {
+    /// Pixels (row-major) with a depth, inside the mask or outside of it.
+    pub fn pixels(&self, inside: bool) -> Vec<u32> {
+        let pixels = self.depth.iter().zip(&self.mask).enumerate();
+        pixels
+            .filter(|(_, (depth, mask))| **depth > 0 && (**mask > 0) == inside)
+            .map(|(i, _)| i as u32)
+            .collect()
+    }
+
+    /// The point seen at a pixel, millimetres in the camera's frame.
+    pub fn point(&self, pixel: u32) -> Point {
+        let pixel = pixel as usize;
+        let width = self.camera.size[0];
+        let depth_mm = f32::from(self.depth[pixel]) * self.depth_scale_mm;
+        (self.camera.ray(pixel % width, pixel / width) * depth_mm).to_array()
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+struct View {
+    focal: Vec2,
+    centre: Vec2,
+    depth_scale_mm: f32,
+}
+
+/// The annotations of one split; images stay on disk.
+#[derive(Clone, Debug)]
+pub struct Scenes {
+    /// Folder of the split.
+    pub dir: PathBuf,
+    /// All annotated objects, by scene, image and place.
+    pub instances: Vec<Instance>,
+    views: BTreeMap<(u32, u32), View>,
+}
+
+impl Scenes {
+    /// Reads the annotations of a split's folder, such as `test` or `train_pbr`, and checks that each object has a
+    /// model.
+    ///
+    /// # Errors
+    /// A file that is missing or not as it should be, an object without a model, no annotations at all.
+    pub fn open(dir: &Path, models: &Models) -> Result<Scenes, BopError> {
+        let mut scenes = Scenes {
+            dir: dir.into(),
+            instances: Vec::new(),
+            views: BTreeMap::new(),
+        };
+        for (scene, path) in scene_folders(dir)? {
+            scenes.read_scene(scene, &path, models)?;
+        }
+        if scenes.instances.is_empty() {
+            return Err(BopError::Empty {
+                path: dir.into(),
+                what: "no annotated objects",
+            });
+        }
+        Ok(scenes)
+    }
+
+    fn read_scene(&mut self, scene: u32, folder: &Path, models: &Models) -> Result<(), BopError> {
+        let cameras_path = folder.join("scene_camera.json");
+        let cameras: Numbered<CameraEntry> = json::read(&cameras_path, SCENE_CAMERA)?;
+        for (&image, camera) in &cameras {
+            let view = view(camera).ok_or_else(|| BopError::Malformed {
+                path: cameras_path.clone(),
+                reason: format!("image {image}: cam_K has no positive focal lengths, skews, or depth_scale is not positive"),
+                expected: SCENE_CAMERA,
+            })?;
+            self.views.insert((scene, image), view);
+        }
+        let truth_path = folder.join("scene_gt.json");
+        let malformed = |reason: String| BopError::Malformed {
+            path: truth_path.clone(),
+            reason,
+            expected: SCENE_GT,
+        };
+        let truth: Numbered<Vec<Annotation>> = json::read(&truth_path, SCENE_GT)?;
+        let info_path = folder.join("scene_gt_info.json");
+        let info: Numbered<Vec<AnnotationInfo>> = if info_path.exists() {
+            json::read(&info_path, json::SCENE_GT_INFO)?
+        } else {
+            Numbered::new()
+        };
+        for (&image, annotations) in &truth {
+            if !cameras.contains_key(&image) {
+                return Err(malformed(format!(
+                    "image {image} is not in scene_camera.json"
+                )));
+            }
+            for (index, annotation) in annotations.iter().enumerate() {
+                let object = annotation.obj_id;
+                if models.get(object).is_none() {
+                    return Err(BopError::NoModel {
+                        origin: truth_path.clone(),
+                        object,
+                        models: models.dir.clone(),
+                    });
+                }
+                let pose = json::pose(&annotation.rotation, &annotation.translation);
+                let visible = info.get(&image).and_then(|list| list.get(index));
+                self.instances.push(Instance {
+                    scene,
+                    image,
+                    index: index as u32,
+                    object,
+                    camera_from_model: pose.ok_or_else(|| {
+                        malformed(format!(
+                            "image {image}, entry {index} is not a finite rigid transform"
+                        ))
+                    })?,
+                    visible: visible.map_or(1.0, |v| v.visib_fract),
+                });
+            }
+        }
+        Ok(())
+    }
+
+    /// Reads depth image and mask of an instance.
+    ///
+    /// # Errors
+    /// An image that is missing, of another kind, truncated, too large, or of another size than the other.
+    pub fn observe(&self, instance: &Instance, kind: MaskKind) -> Result<Observation, BopError> {
+        let folder = self.dir.join(format!("{:06}", instance.scene));
+        let depth_path = folder.join(format!("depth/{:06}.png", instance.image));
+        let masks = match kind {
+            MaskKind::Estimated if folder.join(ESTIMATED_MASKS).is_dir() => ESTIMATED_MASKS,
+            _ => VISIBLE_MASKS,
+        };
+        let name = format!("{:06}_{:06}.png", instance.image, instance.index);
+        let mask_path = folder.join(masks).join(name);
+        let Image {
+            size,
+            values: depth,
+        } = read_depth(&depth_path)?;
+        let mask = read_mask(&mask_path)?;
+        if mask.size != size {
+            return Err(BopError::Size {
+                mask: mask_path,
+                found: mask.size,
+                depth: depth_path,
+                expected: size,
+            });
+        }
+        let view = self.views.get(&(instance.scene, instance.image));
+        let view = view.ok_or(BopError::Missing {
+            path: folder.join("scene_camera.json"),
+            expected: "the image's camera",
+        })?;
+        Ok(Observation {
+            camera: Pinhole {
+                size,
+                focal: view.focal,
+                centre: view.centre,
+            },
+            depth,
+            depth_scale_mm: view.depth_scale_mm,
+            mask: mask.values,
+        })
+    }
+}
+
+/// Folder of the true masks of visible parts.
+pub(crate) const VISIBLE_MASKS: &str = "mask_visib";
+/// Folder of masks as an estimator gives them.
+pub(crate) const ESTIMATED_MASKS: &str = "mask_estimate";
+
+/// The numbered folders of a split, in order.
+fn scene_folders(dir: &Path) -> Result<BTreeMap<u32, PathBuf>, BopError> {
+    let expected = "folders NNNNNN of scenes";
+    let entries = std::fs::read_dir(dir).map_err(|source| match source.kind() {
+        std::io::ErrorKind::NotFound => BopError::Missing {
+            path: dir.into(),
+            expected,
+        },
+        _ => BopError::Io {
+            path: dir.into(),
+            source,
+        },
+    })?;
+    let mut scenes = BTreeMap::new();
+    for entry in entries {
+        let entry = entry.map_err(|source| BopError::Io {
+            path: dir.into(),
+            source,
+        })?;
+        let number = entry.file_name().to_str().and_then(|name| {
+            let whole = name.len() == 6 && name.bytes().all(|b| b.is_ascii_digit());
+            whole.then(|| name.parse().ok()).flatten()
+        });
+        if let Some(number) = number {
+            scenes.insert(number, entry.path());
+        }
+    }
+    if scenes.is_empty() {
+        return Err(BopError::Empty {
+            path: dir.into(),
+            what: "no folders NNNNNN of scenes",
+        });
+    }
+    Ok(scenes)
+}
+
+fn view(camera: &CameraEntry) -> Option<View> {
+    let [fx, skew, cx, below, fy, cy, left, right, last] = camera.intrinsics.map(|x| x as f32);
+    let scale = camera.depth_scale as f32;
+    let upright = skew == 0.0 && below == 0.0 && left == 0.0 && right == 0.0 && last == 1.0;
+    let positive = |x: f32| x > 0.0 && x.is_finite();
+    (upright && positive(fx) && positive(fy) && positive(scale) && cx.is_finite() && cy.is_finite())
+        .then(|| View {
+            focal: Vec2::new(fx, fy),
+            centre: Vec2::new(cx, cy),
+            depth_scale_mm: scale,
+        })
+}

@@ -1,0 +1,137 @@
+//! Depth images of meshes: a pinhole camera and a z-buffer.
+
+use super::mesh::Mesh;
+use glam::{Affine3A, Vec2, Vec3};
+
+/// Nearer than this, in the mesh's units, a triangle is not drawn.
+const NEAR: f32 = 1e-3;
+
+/// A pinhole camera that looks along z, with x to the right and y down. Pixel `(u, v)` sees the direction
+/// `((u - cx) / fx, (v - cy) / fy, 1)`: centres of pixels lie at whole numbers, as in OpenCV and BOP.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pinhole {
+    /// Columns and rows of the image.
+    pub size: [usize; 2],
+    /// `(fx, fy)`, pixels.
+    pub focal: Vec2,
+    /// `(cx, cy)`, pixels.
+    pub centre: Vec2,
+}
+
+impl Pinhole {
+    /// The ray through a pixel's centre, to depth 1.
+    pub fn ray(&self, column: usize, row: usize) -> Vec3 {
+        let pixel = Vec2::new(column as f32, row as f32);
+        ((pixel - self.centre) / self.focal).extend(1.0)
+    }
+
+    /// Where a point is seen, pixels; meaningless for a depth that is not positive.
+    pub fn project(&self, point: Vec3) -> Vec2 {
+        self.centre + self.focal / point.z * point.truncate()
+    }
+
+    /// One over the depth of the nearest surface at each pixel, row by row; 0 where there is none. Triangles
+    /// that reach behind the camera are left out.
+    pub fn inverse_depths(&self, mesh: &Mesh, camera_from_mesh: &Affine3A) -> Vec<f32> {
+        let mut image = vec![0.0f32; self.size[0] * self.size[1]];
+        let vertices = mesh
+            .vertices
+            .iter()
+            .map(|v| camera_from_mesh.transform_point3(*v))
+            .collect();
+        let in_camera = Mesh {
+            vertices,
+            faces: Vec::new(),
+        };
+        for &face in &mesh.faces {
+            let Some(corners) = in_camera.corners(face) else {
+                continue;
+            };
+            // Written so that NaN is left out, too.
+            if corners.iter().all(|corner| corner.z > NEAR) {
+                self.fill(corners, &mut image);
+            }
+        }
+        image
+    }
+
+    /// Draws one triangle: the inverse depth is linear in the image.
+    fn fill(&self, corners: [Vec3; 3], image: &mut [f32]) {
+        let [width, height] = self.size;
+        let [a, b, c] = corners.map(|corner| self.project(corner));
+        let doubled_area = (b - a).perp_dot(c - a);
+        if doubled_area == 0.0 || !doubled_area.is_finite() {
+            return;
+        }
+        let (low, high) = (a.min(b).min(c), a.max(b).max(c));
+        let first = |x: f32| x.ceil().max(0.0) as usize;
+        let end = |x: f32, size: usize| ((x.floor() + 1.0).max(0.0) as usize).min(size);
+        for row in first(low.y)..end(high.y, height) {
+            for column in first(low.x)..end(high.x, width) {
+                let p = Vec2::new(column as f32, row as f32);
+                let weights = [(b, c), (c, a), (a, b)]
+                    .map(|(from, to)| (to - from).perp_dot(p - from) / doubled_area);
+                if weights.iter().all(|&weight| weight >= 0.0) {
+                    let inverse: f32 = weights
+                        .iter()
+                        .zip(&corners)
+                        .map(|(weight, corner)| weight / corner.z)
+                        .sum();
+                    let pixel = &mut image[row * width + column];
+                    *pixel = pixel.max(inverse);
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A slanted plane `z = 4 + x` drawn by two triangles has, at every pixel, the depth at which the pixel's
+    /// ray meets it.
+    #[test]
+    fn depths_are_where_rays_meet_the_plane() {
+        let camera = Pinhole {
+            size: [9, 7],
+            focal: Vec2::new(10.0, 12.0),
+            centre: Vec2::new(3.7, 2.9),
+        };
+        let corner = |x: f32, y: f32| Vec3::new(x, y, x);
+        let mesh = Mesh {
+            vertices: vec![
+                corner(-3.0, -9.0),
+                corner(9.0, -9.0),
+                corner(9.0, 9.0),
+                corner(-3.0, 9.0),
+            ],
+            faces: vec![[0, 1, 2], [0, 2, 3]],
+        };
+        let place = Affine3A::from_translation(Vec3::Z * 4.0);
+        let image = camera.inverse_depths(&mesh, &place);
+        for (i, inverse) in image.iter().enumerate() {
+            let ray = camera.ray(i % 9, i / 9);
+            let depth = 4.0 / (1.0 - ray.x);
+            assert!((1.0 / inverse - depth).abs() < 1e-4, "pixel {i}");
+            let back = camera.project(ray * depth);
+            let pixel = Vec2::new((i % 9) as f32, (i / 9) as f32);
+            assert!(back.distance(pixel) < 1e-4);
+        }
+    }
+
+    #[test]
+    fn what_is_behind_the_camera_is_not_drawn() {
+        let camera = Pinhole {
+            size: [4, 4],
+            focal: Vec2::splat(4.0),
+            centre: Vec2::splat(1.5),
+        };
+        let mesh = Mesh {
+            vertices: vec![Vec3::new(-9.0, -9.0, 1.0), Vec3::X * 9.0, Vec3::Y * 9.0],
+            faces: vec![[0, 1, 2], [0, 1, 7]],
+        };
+        let image = camera.inverse_depths(&mesh, &Affine3A::IDENTITY);
+        assert!(image.iter().all(|&d| d == 0.0));
+    }
+}

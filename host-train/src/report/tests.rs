@@ -1,0 +1,207 @@
+use super::*;
+use serde_json::json;
+use std::fs;
+
+/// Files of every kind in a folder.
+fn folder() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let at = folder.path();
+    fs::create_dir(at.join("run")).expect("made");
+    fs::write(
+        at.join("run/config.json"),
+        r#"{"stage": "il", "epochs": 2, "seed": 42}"#,
+    )
+    .expect("written");
+    fs::write(at.join("run/metrics.jsonl"), metrics()).expect("written");
+    let row = json!({"r_iso_deg": 6.9, "t_iso": 0.05, "recall_r5_t005": 0.775, "ms_median": 5.0});
+    let errors = json!({"r_iso_deg": [1.0, 2.0, 40.0], "adi": [0.01, 0.2, null]});
+    let eval = json!({
+        "pairs": 3,
+        "methods": {"reagent": row, "icp": row},
+        "per_step": {"reagent": [{"step": 0, "r_iso_deg": 40.0}, {"step": 1, "r_iso_deg": null}]},
+        "errors": {"reagent": errors, "icp": errors},
+        "objects": {"ape": {"reagent": {"ad_010d_pct": 99.5}, "icp": {"ad_010d_pct": 50.25}}},
+    });
+    fs::write(at.join("eval.json"), eval.to_string()).expect("written");
+    let sample = |value: f64| json!({"value": value, "summary": row, "errors": errors});
+    let sweep = json!({"sweep": [{"vary": "noise", "unit": "units", "pairs": 3, "methods": {"icp": [sample(0.1), sample(0.0)]}}]});
+    fs::write(at.join("sweep.json"), sweep.to_string()).expect("written");
+    folder
+}
+
+fn metrics() -> String {
+    let update = |i: usize| {
+        let loss = if i == 3 {
+            json!(null)
+        } else {
+            json!(2.0 / (i + 1) as f64)
+        };
+        json!({
+            "update": i, "epoch": 0, "lr": 1e-3, "loss": loss, "agreement": 0.1 * i as f64,
+            "agreement_axes": [0.1, 0.2, 0.3, 0.4, 0.5, 0.06 * i as f64],
+            "action_histogram": vec![i; 11],
+        })
+        .to_string()
+    };
+    let mut lines: Vec<String> = (0..5).map(update).collect();
+    let validation = json!({"chamfer_mod": 0.01, "r_iso_deg": 6.125, "recall_r5_t005": 0.5});
+    lines
+        .push(json!({"epoch": 0, "updates": 5, "loss": 1.0, "validation": validation}).to_string());
+    lines.join("\n") + "\n"
+}
+
+fn html(paths: &[PathBuf]) -> String {
+    Report::read(paths)
+        .expect("valid inputs")
+        .html()
+        .expect("drawn")
+}
+
+#[test]
+fn every_kind_of_input_is_in_the_page() {
+    let folder = folder();
+    let at = |name: &str| folder.path().join(name);
+    let page = html(&[at("run"), at("eval.json"), at("sweep.json")]);
+    for text in [
+        "Evaluation: eval",
+        "Sweep: sweep",
+        "Training run",
+        "<strong>", // equal values are both the best
+        "6.125",
+        "77.5",
+        "99.5",
+        "50.2",
+        "ADI recall",
+        "agreement with the expert by axis",
+        "The same throughout, and not drawn: learning rate 0.001",
+        "Varied: noise, units, 3 pairs a value",
+    ] {
+        assert!(page.contains(text), "no {text}");
+    }
+    assert!(!page.contains("NaN") && !page.contains("id=\"viewer\""));
+    // Nothing that a browser would fetch.
+    for reference in [
+        "src=",
+        "url(",
+        "@import",
+        "fetch(",
+        "XMLHttpRequest",
+        "href=\"http",
+    ] {
+        assert!(!page.contains(reference), "{reference}");
+    }
+}
+
+#[test]
+fn runs_are_overlaid_and_told_apart() {
+    let folder = folder();
+    let other = folder.path().join("other");
+    fs::create_dir(&other).expect("made");
+    for file in ["config.json", "metrics.jsonl"] {
+        fs::copy(folder.path().join("run").join(file), other.join(file)).expect("copied");
+    }
+    let page = html(&[folder.path().join("run"), other.clone()]);
+    assert!(page.contains("Training runs"));
+    let legends = page.matches(">\nother\n</text>").count();
+    assert!(legends >= 3, "{legends}");
+    let of_one = html(&[other]);
+    assert!(!of_one.contains(">\nother\n</text>"));
+}
+
+#[test]
+fn plots_are_svg_and_png() {
+    let folder = folder();
+    let report = Report::read(&[folder.path().join("eval.json")]).expect("valid");
+    let plots = folder.path().join("plots");
+    let charts = report.write_plots(&plots).expect("written");
+    assert_eq!(fs::read_dir(&plots).expect("made").count(), 2 * charts);
+    let bytes = fs::read(plots.join("eval-box-r-iso-deg.png")).expect("written");
+    assert!(bytes.starts_with(b"\x89PNG"));
+    assert!(plots.join("eval-recall-adi.svg").exists());
+}
+
+/// A run that is being written ends within a line; anything else that is cut is an error.
+#[test]
+fn an_incomplete_last_line_is_left_out_and_said_so() {
+    let folder = folder();
+    let path = folder.path().join("run/metrics.jsonl");
+    fs::write(&path, metrics().trim_end().trim_end_matches('}')).expect("written");
+    let report = Report::read(&[folder.path().join("run")]).expect("valid");
+    assert!(
+        report.notes()[0].contains("last line"),
+        "{:?}",
+        report.notes()
+    );
+    assert!(report.html().expect("drawn").contains("class=\"note\""));
+}
+
+#[test]
+fn bad_inputs_say_what_where_and_what_to_do() {
+    let folder = folder();
+    let at = |name: &str| folder.path().join(name);
+    let case = |path: &str, bytes: &[u8], words: &[&str]| {
+        fs::write(at(path), bytes).expect("written");
+        let input = if path.contains("run/") { "run" } else { path };
+        let error = Report::read(&[at(input)]).expect_err("bad").to_string();
+        for word in words {
+            assert!(error.contains(word), "{path}: no \"{word}\" in: {error}");
+        }
+    };
+    let eval = fs::read(at("eval.json")).expect("written");
+    case(
+        "e.json",
+        &eval[..eval.len() / 2],
+        &["e.json, line 1", "cut short"],
+    );
+    case("e.json", b"", &["e.json", "empty", "again"]);
+    case("e.json", b"{\"pairs\": 3}", &["e.json", "neither"]);
+    case(
+        "e.json",
+        b"{\"methods\": []}",
+        &["\"methods\" is not an object"],
+    );
+    case(
+        "e.json",
+        b"{\"methods\": {}, \"errors\": {\"icp\": {\"adi\": [1, \"x\"]}}}",
+        &["\"errors.icp.adi\"", "numbers"],
+    );
+    case("s.json", b"{\"sweep\": []}", &["\"sweep\""]);
+    case(
+        "s.json",
+        b"{\"sweep\": [{\"vary\": \"noise\"}]}",
+        &["\"sweep.0.methods\""],
+    );
+    case(
+        "s.json",
+        b"{\"sweep\": [{\"vary\": \"noise\", \"methods\": {\"icp\": [{}]}}]}",
+        &["\"sweep.0.methods.icp.0.value\""],
+    );
+    case("x.png", b"\x89PNG\r\n\x1a\n", &["x.png", "neither"]);
+    case("x.txt", b"hello", &["x.txt", "neither"]);
+    case(
+        "run/metrics.jsonl",
+        b"",
+        &["metrics.jsonl", "empty", "wait"],
+    );
+    case(
+        "run/metrics.jsonl",
+        b"{\"update\": 0",
+        &["metrics.jsonl, line 1"],
+    );
+    case(
+        "run/metrics.jsonl",
+        b"{\"update\": 0}\n{\"upd\n{}\n",
+        &["line 2", "not JSON"],
+    );
+    case("run/config.json", b"{", &["config.json, line 1"]);
+    fs::remove_file(at("run/config.json")).expect("there");
+    let error = |path: &str| Report::read(&[at(path)]).expect_err("bad").to_string();
+    assert!(error("run").contains("no config.json"), "{}", error("run"));
+    assert!(error("none.json").contains("cannot read"));
+}
+
+#[test]
+fn names_are_stems_unless_they_repeat() {
+    let paths = ["a/eval.json", "b/eval.json", "c/other.json"].map(PathBuf::from);
+    assert_eq!(names(&paths), ["a/eval.json", "b/eval.json", "other"]);
+}

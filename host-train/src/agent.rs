@@ -110,9 +110,7 @@ fn hidden_widths(layers: &[Dense<'_>]) -> impl Iterator<Item = usize> {
 
 pub(crate) fn relu_backward(activation: &[f32], gradient: &mut [f32]) {
     for (g, &a) in gradient.iter_mut().zip(activation) {
-        if a <= 0.0 {
-            *g = 0.0;
-        }
+        *g = if a > 0.0 { *g } else { 0.0 };
     }
 }
 
@@ -165,6 +163,8 @@ pub fn embedding_backward(
 struct CriticalPoints {
     /// Slot of each point of the cloud, `u32::MAX` where it won nothing.
     slot: Vec<u32>,
+    /// Slot of each channel's winner.
+    rows: Vec<u32>,
     /// The winning points as seen, `[slots, 3]`.
     points: Vec<Point>,
     /// Activations of each hidden layer.
@@ -189,6 +189,7 @@ impl CriticalPoints {
         });
         CriticalPoints {
             slot: Vec::new(),
+            rows: Vec::new(),
             points: Vec::new(),
             hidden: hidden.collect(),
         }
@@ -235,23 +236,19 @@ impl CriticalPoints {
 
         // Last layer: each channel has one winning point.
         let layer = &parameters.layers[last];
-        let rows = parameters.weight(last).chunks_exact(top.width);
-        let (last_sum, bias_sum) =
+        let (weight_sum, bias_sum) =
             sum[layer.weight.start..layer.bias.end].split_at_mut(layer.weight.len());
-        for ((((&point, &g), weight), sum), bias) in critical
-            .iter()
-            .zip(feature_gradient)
-            .zip(rows)
-            .zip(last_sum.chunks_exact_mut(top.width))
-            .zip(bias_sum)
-        {
-            let at = self.slot[point as usize] as usize * top.width;
-            let hidden = &top.values[at..at + top.width];
-            let gradient = &mut top.gradient[at..at + top.width];
-            for k in 0..top.width {
-                sum[k] += g * hidden[k];
-                gradient[k] += g * weight[k];
-            }
+        self.rows.clear();
+        self.rows
+            .extend(critical.iter().map(|&point| self.slot[point as usize]));
+        Isa::best().max_backward(
+            top.width,
+            &self.rows,
+            feature_gradient,
+            (&top.values, parameters.weight(last)),
+            (weight_sum, &mut top.gradient),
+        );
+        for (bias, g) in bias_sum.iter_mut().zip(feature_gradient) {
             *bias += g;
         }
 

@@ -340,6 +340,46 @@ impl Isa {
         }
     }
 
+    /// Gradient of a layer's outputs that are maxima over points: output `o` has the gradient
+    /// `gradient[o]` at point `row[o]` and none elsewhere. Adds to the gradients of its weights and of
+    /// its inputs; the same bits on every kernel.
+    ///
+    /// # Shapes
+    /// `row` and `gradient [outputs]`, `hidden` and `hidden_gradient [points, width]`, `weight` and
+    /// `weight_gradient [outputs, width]`; rows out of bounds are passed over.
+    pub fn max_backward(
+        self,
+        width: usize,
+        row: &[u32],
+        gradient: &[f32],
+        (hidden, weight): (&[f32], &[f32]),
+        (weight_gradient, hidden_gradient): (&mut [f32], &mut [f32]),
+    ) {
+        if width == 0 {
+            return;
+        }
+        let layer = search::MaxBackward {
+            width,
+            row,
+            gradient,
+            hidden,
+            weight,
+        };
+        match self.0 {
+            Kind::Portable => search::max_backward(layer, weight_gradient, hidden_gradient),
+            // SAFETY: the instruction set was detected.
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx2 | Kind::AvxVnni => unsafe {
+                search::max_backward_avx2(layer, weight_gradient, hidden_gradient);
+            },
+            // SAFETY: as above.
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx512 | Kind::Avx512Vnni | Kind::Amx => unsafe {
+                search::max_backward_avx512(layer, weight_gradient, hidden_gradient);
+            },
+        }
+    }
+
     /// Squared distance from each query to the nearest of `others`, infinite where there is none.
     /// The same bits on every kernel.
     pub fn nearest_squared(self, queries: &mut Queries, others: &[[f32; 3]]) {

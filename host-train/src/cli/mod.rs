@@ -3,7 +3,9 @@
 //! Exit status: 0 on success, 2 on bad usage (clap's), 1 on failure, with one line on stderr that says
 //! what was wrong, where, and what to do.
 
+mod bop_eval;
 mod bop_synth;
+mod contest;
 mod eval;
 mod export;
 mod import;
@@ -14,6 +16,7 @@ mod progress;
 mod register;
 mod report;
 mod source;
+mod sweep;
 mod table;
 mod train;
 
@@ -39,6 +42,7 @@ pub struct Cli {
 enum Command {
     Train(train::TrainArgs),
     Eval(eval::EvalArgs),
+    Sweep(sweep::SweepArgs),
     Register(register::RegisterArgs),
     Pairs(pairs::PairsArgs),
     BopSynth(bop_synth::BopSynthArgs),
@@ -59,6 +63,7 @@ impl Cli {
         match self.command {
             Command::Train(args) => args.run(seed),
             Command::Eval(args) => args.run(seed),
+            Command::Sweep(args) => args.run(seed),
             Command::Register(args) => args.run(seed),
             Command::Pairs(args) => args.run(seed),
             Command::BopSynth(args) => args.run(seed),

@@ -58,7 +58,7 @@ impl<'o> Scene<'o> {
                 if circles.iter().all(apart) {
                     break centre;
                 }
-                reach += 0.1 * radius;
+                reach += 0.1 * radius + 1.0;
             };
             circles.push((centre, radius));
             let translation = centre.extend(-lowest);

@@ -303,7 +303,11 @@ fn validation_images_are_held_back() {
     let (training, validation) = open().split(5, 0.5);
     let image = |set: &BopTraining| set.instances().iter().map(|i| i.image).collect::<Vec<_>>();
     assert_eq!(image(&training).len() + image(&validation).len(), all);
-    assert!(image(&training).iter().all(|i| !image(&validation).contains(i)));
+    assert!(
+        image(&training)
+            .iter()
+            .all(|i| !image(&validation).contains(i))
+    );
     let pairs = validation.pairs(3, 5).expect("pairs");
     assert_eq!((pairs.source.len(), pairs.label.len()), (3, 3));
     assert_eq!(pairs, validation.pairs(3, 5).expect("pairs"));

@@ -1,18 +1,18 @@
 //! `host-train eval`
 
 use super::bop_eval::{self, EvalProtocol};
-use super::output::write_json;
+use super::contest::ContestArgs;
+use super::output::{write_json, write_text};
 use super::progress::Progress;
 use super::source::DataSource;
 use super::{bad_usage, source, table};
 use crate::bop::evaluate::Refinements;
 use crate::dataset::pairs::{PairSet, save_poses};
-use crate::eval::{Contestant, Document, EvalSettings, Method, evaluate};
-use crate::export::WeightFile;
+use crate::eval::{Document, EvalSettings, evaluate};
+use crate::trace;
 use anyhow::Context;
-use clap::{ArgGroup, Args, ValueEnum};
-use reagent_core::dims::STEPS;
-use std::path::{Path, PathBuf};
+use clap::{ArgGroup, Args};
+use std::path::PathBuf;
 
 /// Register pairs by policies and baselines and print the paper's metrics
 ///
@@ -22,9 +22,8 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, Args)]
 #[command(group(ArgGroup::new("on").args(["pairs", "data"]).required(true)))]
 pub(super) struct EvalArgs {
-    /// Policies to evaluate, each reported under its file stem [default: the bundled one, as "reagent"]
-    #[arg(long, value_name = "FILE.rgw", num_args = 1..)]
-    weights: Vec<PathBuf>,
+    #[command(flatten)]
+    contest: ContestArgs,
     /// Pairs drawn beforehand (source, target, transform_gt; raw and label if there)
     #[arg(long, value_name = "FILE.h5")]
     pairs: Option<PathBuf>,
@@ -43,85 +42,27 @@ pub(super) struct EvalArgs {
     /// How many to draw [default: one a model; 100 of the built-in shapes; all objects that have an estimate]
     #[arg(long, value_name = "M", conflicts_with = "pairs", value_parser = source::positive())]
     count: Option<usize>,
-    /// What to run, separated by commas; "policy" stands for every file of --weights [default: policy]
-    #[arg(long, value_enum, value_name = "LIST", value_delimiter = ',')]
-    methods: Vec<MethodName>,
-    /// Refinement steps of a policy
-    #[arg(long, value_name = "N", default_value_t = STEPS, value_parser = source::positive())]
-    steps: usize,
     /// Also report policies after every step, with cumulative times
     #[arg(long)]
     per_step: bool,
-    /// Threads over pairs; times are undisturbed only with 1
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = source::positive())]
-    threads: usize,
     /// Write errors and times (milliseconds) as JSON
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
     /// Write the final poses, one dataset [M,3,4] a method
     #[arg(long, value_name = "FILE.h5")]
     poses: Option<PathBuf>,
-}
-
-/// Name under which the bundled policy is reported.
-const BUNDLED: &str = "reagent";
-
-/// What `--methods` accepts.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum MethodName {
-    /// Every policy of --weights, or the bundled one
-    Policy,
-    /// Point-to-point ICP, correspondence distance 0.5
-    Icp,
-    /// The initial error
-    Init,
+    /// Write the first pairs as every policy registers them, step by step; `report` shows them
+    #[arg(long, value_name = "FILE")]
+    trace: Option<PathBuf>,
+    /// Pairs of the trace
+    #[arg(long, value_name = "N", default_value_t = 5, requires = "trace", value_parser = source::positive())]
+    traced: usize,
 }
 
 impl EvalArgs {
     pub(super) fn run(self, seed: u64) -> anyhow::Result<()> {
-        let methods = if self.methods.is_empty() {
-            vec![MethodName::Policy]
-        } else {
-            self.methods
-        };
-        let policies = methods.contains(&MethodName::Policy);
-        if !policies && !self.weights.is_empty() {
-            bad_usage(
-                "eval",
-                "--weights is given, but \"policy\" is not among --methods",
-            );
-        }
-        let weights = if self.weights.is_empty() {
-            vec![(BUNDLED.into(), WeightFile::pretrained())]
-        } else {
-            let load = |path: &PathBuf| WeightFile::load(path).map(|file| (stem(path), file));
-            self.weights.iter().map(load).collect::<Result<_, _>>()?
-        };
-
-        let mut contestants = Vec::new();
-        for method in methods {
-            match method {
-                MethodName::Policy => {
-                    contestants.extend(weights.iter().map(|(name, file)| Contestant {
-                        name: name.clone(),
-                        method: Method::Policy(file.policy()),
-                    }))
-                }
-                MethodName::Icp => {
-                    contestants.push(Contestant {
-                        name: "icp".into(),
-                        method: Method::Icp,
-                    });
-                }
-                MethodName::Init => {
-                    contestants.push(Contestant {
-                        name: "init".into(),
-                        method: Method::Init,
-                    });
-                }
-            }
-        }
-
+        let policies = self.contest.policies("eval")?;
+        let contestants = self.contest.contestants(&policies, seed);
         let mut refinements = None;
         let (set, origin) = match (&self.pairs, &self.data, self.protocol) {
             (Some(path), _, _) => (PairSet::load(path)?, path.display().to_string()),
@@ -151,8 +92,8 @@ impl EvalArgs {
             ),
         };
         let settings = EvalSettings {
-            steps: self.steps,
-            threads: self.threads,
+            steps: self.contest.steps,
+            threads: self.contest.threads,
             per_step: self.per_step,
         };
         let pairs = set.source.len();
@@ -165,6 +106,13 @@ impl EvalArgs {
         print!("{}", table::methods(&outcomes));
         for outcome in outcomes.iter().filter(|o| !o.per_step.is_empty()) {
             print!("\n{}", table::steps(&outcome.name, &outcome.per_step));
+        }
+        if let Some(path) = &self.trace {
+            let traced = trace::pairs(&set, &contestants, settings.steps, self.traced);
+            write_text(
+                path,
+                &trace::to_text(&traced.with_context(|| origin.clone())?)?,
+            )?;
         }
         let document = Document::new(pairs, &outcomes);
         if let Some(found) = &refinements {
@@ -182,12 +130,4 @@ impl EvalArgs {
         }
         Ok(())
     }
-}
-
-/// Name under which a weight file is reported.
-fn stem(path: &Path) -> String {
-    path.file_stem()
-        .unwrap_or(path.as_os_str())
-        .to_string_lossy()
-        .into_owned()
 }

@@ -5,6 +5,7 @@
 
 mod bop_eval;
 mod bop_synth;
+mod contest;
 mod eval;
 mod export;
 mod import;
@@ -15,6 +16,7 @@ mod progress;
 mod register;
 mod report;
 mod source;
+mod sweep;
 mod table;
 mod train;
 
@@ -40,6 +42,7 @@ pub struct Cli {
 enum Command {
     Train(train::TrainArgs),
     Eval(eval::EvalArgs),
+    Sweep(sweep::SweepArgs),
     Register(register::RegisterArgs),
     Pairs(pairs::PairsArgs),
     BopSynth(bop_synth::BopSynthArgs),
@@ -60,6 +63,7 @@ impl Cli {
         match self.command {
             Command::Train(args) => args.run(seed),
             Command::Eval(args) => args.run(seed),
+            Command::Sweep(args) => args.run(seed),
             Command::Register(args) => args.run(seed),
             Command::Pairs(args) => args.run(seed),
             Command::BopSynth(args) => args.run(seed),

@@ -17,8 +17,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 /// out of the training split by mesh.
 #[derive(Debug, Args)]
 pub(super) struct TrainArgs {
-    /// Data sets (modelnet40_ply_hdf5_2048 layout) or built-in shapes, taken together
-    #[arg(long, value_name = "DIR|procedural[:COUNT]", num_args = 1.., required = true)]
+    /// Data sets (modelnet40_ply_hdf5_2048, ScanObjectNN, trees of loose meshes and clouds) or built-in shapes,
+    /// taken together
+    #[arg(long, value_name = "DIR|FILE.h5|procedural[:COUNT]", num_args = 1.., required = true)]
     data: Vec<DataSource>,
     /// What to train
     #[arg(long, value_enum, value_name = "STAGE")]

@@ -4,6 +4,7 @@
 //! and registrations of them; `page` writes the HTML file, `chart` the images.
 
 mod chart;
+mod curves;
 mod error;
 mod evaluation;
 mod input;
@@ -22,6 +23,7 @@ use crate::files::write_atomically;
 use chart::Chart;
 use input::{Input, Run, TraceFile};
 use section::Section;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// A report, ready to be written.
@@ -89,10 +91,18 @@ impl Report {
         };
         std::fs::create_dir_all(folder).map_err(failed(folder))?;
         let charts: Vec<&Chart> = self.sections.iter().flat_map(Section::charts).collect();
+        // Names that differ in their signs only must not share a file.
+        let mut taken: BTreeMap<&str, usize> = BTreeMap::new();
         for chart in &charts {
+            let times = taken.entry(&chart.name).or_default();
+            *times += 1;
+            let name = match times {
+                1 => chart.name.clone(),
+                _ => format!("{}_{times}", chart.name),
+            };
             let svg = chart::svg(chart)?.into_bytes();
             for (extension, bytes) in [("svg", svg), ("png", chart::png(chart)?)] {
-                let path = folder.join(format!("{}.{extension}", chart.name));
+                let path = folder.join(format!("{name}.{extension}"));
                 write_atomically(&path, &bytes).map_err(failed(&path))?;
             }
         }

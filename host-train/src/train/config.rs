@@ -11,7 +11,7 @@ use std::str::FromStr;
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum DataSource {
-    /// A directory in the modelnet40_ply_hdf5_2048 layout; its training split is used.
+    /// A data set on disk, of any layout that [`crate::dataset::load`] reads.
     Directory(PathBuf),
     /// The built-in parametric shapes, this many.
     Procedural(usize),

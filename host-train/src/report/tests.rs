@@ -202,8 +202,17 @@ fn bad_inputs_say_what_where_and_what_to_do() {
 
 #[test]
 fn names_are_stems_unless_they_repeat() {
-    let paths = ["a/eval.json", "b/eval.json", "c/other.json"].map(PathBuf::from);
-    assert_eq!(names(&paths), ["a/eval.json", "b/eval.json", "other"]);
+    let paths = [
+        "a/eval.json",
+        "b/eval.json",
+        "c/other.json",
+        "c/other.jsonl",
+    ]
+    .map(PathBuf::from);
+    assert_eq!(
+        names(&paths),
+        ["a/eval.json", "b/eval.json", "other", "other"]
+    );
 }
 
 proptest::proptest! {

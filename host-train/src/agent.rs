@@ -116,6 +116,13 @@ pub struct HeadActivations {
     pub logits: Vec<f32>,
 }
 
+impl HeadActivations {
+    /// The hidden layers, `[width, batch]` each.
+    pub fn hidden(&self) -> [&[f32]; 2] {
+        [&self.hidden1, &self.hidden2]
+    }
+}
+
 /// Activations of both heads for a batch of states.
 #[derive(Clone, Debug, Default)]
 pub struct Activations {

@@ -211,7 +211,7 @@ pub fn fine_tune(
     // the time that is left.
     config.roll_out.problems = 16;
     config.roll_out.trajectories = 2;
-    let parameters = Parameters::from_policy(&start.policy(), seed);
+    let parameters = start.parameters(seed)?;
     let adam = Adam::new(parameters.values.len());
     let mut trainer = Trainer::new(parameters, adam, 0, seed, config.roll_out, config.expert);
     let batch = config.roll_out.problems as u64;
@@ -251,7 +251,7 @@ fn start(config: &TrainConfig, resume: bool) -> Result<(Trainer, Option<(f64, u3
         let parameters = match &config.init {
             None => Parameters::random(Shape::PAPER, config.seed),
             Some(path) if path.extension().is_some_and(|e| e == "rgw") => {
-                Parameters::from_policy(&WeightFile::load(path)?.policy(), config.seed)
+                WeightFile::load(path)?.parameters(config.seed)?
             }
             Some(path) => Checkpoint::load(&Checkpoint::find(path)?)?.parameters,
         };

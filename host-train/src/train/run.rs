@@ -277,7 +277,7 @@ fn start(
         }
         (None, Some(path)) => {
             let parameters = if path.extension().is_some_and(|e| e == "rgw") {
-                Parameters::from_policy(&WeightFile::load(path)?.policy(), config.seed)
+                WeightFile::load(path)?.parameters(config.seed)?
             } else {
                 Checkpoint::load(&Checkpoint::find(path)?)?.result()
             };

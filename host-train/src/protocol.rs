@@ -10,10 +10,11 @@
 //! In each, the source is moved by a random rigid offset (angles U[0, 45) deg about each axis, translations
 //! U[-.5, .5)), and the points of both clouds are shuffled. No shape is deformed.
 
-use crate::augment::{
-    JITTER_CLIP, JITTER_SIGMA, clean_pair, clutter, crop, jitter_by, misalign, misalign_by,
-    noisy_pair, random_rigid_within, resample,
-};
+mod conditions;
+
+pub use conditions::{Conditions, draw_under};
+
+use crate::augment::{clean_pair, misalign, noisy_pair, resample};
 use crate::dataset::Model;
 use crate::dataset::modelnet::{FIRST_HALF, SECOND_HALF};
 use crate::dataset::pairs::PairSet;
@@ -27,8 +28,6 @@ const POINTS: usize = 1024;
 const SCAN_POINTS: usize = 2048;
 /// Index of the stream that chooses models; the streams before it belong to single pairs.
 const CHOICE: u64 = u64::MAX;
-/// Streams for the parts of one pair.
-const PARTS: u64 = 8;
 
 /// How pairs are drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -52,77 +51,6 @@ impl Protocol {
             Protocol::Scan => None,
         }
     }
-}
-
-/// How pairs are drawn where one condition of a protocol is varied.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Conditions {
-    /// Points of each cloud.
-    pub points: usize,
-    /// Standard deviation of the noise on every coordinate of both clouds.
-    pub noise_sigma: f32,
-    /// Largest noise.
-    pub noise_clip: f32,
-    /// Upper bound of each Euler angle of the offset, degrees.
-    pub max_angle_deg: f32,
-    /// Upper bound of each translation of the offset.
-    pub max_shift: f32,
-    /// Share of the source's points that are left on one side of a random plane.
-    pub overlap: f32,
-    /// Share of the source's points that are replaced by points uniform in the unit ball about the target's origin.
-    pub outliers: f32,
-}
-
-impl Conditions {
-    /// Those of a protocol that samples both clouds independently; `None` for another.
-    pub fn of(protocol: Protocol) -> Option<Conditions> {
-        let noisy = Conditions {
-            points: POINTS,
-            noise_sigma: JITTER_SIGMA,
-            noise_clip: JITTER_CLIP,
-            max_angle_deg: 45.0,
-            max_shift: 0.5,
-            overlap: 1.0,
-            outliers: 0.0,
-        };
-        match protocol {
-            Protocol::M40Clean => None,
-            Protocol::M40Models | Protocol::M40Categories => Some(noisy),
-            Protocol::Scan => Some(Conditions {
-                points: SCAN_POINTS,
-                noise_sigma: 0.0,
-                ..noisy
-            }),
-        }
-    }
-}
-
-/// Draws `count` pairs under other conditions than a protocol's, of the models that [`draw`] would take. Every part
-/// of a pair has a stream of its own, so that pairs of equal seed and index have the same points, directions and draws of
-/// noise under all conditions: what differs is their size or their number.
-pub fn draw_under(models: &[Model], conditions: &Conditions, count: usize, seed: u64) -> PairSet {
-    let mut set = PairSet::default();
-    for (i, model) in choose(models, count, seed).enumerate() {
-        let part = |part: u64| stream(seed, Purpose::Sweep, PARTS * i as u64 + part);
-        let (whole, k) = (&model.points, conditions.points);
-        let sampled = |mut rng| {
-            // All points in a random order: fewer points are the first of more.
-            let mut drawn = resample(&mut rng, whole, k.max(whole.len()));
-            drawn.truncate(k);
-            drawn
-        };
-        let (mut source, target) = (sampled(part(0)), sampled(part(1)));
-        crop(&mut part(2), &mut source, conditions.overlap);
-        clutter(&mut part(3), &mut source, conditions.outliers);
-        let max_angle = conditions.max_angle_deg.to_radians();
-        let offset = random_rigid_within(&mut part(4), max_angle, conditions.max_shift);
-        let mut sample = misalign_by(offset, source, target);
-        let (sigma, clip) = (conditions.noise_sigma, conditions.noise_clip);
-        jitter_by(&mut part(5), &mut sample.source, sigma, clip);
-        jitter_by(&mut part(6), &mut sample.target, sigma, clip);
-        set.push(sample, whole.clone(), model.label);
-    }
-    set
 }
 
 /// Draws `count` pairs. Up to as many as there are models, each model is used at most once, in the data
@@ -280,121 +208,6 @@ mod tests {
             "independent draws of half the points share a quarter: {common}"
         );
         assert_eq!(set.raw.expect("raw")[0], models[0].points);
-    }
-
-    const NOISY: Conditions = Conditions {
-        points: 1024,
-        noise_sigma: 0.01,
-        noise_clip: 0.05,
-        max_angle_deg: 45.0,
-        max_shift: 0.5,
-        overlap: 1.0,
-        outliers: 0.0,
-    };
-
-    #[test]
-    fn the_protocol_s_own_conditions_draw_its_distribution() {
-        let models = models(2, 2048);
-        assert_eq!(Conditions::of(Protocol::M40Models), Some(NOISY));
-        for (protocol, points, largest) in [
-            (Protocol::M40Models, 1024, 1e-3),
-            (Protocol::Scan, 2048, 1e-9),
-        ] {
-            let conditions = Conditions::of(protocol).expect("independent samples");
-            let set = draw_under(&models, &conditions, 2, 5);
-            let (chamfer, n) = residual(&set, 1);
-            assert!(
-                n == points && chamfer < largest,
-                "{protocol:?}: {n} {chamfer}"
-            );
-        }
-    }
-
-    #[test]
-    fn conditions_share_points_directions_and_noise() {
-        let models = models(1, 2048);
-        let draw = |conditions: Conditions| draw_under(&models, &conditions, 1, 5);
-        let base = draw(NOISY);
-        let moved = |conditions| {
-            let set: PairSet = draw(conditions);
-            let back = set.target_from_source[0];
-            let points = set.source[0].iter().map(|&p| back.apply(p.into()));
-            (points.collect::<Vec<_>>(), set)
-        };
-        let near = |a: &[glam::Vec3], b: &[glam::Vec3], tolerance: f32| {
-            a.iter().zip(b).all(|(a, b)| a.distance(*b) < tolerance)
-        };
-        let (plain, _) = moved(NOISY);
-        let (noisier, _) = moved(Conditions {
-            noise_sigma: 0.02,
-            noise_clip: 0.1,
-            ..NOISY
-        });
-        assert!(near(&plain, &noisier, 0.1) && plain != noisier);
-        let (_, turned) = moved(Conditions {
-            max_angle_deg: 90.0,
-            ..NOISY
-        });
-        assert_eq!(turned.target, base.target);
-        let angle = |set: &PairSet| {
-            let angles = reagent_core::pose::euler_from_rotation(
-                &set.target_from_source[0].inverse().rotation,
-            );
-            angles.to_array()
-        };
-        for (a, b) in angle(&turned).into_iter().zip(angle(&base)) {
-            assert!((a - 2.0 * b).abs() < 1e-4, "twice the angle: {a}, {b}");
-        }
-        let (fewer, _) = moved(Conditions {
-            points: 100,
-            noise_sigma: 0.0,
-            ..NOISY
-        });
-        let (clean, _) = moved(Conditions {
-            noise_sigma: 0.0,
-            ..NOISY
-        });
-        assert!(
-            fewer.len() == 100 && near(&fewer, &clean, 1e-5),
-            "the first of more"
-        );
-    }
-
-    #[test]
-    fn sources_are_cropped_and_cluttered() {
-        let models = models(1, 2048);
-        let source = |overlap, outliers| {
-            let conditions = Conditions {
-                overlap,
-                outliers,
-                noise_sigma: 0.0,
-                max_angle_deg: 0.0,
-                max_shift: 0.0,
-                ..NOISY
-            };
-            draw_under(&models, &conditions, 1, 5).source.remove(0)
-        };
-        let whole = source(1.0, 0.0);
-        let half = source(0.5, 0.0);
-        assert_eq!(half.len(), 512);
-        let mean = |cloud: &[[f32; 3]]| reagent_core::pose::centroid(cloud);
-        let normal = mean(&half) - mean(&whole);
-        let along = |p: &[f32; 3]| normal.dot(glam::Vec3::from(*p));
-        let gone = whole.iter().filter(|p| !half.contains(p)).map(along);
-        let lowest = half.iter().map(along).fold(f32::INFINITY, f32::min);
-        // The plane's normal is about the direction between the means.
-        assert!(gone.filter(|&height| height > lowest + 0.3).count() < 50);
-
-        let (some, more) = (source(1.0, 0.25), source(1.0, 0.5));
-        let strange = |cloud: &[[f32; 3]]| cloud.iter().filter(|p| !whole.contains(p)).count();
-        assert_eq!((strange(&some), strange(&more)), (256, 512));
-        assert_eq!(some[..256], more[..256]);
-        assert!(
-            more.iter()
-                .take(512)
-                .all(|&p| glam::Vec3::from(p).length() <= 1.0)
-        );
-        assert_eq!(source(1e-6, 0.0).len(), 1, "never empty");
     }
 
     #[test]

@@ -32,7 +32,7 @@ pub const GROUPS: usize = 2;
 /// Inputs are padded with zeros to multiples of this.
 pub const CODES: usize = 64;
 /// Inputs whose codes lie together for one output: one lane of a dot-product instruction.
-const QUAD: usize = 4;
+pub(super) const QUAD: usize = 4;
 
 /// Length of a row of codes.
 pub const fn padded_codes(inputs: usize) -> usize {
@@ -87,7 +87,7 @@ pub fn pack_codes(inputs: usize, row_major: &[f32], panels: &mut [i8]) {
 
 /// Rounds to the nearest integer, ties to even, for magnitudes below 2^22.
 #[inline(always)]
-fn nearest_even(x: f32) -> i32 {
+pub(super) fn nearest_even(x: f32) -> i32 {
     const SHIFT: f32 = 12_582_912.0; // 1.5 * 2^23: one unit in the last place is 1
     (x + SHIFT).to_bits() as i32 - SHIFT.to_bits() as i32
 }
@@ -229,6 +229,47 @@ fn dot(a: &[f32], b: &[f32]) -> f32 {
     sum
 }
 
+/// Arguments of [`super::Isa::max_backward`].
+#[derive(Clone, Copy)]
+pub(super) struct MaxBackward<'a> {
+    pub(super) width: usize,
+    pub(super) row: &'a [u32],
+    pub(super) gradient: &'a [f32],
+    pub(super) hidden: &'a [f32],
+    pub(super) weight: &'a [f32],
+}
+
+/// See [`super::Isa::max_backward`].
+#[inline(always)]
+pub(super) fn max_backward(
+    layer: MaxBackward<'_>,
+    weight_gradient: &mut [f32],
+    hidden_gradient: &mut [f32],
+) {
+    let width = layer.width;
+    let weights = layer.weight.chunks_exact(width);
+    for (((&row, &g), weight), sum) in layer
+        .row
+        .iter()
+        .zip(layer.gradient)
+        .zip(weights)
+        .zip(weight_gradient.chunks_exact_mut(width))
+    {
+        let at = row as usize * width..(row as usize + 1) * width;
+        let (Some(hidden), Some(gradient)) =
+            (layer.hidden.get(at.clone()), hidden_gradient.get_mut(at))
+        else {
+            continue;
+        };
+        for (sum, hidden) in sum.iter_mut().zip(hidden) {
+            *sum += g * hidden;
+        }
+        for (gradient, weight) in gradient.iter_mut().zip(weight) {
+            *gradient += g * weight;
+        }
+    }
+}
+
 /// Compiles a function of this file for an instruction set.
 #[cfg(target_arch = "x86_64")]
 macro_rules! with_features {
@@ -250,4 +291,6 @@ with_features!("avx2": winners_avx2 = winners(width: usize, rows: &[f32], bias: 
 #[cfg(target_arch = "x86_64")]
 with_features!("avx512f": winners_avx512 = winners(width: usize, rows: &[f32], bias: &[f32], hidden: &[f32], winner: &mut [u32], feature: &mut [f32]));
 #[cfg(target_arch = "x86_64")]
-with_features!("avx2": avx2 = portable(layer: &Codes<'_>, points: Range<usize>, panels: Range<usize>, codes: &[u8], scales: &[f32], best: &mut [f32], winner: &mut [u32]));
+with_features!("avx2": max_backward_avx2 = max_backward(layer: MaxBackward<'_>, weight_gradient: &mut [f32], hidden_gradient: &mut [f32]));
+#[cfg(target_arch = "x86_64")]
+with_features!("avx512f": max_backward_avx512 = max_backward(layer: MaxBackward<'_>, weight_gradient: &mut [f32], hidden_gradient: &mut [f32]));

@@ -50,6 +50,21 @@ pub(super) fn models(
     }
 }
 
+/// Draws pairs from training models under a protocol's noise, whatever their labels.
+pub(super) fn draw_training(
+    data: &DataSource,
+    protocol: Protocol,
+    most: usize,
+    seed: u64,
+) -> anyhow::Result<PairSet> {
+    let models = match data {
+        DataSource::Directory(path) => dataset::load(path, Split::Train, seed)?,
+        DataSource::Procedural(count) => procedural::models(seed, *count),
+    };
+    let count = most.min(models.len());
+    Ok(protocol::draw(&models, protocol, count, seed))
+}
+
 fn test_models(path: &Path, protocol: Protocol, seed: u64) -> anyhow::Result<Vec<Model>> {
     let models = dataset::load(path, Split::Test, seed)?;
     let Some(labels) = protocol.labels() else {

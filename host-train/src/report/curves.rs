@@ -77,7 +77,7 @@ fn curves<'a>(
             let lines = runs
                 .iter()
                 .enumerate()
-                .filter(|(_, run)| have(records(*run), key))
+                .filter(|&(_, run)| have(records(run), key))
                 .map(|(i, run)| line(run, &name(run), i, &first));
             charts.push((
                 key.clone(),

@@ -110,7 +110,7 @@ impl Report {
     }
 }
 
-/// A name for each input: its file stem, or its path where two stems are equal.
+/// A name for each input: its file stem, or its path where two inputs of one kind have the same.
 fn names(paths: &[PathBuf]) -> Vec<String> {
     let stem = |path: &PathBuf| -> String {
         let path = if path.is_dir() {
@@ -123,8 +123,8 @@ fn names(paths: &[PathBuf]) -> Vec<String> {
     };
     let stems: Vec<String> = paths.iter().map(stem).collect();
     let name = |(path, stem): (&PathBuf, &String)| {
-        let alone = stems.iter().filter(|other| *other == stem).count() == 1;
-        if alone {
+        let same = |(p, s): &(&PathBuf, &String)| *s == stem && p.extension() == path.extension();
+        if paths.iter().zip(&stems).filter(same).count() == 1 {
             stem.clone()
         } else {
             path.display().to_string()

@@ -37,7 +37,7 @@ pub(super) fn section(sweep: &Sweep) -> Section {
 fn titled(varied: &Varied) -> String {
     let name = varied.vary.replace('_', " ");
     match varied.unit.as_str() {
-        "" => name,
+        unit if unit.is_empty() || unit == name => name,
         unit => format!("{name}, {unit}"),
     }
 }
@@ -52,6 +52,14 @@ fn values(varied: &Varied) -> Vec<f64> {
     values.sort_by(f64::total_cmp);
     values.dedup();
     values
+}
+
+/// Whether values, such as numbers of points, grow by factors rather than by differences.
+fn spans_decades(values: &[f64]) -> bool {
+    match values {
+        [first, .., last] => *first > 0.0 && last / first > 12.0,
+        _ => false,
+    }
 }
 
 fn colours(varied: &Varied) -> Vec<usize> {
@@ -116,7 +124,10 @@ fn curve(name: &str, varied: &Varied, key: &str) -> Chart {
     Chart {
         name: slug(&format!("{name}-{}-{key}", varied.vary)),
         title: format!("{mean}{}", metric.titled()),
-        x: Axis::linear(titled(varied)),
+        x: Axis {
+            log: spans_decades(&values(varied)),
+            ..Axis::linear(titled(varied))
+        },
         y: Axis {
             log: metric.log,
             ..Axis::default()

@@ -162,7 +162,7 @@ impl WeightFile {
 /// Exports a checkpoint, or the best (else the last) checkpoint of a run directory, as f32.
 pub fn export_f32(run_or_checkpoint: &Path, out: &Path) -> Result<(), ExportError> {
     let checkpoint = Checkpoint::load(&Checkpoint::find(run_or_checkpoint)?)?;
-    WeightFile::from_parameters(&checkpoint.parameters)?.save(out)
+    WeightFile::from_parameters(&checkpoint.result())?.save(out)
 }
 
 #[cfg(test)]
@@ -191,6 +191,7 @@ mod tests {
     #[test]
     fn another_shape_is_refused() {
         let small = Shape {
+            extra: 0,
             embed: [16, 16, 32],
             head: [16, 16],
         };

@@ -19,6 +19,7 @@ pub mod eval;
 pub mod expert;
 pub mod export;
 pub mod files;
+pub mod heads;
 pub mod import;
 pub mod loss;
 pub mod matmul;

@@ -3,6 +3,7 @@
 //! Exit status: 0 on success, 2 on bad usage (clap's), 1 on failure, with one line on stderr that says
 //! what was wrong, where, and what to do.
 
+mod bench;
 mod bop_eval;
 mod bop_synth;
 mod contest;
@@ -24,6 +25,9 @@ use crate::publish::{self, PublishArgs};
 use anyhow::Context;
 use clap::{Parser, Subcommand};
 
+/// The seed where none is given.
+const DEFAULT_SEED: u64 = 42;
+
 /// Train, evaluate, export and publish ReAgent point cloud registration policies.
 ///
 /// Clouds are in any unit of length unless a command says otherwise; angles on the command line and in
@@ -32,7 +36,7 @@ use clap::{Parser, Subcommand};
 #[command(version, propagate_version = true)]
 pub struct Cli {
     /// Seed of every random draw; the same seed gives the same result on any number of threads
-    #[arg(long, global = true, default_value_t = 42, value_name = "S")]
+    #[arg(long, global = true, default_value_t = DEFAULT_SEED, value_name = "S")]
     seed: u64,
     #[command(subcommand)]
     command: Command,
@@ -41,6 +45,7 @@ pub struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     Train(train::TrainArgs),
+    Bench(bench::BenchArgs),
     Eval(eval::EvalArgs),
     Sweep(sweep::SweepArgs),
     Register(register::RegisterArgs),
@@ -62,6 +67,7 @@ impl Cli {
         let seed = self.seed;
         match self.command {
             Command::Train(args) => args.run(seed),
+            Command::Bench(args) => args.run(seed),
             Command::Eval(args) => args.run(seed),
             Command::Sweep(args) => args.run(seed),
             Command::Register(args) => args.run(seed),

@@ -41,6 +41,10 @@ pub(super) fn models(
 ) -> anyhow::Result<Vec<Model>> {
     match data {
         DataSource::Directory(path) => test_models(path, protocol, seed),
+        DataSource::Bop(dir) => bail!(
+            "{} holds images in BOP layout: use eval --protocol bop",
+            dir.display()
+        ),
         DataSource::Procedural(shapes) => {
             let drawn = count.unwrap_or(PROCEDURAL_PAIRS).min(*shapes);
             Ok((0..drawn as u64)

@@ -8,9 +8,7 @@ use host_train::quantise::Ranges;
 use reagent_core::kernels::Isa;
 use reagent_core::net::Scratch;
 use reagent_core::register::Step;
-use reagent_core::weights::{
-    FILE_LEN, FILE_LEN_INT8, FORMAT_INT8, OFFSETS_INT8, checksum,
-};
+use reagent_core::weights::{FILE_LEN, FILE_LEN_INT8, FORMAT_INT8, OFFSETS_INT8, checksum};
 use reagent_core::{Error, Frame, Policy, Pose, Registrar};
 
 fn pairs(seed: u64, count: usize) -> PairSet {
@@ -64,8 +62,8 @@ fn first_actions_agree_with_f32() {
     let pairs = pairs(3, 12);
     let mut agree = 0;
     for i in 0..pairs.source.len() {
-        let [a, b] = [&float, &integer]
-            .map(|file| steps(Isa::best(), file.policy(), &pairs, i).0[0].action);
+        let [a, b] =
+            [&float, &integer].map(|file| steps(Isa::best(), file.policy(), &pairs, i).0[0].action);
         let axes = |a: reagent_core::Action| a.translation.into_iter().chain(a.rotation);
         agree += axes(a).zip(axes(b)).filter(|(a, b)| a == b).count();
     }
@@ -97,7 +95,11 @@ fn the_file_is_a_quarter_and_refuses_what_could_overflow() {
     let (_, scale) = OFFSETS_INT8[5];
     let range = Err(Error::WeightsRange { layer: 2 });
     assert_eq!(broken(bias + 4 * 1024, 0), range, "no factor");
-    assert_eq!(broken(bias + 4 * 1024, 1 | 32 << 16), range, "no such shift");
+    assert_eq!(
+        broken(bias + 4 * 1024, 1 | 32 << 16),
+        range,
+        "no such shift"
+    );
     let infinite = broken(scale + 4 * 48, f32::INFINITY.to_bits());
     assert_eq!(infinite, Err(Error::WeightsNotFinite { layer: 5 }));
 }

@@ -1,13 +1,14 @@
-//! The agent during training: batched forward pass on core's kernels, and the gradient by hand.
+//! The agent's embedding during training: forward on core's kernels, and the gradient by hand. The heads
+//! are in [`crate::heads`].
 //!
-//! Activations of the heads are stored `[features, batch]`. The max-pool passes gradient only
+//! The max-pool passes gradient only
 //! through the arg-max (critical) point of each channel, so the backward pass recomputes the hidden
 //! layers of those few hundred points and touches no others. Sums over a mini-batch are made over a
 //! fixed number of shards in a fixed order: results do not depend on the number of threads.
 
 use crate::dataset::Point;
-use crate::matmul::{matrix, product, product_parallel};
-use crate::nn::{HEAD_R, HEAD_T, PackedEmbedding, Parameters, VALUE};
+use crate::matmul::{matrix, product};
+use crate::nn::{PackedEmbedding, Parameters};
 use ndarray::ArrayView2;
 use rayon::prelude::*;
 use reagent_core::dims::TILE;
@@ -107,166 +108,7 @@ fn hidden_widths(layers: &[Dense<'_>]) -> impl Iterator<Item = usize> {
     layers.iter().rev().skip(1).rev().map(|layer| layer.outputs)
 }
 
-/// Activations of one head, each `[width, batch]`.
-#[derive(Clone, Debug, Default)]
-pub struct HeadActivations {
-    hidden1: Vec<f32>,
-    hidden2: Vec<f32>,
-    /// `[33, batch]`.
-    pub logits: Vec<f32>,
-}
-
-impl HeadActivations {
-    /// The hidden layers, `[width, batch]` each.
-    pub fn hidden(&self) -> [&[f32]; 2] {
-        [&self.hidden1, &self.hidden2]
-    }
-}
-
-/// Activations of both heads for a batch of states.
-#[derive(Clone, Debug, Default)]
-pub struct Activations {
-    batch: usize,
-    /// `[2F, batch]`, source features first.
-    state: Vec<f32>,
-    /// Translation head, then rotation head.
-    pub heads: [HeadActivations; 2],
-}
-
-impl Activations {
-    /// Both heads for a batch of states: row `sources[b]` of `sources` and `targets[b]` of `targets`.
-    pub fn forward(
-        &mut self,
-        parameters: &Parameters,
-        sources: (&Features, &[usize]),
-        targets: (&Features, &[usize]),
-    ) {
-        let width = parameters.shape.features();
-        let batch = sources.1.len();
-        self.batch = batch;
-        self.state.resize(2 * width * batch, 0.0);
-        for (half, (features, rows)) in [sources, targets].into_iter().enumerate() {
-            for (b, &row) in rows.iter().enumerate() {
-                let values = &features.values[row * width..(row + 1) * width];
-                for (c, &value) in values.iter().enumerate() {
-                    self.state[(half * width + c) * batch + b] = value;
-                }
-            }
-        }
-        let state = &self.state;
-        for (head, first) in self.heads.iter_mut().zip([HEAD_T, HEAD_R]) {
-            dense(parameters, first, state, batch, true, &mut head.hidden1);
-            dense(
-                parameters,
-                first + 1,
-                &head.hidden1,
-                batch,
-                true,
-                &mut head.hidden2,
-            );
-            dense(
-                parameters,
-                first + 2,
-                &head.hidden2,
-                batch,
-                false,
-                &mut head.logits,
-            );
-        }
-    }
-
-    /// Value estimates `[batch]`: both heads' middle layers, translation first, 512 -> 256 -> 1.
-    pub fn values(&self, parameters: &Parameters) -> Vec<f32> {
-        let [t, r] = &self.heads;
-        let middle = [t.hidden2.as_slice(), r.hidden2.as_slice()].concat();
-        let (mut hidden, mut value) = (Vec::new(), Vec::new());
-        dense(parameters, VALUE, &middle, self.batch, true, &mut hidden);
-        dense(
-            parameters,
-            VALUE + 1,
-            &hidden,
-            self.batch,
-            false,
-            &mut value,
-        );
-        value
-    }
-
-    /// Gradient of the heads' parameters into `gradient`, and of the state `[2F, batch]`, given the
-    /// gradient of the logits (translation, rotation; `[33, batch]` each).
-    pub fn backward(
-        &self,
-        parameters: &Parameters,
-        logit_gradients: [&[f32]; 2],
-        gradient: &mut Parameters,
-        state_gradient: &mut Vec<f32>,
-    ) {
-        state_gradient.resize(self.state.len(), 0.0);
-        let mut keep = 0.0;
-        for ((head, first), logits) in self.heads.iter().zip([HEAD_T, HEAD_R]).zip(logit_gradients)
-        {
-            let mut hidden2 = vec![0.0; head.hidden2.len()];
-            let mut hidden1 = vec![0.0; head.hidden1.len()];
-            let batch = self.batch;
-            dense_backward(gradient, first + 2, logits, &head.hidden2, batch);
-            input_gradient(parameters, first + 2, logits, batch, 0.0, &mut hidden2);
-            relu_backward(&head.hidden2, &mut hidden2);
-            dense_backward(gradient, first + 1, &hidden2, &head.hidden1, batch);
-            input_gradient(parameters, first + 1, &hidden2, batch, 0.0, &mut hidden1);
-            relu_backward(&head.hidden1, &mut hidden1);
-            dense_backward(gradient, first, &hidden1, &self.state, batch);
-            input_gradient(parameters, first, &hidden1, batch, keep, state_gradient);
-            keep = 1.0;
-        }
-    }
-}
-
-/// `y = W x + b`, with ReLU where asked; `x [inputs, batch]`, `y [outputs, batch]`.
-fn dense(parameters: &Parameters, i: usize, x: &[f32], batch: usize, relu: bool, y: &mut Vec<f32>) {
-    let layer = &parameters.layers[i];
-    y.resize(layer.outputs * batch, 0.0);
-    for (row, &bias) in y.chunks_exact_mut(batch).zip(parameters.bias(i)) {
-        row.fill(bias);
-    }
-    let weight = matrix(parameters.weight(i), layer.outputs, layer.inputs);
-    product_parallel(y, weight, matrix(x, layer.inputs, batch), 1.0);
-    if relu {
-        for v in y {
-            *v = v.max(0.0);
-        }
-    }
-}
-
-/// `dW = dy xᵀ`, `db = Σ dy`.
-fn dense_backward(gradient: &mut Parameters, i: usize, dy: &[f32], x: &[f32], batch: usize) {
-    let (inputs, outputs) = (gradient.layers[i].inputs, gradient.layers[i].outputs);
-    let (weight, bias) = gradient.layer_mut(i);
-    product_parallel(
-        weight,
-        matrix(dy, outputs, batch),
-        matrix(x, inputs, batch).t(),
-        0.0,
-    );
-    for (b, row) in bias.iter_mut().zip(dy.chunks_exact(batch)) {
-        *b = row.iter().sum();
-    }
-}
-
-/// `dx = keep * dx + Wᵀ dy`.
-fn input_gradient(
-    parameters: &Parameters,
-    i: usize,
-    dy: &[f32],
-    batch: usize,
-    keep: f32,
-    dx: &mut [f32],
-) {
-    let layer = &parameters.layers[i];
-    let weight = matrix(parameters.weight(i), layer.outputs, layer.inputs);
-    product_parallel(dx, weight.t(), matrix(dy, layer.outputs, batch), keep);
-}
-
-fn relu_backward(activation: &[f32], gradient: &mut [f32]) {
+pub(crate) fn relu_backward(activation: &[f32], gradient: &mut [f32]) {
     for (g, &a) in gradient.iter_mut().zip(activation) {
         *g = if a > 0.0 { *g } else { 0.0 };
     }

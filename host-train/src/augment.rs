@@ -21,8 +21,17 @@ pub const JITTER_CLIP: f32 = 0.05;
 
 /// A random offset: each Euler angle U[0, 45) deg (positive only), each translation U[-0.5, 0.5).
 pub fn random_rigid(rng: &mut Rng) -> Pose {
-    let angles = Vec3::from_array(std::array::from_fn(|_| rng.random_range(0.0..FRAC_PI_4)));
-    let shift = Vec3::from_array(std::array::from_fn(|_| rng.random_range(-0.5..0.5)));
+    random_rigid_within(rng, FRAC_PI_4, 0.5)
+}
+
+/// A random offset: each Euler angle U[0, `max_angle_rad`), each translation U[-`max_shift`, `max_shift`). The same
+/// stream gives the same offset but for its size.
+pub fn random_rigid_within(rng: &mut Rng, max_angle_rad: f32, max_shift: f32) -> Pose {
+    let mut unit = || rng.random_range(0.0..1.0f32);
+    let angles = Vec3::from_array(std::array::from_fn(|_| unit() * max_angle_rad));
+    let shift = Vec3::from_array(std::array::from_fn(|_| {
+        unit() * (2.0 * max_shift) - max_shift
+    }));
     Pose {
         rotation: rotation_from_euler(angles),
         translation: shift,
@@ -31,9 +40,39 @@ pub fn random_rigid(rng: &mut Rng) -> Pose {
 
 /// Adds N(0, 0.01) clipped to 0.05 to every coordinate.
 pub fn jitter(rng: &mut Rng, points: &mut [Point]) {
+    jitter_by(rng, points, JITTER_SIGMA, JITTER_CLIP);
+}
+
+/// Adds N(0, `sigma`) clipped to `clip` to every coordinate.
+pub fn jitter_by(rng: &mut Rng, points: &mut [Point], sigma: f32, clip: f32) {
     for x in points.as_flattened_mut() {
         let noise: f32 = StandardNormal.sample(rng);
-        *x += (JITTER_SIGMA * noise).clamp(-JITTER_CLIP, JITTER_CLIP);
+        *x += (sigma * noise).clamp(-clip, clip);
+    }
+}
+
+/// What is left of a cloud on one side of a plane with a random normal: this share of the points, rounded up.
+/// Their order stays.
+pub fn crop(rng: &mut Rng, points: &mut Vec<Point>, share: f32) {
+    let normal = random_direction(rng);
+    let mut by_height: Vec<(f32, usize)> = points
+        .iter()
+        .enumerate()
+        .map(|(i, &p)| (normal.dot(Vec3::from_array(p)), i))
+        .collect();
+    by_height.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    by_height.truncate((share * points.len() as f32).ceil() as usize);
+    let mut kept: Vec<usize> = by_height.into_iter().map(|(_, i)| i).collect();
+    kept.sort_unstable();
+    *points = kept.into_iter().map(|i| points[i]).collect();
+}
+
+/// Replaces the first points of a cloud, this share of them, by points uniform in the unit ball.
+pub fn clutter(rng: &mut Rng, points: &mut [Point], share: f32) {
+    let replaced = (share * points.len() as f32).round() as usize;
+    for p in points.iter_mut().take(replaced) {
+        let radius = rng.random_range(0.0..1.0f32).cbrt();
+        *p = (radius * random_direction(rng)).to_array();
     }
 }
 
@@ -139,8 +178,12 @@ pub fn affine(points: &mut [Point], map_of_point: &Affine3) {
 }
 
 /// Moves a source that lies on its target by a random rigid offset.
-pub fn misalign(rng: &mut Rng, mut source: Vec<Point>, target: Vec<Point>) -> Sample {
-    let offset = random_rigid(rng);
+pub fn misalign(rng: &mut Rng, source: Vec<Point>, target: Vec<Point>) -> Sample {
+    misalign_by(random_rigid(rng), source, target)
+}
+
+/// Moves a source that lies on its target by `offset`.
+pub fn misalign_by(offset: Pose, mut source: Vec<Point>, target: Vec<Point>) -> Sample {
     transform(&mut source, &offset);
     Sample {
         source,

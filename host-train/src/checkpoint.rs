@@ -10,8 +10,13 @@ use std::path::{Path, PathBuf};
 
 /// Name of the newest checkpoint in a run directory.
 pub const LAST: &str = "last.safetensors";
+/// Name of the one before it.
+pub const PREVIOUS: &str = "previous.safetensors";
 /// Name of the best checkpoint by validation in a run directory.
 pub const BEST: &str = "best/checkpoint.safetensors";
+
+/// Name of the tensor that holds the average of the parameters.
+const AVERAGED: &str = "averaged";
 
 /// Why a checkpoint could not be used.
 #[derive(Debug, thiserror::Error)]
@@ -56,6 +61,22 @@ pub struct Progress {
     pub optimiser_steps: u64,
     /// Lowest validation error so far, and the epoch that reached it.
     pub best: Option<(f64, u32)>,
+    /// What the epoch under way has measured.
+    #[serde(default)]
+    pub epoch: EpochSums,
+}
+
+/// Sums over the updates of an epoch.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct EpochSums {
+    /// Updates.
+    pub updates: u32,
+    /// Their losses.
+    pub loss: f64,
+    /// Their agreements with the expert.
+    pub agreement: f64,
+    /// Their mean rewards, where there are any.
+    pub reward: Option<f64>,
 }
 
 /// All that a run needs to go on.
@@ -65,7 +86,10 @@ pub struct Checkpoint {
     pub parameters: Parameters,
     /// The optimiser.
     pub adam: Adam,
-    /// Counters.
+    /// Average of the parameters, where the run keeps one.
+    pub averaged: Option<Vec<f32>>,
+    /// Counters. With the seed they are the state of every random stream, and of the order of the data;
+    /// checkpoints are taken between updates, when the replay buffer is empty.
     pub progress: Progress,
 }
 
@@ -75,12 +99,62 @@ impl Checkpoint {
         let candidates = [
             run_or_checkpoint.join(BEST),
             run_or_checkpoint.join(LAST),
+            run_or_checkpoint.join(PREVIOUS),
             run_or_checkpoint.into(),
         ];
         candidates
             .into_iter()
             .find(|path| path.is_file())
             .ok_or_else(|| CheckpointError::Missing(run_or_checkpoint.into()))
+    }
+
+    /// The start of a run from given parameters, with a fresh optimiser.
+    pub fn start(parameters: Parameters) -> Self {
+        Checkpoint {
+            adam: Adam::new(parameters.values.len()),
+            parameters,
+            averaged: None,
+            progress: Progress::default(),
+        }
+    }
+
+    /// The network to validate, deploy, or start another run from: the average where there is one.
+    pub fn result(mut self) -> Parameters {
+        if let Some(averaged) = self.averaged {
+            self.parameters.values = averaged;
+        }
+        self.parameters
+    }
+
+    /// The newest whole checkpoint of a run directory. A last one that is damaged gives way to the one
+    /// before it, with a warning on stderr; `None` where there is neither.
+    pub fn load_newest(run: &Path) -> Result<Option<Self>, CheckpointError> {
+        let (last, previous) = (run.join(LAST), run.join(PREVIOUS));
+        match (last.is_file(), previous.is_file()) {
+            (false, false) => Ok(None),
+            (false, true) => Self::load(&previous).map(Some),
+            (true, kept) => match Self::load(&last) {
+                Err(error @ CheckpointError::Damaged { .. }) if kept => {
+                    let newest = Self::load(&previous)?;
+                    eprintln!("{error}; going on from {PREVIOUS}");
+                    // Out of the way, lest it take the place of the one that is whole.
+                    rename(&last, &run.join("damaged.safetensors"))?;
+                    Ok(Some(newest))
+                }
+                loaded => loaded.map(Some),
+            },
+        }
+    }
+
+    /// Writes the newest checkpoint of a run directory and keeps the one before it. At no moment is
+    /// there none.
+    pub fn save_newest(&self, run: &Path) -> Result<(), CheckpointError> {
+        let (last, next) = (run.join(LAST), run.join("next.safetensors"));
+        self.save(&next)?;
+        if last.is_file() {
+            rename(&last, &run.join(PREVIOUS))?;
+        }
+        rename(&next, &last)
     }
 
     /// Writes the checkpoint, whole or not at all.
@@ -109,6 +183,9 @@ impl Checkpoint {
         }
         for (name, values) in self.moments() {
             add(name.into(), vec![values.len()], values);
+        }
+        if let Some(values) = &self.averaged {
+            add(AVERAGED.into(), vec![values.len()], values);
         }
         let views = tensors.iter().map(|(name, shape, bytes)| {
             let view = TensorView::new(Dtype::F32, shape.clone(), bytes);
@@ -160,6 +237,9 @@ impl Checkpoint {
             }
             Ok(())
         };
+        if !shape.is_sound() {
+            return Err(damaged(format!("no network has the shape {shape:?}")));
+        }
         let mut parameters = Parameters::zeros(shape);
         for i in 0..parameters.layers.len() {
             let name = parameters.layers[i].name;
@@ -172,9 +252,15 @@ impl Checkpoint {
         read("adam.first", &mut adam.first)?;
         read("adam.second", &mut adam.second)?;
         read("adam.highest", &mut adam.highest)?;
+        let mut averaged = None;
+        if file.names().contains(&AVERAGED) {
+            let values = averaged.insert(vec![0.0; parameters.values.len()]);
+            read(AVERAGED, values)?;
+        }
         Ok(Checkpoint {
             parameters,
             adam,
+            averaged,
             progress,
         })
     }
@@ -188,6 +274,13 @@ impl Checkpoint {
     }
 }
 
+fn rename(from: &Path, to: &Path) -> Result<(), CheckpointError> {
+    std::fs::rename(from, to).map_err(|source| CheckpointError::Write {
+        path: to.into(),
+        source,
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -195,20 +288,24 @@ mod tests {
     #[test]
     fn a_checkpoint_survives_the_disk_and_a_cut_is_refused() {
         let shape = Shape {
+            extra: 1,
             embed: [16, 16, 32],
             head: [16, 16],
         };
         let parameters = Parameters::random(shape, 3);
         let mut adam = Adam::new(parameters.values.len());
+        let parameters_len = parameters.values.len();
         adam.steps = 7;
         adam.first.fill(0.25);
         let checkpoint = Checkpoint {
             parameters,
             adam,
+            averaged: Some(vec![0.5; parameters_len]),
             progress: Progress {
                 updates: 5,
                 optimiser_steps: 7,
                 best: Some((1.5, 2)),
+                epoch: EpochSums::default(),
             },
         };
         let directory = tempfile::tempdir().expect("a temporary directory");

@@ -2,9 +2,11 @@
 
 use crate::dataset::Point;
 use crate::dataset::pairs::Sample;
+use glam::Vec3;
 use reagent_core::net::View;
 use reagent_core::pose::centroid;
 use reagent_core::{Action, Pose};
+use serde::{Deserialize, Serialize};
 
 /// One pair of clouds to register, fixed over the trajectories that start from it.
 #[derive(Clone, Debug)]
@@ -13,8 +15,8 @@ pub struct Problem {
     pub source: Vec<Point>,
     /// Target, `[N, 3]`.
     pub target: Vec<Point>,
-    /// Centroid of the source, about which poses turn it.
-    pub centroid: glam::Vec3,
+    /// Centroid of the source, about which disentangled poses turn it.
+    pub centroid: Vec3,
     /// The disentangled pose that registers the source.
     pub registering: Pose,
 }
@@ -32,19 +34,127 @@ impl From<Sample> for Problem {
 }
 
 impl Problem {
-    /// How the source is seen under an accumulated pose: always from the original cloud.
-    pub fn view(&self, pose: &Pose) -> View {
-        View {
-            origin: self.centroid,
-            map: Pose {
-                rotation: pose.rotation,
-                translation: self.centroid + pose.translation,
+    /// The source where it belongs, `[N, 3]`: what rewards are measured against.
+    pub fn truth(&self) -> Vec<Point> {
+        let view = Accumulation::Global.view(self.centroid, &self.registering);
+        self.source.iter().map(|&p| view.see(p)).collect()
+    }
+}
+
+/// How an action changes the accumulated pose, and what the pose means (paper, design table).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum Accumulation {
+    /// Disentangled, `R_i = R̂_i R_{i-1}`, `t_i = t̂_i + t_{i-1}` (the paper's choice, and the only one that
+    /// can be exported)
+    #[default]
+    Global,
+    /// Disentangled with rotations about the turned axes, `R_i = R_{i-1} R̂_i`
+    Local,
+    /// Homogeneous 4x4 matrices about the origin, `T_i = T̂_i T_{i-1}`
+    Basic,
+}
+
+impl Accumulation {
+    /// The pose after an action.
+    pub fn step(self, pose: &Pose, action: Action) -> Pose {
+        let update = action.update();
+        match self {
+            Accumulation::Global => pose.accumulate(update),
+            Accumulation::Local => Pose {
+                rotation: pose.rotation * update.rotation,
+                translation: update.translation + pose.translation,
             },
+            Accumulation::Basic => update.after(*pose),
+        }
+    }
+
+    /// How a source with the given centroid is seen under a pose: always from the original cloud.
+    pub fn view(self, centroid: Vec3, pose: &Pose) -> View {
+        match self {
+            Accumulation::Global | Accumulation::Local => View {
+                origin: centroid,
+                map: Pose {
+                    rotation: pose.rotation,
+                    translation: centroid + pose.translation,
+                },
+            },
+            Accumulation::Basic => View {
+                origin: Vec3::ZERO,
+                map: *pose,
+            },
+        }
+    }
+
+    /// The update that would register the source of a problem at once from a pose: what the expert
+    /// approximates by its steps (paper, eqs. 10, 11). For the basic form, on which the paper gives no
+    /// equation, it is the whole remaining transform `T* T⁻¹`, translation that rotation induces included.
+    pub fn remaining(self, pose: &Pose, problem: &Problem) -> Pose {
+        let registering = &problem.registering;
+        match self {
+            Accumulation::Global => Pose {
+                rotation: registering.rotation * pose.rotation.transpose(),
+                translation: registering.translation - pose.translation,
+            },
+            Accumulation::Local => Pose {
+                rotation: pose.rotation.transpose() * registering.rotation,
+                translation: registering.translation - pose.translation,
+            },
+            Accumulation::Basic => registering
+                .to_global(problem.centroid)
+                .after(pose.inverse()),
+        }
+    }
+
+    /// A pose as a plain transform of the source.
+    pub fn target_from_source(self, centroid: Vec3, pose: &Pose) -> Pose {
+        match self {
+            Accumulation::Global | Accumulation::Local => pose.to_global(centroid),
+            Accumulation::Basic => *pose,
         }
     }
 }
 
-/// The next accumulated pose.
-pub fn step(pose: &Pose, action: Action) -> Pose {
-    pose.accumulate(action.update())
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::expert::Expert;
+    use crate::random::{Purpose, stream};
+
+    /// The steady expert comes within its smallest steps under every form.
+    #[test]
+    fn the_expert_registers_under_every_accumulation() {
+        let model = crate::dataset::procedural::model(3, 1);
+        for index in 0..20 {
+            let mut rng = stream(5, Purpose::Augment, index);
+            let sample = crate::augment::clean_sample(&mut rng, &model.points, 200);
+            let expected = sample.target_from_source;
+            let problem = Problem::from(sample);
+            for form in [
+                Accumulation::Global,
+                Accumulation::Local,
+                Accumulation::Basic,
+            ] {
+                let mut pose = Pose::IDENTITY;
+                for _ in 0..14 {
+                    let action = Expert::Steady.action(&form.remaining(&pose, &problem));
+                    pose = form.step(&pose, action);
+                }
+                let plain = form.target_from_source(problem.centroid, &pose);
+                let view = form.view(problem.centroid, &pose);
+                for &p in &problem.source {
+                    let (at, truth) = (view.see(p), expected.apply(Vec3::from_array(p)));
+                    assert!(
+                        Vec3::from_array(at).abs_diff_eq(truth, 0.03),
+                        "{form:?} {index}"
+                    );
+                    assert!(
+                        plain
+                            .apply(Vec3::from_array(p))
+                            .abs_diff_eq(Vec3::from_array(at), 1e-5)
+                    );
+                }
+            }
+        }
+    }
 }

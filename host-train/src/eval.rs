@@ -3,10 +3,11 @@
 //! Clouds are used as they are, as in the paper's experiments: no normalisation. A policy takes its most
 //! likely action in every step, on core's kernels.
 
+use crate::baselines::{FgrSettings, IcpSettings, fgr, icp};
 use crate::dataset::Point;
 use crate::dataset::pairs::PairSet;
-use crate::icp::{IcpSettings, point_to_point};
 use crate::metrics::{Errors, GroundTruth, PairMetrics, Summary, quantile};
+use crate::random::{Purpose, stream};
 use rayon::prelude::*;
 use reagent_core::net::Scratch;
 use reagent_core::{Error, Frame, Policy, Pose, Registrar};
@@ -20,8 +21,30 @@ use std::time::Instant;
 pub enum Method<'w> {
     /// The learned policy, one arg-max action a step.
     Policy(Policy<'w>),
-    /// Point-to-point ICP with [`IcpSettings::default`].
+    /// The policy, then point-to-plane ICP from where it ended.
+    PolicyIcp(Policy<'w>),
+    /// Point-to-point ICP, [`IcpSettings::POINT`].
     Icp,
+    /// Point-to-plane ICP, [`IcpSettings::PLANE`].
+    IcpPlane,
+    /// Trimmed ICP, [`IcpSettings::TRIMMED`].
+    IcpTrimmed,
+    /// Fast global registration as Open3D does it by default, [`FgrSettings::FIXED`]. The seed chooses the tuples
+    /// that it tests, pair by pair.
+    Fgr {
+        /// Of the draws.
+        seed: u64,
+    },
+    /// Fast global registration as in its paper, [`FgrSettings::GRADUATED`].
+    FgrGnc {
+        /// Of the draws.
+        seed: u64,
+    },
+    /// [`Method::Fgr`], then point-to-plane ICP.
+    FgrIcpPlane {
+        /// Of the draws.
+        seed: u64,
+    },
     /// Nothing is done: the initial error.
     Init,
 }
@@ -147,6 +170,7 @@ pub fn evaluate(
                     contestant.method,
                     &set.source[i],
                     &set.target[i],
+                    i as u64,
                     settings,
                     scratch,
                 );
@@ -213,32 +237,56 @@ fn register(
     method: Method<'_>,
     source: &[Point],
     target: &[Point],
+    index: u64,
     settings: &EvalSettings,
     scratch: &mut Scratch,
 ) -> Result<Trajectory, Error> {
     let start = Instant::now();
-    let elapsed_ms = || start.elapsed().as_secs_f64() * 1e3;
     let mut track = Trajectory {
         poses: vec![Pose::IDENTITY],
         ms: vec![0.0],
     };
-    match method {
+    let mut reached = |pose: Pose| {
+        track.poses.push(pose);
+        track.ms.push(start.elapsed().as_secs_f64() * 1e3);
+        pose
+    };
+    // Where the first stage ends, and by what it is refined.
+    let (pose, refinement) = match method {
         Method::Init => return Ok(track),
-        Method::Icp => {
-            let found = point_to_point(source, target, Pose::IDENTITY, &IcpSettings::default())?;
-            track.poses.push(found.target_from_source);
-            track.ms.push(elapsed_ms());
+        Method::Icp => (Pose::IDENTITY, Some(IcpSettings::POINT)),
+        Method::IcpPlane => (Pose::IDENTITY, Some(IcpSettings::PLANE)),
+        Method::IcpTrimmed => (Pose::IDENTITY, Some(IcpSettings::TRIMMED)),
+        Method::Fgr { seed } | Method::FgrGnc { seed } | Method::FgrIcpPlane { seed } => {
+            let how = match method {
+                Method::FgrGnc { .. } => FgrSettings::GRADUATED,
+                _ => FgrSettings::FIXED,
+            };
+            let rng = &mut stream(seed, Purpose::Tuples, index);
+            let found = fgr(source, target, &how, rng)?;
+            let refined = matches!(method, Method::FgrIcpPlane { .. });
+            (
+                reached(found.target_from_source),
+                refined.then_some(IcpSettings::PLANE),
+            )
         }
-        Method::Policy(policy) => {
+        Method::Policy(policy) | Method::PolicyIcp(policy) => {
             let mut registrar = Registrar::new(policy, scratch);
             let mut registration =
                 registrar.start(source, target, Frame::IDENTITY, Pose::IDENTITY)?;
             for _ in 0..settings.steps {
                 registrar.step(&mut registration);
-                track.poses.push(registration.target_from_source());
-                track.ms.push(elapsed_ms());
+                reached(registration.target_from_source());
             }
+            let refined = matches!(method, Method::PolicyIcp(_));
+            (
+                registration.target_from_source(),
+                refined.then_some(IcpSettings::PLANE),
+            )
         }
+    };
+    if let Some(refinement) = refinement {
+        reached(icp(source, target, pose, &refinement)?.target_from_source);
     }
     if !(settings.per_step && matches!(method, Method::Policy(_))) {
         track.poses.drain(..track.poses.len() - 1);

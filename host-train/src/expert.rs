@@ -18,13 +18,12 @@ pub enum Expert {
 }
 
 impl Expert {
-    /// The expert's action for an accumulated pose, given the pose that registers the source. Both
-    /// are disentangled about the same centroid: `δR = R* Rᵀ` as XYZ Euler angles, `δt = t* - t`.
-    pub fn action(self, pose: &Pose, registering: &Pose) -> Action {
-        let residual = registering.rotation * pose.rotation.transpose();
+    /// The expert's action, given the update that would register the source at once
+    /// ([`crate::env::Accumulation::remaining`]): one step an axis, of rotation by its XYZ Euler angles.
+    pub fn action(self, remaining: &Pose) -> Action {
         Action {
-            translation: self.axes(registering.translation - pose.translation),
-            rotation: self.axes(euler_from_rotation(&residual)),
+            translation: self.axes(remaining.translation),
+            rotation: self.axes(euler_from_rotation(&remaining.rotation)),
         }
     }
 

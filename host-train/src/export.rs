@@ -213,7 +213,7 @@ pub fn parameters_of(path: &Path) -> Result<Parameters, ExportError> {
     if path.extension().is_some_and(|e| e == "rgw") {
         return WeightFile::load(path)?.parameters(0);
     }
-    Ok(Checkpoint::load(&Checkpoint::find(path)?)?.parameters)
+    Ok(Checkpoint::load(&Checkpoint::find(path)?)?.result())
 }
 
 #[cfg(test)]
@@ -242,6 +242,7 @@ mod tests {
     #[test]
     fn another_shape_is_refused() {
         let small = Shape {
+            extra: 0,
             embed: [16, 16, 32],
             head: [16, 16],
         };

@@ -4,6 +4,7 @@ use crate::dataset::Point;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use nalgebra::Vector3;
 use reagent_core::Error;
+use std::num::NonZeroUsize;
 
 /// A kd-tree over one cloud.
 #[derive(Debug)]
@@ -34,6 +35,29 @@ impl Neighbours {
             .nearest_one::<SquaredEuclidean<f64>>()
             .execute();
         (found.item as usize, found.distance)
+    }
+
+    /// Index and SQUARED distance of the `most` nearest points closer than `radius` to `query`, the nearest first.
+    pub fn around(&self, query: Vector3<f64>, radius: f64, most: usize) -> Vec<(usize, f64)> {
+        let Some(most) = NonZeroUsize::new(most) else {
+            return Vec::new();
+        };
+        let found = self
+            .tree
+            .query(&[query.x, query.y, query.z])
+            .nearest_n::<SquaredEuclidean<f64>>(most)
+            .within(radius * radius)
+            .execute();
+        found
+            .into_iter()
+            .map(|near| (near.item as usize, near.distance))
+            .collect()
+    }
+
+    /// [`Neighbours::around`] every one of `points`.
+    pub fn lists(&self, points: &[Point], radius: f64, most: usize) -> Vec<Vec<(usize, f64)>> {
+        let around = |&p: &Point| self.around(wide(p), radius, most);
+        points.iter().map(around).collect()
     }
 }
 
@@ -85,6 +109,19 @@ mod tests {
             assert_eq!(squared, brute(&flat, query));
             assert_eq!(squared, (wide(flat[index]) - query).norm_squared());
         }
+    }
+
+    #[test]
+    fn a_neighbourhood_is_limited_by_radius_and_by_number() {
+        let line: Vec<Point> = (0..50).map(|i| [i as f32, 0.0, 0.0]).collect();
+        let tree = Neighbours::new(&line).expect("finite cloud");
+        let around = |radius, most| tree.around(Vector3::new(10.2, 0.0, 0.0), radius, most);
+        let indices =
+            |found: Vec<(usize, f64)>| -> Vec<usize> { found.iter().map(|n| n.0).collect() };
+        assert_eq!(indices(around(1.5, 9)), [10, 11, 9]);
+        assert_eq!(indices(around(100.0, 4)), [10, 11, 9, 12]);
+        assert!((around(1.5, 9)[2].1 - 1.44).abs() < 1e-9);
+        assert!(around(0.1, 9).is_empty() && around(9.0, 0).is_empty());
     }
 
     #[test]

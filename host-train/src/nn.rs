@@ -12,8 +12,11 @@ use std::ops::Range;
 /// Widths of the network; the paper's ablations and compact networks are other values of this.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Shape {
-    /// Outputs of the three embedding layers, each a multiple of 16.
+    /// Outputs of the embedding's first layer, of its last but one, and of its last; each a multiple of 16.
     pub embed: [usize; 3],
+    /// Further layers as wide as the first, between it and the last but one; at most [`Shape::MOST_EXTRA`].
+    #[serde(default)]
+    pub extra: usize,
     /// Outputs of the two hidden layers of a head.
     pub head: [usize; 2],
 }
@@ -22,22 +25,70 @@ impl Shape {
     /// The paper's network: 64-128-1024, heads 512-256-33, value head 512-256-1.
     pub const PAPER: Shape = Shape {
         embed: [64, 128, 1024],
+        extra: 0,
         head: [512, 256],
     };
+    /// The design table's alternative, a deeper embedding with narrower heads: 64-64-64-128-1024, heads
+    /// 256-128-33. The paper gives no widths: these are PointNet's embedding and heads of half the width.
+    pub const DEEP: Shape = Shape {
+        embed: [64, 128, 1024],
+        extra: 2,
+        head: [256, 128],
+    };
+    /// Bound of [`Shape::extra`].
+    pub const MOST_EXTRA: usize = 5;
 
     /// Length of one global feature.
     pub fn features(&self) -> usize {
         self.embed[2]
     }
 
+    /// Layers of the embedding, which come first.
+    pub fn embedding_layers(&self) -> usize {
+        self.embed.len() + self.extra
+    }
+
+    /// First layer of the translation head, and of the rotation head; the next two follow each.
+    pub fn heads(&self) -> [usize; 2] {
+        [self.embedding_layers(), self.embedding_layers() + 3]
+    }
+
+    /// First layer of the value head; the second follows.
+    pub fn value(&self) -> usize {
+        self.embedding_layers() + 6
+    }
+
+    /// Whether a network of this shape can be built, in bounded memory.
+    pub fn is_sound(&self) -> bool {
+        let widths = self.embed.iter().chain(&self.head);
+        let fits = widths.clone().all(|&w| (1..=1 << 16).contains(&w));
+        let panels = self.embed.iter().all(|w| w.is_multiple_of(PANEL));
+        fits && panels && self.extra <= Self::MOST_EXTRA
+    }
+
     /// `(name, inputs, outputs)` of every layer in order.
-    fn table(&self) -> [(&'static str, usize, usize); LAYERS] {
+    fn table(&self) -> Vec<(&'static str, usize, usize)> {
+        const EMBEDDING: [&str; 3 + Shape::MOST_EXTRA] = [
+            "embed.conv1",
+            "embed.conv2",
+            "embed.conv3",
+            "embed.conv4",
+            "embed.conv5",
+            "embed.conv6",
+            "embed.conv7",
+            "embed.conv8",
+        ];
         let [e1, e2, features] = self.embed;
         let [h1, h2] = self.head;
-        [
-            ("embed.conv1", 3, e1),
-            ("embed.conv2", e1, e2),
-            ("embed.conv3", e2, features),
+        let mut widths = vec![3, e1];
+        widths.extend((0..self.extra).map(|_| e1));
+        widths.extend([e2, features]);
+        let mut table: Vec<_> = EMBEDDING
+            .into_iter()
+            .zip(widths.windows(2))
+            .map(|(name, width)| (name, width[0], width[1]))
+            .collect();
+        table.extend([
             ("head_t.fc1", 2 * features, h1),
             ("head_t.fc2", h1, h2),
             ("policy_t", h2, LOGITS),
@@ -46,18 +97,10 @@ impl Shape {
             ("policy_r", h2, LOGITS),
             ("value.fc1", 2 * h2, h2),
             ("value.fc2", h2, 1),
-        ]
+        ]);
+        table
     }
 }
-
-/// Layers of the network, value head included.
-pub const LAYERS: usize = 11;
-/// First layer of the translation head; the next two follow.
-pub const HEAD_T: usize = 3;
-/// First layer of the rotation head; the next two follow.
-pub const HEAD_R: usize = 6;
-/// First layer of the value head; the second follows.
-pub const VALUE: usize = 9;
 
 /// Where one dense layer lives in the flat vector.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -171,7 +214,7 @@ impl Parameters {
 /// by 2.9e-4 in relative norm. The gradient of a mini-batch has a cosine of 0.998 to 0.99998 with that
 /// of the f32 search (0.9957 to 0.9998 within the embedding) and its norm to 0.4 %: less than what
 /// drawing other clouds changes. Embedding a cloud takes 0.43 ms in place of 1.6.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum Search {
     /// In 8 bits where the machine multiplies bytes faster than floats, in f32 elsewhere.
@@ -217,7 +260,7 @@ impl PackedEmbedding {
 
     /// The current parameters, with a way to search for critical points.
     pub fn with_search(parameters: &Parameters, search: Search) -> Self {
-        let layers = parameters.layers[..parameters.shape.embed.len()]
+        let layers = parameters.layers[..parameters.shape.embedding_layers()]
             .iter()
             .map(|layer| PackedLayer {
                 inputs: layer.inputs,
@@ -226,7 +269,7 @@ impl PackedEmbedding {
                 bias: vec![0.0; padded(layer.outputs)],
             })
             .collect();
-        let last = &parameters.layers[parameters.shape.embed.len() - 1];
+        let last = &parameters.layers[parameters.shape.embedding_layers() - 1];
         let search = search.in_bytes().then(|| {
             let codes = padded_codes(last.inputs) * padded(last.outputs);
             (vec![0.0; last.weight.len()], vec![0; codes])

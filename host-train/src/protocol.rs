@@ -10,6 +10,10 @@
 //! In each, the source is moved by a random rigid offset (angles U[0, 45) deg about each axis, translations
 //! U[-.5, .5)), and the points of both clouds are shuffled. No shape is deformed.
 
+mod conditions;
+
+pub use conditions::{Conditions, draw_under};
+
 use crate::augment::{clean_pair, misalign, noisy_pair, resample};
 use crate::dataset::Model;
 use crate::dataset::modelnet::{FIRST_HALF, SECOND_HALF};
@@ -53,20 +57,8 @@ impl Protocol {
 /// set's order; beyond that they are used in turn. Pair `i` depends on the seed and `i` only, given its
 /// model. No models, no pairs.
 pub fn draw(models: &[Model], protocol: Protocol, count: usize, seed: u64) -> PairSet {
-    let n = models.len();
-    let mut chosen: Vec<usize> = if n == 0 {
-        Vec::new()
-    } else if count < n {
-        index::sample(&mut stream(seed, Purpose::Pairs, CHOICE), n, count).into_vec()
-    } else {
-        (0..count).map(|i| i % n).collect()
-    };
-    if count < n {
-        chosen.sort_unstable();
-    }
-
     let mut set = PairSet::default();
-    for (i, model) in chosen.into_iter().map(|k| &models[k]).enumerate() {
+    for (i, model) in choose(models, count, seed).enumerate() {
         let rng = &mut stream(seed, Purpose::Pairs, i as u64);
         let points = &model.points;
         let (sample, raw) = match protocol {
@@ -88,9 +80,26 @@ pub fn draw(models: &[Model], protocol: Protocol, count: usize, seed: u64) -> Pa
     set
 }
 
+/// The models that `count` pairs are drawn from, one a pair.
+fn choose(models: &[Model], count: usize, seed: u64) -> impl Iterator<Item = &Model> {
+    let n = models.len();
+    let mut chosen: Vec<usize> = if n == 0 {
+        Vec::new()
+    } else if count < n {
+        index::sample(&mut stream(seed, Purpose::Pairs, CHOICE), n, count).into_vec()
+    } else {
+        (0..count).map(|i| i % n).collect()
+    };
+    if count < n {
+        chosen.sort_unstable();
+    }
+    chosen.into_iter().map(|k| &models[k])
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::dataset::Point;
     use crate::metrics::GroundTruth;
     use rand::RngExt;
 
@@ -130,6 +139,75 @@ mod tests {
             assert_eq!(n, points, "{protocol:?}");
             assert!(chamfer < largest, "{protocol:?}: {chamfer}");
         }
+    }
+
+    /// Points in an order that does not depend on the cloud's.
+    fn sorted(cloud: impl Iterator<Item = Point>) -> Vec<Point> {
+        let mut points: Vec<Point> = cloud.collect();
+        points.sort_by(|a, b| a.partial_cmp(b).expect("finite"));
+        points
+    }
+
+    #[test]
+    fn clean_pairs_are_the_first_1024_points_and_scans_all_points_each_shuffled() {
+        let models = models(1, 2048);
+        let all = &models[0].points;
+        for (protocol, points) in [(Protocol::M40Clean, 1024), (Protocol::Scan, 2048)] {
+            let set = draw(&models, protocol, 1, 5);
+            let expected = sorted(all[..points].iter().copied());
+            assert_eq!(sorted(set.target[0].iter().copied()), expected);
+            let offset = set.target_from_source[0];
+            let moved = set.source[0]
+                .iter()
+                .map(|&p| offset.apply(p.into()).to_array());
+            let moved: Vec<Point> = moved.collect();
+            for (a, b) in sorted(moved.iter().copied()).iter().zip(&expected) {
+                assert!((0..3).all(|k| (a[k] - b[k]).abs() < 1e-5), "{a:?} {b:?}");
+            }
+            // Row i of the one is not row i of the other.
+            let in_place = |a: &[Point], b: &[Point]| {
+                let near = |(a, b): &(&Point, &Point)| (0..3).all(|k| (a[k] - b[k]).abs() < 1e-5);
+                a.iter().zip(b).filter(near).count()
+            };
+            assert!(in_place(&moved, &set.target[0]) < 20);
+            assert!(in_place(&set.target[0], all) < 20);
+        }
+    }
+
+    #[test]
+    fn noisy_pairs_have_noise_of_the_papers_size_on_both_clouds() {
+        // Points so far apart that each noisy one is still nearest to where it came from.
+        let grid = (0..2048).map(|i| [i % 16, i / 16 % 16, i / 256].map(|c| c as f32));
+        let models = [Model {
+            points: grid.collect(),
+            label: 0,
+        }];
+        let set = draw(&models, Protocol::M40Models, 1, 5);
+        let offset = set.target_from_source[0];
+        let moved: Vec<Point> = set.source[0]
+            .iter()
+            .map(|&p| offset.apply(p.into()).to_array())
+            .collect();
+        let mut origins = Vec::new();
+        for cloud in [&moved, &set.target[0]] {
+            let origin = |p: &Point| p.map(f32::round);
+            let noise = cloud
+                .iter()
+                .flat_map(|p| (0..3).map(|k| f64::from(p[k] - origin(p)[k])));
+            let variance = noise.map(|x| x * x).sum::<f64>() / (3.0 * 1024.0);
+            assert!((variance.sqrt() - 0.01).abs() < 5e-4, "{}", variance.sqrt());
+            origins.push(sorted(cloud.iter().map(origin)));
+        }
+        assert!(
+            origins.iter().all(|o| o.windows(2).all(|w| w[0] != w[1])),
+            "no point twice"
+        );
+        let common = origins[0].iter().filter(|p| origins[1].contains(p)).count();
+        assert!(
+            (430..594).contains(&common),
+            "independent draws of half the points share a quarter: {common}"
+        );
+        assert_eq!(set.raw.expect("raw")[0], models[0].points);
     }
 
     #[test]

@@ -1,10 +1,11 @@
 //! From a trained network to 8-bit integers: ranges from calibration pairs, then the arrays of number
 //! format 1 (see [`reagent_core::quant`]).
 
-use crate::agent::{Activations, Features, Seen, embed};
+use crate::agent::{Features, Seen, embed};
 use crate::dataset::pairs::{PairSet, Sample};
-use crate::env::{self, Problem};
-use crate::nn::{HEAD_R, HEAD_T, PackedEmbedding, Parameters, Search};
+use crate::env::{Accumulation, Problem};
+use crate::heads::Activations;
+use crate::nn::{PackedEmbedding, Parameters, Search};
 use reagent_core::dims::{AXES, FEATURES, LAYER_SHAPES, LAYERS, PANEL, STEP_SIZES, STEPS, padded};
 use reagent_core::kernels::Isa;
 use reagent_core::net::View;
@@ -75,15 +76,15 @@ impl Ranges {
                 .zip(&poses)
                 .map(|(problem, pose)| Seen {
                     points: &problem.source,
-                    view: problem.view(pose),
+                    view: Accumulation::Global.view(problem.centroid, pose),
                 })
                 .collect();
             embed(&packed, width, &seen, &mut source);
             ranges.see_clouds(&packed, &seen);
             ranges.see_features(&source);
             activations.forward(parameters, (&source, &rows), (&target, &rows));
-            for (ranges, head) in ranges.heads.iter_mut().zip(&activations.heads) {
-                for (range, hidden) in ranges.iter_mut().zip(head.hidden()) {
+            for (ranges, hidden) in ranges.heads.iter_mut().zip(activations.hidden()) {
+                for (range, hidden) in ranges.iter_mut().zip(hidden) {
                     for (range, row) in range.iter_mut().zip(hidden.chunks_exact(rows.len())) {
                         *range = row.iter().fold(*range, |m, &v| m.max(v));
                     }
@@ -98,7 +99,7 @@ impl Ranges {
                     translation,
                     rotation,
                 };
-                *pose = env::step(pose, action);
+                *pose = Accumulation::Global.step(pose, action);
             }
         }
         ranges.widen();
@@ -247,7 +248,7 @@ pub(crate) fn write_arrays(parameters: &Parameters, ranges: &Ranges, file: &mut 
     write_layer(file, 2, &features, &factors);
 
     let state_step = [step3.as_slice(), step3.as_slice()].concat();
-    for (first, ranges) in [HEAD_T, HEAD_R].into_iter().zip(&ranges.heads) {
+    for (first, ranges) in parameters.shape.heads().into_iter().zip(&ranges.heads) {
         let mut fc1 = integer_layer(parameters, first, &state_step);
         for (bias, row) in fc1.bias.iter_mut().zip(fc1.codes.chunks(2 * FEATURES)) {
             // Feature codes count from 4096.

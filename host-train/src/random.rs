@@ -29,6 +29,10 @@ pub enum Purpose {
     Surface = 20,
     /// Scenes of the BOP generator.
     Scene = 21,
+    /// Tuples of matches that a registration tests.
+    Tuples = 22,
+    /// One part of a pair drawn for a sweep.
+    Sweep = 23,
 }
 
 /// The stream for `purpose`, number `index`, under `seed`.

@@ -3,6 +3,10 @@
 //! A registration begins with a header line, `{"registration": {…}}` ([`Header`]), and goes on with one line a
 //! step ([`Step`]) in the order taken. A file holds any number of registrations, one after another.
 
+mod pairs;
+
+pub use pairs::pairs;
+
 use crate::dataset::Point;
 use reagent_core::dims::{AXES, LOGITS, STEP_SIZES};
 use reagent_core::{Frame, Pose, register, steps::STEPS};

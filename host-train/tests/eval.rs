@@ -180,55 +180,6 @@ fn two_policies_of_one_name_are_refused() {
     );
 }
 
-/// Initial errors and ICP of Open3D 0.20, measured on the same pairs: ISO R mean and median, ISO t mean,
-/// recall in percent.
-#[test]
-fn baselines_agree_with_open3d() {
-    let table = [
-        (
-            "pairs_models.h5",
-            [45.6, 47.1, 0.472, 0.0],
-            [9.39, 0.47, 0.057, 67.0],
-        ),
-        (
-            "pairs_categories.h5",
-            [43.0, 42.2, 0.483, 0.0],
-            [11.30, 0.72, 0.074, 63.0],
-        ),
-    ];
-    for (file, init, icp) in table {
-        let Some(pairs) = shared(&format!("data/{file}")) else {
-            return;
-        };
-        let folder = folder();
-        let pairs = pairs.canonicalize().expect("an existing file");
-        let arguments = format!(
-            "eval --methods init,icp --pairs {} --json e.json",
-            pairs.display()
-        );
-        succeed(folder.path(), &arguments);
-        let document = read_json(&folder.path().join("e.json"));
-        let row = |name: &str| {
-            let row = &document["methods"][name];
-            ["r_iso_deg", "r_iso_median_deg", "t_iso", "recall_r5_t005"]
-                .map(|field| row[field].as_f64().expect("a number"))
-        };
-        let ours = row("init");
-        let near = |a: f64, b: f64, tolerance: f64| {
-            assert!((a - b).abs() <= tolerance, "{file}: {a}, {b}")
-        };
-        near(ours[0], init[0], 0.05);
-        near(ours[1], init[1], 0.05);
-        near(ours[2], init[2], 0.0005);
-        near(ours[3], init[3], 0.0);
-        let ours = row("icp");
-        for (ours, theirs) in ours[..3].iter().zip(&icp[..3]) {
-            near(*ours, *theirs, 0.1 * theirs);
-        }
-        near(100.0 * ours[3], icp[3], 1.0);
-    }
-}
-
 /// The authors' evaluation loop on the same checkpoint and pairs.
 #[test]
 fn an_imported_checkpoint_reproduces_the_authors_poses() {

@@ -2,8 +2,9 @@
 
 use host_train::dataset::modelnet::{self, Split};
 use host_train::dataset::pairs::{PairSet, load_poses};
-use host_train::dataset::{DatasetError, procedural};
+use host_train::dataset::{self, DatasetError, procedural};
 use host_train::import;
+use host_train::protocol::{self, Protocol};
 use reagent_tests::shared;
 use std::path::Path;
 
@@ -43,6 +44,74 @@ fn scans_have_the_same_layout() {
             .iter()
             .all(|scan| scan.points.len() == 2048 && scan.label < 8)
     );
+}
+
+#[test]
+fn a_data_set_is_recognised_by_what_lies_there() {
+    let Some(dir) = shared("data") else { return };
+    let test = dataset::load(&dir, Split::Test, 1).expect("lists of h5 files");
+    assert_eq!(test, modelnet::load(&dir, Split::Test).expect("test split"));
+    let folder = dir.join("real_scans");
+    let scans = dataset::load(&folder, Split::Test, 1).expect("ScanObjectNN's folder");
+    let named = folder.join("test_objectdataset.h5");
+    assert_eq!(
+        scans,
+        dataset::load(&named, Split::Test, 1).expect("a file by its name")
+    );
+    let missing = dataset::load(&folder, Split::Train, 1).expect_err("there is no such file");
+    assert!(
+        missing.to_string().contains("training_objectdataset.h5"),
+        "{missing}"
+    );
+
+    // As the archive of ScanObjectNN unpacks.
+    let archive = tempfile::tempdir().expect("temporary directory");
+    let inner = archive.path().join("h5_files/main_split_nobg");
+    std::fs::create_dir_all(&inner).expect("folder");
+    for name in ["test_objectdataset.h5", "training_objectdataset.h5"] {
+        std::fs::copy(&named, inner.join(name)).expect("copied");
+    }
+    for split in [Split::Train, Split::Test] {
+        assert_eq!(
+            dataset::load(archive.path(), split, 1).expect("the archive"),
+            scans
+        );
+    }
+}
+
+#[test]
+fn protocols_take_their_categories_and_hold_to_their_clouds() {
+    let Some(dir) = shared("data") else { return };
+    let test = dataset::load(&dir, Split::Test, 1).expect("test split");
+    for (protocol, count, labels) in [
+        (Protocol::M40Clean, 200, 0..20),
+        (Protocol::M40Models, 200, 0..20),
+        (Protocol::M40Categories, 231, 20..40),
+    ] {
+        let models = modelnet::categories(test.clone(), protocol.labels().expect("a half"));
+        let set = protocol::draw(&models, protocol, models.len(), 3);
+        assert_eq!(set.source.len(), count);
+        assert!(set.label.iter().all(|label| labels.contains(label)));
+        assert!(
+            set.source
+                .iter()
+                .chain(&set.target)
+                .all(|cloud| cloud.len() == 1024)
+        );
+        // Clean clouds register exactly onto points of the model, noisy ones to the noise and the sampling.
+        let nearest = (0..100).map(|i| {
+            let p = set.target_from_source[7].apply(set.source[7][i].into());
+            let raw = set.raw.as_ref().expect("raw")[7].iter();
+            raw.map(|&q| p.distance(q.into())).fold(f32::MAX, f32::min)
+        });
+        let mean = nearest.sum::<f32>() / 100.0;
+        let expected = if protocol == Protocol::M40Clean {
+            0.0..1e-5
+        } else {
+            0.004..0.02
+        };
+        assert!(expected.contains(&mean), "{protocol:?}: {mean}");
+    }
 }
 
 #[test]

@@ -1,12 +1,14 @@
 //! The mathematics and the network against the numbers of the authors' implementation.
 
 use glam::{Mat3, Vec3};
-use host_train::agent::{Activations, Features, Seen, embed};
+use host_train::agent::{Features, Seen, embed};
 use host_train::augment;
 use host_train::dataset::h5::H5File;
 use host_train::dataset::pairs::PairSet;
+use host_train::env::{Accumulation, Problem};
 use host_train::expert::Expert;
 use host_train::export::WeightFile;
+use host_train::heads::Activations;
 use host_train::nn::{PackedEmbedding, Search};
 use host_train::optim::{Adam, Schedule};
 use host_train::reward::{chamfer, reward};
@@ -86,8 +88,8 @@ fn steps_accumulate_disentangled() {
             let b = i % sources.len();
             let mu = centroid(&sources[b]);
             let (disentangled, homogeneous) = &mut now[b];
-            *disentangled = host_train::env::step(disentangled, action);
-            *homogeneous = action.update().after(*homogeneous);
+            *disentangled = Accumulation::Global.step(disentangled, action);
+            *homogeneous = Accumulation::Basic.step(homogeneous, action);
             assert!(close(disentangled, &expected[i], 1e-5), "row {i}");
             assert!(
                 close(&disentangled.to_global(mu), &global[i], 1e-5),
@@ -137,7 +139,14 @@ fn experts_label_as_the_reference() {
             for (expert, name) in [(Expert::Steady, "steady"), (Expert::Greedy, "greedy")] {
                 let expected = actions(&golden, &format!("{group}.action_{name}"));
                 for i in 0..expected.len() {
-                    let action = expert.action(&sources[i], &targets[i]);
+                    let problem = Problem {
+                        source: Vec::new(),
+                        target: Vec::new(),
+                        centroid: Vec3::ZERO,
+                        registering: targets[i],
+                    };
+                    let remaining = Accumulation::Global.remaining(&sources[i], &problem);
+                    let action = expert.action(&remaining);
                     assert_eq!(action, expected[i], "{group} {name} row {i}");
                 }
             }
@@ -296,8 +305,9 @@ fn forward_pass_of_the_trainer_and_of_the_robot() {
     let rows: Vec<usize> = (0..batch).collect();
     let mut activations = Activations::default();
     activations.forward(&parameters, (&source, &rows), (&target, &rows));
-    let values = activations.values(&parameters);
-    assert!(largest_difference(&values, &golden.f32("forward.value").1) < 1e-5);
+    activations.estimate(&parameters);
+    let values = &activations.values;
+    assert!(largest_difference(values, &golden.f32("forward.value").1) < 1e-5);
     for (head, name) in ["forward.logits_t", "forward.logits_r"]
         .into_iter()
         .enumerate()

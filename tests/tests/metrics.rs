@@ -1,7 +1,7 @@
 //! The paper's metrics against the authors' own code (`metrics.*` of the golden file).
 
 use glam::Vec3;
-use host_train::metrics::{GroundTruth, PairMetrics, Summary, auc};
+use host_train::metrics::{Errors, GroundTruth, PairMetrics, Summary, auc};
 use reagent_core::Pose;
 use reagent_tests::Golden;
 
@@ -99,30 +99,87 @@ fn area_under_the_curve_equals_the_reference() {
 
 #[test]
 fn summaries_equal_the_reference() {
-    let Some(golden) = Golden::full() else { return };
-    let s = Summary::of(&measure(&golden, true));
-    check(&golden, "metrics.summary.r_mae", [s.r_mae_deg], 1e-4);
-    check(&golden, "metrics.summary.t_mae", [s.t_mae], 1e-6);
-    check(&golden, "metrics.summary.r_iso", [s.r_iso_deg], 2e-3);
-    check(&golden, "metrics.summary.t_iso", [s.t_iso], 1e-6);
-    check(
-        &golden,
-        "metrics.summary.chamfer_dist",
-        [s.chamfer_mod],
-        1e-6,
-    );
-    check(
-        &golden,
-        "metrics.summary.add_auc10",
-        [s.add_auc_pct / 100.0],
-        1e-6,
-    );
-    check(
-        &golden,
-        "metrics.summary.adi_auc10",
-        [s.adi_auc_pct / 100.0],
-        1e-6,
-    );
+    for golden in Golden::available("metrics.safetensors") {
+        let s = Summary::of(&measure(&golden, true));
+        check(&golden, "metrics.summary.r_mae", [s.r_mae_deg], 1e-4);
+        check(&golden, "metrics.summary.t_mae", [s.t_mae], 1e-6);
+        check(&golden, "metrics.summary.r_iso", [s.r_iso_deg], 2e-3);
+        check(&golden, "metrics.summary.t_iso", [s.t_iso], 1e-6);
+        check(
+            &golden,
+            "metrics.summary.chamfer_dist",
+            [s.chamfer_mod],
+            1e-6,
+        );
+        check(
+            &golden,
+            "metrics.summary.add_auc10",
+            [s.add_auc_pct / 100.0],
+            1e-6,
+        );
+        check(
+            &golden,
+            "metrics.summary.adi_auc10",
+            [s.adi_auc_pct / 100.0],
+            1e-6,
+        );
+    }
+}
+
+/// The reference has no quartiles: those of its errors, pair by pair, are the measure. Of eight values they lie a
+/// quarter, a half and three quarters of the way between the second and third, the fourth and fifth, the sixth and seventh.
+#[test]
+fn quartiles_are_those_of_the_reference_s_errors() {
+    for golden in Golden::available("metrics.safetensors") {
+        let near = |name: &str, ours: [f64; 3], tolerance: f64| {
+            let mut theirs = golden.f32(name).1;
+            theirs.sort_by(f32::total_cmp);
+            assert_eq!(theirs.len(), 8);
+            let between = |i: usize, share: f64| {
+                let [a, b] = [theirs[i], theirs[i + 1]].map(f64::from);
+                a + share * (b - a)
+            };
+            let theirs = [between(1, 0.75), between(3, 0.5), between(5, 0.25)];
+            for (a, b) in ours.iter().zip(theirs) {
+                assert!((a - b).abs() < tolerance, "{name}: {ours:?}, {theirs:?}");
+            }
+        };
+        let s = Summary::of(&measure(&golden, true));
+        near("metrics.r_mae", s.quartiles.r_mae_deg, 1e-4);
+        near("metrics.t_mae", s.quartiles.t_mae, 1e-6);
+        near("metrics.r_iso", s.quartiles.r_iso_deg, 1e-2);
+        near("metrics.t_iso", s.quartiles.t_iso, 1e-6);
+        near("metrics.chamfer_dist", s.quartiles.chamfer_mod, 1e-6);
+        near("metrics.add", s.quartiles.add, 1e-6);
+        near("metrics.adi", s.quartiles.adi, 1e-6);
+        let medians = [s.r_iso_median_deg, s.t_iso_median, s.chamfer_mod_median];
+        let q = s.quartiles;
+        assert_eq!(medians, [q.r_iso_deg[1], q.t_iso[1], q.chamfer_mod[1]]);
+
+        let pairs = measure(&golden, false);
+        let s = Summary::of(&pairs);
+        near("metrics.no_raw.chamfer_dist", s.quartiles.chamfer_mod, 1e-6);
+        near("metrics.no_raw.add", s.quartiles.add, 1e-6);
+        near("metrics.no_raw.adi", s.quartiles.adi, 1e-6);
+        let theirs =
+            |name: &str| -> Vec<f64> { golden.f32(name).1.into_iter().map(f64::from).collect() };
+        let area = |name: &str| 100.0 * auc(&theirs(name));
+        assert!((s.add_auc_pct - area("metrics.no_raw.add")).abs() < 1e-9);
+        assert!((s.adi_auc_pct - area("metrics.no_raw.adi")).abs() < 1e-9);
+
+        // The lists for plots are the errors of each pair, in their order.
+        let errors = Errors::of(&pairs);
+        check(
+            &golden,
+            "metrics.no_raw.chamfer_dist",
+            errors.chamfer_mod,
+            1e-6,
+        );
+        check(&golden, "metrics.no_raw.add", errors.add, 1e-6);
+        check(&golden, "metrics.no_raw.adi", errors.adi, 1e-6);
+        check(&golden, "metrics.r_iso", errors.r_iso_deg, 1e-2);
+        check(&golden, "metrics.t_iso", errors.t_iso, 1e-6);
+    }
 }
 
 /// Moving both clouds and the true pose with them changes no error but the Euler angles'.

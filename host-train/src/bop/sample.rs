@@ -8,12 +8,14 @@ use crate::dataset::bop::{
     BopError, Instance, MaskKind, Models, Observation, Scenes, training_scenes,
 };
 use crate::dataset::camera::random_rotation;
-use crate::dataset::pairs::Sample;
-use crate::random::Rng;
+use crate::dataset::pairs::{PairSet, Sample};
+use crate::random::{Purpose, Rng, stream};
 use glam::Mat3;
 use rand::RngExt;
+use rand::seq::SliceRandom;
 use reagent_core::Pose;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
 use std::path::Path;
 
 /// Distribution of the random translation's length.
@@ -161,6 +163,45 @@ impl BopTraining {
         &self.scenes.instances
     }
 
+    /// Holds back the objects of about `share` of the images, at least one image and not all of them where
+    /// there are two or more: (for training, for validation). The choice depends on the seed only.
+    pub fn split(self, seed: u64, share: f64) -> (BopTraining, BopTraining) {
+        let mut images: Vec<(u32, u32)> = self
+            .instances()
+            .iter()
+            .map(|i| (i.scene, i.image))
+            .collect();
+        images.dedup();
+        images.shuffle(&mut stream(seed, Purpose::Split, 0));
+        let most = images.len().saturating_sub(1);
+        let count = ((images.len() as f64 * share).round() as usize).clamp(1.min(most), most);
+        let held: BTreeSet<(u32, u32)> = images.into_iter().take(count).collect();
+        let (mut training, mut validation) = (self.clone(), self);
+        let of = |i: &Instance| held.contains(&(i.scene, i.image));
+        training.scenes.instances.retain(|i| !of(i));
+        validation.scenes.instances.retain(of);
+        (training, validation)
+    }
+
+    /// Pairs for validation, spread evenly over the annotated objects, drawn as training samples are.
+    ///
+    /// # Errors
+    /// As [`BopTraining::sample`].
+    pub fn pairs(&self, count: usize, seed: u64) -> Result<PairSet, BopError> {
+        let all = self.instances().len();
+        let count = count.min(all);
+        let mut set = PairSet::default();
+        for k in 0..count {
+            let index = k * all / count;
+            let sample = self.sample(index, &mut stream(seed, Purpose::Pairs, k as u64))?;
+            set.source.push(sample.source);
+            set.target.push(sample.target);
+            set.target_from_source.push(sample.target_from_source);
+            set.label.push(self.instances()[index].object as i32);
+        }
+        Ok(set)
+    }
+
     /// Draws a sample of the annotated object number `index` (modulo their number). It depends on the object and
     /// on the stream only. An object without any depth in its mask gives way to the next one.
     ///
@@ -190,7 +231,6 @@ impl BopTraining {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::{Purpose, stream};
     use glam::Vec3;
 
     fn angle_deg(r: &Mat3) -> f32 {

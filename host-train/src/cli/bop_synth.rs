@@ -5,6 +5,7 @@ use super::source::positive;
 use crate::bop::synth::objects::{self, Object};
 use crate::bop::synth::{ESTIMATES_FILE, SynthSettings, generate};
 use clap::Args;
+use clap::builder::RangedU64ValueParser;
 use std::path::PathBuf;
 
 /// Generate scenes in the layout of the BOP benchmark
@@ -31,10 +32,10 @@ pub(super) struct BopSynthArgs {
     #[arg(long, value_name = "N", value_parser = positive(), default_value_t = SynthSettings::default().images)]
     images: usize,
     /// Objects of the data set, at most
-    #[arg(long, value_name = "N", value_parser = positive(), default_value_t = 8)]
+    #[arg(long, value_name = "N", value_parser = up_to(1000), default_value_t = 8)]
     objects: usize,
     /// Objects in each scene
-    #[arg(long, value_name = "N", value_parser = positive(), default_value_t = SynthSettings::default().per_scene)]
+    #[arg(long, value_name = "N", value_parser = up_to(50), default_value_t = SynthSettings::default().per_scene)]
     per_scene: usize,
     /// Millimetres of one unit of the meshes [default: each is scaled to a random diameter of 100 to 250 mm]
     #[arg(long, value_name = "MM", value_parser = scale)]
@@ -82,12 +83,17 @@ impl BopSynthArgs {
     }
 }
 
-/// `COLUMNSxROWS`, each from 16 to 4096.
+/// A number from 1 to `most`: each object of a scene is rendered into an image of its own.
+fn up_to(most: u64) -> RangedU64ValueParser<usize> {
+    RangedU64ValueParser::new().range(1..=most)
+}
+
+/// `COLUMNSxROWS`, each from 16 to 2048.
 fn size(text: &str) -> Result<[usize; 2], String> {
-    let number = |word: &str| word.parse().ok().filter(|n| (16..=4096).contains(n));
+    let number = |word: &str| word.parse().ok().filter(|n| (16..=2048).contains(n));
     text.split_once('x')
         .and_then(|(columns, rows)| Some([number(columns)?, number(rows)?]))
-        .ok_or_else(|| "give COLUMNSxROWS, such as 320x240, each from 16 to 4096".into())
+        .ok_or_else(|| "give COLUMNSxROWS, such as 320x240, each from 16 to 2048".into())
 }
 
 fn scale(text: &str) -> Result<f32, String> {

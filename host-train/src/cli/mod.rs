@@ -3,7 +3,10 @@
 //! Exit status: 0 on success, 2 on bad usage (clap's), 1 on failure, with one line on stderr that says
 //! what was wrong, where, and what to do.
 
+mod bench;
+mod bop_eval;
 mod bop_synth;
+mod contest;
 mod eval;
 mod export;
 mod import;
@@ -14,12 +17,16 @@ mod progress;
 mod register;
 mod report;
 mod source;
+mod sweep;
 mod table;
 mod train;
 
 use crate::publish::{self, PublishArgs};
 use anyhow::Context;
 use clap::{Parser, Subcommand};
+
+/// The seed where none is given.
+const DEFAULT_SEED: u64 = 42;
 
 /// Train, evaluate, export and publish ReAgent point cloud registration policies.
 ///
@@ -29,7 +36,7 @@ use clap::{Parser, Subcommand};
 #[command(version, propagate_version = true)]
 pub struct Cli {
     /// Seed of every random draw; the same seed gives the same result on any number of threads
-    #[arg(long, global = true, default_value_t = 42, value_name = "S")]
+    #[arg(long, global = true, default_value_t = DEFAULT_SEED, value_name = "S")]
     seed: u64,
     #[command(subcommand)]
     command: Command,
@@ -38,7 +45,9 @@ pub struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     Train(train::TrainArgs),
+    Bench(bench::BenchArgs),
     Eval(eval::EvalArgs),
+    Sweep(sweep::SweepArgs),
     Register(register::RegisterArgs),
     Pairs(pairs::PairsArgs),
     BopSynth(bop_synth::BopSynthArgs),
@@ -58,7 +67,9 @@ impl Cli {
         let seed = self.seed;
         match self.command {
             Command::Train(args) => args.run(seed),
+            Command::Bench(args) => args.run(seed),
             Command::Eval(args) => args.run(seed),
+            Command::Sweep(args) => args.run(seed),
             Command::Register(args) => args.run(seed),
             Command::Pairs(args) => args.run(seed),
             Command::BopSynth(args) => args.run(seed),

@@ -11,9 +11,9 @@ use std::path::PathBuf;
 /// (the noise-free target) and label [M], all in normalised units.
 #[derive(Debug, Args)]
 pub(super) struct PairsArgs {
-    /// Data set whose test split is used (modelnet40_ply_hdf5_2048 or ScanObjectNN layout), or the built-in
-    /// shapes
-    #[arg(long, value_name = "DIR|procedural")]
+    /// Data set whose test split is used: modelnet40_ply_hdf5_2048, ScanObjectNN, or a tree of loose meshes and
+    /// clouds; or the built-in shapes
+    #[arg(long, value_name = "DIR|FILE.h5|procedural")]
     data: DataSource,
     /// How to draw
     #[arg(long, value_enum, value_name = "NAME")]

@@ -237,6 +237,7 @@ fn report(found: &Registered, ms: f64) -> String {
 mod tests {
     use super::*;
     use glam::Vec3;
+    use proptest::prelude::*;
 
     #[test]
     fn poses_are_read_from_numbers_and_json() {
@@ -256,5 +257,17 @@ mod tests {
         assert!(reason("1,0,0,0,0,one,0,0,0,0,1,0").contains("\"one\" is not a number"));
         assert!(reason("2,0,0,0,0,1,0,0,0,0,1,0").contains("rigid"));
         assert!(reason("1,0,0,nan,0,1,0,0,0,0,1,0").contains("pose"));
+    }
+
+    proptest! {
+        #[test]
+        fn no_text_is_more_than_refused(text in r"[-+.,0-9eEnaif\[\] \n]{0,80}", numbers in prop::collection::vec(any::<f32>(), 0..18)) {
+            let listed: Vec<String> = numbers.iter().map(f32::to_string).collect();
+            for text in [text, listed.join(",")] {
+                if let Ok(pose) = parse_pose(&text) {
+                    prop_assert!(pose.translation.is_finite() && pose.rotation.is_finite());
+                }
+            }
+        }
     }
 }

@@ -27,21 +27,27 @@ pub(super) fn draw(
     count: Option<usize>,
     seed: u64,
 ) -> anyhow::Result<PairSet> {
-    let models = match data {
-        DataSource::Directory(path) => test_models(path, protocol, seed)?,
+    let models = models(data, protocol, count, seed)?;
+    let count = count.unwrap_or(models.len());
+    Ok(protocol::draw(&models, protocol, count, seed))
+}
+
+/// The test models that a protocol takes of a data set; built-in shapes as many as pairs are asked for.
+pub(super) fn models(
+    data: &DataSource,
+    protocol: Protocol,
+    count: Option<usize>,
+    seed: u64,
+) -> anyhow::Result<Vec<Model>> {
+    match data {
+        DataSource::Directory(path) => test_models(path, protocol, seed),
         DataSource::Procedural(shapes) => {
             let drawn = count.unwrap_or(PROCEDURAL_PAIRS).min(*shapes);
-            (0..drawn as u64)
+            Ok((0..drawn as u64)
                 .map(|i| procedural::model(seed, HELD_OUT + i))
-                .collect()
+                .collect())
         }
-    };
-    Ok(protocol::draw(
-        &models,
-        protocol,
-        count.unwrap_or(models.len()),
-        seed,
-    ))
+    }
 }
 
 /// Draws pairs from training models under a protocol's noise, whatever their labels.

@@ -1,6 +1,8 @@
 //! The paper's tables as text.
 
-use crate::eval::{Outcome, Row, StepRow};
+use crate::eval::{Contestant, Outcome, Row, StepRow};
+use crate::sweep::Varied;
+use clap::ValueEnum;
 use std::fmt::Write;
 
 const COLUMNS: &str =
@@ -33,6 +35,48 @@ pub(super) fn steps(name: &str, rows: &[StepRow]) -> String {
             step.to_string()
         };
         row(&mut text, &format!("{label:4}"), values);
+    }
+    text
+}
+
+/// A block a value: quartiles and means of every method, in the contestants' order.
+pub(super) fn varied(varied: &Varied, contestants: &[Contestant<'_>]) -> String {
+    let names = contestants.iter().map(|c| c.name.as_str());
+    let width = names
+        .clone()
+        .map(str::len)
+        .max()
+        .unwrap_or(0)
+        .max("method".len());
+    let value = varied.vary.to_possible_value().expect("no value is hidden");
+    let mut text = format!(
+        "{}, {}; {} pairs a value\n{:>8}  {:width$}  \
+         ISO R, deg: q1      median   q3       mean     ISO t: q1       median   q3       mean     \
+         ADI AUC   recall\n",
+        value.get_name(),
+        varied.unit,
+        varied.pairs,
+        "value",
+        "method",
+    );
+    let steps = varied.methods.values().next().map_or(0, Vec::len);
+    for step in 0..steps {
+        for name in names.clone() {
+            let Some(at) = varied.methods.get(name).and_then(|all| all.get(step)) else {
+                continue;
+            };
+            let s = &at.summary.summary;
+            let ([r1, r2, r3], [t1, t2, t3]) = (s.quartiles.r_iso_deg, s.quartiles.t_iso);
+            let line = format!(
+                "{:>8}  {name:width$}  {r1:<18.3}  {r2:<7.3}  {r3:<7.3}  {:<7.3}  {t1:<13.4}  {t2:<7.4}  {t3:<7.4}  {:<7.4}  {:<8.1}  {:.0}",
+                at.value,
+                s.r_iso_deg,
+                s.t_iso,
+                s.adi_auc_pct,
+                100.0 * s.recall_r5_t005,
+            );
+            writeln!(text, "{line}").expect("writing to a string cannot fail");
+        }
     }
     text
 }

@@ -1,79 +1,157 @@
 //! `host-train train`
 
 use super::source::{DataSource, positive};
+use crate::env::Accumulation;
 use crate::expert::Expert;
-use crate::optim::Schedule;
-use crate::train::{self, Categories, Stage, TrainConfig};
+use crate::nn::Search;
+use crate::train::record::RunRecord;
+use crate::train::{self, Anneal, Categories, Follow, Network, Stage, TrainConfig};
 use anyhow::{Context, bail};
-use clap::Args;
+use clap::{ArgAction, Args};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Train a policy
 ///
-/// Writes RUN_DIR/config.json, metrics.jsonl, checkpoints and best/. Ctrl-C writes a checkpoint first;
-/// --resume goes on exactly from there. The model that is kept is the best on a validation split carved
-/// out of the training split by mesh.
+/// Writes RUN_DIR/config.json, metrics.jsonl, checkpoints and best/. Ctrl-C or SIGTERM writes a checkpoint
+/// first; --resume goes on exactly from there, with the options of the run. The model that is kept is the
+/// best on a validation split carved out of the training split by mesh. Without options it is the paper's
+/// method: stages pretrain (imitation, clean clouds), then il (imitation, noisy clouds) or ilrl (with
+/// reinforcement), each with --init of the one before.
 #[derive(Debug, Args)]
 pub(super) struct TrainArgs {
-    /// Data sets (modelnet40_ply_hdf5_2048 layout) or built-in shapes, taken together
-    #[arg(long, value_name = "DIR|procedural[:COUNT]", num_args = 1.., required = true)]
+    /// Data sets (modelnet40_ply_hdf5_2048, ScanObjectNN, trees of loose meshes and clouds) or built-in shapes,
+    /// taken together
+    #[arg(long, value_name = "DIR|FILE.h5|procedural[:COUNT]", num_args = 1.., required_unless_present = "resume")]
     data: Vec<DataSource>,
     /// What to train
-    #[arg(long, value_enum, value_name = "STAGE")]
-    stage: Stage,
-    /// Categories of a data set that are trained on
-    #[arg(long, value_enum, value_name = "WHICH", default_value_t = Categories::First)]
-    categories: Categories,
+    #[arg(
+        long,
+        value_enum,
+        value_name = "STAGE",
+        required_unless_present = "resume"
+    )]
+    stage: Option<Stage>,
     /// Directory of the run
     #[arg(long, value_name = "RUN_DIR")]
     out: PathBuf,
+    /// Go on from the last checkpoint of the run, with its options; --epochs may be more
+    #[arg(long)]
+    resume: bool,
+    /// Start from a run, a checkpoint or a policy instead of random weights, with a fresh optimiser
+    #[arg(long, value_name = "RUN_OR_WEIGHTS", conflicts_with = "resume")]
+    init: Option<PathBuf>,
     /// Passes over the clouds [default: the paper's 50]
     #[arg(long, value_name = "N", value_parser = positive())]
     epochs: Option<usize>,
-    /// Points drawn from each cloud
-    #[arg(long, value_name = "N", value_parser = positive(), default_value_t = 1024)]
-    points: usize,
-    /// Learning rate of the first epochs [default: the paper's 1e-3 in pretrain, 1e-4 after]
-    #[arg(long, value_name = "RATE", value_parser = rate)]
-    learning_rate: Option<f32>,
-    /// Epochs between halvings of the learning rate
-    #[arg(long, value_name = "N", value_parser = positive(), default_value_t = 10)]
-    halve_every: usize,
-    /// Who labels the observations
-    #[arg(long, value_enum, value_name = "WHO", default_value_t = Expert::Steady)]
-    expert: Expert,
-    /// Go on from the last checkpoint of the run
-    #[arg(long)]
-    resume: bool,
     /// Threads; results do not depend on it [default: all cores]
     #[arg(long, value_name = "N", value_parser = positive())]
     threads: Option<usize>,
-    /// Start from a run, a checkpoint or a policy instead of random weights
-    #[arg(long, value_name = "RUN_OR_WEIGHTS", conflicts_with = "resume")]
-    init: Option<PathBuf>,
+    /// Minutes between checkpoints within an epoch; 0 for one after every update [default: 5]
+    #[arg(long, value_name = "M", value_parser = at_least_0)]
+    checkpoint_minutes: Option<f64>,
+    #[command(flatten)]
+    data_options: DataOptions,
+    #[command(flatten)]
+    method: MethodOptions,
+    #[command(flatten)]
+    optimiser: OptimiserOptions,
+}
+
+/// What the clouds look like.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Clouds")]
+struct DataOptions {
+    /// Categories of a data set that are trained on [default: first, the paper's]
+    #[arg(long, value_enum, value_name = "WHICH")]
+    categories: Option<Categories>,
+    /// Points drawn from each cloud [default: the paper's 1024]
+    #[arg(long, value_name = "N", value_parser = positive())]
+    points: Option<usize>,
+    /// Do not deform shapes by scale, shear and mirror (design table; the paper does)
+    #[arg(long)]
+    no_augmentation: bool,
+}
+
+/// How observations are made and what is minimised.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Method")]
+struct MethodOptions {
+    /// Who labels the observations [default: steady, the paper's]
+    #[arg(long, value_enum, value_name = "WHO")]
+    expert: Option<Expert>,
+    /// Whose actions trajectories take [default: stochastic, the paper's]
+    #[arg(long, value_enum, value_name = "WHOSE")]
+    follow: Option<Follow>,
+    /// How actions accumulate [default: global, the paper's]
+    #[arg(long, value_enum, value_name = "HOW")]
+    accumulation: Option<Accumulation>,
+    /// Widths of the network [default: wide, the paper's]
+    #[arg(long, value_enum, value_name = "WIDTHS")]
+    network: Option<Network>,
+    /// Problems rolled out together [default: 32, the authors' code's]
+    #[arg(long, value_name = "N", value_parser = positive())]
+    problems: Option<usize>,
+    /// Trajectories from each problem [default: the paper's 4]
+    #[arg(long, value_name = "N", value_parser = positive())]
+    trajectories: Option<usize>,
+    /// How the points that reach a feature's maximum are found [default: auto]
+    #[arg(long, value_enum, value_name = "HOW")]
+    search: Option<Search>,
+    /// Weight of the reinforcement term [default: the paper's 2 in stage ilrl; 0.1 is its value for LINEMOD]
+    #[arg(long, value_name = "W", value_parser = at_least_0)]
+    alpha: Option<f64>,
+    /// Bring advantages to mean 0 and deviation 1 in each mini-batch (the authors' code does not)
+    #[arg(long)]
+    normalise_advantages: bool,
+    /// Clip value estimates around those of the roll-out (the authors' code does not)
+    #[arg(long)]
+    clip_values: bool,
+    /// Let the value estimate of the state after the last step continue the rewards (the authors' code
+    /// counts it as 0)
+    #[arg(long)]
+    bootstrap: bool,
+}
+
+/// How the parameters move.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Optimiser")]
+struct OptimiserOptions {
+    /// Learning rate at the start [default: the paper's 1e-3 in pretrain, 1e-4 after]
+    #[arg(long, value_name = "RATE", value_parser = rate)]
+    learning_rate: Option<f32>,
+    /// Epochs between halvings of the learning rate [default: the paper's 10]
+    #[arg(long, value_name = "N", value_parser = positive())]
+    halve_every: Option<usize>,
+    /// How the learning rate falls [default: halve, the paper's]
+    #[arg(long, value_enum, value_name = "HOW")]
+    anneal: Option<Anneal>,
+    /// Scale longer gradients down to this length [default: no limit, as in the authors' code]
+    #[arg(long, value_name = "LENGTH", value_parser = above_0)]
+    clip_gradient: Option<f32>,
+    /// Validate and export an average of the weights with this decay in each mini-batch, such as 0.999
+    /// [default: no average, as in the authors' code]
+    #[arg(long, value_name = "DECAY", value_parser = decay)]
+    average: Option<f32>,
+    /// Observations of one optimiser step [default: the paper's 32]
+    #[arg(long, value_name = "N", value_parser = positive(), action = ArgAction::Set)]
+    mini_batch: Option<usize>,
+}
+
+/// Puts the value of an option in its place, where it was given.
+fn set<T>(place: &mut T, given: Option<T>) {
+    if let Some(value) = given {
+        *place = value;
+    }
 }
 
 impl TrainArgs {
     pub(super) fn run(self, seed: u64) -> anyhow::Result<()> {
-        let paper = TrainConfig::new(self.stage, self.data, self.out);
-        let config = TrainConfig {
-            categories: self.categories,
-            epochs: self.epochs.map_or(paper.epochs, |n| n as u32),
-            seed,
-            points: self.points,
-            schedule: Schedule {
-                initial: self.learning_rate.unwrap_or(paper.schedule.initial),
-                halve_every: self.halve_every as u32,
-            },
-            expert: self.expert,
-            threads: self.threads.unwrap_or(paper.threads),
-            init: self.init,
-            ..paper
-        };
-        let stop = stop_on_ctrl_c()?;
-        train::run(&config, self.resume, &stop)?;
+        let resume = self.resume;
+        let config = self.config(seed)?;
+        let stop = stop_on_signal()?;
+        train::run(&config, resume, &stop)?;
         if stop.load(Ordering::Relaxed) {
             bail!(
                 "interrupted: {} holds a checkpoint, go on with --resume",
@@ -81,6 +159,62 @@ impl TrainArgs {
             );
         }
         Ok(())
+    }
+
+    /// The paper's configuration, or that of the run to resume, changed by the options given.
+    fn config(self, seed: u64) -> anyhow::Result<TrainConfig> {
+        let mut config = match self.stage {
+            _ if self.resume => RunRecord::load(&self.out)?.config,
+            Some(stage) => TrainConfig::new(stage, self.data.clone(), self.out.clone()),
+            None => bail!("give --stage"),
+        };
+        config.out = self.out;
+        if !(self.resume && seed == super::DEFAULT_SEED) {
+            config.seed = seed;
+        }
+        if !self.data.is_empty() {
+            config.data = self.data;
+        }
+        set(&mut config.stage, self.stage);
+        if self.init.is_some() {
+            config.init = self.init;
+        }
+        set(&mut config.epochs, self.epochs.map(|n| n as u32));
+        set(&mut config.threads, self.threads);
+        set(&mut config.checkpoint_minutes, self.checkpoint_minutes);
+
+        let given = self.data_options;
+        set(&mut config.categories, given.categories);
+        set(&mut config.points, given.points);
+        config.augmentation &= !given.no_augmentation;
+
+        let given = self.method;
+        set(&mut config.network, given.network);
+        set(&mut config.roll_out.problems, given.problems);
+        set(&mut config.roll_out.trajectories, given.trajectories);
+        let method = &mut config.method;
+        set(&mut method.expert, given.expert);
+        set(&mut method.follow, given.follow);
+        set(&mut method.accumulation, given.accumulation);
+        set(&mut method.search, given.search);
+        set(&mut method.ppo.alpha, given.alpha.map(|a| a as f32));
+        method.ppo.normalise_advantages |= given.normalise_advantages;
+        method.ppo.clip_values |= given.clip_values;
+        method.ppo.bootstrap |= given.bootstrap;
+
+        let given = self.optimiser;
+        if given.clip_gradient.is_some() {
+            method.clip_gradient = given.clip_gradient;
+        }
+        if given.average.is_some() {
+            method.average = given.average;
+        }
+        set(&mut config.learning_rate.initial, given.learning_rate);
+        set(&mut config.learning_rate.anneal, given.anneal);
+        let halve_every = given.halve_every.map(|n| n as u32);
+        set(&mut config.learning_rate.halve_every, halve_every);
+        set(&mut config.roll_out.mini_batch, given.mini_batch);
+        Ok(config)
     }
 }
 
@@ -92,24 +226,90 @@ fn rate(text: &str) -> Result<f32, String> {
     }
 }
 
-/// A flag that the first Ctrl-C sets; the second ends the process.
-fn stop_on_ctrl_c() -> anyhow::Result<Arc<AtomicBool>> {
+/// A decay above 0 and below 1.
+fn decay(text: &str) -> Result<f32, String> {
+    match text.parse() {
+        Ok(decay) if decay > 0.0 && decay < 1.0 => Ok(decay),
+        _ => Err("give a number above 0 and below 1".into()),
+    }
+}
+
+fn above_0(text: &str) -> Result<f32, String> {
+    match text.parse::<f32>() {
+        Ok(x) if x > 0.0 && x.is_finite() => Ok(x),
+        _ => Err("give a number above 0".into()),
+    }
+}
+
+fn at_least_0(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(x) if x >= 0.0 && x.is_finite() => Ok(x),
+        _ => Err("give a number of at least 0".into()),
+    }
+}
+
+/// A flag that the first Ctrl-C or SIGTERM sets; the second ends the process.
+fn stop_on_signal() -> anyhow::Result<Arc<AtomicBool>> {
     let stop = Arc::new(AtomicBool::new(false));
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_all()
         .build()
         .context("cannot listen for Ctrl-C")?;
+    // Caught from here on, not only once the thread runs.
+    let mut signals = {
+        let _context = runtime.enter();
+        Signals::listen().context("cannot listen for Ctrl-C")?
+    };
     let flag = stop.clone();
     std::thread::spawn(move || {
         runtime.block_on(async {
-            if tokio::signal::ctrl_c().await.is_ok() {
-                flag.store(true, Ordering::Relaxed);
-                eprintln!("stopping after this update; Ctrl-C again loses what follows the last checkpoint");
-            }
-            if tokio::signal::ctrl_c().await.is_ok() {
-                std::process::exit(1);
-            }
+            signals.next().await;
+            flag.store(true, Ordering::Relaxed);
+            eprintln!("stopping after this update; again loses what follows the last checkpoint");
+            signals.next().await;
+            std::process::exit(1);
         });
     });
     Ok(stop)
+}
+
+#[cfg(unix)]
+struct Signals {
+    interrupt: tokio::signal::unix::Signal,
+    terminate: tokio::signal::unix::Signal,
+}
+
+#[cfg(unix)]
+impl Signals {
+    fn listen() -> std::io::Result<Self> {
+        use tokio::signal::unix::{SignalKind, signal};
+        Ok(Signals {
+            interrupt: signal(SignalKind::interrupt())?,
+            terminate: signal(SignalKind::terminate())?,
+        })
+    }
+
+    async fn next(&mut self) {
+        tokio::select! {
+            _ = self.interrupt.recv() => {}
+            _ = self.terminate.recv() => {}
+        }
+    }
+}
+
+#[cfg(not(unix))]
+struct Signals;
+
+#[cfg(not(unix))]
+impl Signals {
+    fn listen() -> std::io::Result<Self> {
+        Ok(Signals)
+    }
+
+    async fn next(&mut self) {
+        // Without a console there is nothing to wait for.
+        if tokio::signal::ctrl_c().await.is_err() {
+            std::future::pending::<()>().await;
+        }
+    }
 }

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 /// Coordinates of real clouds compress two- or threefold; a claim of more than this many bytes from one of the
 /// file's is a corrupt header.
-const MAX_EXPANSION: u64 = 128;
+const MAX_EXPANSION: u64 = 32;
 
 /// An open HDF5 file. Only the datasets that are asked for are read and decoded.
 pub struct H5File {

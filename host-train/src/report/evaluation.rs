@@ -1,6 +1,6 @@
 //! Evaluations: the paper's tables, box plots, recall curves, errors by step and time.
 
-use super::chart::{Axis, BoxStats, Boxes, Chart, Line, Marks, slug};
+use super::chart::{Axis, BoxStats, Boxes, Chart, Line, Marks, palette, slug};
 use super::input::Evaluation;
 use super::metric::{Metric, sort};
 use super::section::{Block, Section};
@@ -42,7 +42,7 @@ pub(super) fn section(evaluation: &Evaluation) -> Section {
             compare: true,
             without: &[],
         };
-        let caption = "Methods on the same pairs. Lengths are in the clouds' units (normalised in the paper's protocols); the best of each column is bold.";
+        let caption = "Methods on the same pairs. Lengths are in the clouds' units (normalised in the paper's protocols); the best of each column is bold. Recall counts pairs below 5 degrees and .05 units.";
         blocks.push(Block::Table(Table::of_metrics(caption, &rows)));
     }
     if !evaluation.objects.is_empty() {
@@ -62,6 +62,13 @@ pub(super) fn section(evaluation: &Evaluation) -> Section {
         title: format!("Evaluation: {}", evaluation.name),
         blocks,
     }
+}
+
+/// Place of a method's colour in the palette.
+fn colour(evaluation: &Evaluation, method: &str) -> usize {
+    let methods = || evaluation.methods.iter().map(|(name, _)| name.as_str());
+    let place = methods().position(|name| name == method);
+    place.map_or(0, |place| palette(methods())[place])
 }
 
 fn charts(blocks: &mut Vec<Block>, heading: &str, charts: Vec<Chart>) {
@@ -155,6 +162,11 @@ fn box_plots(evaluation: &Evaluation) -> Vec<Chart> {
                     .collect(),
                 groups: vec![Boxes {
                     name: String::new(),
+                    colours: evaluation
+                        .errors
+                        .iter()
+                        .map(|(name, _)| colour(evaluation, name))
+                        .collect(),
                     boxes: evaluation.errors.iter().map(|(_, e)| stats(e)).collect(),
                 }],
                 horizontal: true,
@@ -184,7 +196,11 @@ fn recall_curves(evaluation: &Evaluation) -> Vec<Chart> {
                     100.0 * below as f64 / errors.len() as f64,
                 )
             };
-            let mut line = Line::new(name.clone(), (0..=THRESHOLDS).map(point).collect());
+            let mut line = Line::new(
+                name.clone(),
+                colour(evaluation, name),
+                (0..=THRESHOLDS).map(point).collect(),
+            );
             line.dots = false;
             Some(line)
         };
@@ -213,7 +229,11 @@ fn step_charts(evaluation: &Evaluation) -> Vec<Chart> {
                 let step = row.get("step").copied().unwrap_or(i as f64);
                 (step, row.get(*key).map_or(f64::NAN, |v| v * metric.factor))
             };
-            Line::new(name.clone(), rows.iter().enumerate().map(point).collect())
+            Line::new(
+                name.clone(),
+                colour(evaluation, name),
+                rows.iter().enumerate().map(point).collect(),
+            )
         };
         Chart {
             name: slug(&format!("{}-step-{key}", evaluation.name)),
@@ -244,7 +264,7 @@ fn time_chart(evaluation: &Evaluation) -> Option<Chart> {
             Some((_, rows)) => rows.iter().filter_map(point).collect(),
             None => point(row).into_iter().collect(),
         };
-        (!points.is_empty()).then(|| Line::new(name.clone(), points))
+        (!points.is_empty()).then(|| Line::new(name.clone(), colour(evaluation, name), points))
     };
     let lines: Vec<Line> = evaluation.methods.iter().filter_map(line).collect();
     let log = |label: &str| Axis {

@@ -1,7 +1,10 @@
 //! What a report is made of, read and checked.
 
+mod evaluation;
+mod run;
+
 use super::ReportError;
-use super::value::{At, Fields, numbers};
+use super::value::{At, Fields, number};
 use crate::trace::{self, Traced};
 use serde_json::{Map, Value};
 use std::collections::BTreeMap;
@@ -96,7 +99,7 @@ pub(crate) struct TraceFile {
 /// Reads an input of whatever kind it is.
 pub(super) fn read(path: &Path, name: String) -> Result<Input, ReportError> {
     if path.is_dir() {
-        return Ok(Input::Run(read_run(path, name)?));
+        return Ok(Input::Run(run::read_run(path, name)?));
     }
     let text = read_text(
         path,
@@ -107,7 +110,8 @@ pub(super) fn read(path: &Path, name: String) -> Result<Input, ReportError> {
         .find(|line| !line.trim().is_empty())
         .unwrap_or("");
     if let Ok(Value::Object(line)) = serde_json::from_str(first) {
-        if line.contains_key("registration") {
+        // A step comes first where the header was lost; the trace's reader says so.
+        if line.contains_key("registration") || line.contains_key("target_from_source") {
             let (traced, count) = trace::read(path, TRACED)?;
             return Ok(Input::Trace(TraceFile {
                 name,
@@ -121,7 +125,7 @@ pub(super) fn read(path: &Path, name: String) -> Result<Input, ReportError> {
             let name = folder
                 .file_name()
                 .map_or(name, |n| n.to_string_lossy().into_owned());
-            return Ok(Input::Run(read_run(folder, name)?));
+            return Ok(Input::Run(run::read_run(folder, name)?));
         }
     }
     let document: Value = serde_json::from_str(&text).map_err(|error| {
@@ -139,7 +143,7 @@ pub(super) fn read(path: &Path, name: String) -> Result<Input, ReportError> {
     if let Some(sweep) = top.get("sweep") {
         Ok(Input::Sweep(read_sweep(&sweep, name)?))
     } else if top.get("methods").is_some() || top.get("objects").is_some() {
-        Ok(Input::Evaluation(read_evaluation(&top, name)?))
+        Ok(Input::Evaluation(evaluation::read_evaluation(&top, name)?))
     } else {
         Err(ReportError::UnknownKind { path: path.into() })
     }
@@ -171,175 +175,6 @@ fn read_text(path: &Path, todo: &'static str) -> Result<String, ReportError> {
     String::from_utf8(bytes).map_err(|_| ReportError::UnknownKind { path: path.into() })
 }
 
-fn read_run(folder: &Path, name: String) -> Result<Run, ReportError> {
-    let file = |file: &'static str| {
-        let path = folder.join(file);
-        if path.is_file() {
-            Ok(path)
-        } else {
-            Err(ReportError::NoRun {
-                path: folder.into(),
-                file,
-            })
-        }
-    };
-    let (config_path, metrics_path) = (file("config.json")?, file("metrics.jsonl")?);
-    let text = read_text(&config_path, "start the run again")?;
-    let config = serde_json::from_str(&text).map_err(|error| ReportError::NotJson {
-        path: config_path.clone(),
-        line: error.line(),
-        reason: error.to_string(),
-    })?;
-    let text = read_text(&metrics_path, "wait for the run's first update")?;
-    let (mut updates, mut epochs, mut note) = (Vec::new(), Vec::new(), None);
-    let last = text.lines().count();
-    for (i, line) in text.lines().enumerate() {
-        if line.trim().is_empty() {
-            continue;
-        }
-        let object: Map<String, Value> = match serde_json::from_str(line) {
-            Ok(object) => object,
-            // A run that is under way, or was cut off, ends within a line.
-            Err(_) if i + 1 == last && i > 0 && !text.ends_with('\n') => {
-                note = Some(format!(
-                    "{}: the last line is incomplete and left out; the run may still be writing",
-                    metrics_path.display()
-                ));
-                break;
-            }
-            Err(error) => {
-                return Err(ReportError::NotJson {
-                    path: metrics_path,
-                    line: i + 1,
-                    reason: error.to_string(),
-                });
-            }
-        };
-        let mut fields = BTreeMap::new();
-        flatten("", &object, &mut fields);
-        let at = |key: &str| fields.get(key).and_then(|v: &Vec<f64>| v.first().copied());
-        let (records, x) = match (at("update"), at("epoch")) {
-            (Some(update), _) => (&mut updates, update),
-            (None, Some(epoch)) => (&mut epochs, epoch),
-            (None, None) => {
-                let next = epochs.len() as f64;
-                (&mut epochs, next)
-            }
-        };
-        for counter in ["update", "updates", "epoch"] {
-            fields.remove(counter);
-        }
-        records.push(Record { x, fields });
-    }
-    Ok(Run {
-        name,
-        config,
-        updates,
-        epochs,
-        note,
-    })
-}
-
-/// Every number and list of numbers of an object, however deep.
-fn flatten(prefix: &str, object: &Map<String, Value>, fields: &mut BTreeMap<String, Vec<f64>>) {
-    for (key, value) in object {
-        let key = format!("{prefix}{key}");
-        match value {
-            Value::Object(inner) => flatten(&format!("{key}."), inner, fields),
-            Value::Null => {
-                fields.insert(key, vec![f64::NAN]);
-            }
-            Value::Number(number) => {
-                fields.insert(key, vec![number.as_f64().unwrap_or(f64::NAN)]);
-            }
-            Value::Array(_) => {
-                if let Some(list) = numbers(value) {
-                    fields.insert(key, list);
-                }
-            }
-            Value::Bool(_) | Value::String(_) => {}
-        }
-    }
-}
-
-fn read_evaluation(top: &At<'_>, name: String) -> Result<Evaluation, ReportError> {
-    let about = top
-        .entries()?
-        .into_iter()
-        .filter_map(|(key, at)| match at.value {
-            Value::String(text) => Some((key, text.clone())),
-            Value::Number(number) => Some((key, number.to_string())),
-            _ => None,
-        });
-    let mut methods = Vec::new();
-    if let Some(at) = top.get("methods") {
-        for (method, at) in at.entries()? {
-            methods.push((method, at.fields()?));
-        }
-    }
-    let mut per_step = Vec::new();
-    if let Some(at) = top.get("per_step") {
-        for (method, at) in at.entries()? {
-            let rows: Result<Vec<Fields>, ReportError> =
-                at.elements()?.iter().map(At::fields).collect();
-            per_step.push((method, rows?));
-        }
-    }
-    let mut errors = Vec::new();
-    if let Some(at) = top.get("errors") {
-        for (method, at) in at.entries()? {
-            errors.push((method, at.lists()?));
-        }
-    }
-    let mut objects = Vec::new();
-    if let Some(at) = top.get("objects") {
-        rows(&at, &mut Vec::new(), &mut objects);
-    }
-    // What nothing was done to comes first, as in the paper's tables.
-    methods.sort_by_key(|(name, _)| name != "init");
-    errors.sort_by_key(|(name, _)| name != "init");
-    Ok(Evaluation {
-        name,
-        about: about.collect(),
-        methods,
-        per_step,
-        errors,
-        objects,
-    })
-}
-
-/// Rows of a nested table: the keys on the way down name a row, the innermost objects hold its numbers.
-fn rows(at: &At<'_>, names: &mut Vec<String>, found: &mut Vec<(Vec<String>, Fields)>) {
-    let children: Vec<(String, At<'_>)> = match at.value {
-        Value::Object(_) => at.entries().unwrap_or_default(),
-        Value::Array(_) => {
-            let elements = at.elements().unwrap_or_default().into_iter().enumerate();
-            let name = |i: usize, at: &At<'_>| match at.value.get("name") {
-                Some(Value::String(name)) => name.clone(),
-                _ => i.to_string(),
-            };
-            elements.map(|(i, at)| (name(i, &at), at)).collect()
-        }
-        _ => return,
-    };
-    let mut numbers = at.fields().unwrap_or_default();
-    if at.value.get("name").is_some() {
-        // An id beside a name says nothing.
-        numbers.remove("object");
-    }
-    if !numbers.is_empty() {
-        found.push((names.clone(), numbers));
-    }
-    // No table has that many levels.
-    if names.len() < 4 {
-        for (key, child) in children {
-            names.push(key);
-            rows(&child, names, found);
-            names.pop();
-        }
-    }
-}
-
 fn read_sweep(sweep: &At<'_>, name: String) -> Result<Sweep, ReportError> {
     let mut varied = Vec::new();
     for one in sweep.elements()? {
@@ -349,9 +184,8 @@ fn read_sweep(sweep: &At<'_>, name: String) -> Result<Sweep, ReportError> {
             for at in at.elements()? {
                 let value = at.need("value")?;
                 samples.push(Sample {
-                    value: value
-                        .value
-                        .as_f64()
+                    value: number(value.value)
+                        .filter(|x| x.is_finite())
                         .ok_or_else(|| value.wrong("a number"))?,
                     summary: at
                         .get("summary")

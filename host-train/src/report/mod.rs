@@ -4,6 +4,7 @@
 //! and registrations of them; `page` writes the HTML file, `chart` the images.
 
 mod chart;
+mod curves;
 mod error;
 mod evaluation;
 mod input;
@@ -22,6 +23,7 @@ use crate::files::write_atomically;
 use chart::Chart;
 use input::{Input, Run, TraceFile};
 use section::Section;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// A report, ready to be written.
@@ -89,10 +91,18 @@ impl Report {
         };
         std::fs::create_dir_all(folder).map_err(failed(folder))?;
         let charts: Vec<&Chart> = self.sections.iter().flat_map(Section::charts).collect();
+        // Names that differ in their signs only must not share a file.
+        let mut taken: BTreeMap<&str, usize> = BTreeMap::new();
         for chart in &charts {
+            let times = taken.entry(&chart.name).or_default();
+            *times += 1;
+            let name = match times {
+                1 => chart.name.clone(),
+                _ => format!("{}_{times}", chart.name),
+            };
             let svg = chart::svg(chart)?.into_bytes();
             for (extension, bytes) in [("svg", svg), ("png", chart::png(chart)?)] {
-                let path = folder.join(format!("{}.{extension}", chart.name));
+                let path = folder.join(format!("{name}.{extension}"));
                 write_atomically(&path, &bytes).map_err(failed(&path))?;
             }
         }
@@ -100,7 +110,7 @@ impl Report {
     }
 }
 
-/// A name for each input: its file stem, or its path where two stems are equal.
+/// A name for each input: its file stem, or its path where two inputs of one kind have the same.
 fn names(paths: &[PathBuf]) -> Vec<String> {
     let stem = |path: &PathBuf| -> String {
         let path = if path.is_dir() {
@@ -113,8 +123,8 @@ fn names(paths: &[PathBuf]) -> Vec<String> {
     };
     let stems: Vec<String> = paths.iter().map(stem).collect();
     let name = |(path, stem): (&PathBuf, &String)| {
-        let alone = stems.iter().filter(|other| *other == stem).count() == 1;
-        if alone {
+        let same = |(p, s): &(&PathBuf, &String)| *s == stem && p.extension() == path.extension();
+        if paths.iter().zip(&stems).filter(same).count() == 1 {
             stem.clone()
         } else {
             path.display().to_string()

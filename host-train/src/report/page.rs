@@ -95,9 +95,10 @@ fn figure(chart: &Chart) -> Result<String, ReportError> {
 }
 
 fn render_table(table: &Table) -> String {
+    let caption = escape(&table.caption);
     let mut text = format!(
-        "<div class=\"scroll\" tabindex=\"0\" role=\"region\" aria-label=\"{0}\">\n<table>\n<caption>{0}</caption>\n<thead><tr>",
-        escape(&table.caption)
+        "<p class=\"caption\">{caption}</p>\n<div class=\"scroll\" tabindex=\"0\" role=\"region\" aria-label=\"{caption}\">\n\
+         <table aria-label=\"{caption}\">\n<thead><tr>",
     );
     for (i, (name, unit)) in table.columns.iter().enumerate() {
         let class = if i < table.labels {

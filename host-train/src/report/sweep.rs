@@ -1,6 +1,6 @@
 //! Sweeps: errors over what was varied, as box plots, means and tables.
 
-use super::chart::{Axis, BoxStats, Boxes, Chart, Line, Marks, slug};
+use super::chart::{Axis, BoxStats, Boxes, Chart, Line, Marks, palette, slug};
 use super::input::{Sample, Sweep, Varied};
 use super::metric::{Metric, sort};
 use super::section::{Block, Section};
@@ -37,7 +37,7 @@ pub(super) fn section(sweep: &Sweep) -> Section {
 fn titled(varied: &Varied) -> String {
     let name = varied.vary.replace('_', " ");
     match varied.unit.as_str() {
-        "" => name,
+        unit if unit.is_empty() || unit == name => name,
         unit => format!("{name}, {unit}"),
     }
 }
@@ -54,6 +54,18 @@ fn values(varied: &Varied) -> Vec<f64> {
     values
 }
 
+/// Whether values, such as numbers of points, grow by factors rather than by differences.
+fn spans_decades(values: &[f64]) -> bool {
+    match values {
+        [first, .., last] => *first > 0.0 && last / first > 12.0,
+        _ => false,
+    }
+}
+
+fn colours(varied: &Varied) -> Vec<usize> {
+    palette(varied.methods.iter().map(|(name, _)| name.as_str()))
+}
+
 fn box_plots(name: &str, varied: &Varied) -> Vec<Chart> {
     let samples = varied.methods.iter().flat_map(|(_, samples)| samples);
     let mut keys: Vec<String> = samples.flat_map(|s| s.errors.keys().cloned()).collect();
@@ -61,6 +73,7 @@ fn box_plots(name: &str, varied: &Varied) -> Vec<Chart> {
     keys.dedup();
     sort(&mut keys);
     let values = values(varied);
+    let colours = colours(varied);
     let chart = |key: &String| {
         let metric = Metric::of(key);
         let stats = |sample: &Sample| {
@@ -72,8 +85,9 @@ fn box_plots(name: &str, varied: &Varied) -> Vec<Chart> {
                 .collect();
             BoxStats::of(&scaled)
         };
-        let group = |(method, samples): &(String, Vec<Sample>)| Boxes {
+        let group = |(colour, (method, samples)): (&usize, &(String, Vec<Sample>))| Boxes {
             name: method.clone(),
+            colours: vec![*colour; values.len()],
             boxes: values
                 .iter()
                 .map(|value| samples.iter().find(|s| s.value == *value).and_then(stats))
@@ -89,7 +103,7 @@ fn box_plots(name: &str, varied: &Varied) -> Vec<Chart> {
             },
             marks: Marks::Boxes {
                 categories: values.iter().map(f64::to_string).collect(),
-                groups: varied.methods.iter().map(group).collect(),
+                groups: colours.iter().zip(&varied.methods).map(group).collect(),
                 horizontal: false,
             },
         }
@@ -99,23 +113,32 @@ fn box_plots(name: &str, varied: &Varied) -> Vec<Chart> {
 
 fn curve(name: &str, varied: &Varied, key: &str) -> Chart {
     let metric = Metric::of(key);
-    let line = |(method, samples): &(String, Vec<Sample>)| {
+    let line = |(colour, (method, samples)): (&usize, &(String, Vec<Sample>))| {
         let point = |s: &Sample| {
             let y = s.summary.get(key).map_or(f64::NAN, |v| v * metric.factor);
             (s.value, y)
         };
-        Line::new(method.clone(), samples.iter().map(point).collect())
+        Line::new(method.clone(), *colour, samples.iter().map(point).collect())
     };
-    let mean = if metric.log { ", mean" } else { "" };
+    let mean = if metric.log { "mean " } else { "" };
     Chart {
         name: slug(&format!("{name}-{}-{key}", varied.vary)),
-        title: format!("{}{mean}", metric.titled()),
-        x: Axis::linear(titled(varied)),
+        title: format!("{mean}{}", metric.titled()),
+        x: Axis {
+            log: spans_decades(&values(varied)),
+            ..Axis::linear(titled(varied))
+        },
         y: Axis {
             log: metric.log,
             ..Axis::default()
         },
-        marks: Marks::Lines(varied.methods.iter().map(line).collect()),
+        marks: Marks::Lines(
+            colours(varied)
+                .iter()
+                .zip(&varied.methods)
+                .map(line)
+                .collect(),
+        ),
     }
 }
 

@@ -69,9 +69,11 @@ impl Table {
                     Better::Higher => f64::max,
                     Better::Neither => return None,
                 };
+                // Doing nothing does not compete.
                 let finite = rows
                     .rows
                     .iter()
+                    .filter(|(names, _)| names.first().is_none_or(|name| name != "init"))
                     .map(|(_, m)| number(m, key))
                     .filter(|v| v.is_finite());
                 let best = finite.reduce(better)?;

@@ -8,11 +8,16 @@ use std::path::Path;
 /// Named numbers.
 pub(crate) type Fields = BTreeMap<String, f64>;
 
-/// A number, or NaN for `null`.
+/// No measurement is larger; sums and differences of such numbers stay finite.
+const HUGE: f64 = 1e100;
+
+/// A number, or NaN for `null` and for what no measurement can be.
 pub(crate) fn number(value: &Value) -> Option<f64> {
     match value {
         Value::Null => Some(f64::NAN),
-        _ => value.as_f64(),
+        _ => value
+            .as_f64()
+            .map(|x| if x.abs() < HUGE { x } else { f64::NAN }),
     }
 }
 

@@ -175,7 +175,7 @@ mod tests {
 
     #[test]
     fn clouds_are_thinned_and_poses_follow_them_into_the_targets_frame() {
-        let target: Vec<Point> = (0..5000)
+        let target: Vec<Point> = (0..4000)
             .map(|i| [10.0 + (i % 3) as f32, 5.0, 1.0])
             .collect();
         let frame = Frame::of(&target).expect("extent");

@@ -4,6 +4,7 @@ use crate::nn::{Parameters, Shape};
 use crate::random::{Purpose, stream};
 use proptest::prelude::*;
 use rand::RngExt;
+use std::sync::LazyLock;
 
 fn traced(name: &str) -> Traced {
     let file =
@@ -97,7 +98,9 @@ proptest! {
     /// Whatever is cut or flipped, the answer is a value or a typed error.
     #[test]
     fn corrupted_traces_never_panic(cut in 0usize..4000, place in 0usize..4000, byte: u8) {
-        let mut bytes = to_text(&[traced("a")]).expect("encoded").into_bytes();
+        static TEXT: LazyLock<String> =
+            LazyLock::new(|| to_text(&[traced("a")]).expect("encoded"));
+        let mut bytes = TEXT.clone().into_bytes();
         let place = place % bytes.len();
         bytes[place] = byte;
         bytes.truncate(bytes.len() - cut.min(bytes.len()));

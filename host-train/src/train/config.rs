@@ -1,7 +1,10 @@
 //! Every hyper-parameter of a run, with the source of its default.
 
-use crate::expert::Expert;
-use crate::optim::Schedule;
+use super::learning_rate::{Anneal, LearningRate};
+use super::method::{Follow, Method, RollOut};
+use super::run::TrainError;
+use crate::env::Accumulation;
+use crate::nn::Shape;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::path::PathBuf;
@@ -11,7 +14,7 @@ use std::str::FromStr;
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum DataSource {
-    /// A directory in the modelnet40_ply_hdf5_2048 layout; its training split is used.
+    /// A data set on disk, of any layout that [`crate::dataset::load`] reads.
     Directory(PathBuf),
     /// The built-in parametric shapes, this many.
     Procedural(usize),
@@ -52,6 +55,18 @@ pub enum Stage {
     Pretrain,
     /// Imitation on noisy clouds, learning rate from 1e-4.
     Il,
+    /// Imitation and reinforcement (alpha 2) on noisy clouds, learning rate from 1e-4.
+    Ilrl,
+}
+
+impl fmt::Display for Stage {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(match self {
+            Stage::Pretrain => "pretrain",
+            Stage::Il => "il",
+            Stage::Ilrl => "ilrl",
+        })
+    }
 }
 
 /// Which categories of a directory are trained on, by label.
@@ -63,6 +78,27 @@ pub enum Categories {
     First,
     /// All labels: for a policy to ship.
     All,
+}
+
+/// Widths of the network (paper, design table, column "deep" or "wide").
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum Network {
+    /// The paper's: embedding 64-128-1024, heads 512-256 (the only one that can be exported)
+    #[default]
+    Wide,
+    /// Embedding 64-64-64-128-1024, heads 256-128 (our widths; the paper gives none)
+    Deep,
+}
+
+impl Network {
+    /// The widths.
+    pub fn shape(self) -> Shape {
+        match self {
+            Network::Wide => Shape::PAPER,
+            Network::Deep => Shape::DEEP,
+        }
+    }
 }
 
 /// Configuration of one run.
@@ -84,55 +120,36 @@ pub struct TrainConfig {
     pub threads: usize,
     /// Start from this run, checkpoint or policy; `None` starts from random weights.
     pub init: Option<PathBuf>,
+    /// Widths of the network (paper: wide).
+    pub network: Network,
     /// Points a cloud (paper: 1024 of 2048).
     pub points: usize,
-    /// Learning rate and its halvings (paper: 1e-3 in pretrain, 1e-4 after; halved every 10 epochs).
-    pub schedule: Schedule,
-    /// Who labels the observations (paper: steady).
-    pub expert: Expert,
+    /// Whether shapes are deformed by scale, shear and mirror (paper: yes; design table, column
+    /// "augm.").
+    pub augmentation: bool,
+    /// Learning rate (paper: from 1e-3 in pretrain, from 1e-4 after; halved every 10 epochs).
+    pub learning_rate: LearningRate,
     /// Steps, trajectories and batch sizes.
     pub roll_out: RollOut,
+    /// What an update does.
+    pub method: Method,
     /// Share of the training meshes held back to choose the best checkpoint (ours; the authors' code
     /// chooses on the test split).
     pub validation: f64,
     /// Most pairs that one validation registers.
     pub validation_pairs: usize,
-}
-
-/// How observations are gathered and used.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct RollOut {
-    /// Problems rolled out together (authors' code: 32).
-    pub problems: usize,
-    /// Trajectories from each problem, N (paper: 4).
-    pub trajectories: usize,
-    /// Steps of a trajectory, n (paper: 10).
-    pub steps: usize,
-    /// Observations of one optimiser step (paper: 32).
-    pub mini_batch: usize,
-}
-
-impl Default for RollOut {
-    fn default() -> Self {
-        RollOut {
-            problems: 32,
-            trajectories: 4,
-            steps: 10,
-            mini_batch: 32,
-        }
-    }
-}
-
-impl RollOut {
-    /// Observations in one replay buffer (paper: 1280).
-    pub fn observations(&self) -> usize {
-        self.problems * self.trajectories * self.steps
-    }
+    /// Minutes between checkpoints within an epoch; 0 writes one after every update.
+    pub checkpoint_minutes: f64,
 }
 
 impl TrainConfig {
     /// The paper's configuration of a stage.
     pub fn new(stage: Stage, data: Vec<DataSource>, out: PathBuf) -> Self {
+        let (initial, alpha) = match stage {
+            Stage::Pretrain => (1e-3, 0.0),
+            Stage::Il => (1e-4, 0.0),
+            Stage::Ilrl => (1e-4, 2.0),
+        };
         TrainConfig {
             data,
             categories: Categories::First,
@@ -142,18 +159,45 @@ impl TrainConfig {
             seed: 42,
             threads: 0,
             init: None,
+            network: Network::Wide,
             points: 1024,
-            schedule: Schedule {
-                initial: match stage {
-                    Stage::Pretrain => 1e-3,
-                    Stage::Il => 1e-4,
-                },
+            augmentation: true,
+            learning_rate: LearningRate {
+                initial,
                 halve_every: 10,
+                anneal: Anneal::Halve,
             },
-            expert: Expert::Steady,
             roll_out: RollOut::default(),
+            method: Method::new(alpha),
             validation: 0.04,
             validation_pairs: 100,
+            checkpoint_minutes: 5.0,
         }
+    }
+
+    /// Refuses options that contradict each other.
+    pub(super) fn check(&self) -> Result<(), TrainError> {
+        let off_policy = self.method.follow != Follow::Stochastic;
+        if off_policy && self.method.ppo.on() {
+            return Err(TrainError::Contradiction(
+                "reinforcement learns from the agent's own random actions: train without it (stage pretrain or il, or alpha 0), or follow the stochastic policy",
+            ));
+        }
+        Ok(())
+    }
+
+    /// Updates of the whole run over so many clouds. The last buffer may reach beyond the last epoch.
+    pub fn updates(&self, clouds: usize) -> u64 {
+        (u64::from(self.epochs) * clouds as u64).div_ceil(self.roll_out.problems as u64)
+    }
+
+    /// The epoch in which an update starts.
+    pub fn epoch_of(&self, update: u64, clouds: usize) -> u32 {
+        (update * self.roll_out.problems as u64 / clouds as u64) as u32
+    }
+
+    /// Whether the robot's code can run what is trained here.
+    pub fn deployable(&self) -> bool {
+        self.network == Network::Wide && self.method.accumulation == Accumulation::Global
     }
 }

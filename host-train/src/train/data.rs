@@ -2,14 +2,15 @@
 
 use super::config::{Categories, DataSource, Stage, TrainConfig};
 use super::run::TrainError;
-use crate::augment::{clean_sample, noisy_sample};
-use crate::dataset::pairs::PairSet;
+use crate::augment::{clean_pair, clean_sample, noisy_pair, noisy_sample, resample};
+use crate::dataset::pairs::{PairSet, Sample};
 use crate::dataset::{self, Model, Point, Split, modelnet, procedural};
 use crate::env::Problem;
 use crate::protocol::{self, Protocol};
-use crate::random::{Purpose, stream};
+use crate::random::{Purpose, Rng, stream};
 use rand::seq::SliceRandom;
 use rayon::prelude::*;
+use sha2::{Digest, Sha256};
 
 /// Training clouds, and noisy pairs of the meshes held back for validation.
 pub(super) fn clouds(config: &TrainConfig) -> Result<(Vec<Vec<Point>>, PairSet), TrainError> {
@@ -65,10 +66,30 @@ pub(super) fn problems(config: &TrainConfig, clouds: &[Vec<Point>], update: u64)
         .map(|(position, cloud)| {
             let mut rng = stream(config.seed, Purpose::Augment, position);
             let cloud = &clouds[cloud];
-            Problem::from(match config.stage {
-                Stage::Pretrain => clean_sample(&mut rng, cloud, config.points),
-                Stage::Il => noisy_sample(&mut rng, cloud, config.points),
-            })
+            Problem::from(sample(config, &mut rng, cloud))
         })
         .collect()
+}
+
+/// A training pair of one cloud, as the stage wants it.
+fn sample(config: &TrainConfig, rng: &mut Rng, cloud: &[Point]) -> Sample {
+    match (config.stage, config.augmentation) {
+        (Stage::Pretrain, true) => clean_sample(rng, cloud, config.points),
+        (Stage::Pretrain, false) => {
+            let points = resample(rng, cloud, config.points);
+            clean_pair(rng, points)
+        }
+        (Stage::Il | Stage::Ilrl, true) => noisy_sample(rng, cloud, config.points),
+        (Stage::Il | Stage::Ilrl, false) => noisy_pair(rng, cloud, config.points),
+    }
+}
+
+/// SHA-256 of all training clouds in their order, in hexadecimal: what a run was trained on.
+pub(super) fn fingerprint(clouds: &[Vec<Point>]) -> String {
+    let mut hash = Sha256::new();
+    for cloud in clouds {
+        hash.update((cloud.len() as u64).to_le_bytes());
+        hash.update(bytemuck::cast_slice::<f32, u8>(cloud.as_flattened()));
+    }
+    hash.finalize().iter().map(|b| format!("{b:02x}")).collect()
 }

@@ -1,24 +1,19 @@
 //! A whole run: data, updates, validation, checkpoints.
 
-use super::config::{Stage, TrainConfig};
-use super::data::{clouds, problems};
-use super::trainer::Trainer;
-use crate::checkpoint::{BEST, Checkpoint, CheckpointError, LAST, Progress};
+use super::config::TrainConfig;
+use super::data::{clouds, fingerprint, problems};
+use super::record::{RunDirectory, RunRecord};
+use super::trainer::{Diverged, Trainer};
+use super::validate::validate;
+use crate::checkpoint::{BEST, Checkpoint, CheckpointError, EpochSums, LAST, PREVIOUS, Progress};
 use crate::dataset::DatasetError;
-use crate::dataset::pairs::PairSet;
-use crate::dataset::pairs::Sample;
-use crate::env::Problem;
-use crate::eval::{Contestant, EvalError, EvalSettings, Method, evaluate};
+use crate::eval::EvalError;
 use crate::export::{ExportError, WeightFile};
-use crate::files::write_atomically;
 use crate::metrics::Summary;
 use crate::nn::{Parameters, Shape};
-use crate::optim::Adam;
-use crate::random::{Purpose, Rng, stream};
 use indicatif::{ProgressBar, ProgressStyle};
-use rayon::prelude::*;
 use serde_json::json;
-use std::io::{IsTerminal, Write};
+use std::io::IsTerminal;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -34,6 +29,9 @@ pub enum TrainError {
         "{0} training clouds are too few: give at least 3, of which one is held back for validation"
     )]
     TooFewClouds(usize),
+    /// Options that contradict each other.
+    #[error("{0}")]
+    Contradiction(&'static str),
     /// The run directory cannot be used.
     #[error("cannot write to run directory {path}")]
     Directory {
@@ -45,6 +43,36 @@ pub enum TrainError {
     /// A run is in the directory already.
     #[error("{0} holds a run already: give --resume to go on with it, or another --out")]
     Exists(PathBuf),
+    /// There is no run to resume, or its record is unreadable.
+    #[error("no run to resume: {path}: {what}")]
+    Record {
+        /// The record.
+        path: PathBuf,
+        /// What is wrong with it.
+        what: String,
+    },
+    /// A run cannot be resumed as another one.
+    #[error(
+        "{path} holds another run: {differences}; leave these options out, or give another --out"
+    )]
+    Incompatible {
+        /// The run directory.
+        path: PathBuf,
+        /// What differs.
+        differences: String,
+    },
+    /// The initial network has other widths.
+    #[error(
+        "{path} is a network of {found:?}, the run's is {wanted:?}: give the --network that it was trained with"
+    )]
+    Shape {
+        /// Where the initial network came from.
+        path: PathBuf,
+        /// Its widths.
+        found: Shape,
+        /// The run's.
+        wanted: Shape,
+    },
     /// A checkpoint could not be read or written.
     #[error(transparent)]
     Checkpoint(#[from] CheckpointError),
@@ -56,13 +84,20 @@ pub enum TrainError {
     Validation(#[from] EvalError),
     /// The loss is no number any more.
     #[error(
-        "the loss of update {update} is {loss}: lower the learning rate; the last checkpoint is whole"
+        "update {update} diverged in mini-batch {mini_batch}: loss {loss}, gradient norm {gradient_norm}; lower the learning rate or give --clip-gradient{}",
+        .saved.as_ref().map(|path| format!("; the mini-batch and the state before it are in {}", path.display())).unwrap_or_default()
     )]
-    NotFinite {
+    Diverged {
         /// The update.
         update: u64,
+        /// The mini-batch of the update.
+        mini_batch: usize,
         /// Its loss.
         loss: f64,
+        /// Length of its gradient.
+        gradient_norm: f64,
+        /// Where it was saved.
+        saved: Option<PathBuf>,
     },
     /// The threads could not be started.
     #[error("cannot start {threads} threads")]
@@ -74,46 +109,67 @@ pub enum TrainError {
     },
 }
 
-/// Runs a stage of training to its end, or to `stop`. Writes `config.json`, `metrics.jsonl`,
-/// `last.safetensors` and `best/` into the run directory.
+impl TrainError {
+    pub(super) fn diverged(update: u64, what: &Diverged, saved: Option<PathBuf>) -> Self {
+        TrainError::Diverged {
+            update,
+            mini_batch: what.mini_batch,
+            loss: what.losses.total,
+            gradient_norm: what.gradient_norm,
+            saved,
+        }
+    }
+}
+
+/// Runs a stage of training to its end, or to `stop`. What it writes is in the table of
+/// [`super::record`].
 ///
 /// # Errors
 /// See [`TrainError`]; what was checkpointed before stays.
 pub fn run(config: &TrainConfig, resume: bool, stop: &AtomicBool) -> Result<(), TrainError> {
+    on_threads(config.threads, || run_here(config, resume, stop))
+}
+
+/// Works on so many threads; 0 takes all cores.
+pub(super) fn on_threads<T: Send>(
+    threads: usize,
+    work: impl FnOnce() -> Result<T, TrainError> + Send,
+) -> Result<T, TrainError> {
     let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(config.threads)
+        .num_threads(threads)
         .build()
-        .map_err(|source| TrainError::Threads {
-            threads: config.threads,
-            source,
-        })?;
-    pool.install(|| run_here(config, resume, stop))
+        .map_err(|source| TrainError::Threads { threads, source })?;
+    pool.install(work)
 }
 
 fn run_here(config: &TrainConfig, resume: bool, stop: &AtomicBool) -> Result<(), TrainError> {
-    let directory = |source| TrainError::Directory {
-        path: config.out.clone(),
-        source,
-    };
-    let last = config.out.join(LAST);
-    if last.exists() && !resume {
+    config.check()?;
+    let kept = [LAST, PREVIOUS].map(|name| config.out.join(name));
+    if !resume && kept.iter().any(|path| path.exists()) {
         return Err(TrainError::Exists(config.out.clone()));
     }
-    std::fs::create_dir_all(config.out.join("best")).map_err(directory)?;
-    let text = serde_json::to_string_pretty(config).map_err(|e| directory(e.into()))?;
-    write_atomically(&config.out.join("config.json"), text.as_bytes()).map_err(directory)?;
-    let mut log = std::fs::OpenOptions::new()
-        .create(true)
-        .append(true)
-        .open(config.out.join("metrics.jsonl"))
-        .map_err(directory)?;
-
     let (training, validation) = clouds(config)?;
-    let (mut trainer, mut best) = start(config, resume && last.exists())?;
+    let record = RunRecord {
+        version: env!("CARGO_PKG_VERSION").into(),
+        data_sha256: fingerprint(&training),
+        config: config.clone(),
+    };
+    let resumed = if resume {
+        Checkpoint::load_newest(&config.out)?
+    } else {
+        None
+    };
+    // A run that was stopped before its first checkpoint starts again.
+    let done = resumed.as_ref().map_or(0, |c| c.progress.updates);
+    let updates_before = resume.then_some(done);
+    let (mut trainer, mut progress) = start(config, resumed)?;
+    // Four vectors of a checkpoint, and an average; last, previous, best and one being written.
+    let room = trainer.agent.parameters.values.len() * 4 * 5 * 4;
+    let mut directory = RunDirectory::open(&record, updates_before, room)?;
+
     let observations = config.roll_out.observations();
-    let epoch_of = |update: u64| update * config.roll_out.problems as u64 / training.len() as u64;
-    let total = (u64::from(config.epochs) * training.len() as u64)
-        .div_ceil(config.roll_out.problems as u64);
+    let total = config.updates(training.len());
+    let epoch_of = |update: u64| config.epoch_of(update, training.len());
     eprintln!(
         "training on {} clouds, validating on {}, {total} updates of {observations} observations, kernels {}",
         training.len(),
@@ -121,70 +177,84 @@ fn run_here(config: &TrainConfig, resume: bool, stop: &AtomicBool) -> Result<(),
         reagent_core::kernels::Isa::best().name()
     );
 
-    let bar = progress_bar(total - trainer.updates.min(total));
-    let (mut epoch_loss, mut epoch_agreement, mut epoch_updates) = (0.0, 0.0, 0u32);
-    let mut clock = Instant::now();
+    let bar = progress_bar(total, trainer.updates);
+    let mut epoch_clock = Pace::start(trainer.updates);
+    let mut saved = Instant::now();
+    let mut next = problems(config, &training, trainer.updates);
     while trainer.updates < total && !stop.load(Ordering::Relaxed) {
         let update = trainer.updates;
-        let epoch = epoch_of(update) as u32;
-        let learning_rate = config.schedule.rate(epoch);
-        let problems = problems(config, &training, update);
-        let stats = trainer.update(problems, learning_rate);
-        finite(update, stats.loss)?;
-        epoch_loss += stats.loss;
-        epoch_agreement += stats.agreement;
-        epoch_updates += 1;
-        bar.inc(1);
-        bar.set_message(format!("loss {:.3}", stats.loss));
-        writeln!(
-            log,
-            "{}",
-            json!({"update": update, "epoch": epoch, "lr": learning_rate, "loss": stats.loss, "agreement": stats.agreement})
-        )
-        .map_err(directory)?;
-
-        if epoch_of(trainer.updates) as u32 > epoch || trainer.updates == total {
-            let seconds = clock.elapsed().as_secs_f64();
-            let rate = (epoch_updates as usize * observations) as f64 / seconds;
-            let n = f64::from(epoch_updates);
-            let errors = validate(&trainer.parameters, &validation)?;
-            let line = json!({
-                "epoch": epoch, "updates": trainer.updates, "loss": epoch_loss / n,
-                "agreement": epoch_agreement / n, "samples_per_s": rate, "validation": errors,
-            });
-            writeln!(log, "{line}").map_err(directory)?;
-            let improved = best.is_none_or(|(lowest, _)| errors.chamfer_mod < lowest);
-            if improved {
-                best = Some((errors.chamfer_mod, epoch));
+        let epoch = epoch_of(update);
+        let rate = config.learning_rate.at(epoch, update as f32 / total as f32);
+        // The next update's clouds are drawn while this one is worked on.
+        let now = std::mem::take(&mut next);
+        let result;
+        (result, next) = rayon::join(
+            || trainer.update(now, rate),
+            || problems(config, &training, update + 1),
+        );
+        let stats = match result {
+            Ok(stats) => stats,
+            Err(diverged) => {
+                let saved = directory.save_diverged(update, &diverged)?;
+                checkpoint(&trainer, &progress).save(&config.out.join("diverged.safetensors"))?;
+                return Err(TrainError::diverged(update, &diverged, Some(saved)));
             }
-            let state = checkpoint(&trainer, best);
+        };
+        let sums = &mut progress.epoch;
+        sums.updates += 1;
+        sums.loss += stats.loss;
+        sums.agreement += stats.agreement;
+        if let Some(reward) = stats.reward {
+            *sums.reward.get_or_insert_default() += reward;
+        }
+        let mut line = json!({"update": update, "epoch": epoch, "lr": rate});
+        merge(&mut line, json!(stats));
+        directory.log(&line)?;
+        let pace = epoch_clock.samples_per_s(trainer.updates, observations);
+        bar.inc(1);
+        bar.set_message(format!("loss {:.3}  {pace:.0} samples/s", stats.loss));
+
+        if epoch_of(trainer.updates) > epoch || trainer.updates == total {
+            let errors = validate(config, trainer.result(), &validation)?;
+            let improved = progress
+                .best
+                .is_none_or(|(lowest, _)| errors.chamfer_mod < lowest);
+            if improved {
+                progress.best = Some((errors.chamfer_mod, epoch));
+            }
+            let sums = std::mem::take(&mut progress.epoch);
+            let n = f64::from(sums.updates);
+            let mut line = json!({
+                "epoch": epoch, "updates": trainer.updates, "lr": rate, "loss": sums.loss / n,
+                "agreement": sums.agreement / n, "samples_per_s": pace, "validation": errors,
+                "best": improved,
+            });
+            if let Some(reward) = sums.reward {
+                merge(&mut line, json!({"reward": reward / n}));
+            }
+            directory.log(&line)?;
+            let state = checkpoint(&trainer, &progress);
             if improved {
                 state.save(&config.out.join(BEST))?;
             }
-            state.save(&last)?;
-            let report = format!(
-                "epoch {epoch:3}  lr {learning_rate:.1e}  loss {:.3}  agreement {:.1} %  {rate:.0} samples/s  validation: ISO R {:.2} deg, median {:.2}, ISO t {:.4}, recall {:.0} %, modified CD {:.2e}{}",
-                epoch_loss / n,
-                100.0 * epoch_agreement / n,
-                errors.r_iso_deg,
-                errors.r_iso_median_deg,
-                errors.t_iso,
-                100.0 * errors.recall_r5_t005,
-                errors.chamfer_mod,
-                if improved { "  (best)" } else { "" },
-            );
+            state.save_newest(&config.out)?;
+            saved = Instant::now();
+            let left = (total - trainer.updates) as f64 * observations as f64 / pace;
+            let report = report(epoch, rate, &sums, pace, left, &errors, improved);
             if bar.is_hidden() {
                 eprintln!("{report}");
             } else {
                 bar.println(report);
             }
-            (epoch_loss, epoch_agreement, epoch_updates) = (0.0, 0.0, 0);
-            clock = Instant::now();
+            epoch_clock = Pace::start(trainer.updates);
+        } else if saved.elapsed().as_secs_f64() >= 60.0 * config.checkpoint_minutes {
+            checkpoint(&trainer, &progress).save_newest(&config.out)?;
+            saved = Instant::now();
         }
     }
     bar.finish_and_clear();
     if trainer.updates < total {
-        checkpoint(&trainer, best).save(&last)?;
+        checkpoint(&trainer, &progress).save_newest(&config.out)?;
         eprintln!(
             "stopped after update {} of {total}; go on with --resume",
             trainer.updates
@@ -193,116 +263,133 @@ fn run_here(config: &TrainConfig, resume: bool, stop: &AtomicBool) -> Result<(),
     Ok(())
 }
 
-/// Trains a policy on with imitation until the time is up, and returns the new policy. Sample number `i`
-/// is drawn by `sample` from a stream of its own; `progress` is told the updates done and the loss.
-///
-/// # Errors
-/// [`TrainError::NotFinite`] or [`TrainError::Policy`].
-pub fn fine_tune(
-    start: &WeightFile,
-    sample: impl Fn(&mut Rng, u64) -> Sample + Sync,
-    budget: Duration,
-    seed: u64,
-    mut progress: impl FnMut(u64, f64),
-) -> Result<WeightFile, TrainError> {
-    let mut config = TrainConfig::new(Stage::Il, Vec::new(), PathBuf::new());
-    config.seed = seed;
-    // A short run: smaller buffers give more frequent, fresher ones, and the rate falls to zero with
-    // the time that is left.
-    config.roll_out.problems = 16;
-    config.roll_out.trajectories = 2;
-    let parameters = start.parameters(seed)?;
-    let adam = Adam::new(parameters.values.len());
-    let mut trainer = Trainer::new(parameters, adam, 0, seed, config.roll_out, config.expert);
-    let batch = config.roll_out.problems as u64;
-    let clock = Instant::now();
-    loop {
-        let spent = clock.elapsed().as_secs_f32() / budget.as_secs_f32().max(1e-3);
-        if spent >= 1.0 {
-            break;
+/// The trainer at the start of a run, or where it was left, and the progress made so far.
+fn start(
+    config: &TrainConfig,
+    resumed: Option<Checkpoint>,
+) -> Result<(Trainer, Progress), TrainError> {
+    let wanted = config.network.shape();
+    let (checkpoint, path) = match (resumed, &config.init) {
+        (Some(checkpoint), _) => (checkpoint, config.out.clone()),
+        (None, None) => {
+            let parameters = Parameters::random(wanted, config.seed);
+            (Checkpoint::start(parameters), PathBuf::new())
         }
-        let update = trainer.updates;
-        let problems = (update * batch..(update + 1) * batch)
-            .into_par_iter()
-            .map(|i| Problem::from(sample(&mut stream(seed, Purpose::Augment, i), i)))
-            .collect();
-        let stats = trainer.update(problems, config.schedule.initial * (1.0 - spent));
-        finite(update, stats.loss)?;
-        progress(trainer.updates, stats.loss);
-    }
-    Ok(WeightFile::from_parameters(&trainer.parameters)?)
-}
-
-/// Refuses a loss that is no number.
-fn finite(update: u64, loss: f64) -> Result<(), TrainError> {
-    if loss.is_finite() {
-        Ok(())
-    } else {
-        Err(TrainError::NotFinite { update, loss })
-    }
-}
-
-/// The trainer at the start of a run, or where it was left; and the best validation error so far.
-fn start(config: &TrainConfig, resume: bool) -> Result<(Trainer, Option<(f64, u32)>), TrainError> {
-    let (parameters, adam, progress) = if resume {
-        let checkpoint = Checkpoint::load(&config.out.join(LAST))?;
-        (checkpoint.parameters, checkpoint.adam, checkpoint.progress)
-    } else {
-        let parameters = match &config.init {
-            None => Parameters::random(Shape::PAPER, config.seed),
-            Some(path) if path.extension().is_some_and(|e| e == "rgw") => {
+        (None, Some(path)) => {
+            let parameters = if path.extension().is_some_and(|e| e == "rgw") {
                 WeightFile::load(path)?.parameters(config.seed)?
-            }
-            Some(path) => Checkpoint::load(&Checkpoint::find(path)?)?.parameters,
-        };
-        let adam = Adam::new(parameters.values.len());
-        (parameters, adam, Progress::default())
+            } else {
+                Checkpoint::load(&Checkpoint::find(path)?)?.result()
+            };
+            (Checkpoint::start(parameters), path.clone())
+        }
     };
-    let trainer = Trainer::new(
+    let found = checkpoint.parameters.shape;
+    if found != wanted {
+        return Err(TrainError::Shape {
+            path,
+            found,
+            wanted,
+        });
+    }
+    let Checkpoint {
+        parameters,
+        adam,
+        averaged,
+        progress,
+    } = checkpoint;
+    let mut trainer = Trainer::new(
         parameters,
         adam,
         progress.updates,
         config.seed,
         config.roll_out,
-        config.expert,
+        config.method,
     );
-    Ok((trainer, progress.best))
+    if averaged.is_some() {
+        trainer.averaged = averaged;
+    }
+    Ok((trainer, progress))
 }
 
-fn checkpoint(trainer: &Trainer, best: Option<(f64, u32)>) -> Checkpoint {
+fn checkpoint(trainer: &Trainer, progress: &Progress) -> Checkpoint {
     Checkpoint {
-        parameters: trainer.parameters.clone(),
+        parameters: trainer.agent.parameters.clone(),
         adam: trainer.adam.clone(),
+        averaged: trainer.averaged.clone(),
         progress: Progress {
             updates: trainer.updates,
             optimiser_steps: trainer.adam.steps,
-            best,
+            ..progress.clone()
         },
     }
 }
 
-/// Errors of the arg-max policy on the validation pairs.
-fn validate(parameters: &Parameters, pairs: &PairSet) -> Result<Summary, TrainError> {
-    let file = WeightFile::from_parameters(parameters)?;
-    let contestant = Contestant {
-        name: "policy".into(),
-        method: Method::Policy(file.policy()),
-    };
-    let settings = EvalSettings {
-        steps: reagent_core::dims::STEPS,
-        threads: rayon::current_num_threads(),
-        per_step: false,
-    };
-    let outcomes = evaluate(pairs, &[contestant], &settings, &|| {})?;
-    Ok(outcomes[0].row.summary)
+/// Adds the fields of one object to another.
+fn merge(line: &mut serde_json::Value, more: serde_json::Value) {
+    if let (Some(line), serde_json::Value::Object(more)) = (line.as_object_mut(), more) {
+        line.extend(more);
+    }
+}
+
+/// Speed since a moment.
+struct Pace {
+    since: Instant,
+    update: u64,
+}
+
+impl Pace {
+    fn start(update: u64) -> Self {
+        Pace {
+            since: Instant::now(),
+            update,
+        }
+    }
+
+    fn samples_per_s(&self, updates: u64, observations: usize) -> f64 {
+        (updates - self.update) as f64 * observations as f64 / self.since.elapsed().as_secs_f64()
+    }
+}
+
+/// One line on an epoch.
+fn report(
+    epoch: u32,
+    rate: f32,
+    sums: &EpochSums,
+    pace: f64,
+    left_s: f64,
+    errors: &Summary,
+    improved: bool,
+) -> String {
+    let n = f64::from(sums.updates);
+    let reward = sums
+        .reward
+        .map(|r| format!("  reward {:.3}", r / n))
+        .unwrap_or_default();
+    format!(
+        "epoch {epoch:3}  lr {rate:.1e}  loss {:.3}  agreement {:.1} %{reward}  {pace:.0} samples/s, {} left  validation: ISO R {:.2} deg, median {:.2}, ISO t {:.4}, recall {:.0} %, modified CD {:.2e}{}",
+        sums.loss / n,
+        100.0 * sums.agreement / n,
+        indicatif::HumanDuration(Duration::from_secs_f64(left_s.max(0.0))),
+        errors.r_iso_deg,
+        errors.r_iso_median_deg,
+        errors.t_iso,
+        100.0 * errors.recall_r5_t005,
+        errors.chamfer_mod,
+        if improved { "  (best)" } else { "" },
+    )
 }
 
 /// A bar on a terminal, nothing otherwise.
-fn progress_bar(updates: u64) -> ProgressBar {
+fn progress_bar(total: u64, done: u64) -> ProgressBar {
     if !std::io::stderr().is_terminal() {
         return ProgressBar::hidden();
     }
     let style = ProgressStyle::with_template("{bar:30} {pos}/{len} updates  {msg}  eta {eta}")
         .unwrap_or_else(|_| ProgressStyle::default_bar());
-    ProgressBar::new(updates).with_style(style)
+    let bar = ProgressBar::new(total)
+        .with_style(style)
+        .with_position(done);
+    bar.reset_eta();
+    bar
 }

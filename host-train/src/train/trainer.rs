@@ -1,155 +1,202 @@
 //! One update of the method: gather a replay buffer, then learn from it (paper, Algorithm 1).
 
-use super::config::RollOut;
-use crate::agent::{Activations, Features, Seen, embed, embedding_backward};
+use super::method::{Method, RollOut};
+use super::roll_out::{Agent, gather, source, target};
+use super::stats::UpdateStats;
+use crate::agent::{Seen, embed, embedding_backward};
 use crate::buffer::{Buffer, Observation};
-use crate::env::{self, Problem};
-use crate::expert::Expert;
-use crate::loss::{CloneLoss, clone_loss, log_sum_exp};
-use crate::nn::{PackedEmbedding, Parameters, Search};
+use crate::env::Problem;
+use crate::loss::{Losses, combined_loss};
+use crate::nn::Parameters;
 use crate::optim::Adam;
-use crate::random::{Purpose, Rng, stream};
-use rand::{RngExt, seq::SliceRandom};
-use reagent_core::dims::{AXES, STEP_SIZES};
-use reagent_core::net::View;
-use reagent_core::{Action, Pose};
+use crate::random::{Purpose, stream};
+use rand::seq::SliceRandom;
+use rayon::prelude::*;
+use std::time::{Duration, Instant};
 
 /// The agent, its optimiser, and the memory that an update works in.
 #[derive(Debug)]
 pub struct Trainer {
     /// The network.
-    pub parameters: Parameters,
+    pub agent: Agent,
     /// The optimiser.
     pub adam: Adam,
+    /// Exponential average of the parameters, where the method keeps one.
+    pub averaged: Option<Vec<f32>>,
     /// Updates done: with the seed, the state of every random stream.
     pub updates: u64,
+    /// Where the time went.
+    pub spent: Spent,
     seed: u64,
     roll_out: RollOut,
-    expert: Expert,
-    packed: PackedEmbedding,
+    method: Method,
     gradient: Parameters,
-    features: Features,
-    targets: Features,
-    activations: Activations,
+    logit_gradients: [Vec<f32>; 2],
+    value_gradient: Vec<f32>,
+    state_gradient: Vec<f32>,
+    feature_gradients: Vec<f32>,
 }
 
-/// What one update measured.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct UpdateStats {
-    /// Cloning loss, mean over the mini-batches.
-    pub loss: f64,
-    /// Share of axes on which the most likely action is the expert's.
-    pub agreement: f64,
+/// Time spent in the parts of updates.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Spent {
+    /// Roll-outs.
+    pub roll_out: Duration,
+    /// Rewards, returns and advantages.
+    pub reward: Duration,
+    /// Mini-batches: forward, backward, optimiser.
+    pub learn: Duration,
+}
+
+/// A mini-batch whose loss or gradient is no number. The agent and its optimiser are as they were before
+/// it.
+pub struct Diverged {
+    /// Which mini-batch of the update, from 0.
+    pub mini_batch: usize,
+    /// Its losses.
+    pub losses: Losses,
+    /// Length of its gradient.
+    pub gradient_norm: f64,
+    /// Its observations.
+    pub observations: Vec<Observation>,
+    /// The problems that they refer to.
+    pub problems: Vec<Problem>,
+}
+
+impl std::fmt::Debug for Diverged {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        // Without the clouds, which are megabytes.
+        f.debug_struct("Diverged")
+            .field("mini_batch", &self.mini_batch)
+            .field("losses", &self.losses)
+            .field("gradient_norm", &self.gradient_norm)
+            .finish_non_exhaustive()
+    }
 }
 
 impl Trainer {
-    /// A trainer for given parameters and optimiser state.
+    /// A trainer for given parameters and optimiser state; the average, if any, starts at the
+    /// parameters.
     pub fn new(
         parameters: Parameters,
         adam: Adam,
         updates: u64,
         seed: u64,
         roll_out: RollOut,
-        expert: Expert,
+        method: Method,
     ) -> Self {
         Trainer {
-            packed: PackedEmbedding::new(&parameters),
+            averaged: method.average.map(|_| parameters.values.clone()),
             gradient: Parameters::zeros(parameters.shape),
-            parameters,
+            agent: Agent::new(parameters, method.search),
             adam,
             updates,
+            spent: Spent::default(),
             seed,
             roll_out,
-            expert,
-            features: Features::default(),
-            targets: Features::default(),
-            activations: Activations::default(),
+            method,
+            logit_gradients: Default::default(),
+            value_gradient: Vec::new(),
+            state_gradient: Vec::new(),
+            feature_gradients: Vec::new(),
         }
-    }
-
-    /// Searches for critical points in another way than the machine does best.
-    pub fn search_in(&mut self, search: Search) {
-        self.packed = PackedEmbedding::with_search(&self.parameters, search);
     }
 
     /// One update on new problems.
-    pub fn update(&mut self, problems: Vec<Problem>, learning_rate: f32) -> UpdateStats {
+    ///
+    /// # Errors
+    /// [`Diverged`]; nothing of the offending mini-batch is taken over.
+    pub fn update(
+        &mut self,
+        problems: Vec<Problem>,
+        learning_rate: f32,
+    ) -> Result<UpdateStats, Box<Diverged>> {
         let buffer = self.gather(problems);
-        let stats = self.learn(&buffer, learning_rate);
+        let stats = self.learn(buffer, learning_rate)?;
         self.updates += 1;
-        stats
+        Ok(stats)
     }
 
-    /// Rolls the stochastic policy out, N trajectories of n steps from each problem.
+    /// Rolls trajectories out from each problem and, where there is a reinforcement term, rewards them.
     pub fn gather(&mut self, problems: Vec<Problem>) -> Buffer {
+        let started = Instant::now();
         let mut rng = stream(self.seed, Purpose::Action, self.updates);
-        let width = self.parameters.shape.features();
-        let count = problems.len();
-        let targets: Vec<Seen<'_>> = problems.iter().map(target).collect();
-        embed(&self.packed, width, &targets, &mut self.targets);
-
-        let runs: Vec<usize> = (0..self.roll_out.trajectories)
-            .flat_map(|_| 0..count)
-            .collect();
-        let rows: Vec<usize> = (0..runs.len()).collect();
-        let mut poses = vec![Pose::IDENTITY; runs.len()];
-        let mut observations = Vec::with_capacity(runs.len() * self.roll_out.steps);
-        for _ in 0..self.roll_out.steps {
-            let seen: Vec<Seen<'_>> = runs
-                .iter()
-                .zip(&poses)
-                .map(|(&problem, pose)| source(&problems[problem], pose))
-                .collect();
-            embed(&self.packed, width, &seen, &mut self.features);
-            self.activations.forward(
-                &self.parameters,
-                (&self.features, &rows),
-                (&self.targets, &runs),
-            );
-            for (row, (&problem, pose)) in runs.iter().zip(&mut poses).enumerate() {
-                observations.push(Observation {
-                    problem,
-                    pose: *pose,
-                    expert: self.expert.action(pose, &problems[problem].registering),
-                });
-                let action = sample(&self.activations, row, runs.len(), &mut rng);
-                *pose = env::step(pose, action);
-            }
-        }
-        Buffer {
+        let gathered = gather(
+            &mut self.agent,
             problems,
-            observations,
-        }
+            &self.roll_out,
+            &self.method,
+            &mut rng,
+        );
+        let rolled_out = Instant::now();
+        let buffer = if self.method.ppo.on() {
+            gathered.reward(&self.method)
+        } else {
+            gathered.buffer
+        };
+        self.spent.roll_out += rolled_out - started;
+        self.spent.reward += rolled_out.elapsed();
+        buffer
     }
 
     /// One pass over the shuffled buffer in mini-batches.
-    pub fn learn(&mut self, buffer: &Buffer, learning_rate: f32) -> UpdateStats {
+    fn learn(&mut self, buffer: Buffer, learning_rate: f32) -> Result<UpdateStats, Box<Diverged>> {
+        let started = Instant::now();
         let mut order: Vec<usize> = (0..buffer.observations.len()).collect();
         order.shuffle(&mut stream(self.seed, Purpose::Shuffle, self.updates));
-        let mut stats = UpdateStats::default();
-        for batch in order.chunks(self.roll_out.mini_batch) {
-            let batch: Vec<Observation> = batch.iter().map(|&i| buffer.observations[i]).collect();
-            let loss = self.gradient(&buffer.problems, &batch);
-            self.adam.step(
-                &mut self.parameters.values,
-                &self.gradient.values,
-                learning_rate,
-            );
-            self.packed.pack(&self.parameters);
+        let (mut mean, mut mean_norm) = (Losses::default(), 0.0);
+        let mut batch = Vec::with_capacity(self.roll_out.mini_batch);
+        for (mini_batch, rows) in order.chunks(self.roll_out.mini_batch).enumerate() {
+            batch.clear();
+            batch.extend(rows.iter().map(|&i| buffer.observations[i]));
+            let losses = self.gradient(&buffer.problems, &batch);
+            let norm = norm(&self.gradient.values);
+            if !(losses.total.is_finite() && norm.is_finite()) {
+                return Err(Box::new(Diverged {
+                    mini_batch,
+                    losses,
+                    gradient_norm: norm,
+                    observations: batch,
+                    problems: buffer.problems,
+                }));
+            }
+            self.step(norm, learning_rate);
             let share = batch.len() as f64 / order.len() as f64;
-            stats.loss += share * loss.total();
-            stats.agreement += share * loss.agreement;
+            mean.add(share, &losses);
+            mean_norm += share * norm;
         }
-        stats
+        self.spent.learn += started.elapsed();
+        Ok(UpdateStats::new(&mean, mean_norm, &buffer, &self.method))
     }
 
-    /// Cloning loss of a mini-batch and its gradient, which [`Trainer::last_gradient`] shows. A target
-    /// that several observations share is embedded once.
-    pub fn gradient(&mut self, problems: &[Problem], batch: &[Observation]) -> CloneLoss {
-        let width = self.parameters.shape.features();
+    /// Takes the last gradient over into the parameters.
+    fn step(&mut self, norm: f64, learning_rate: f32) {
+        if let Some(longest) = self.method.clip_gradient
+            && norm > f64::from(longest)
+        {
+            let scale = (f64::from(longest) / norm) as f32;
+            self.gradient
+                .values
+                .par_chunks_mut(BLOCK)
+                .for_each(|block| block.iter_mut().for_each(|g| *g *= scale));
+        }
+        let values = &mut self.agent.parameters.values;
+        self.adam.step(values, &self.gradient.values, learning_rate);
+        if let (Some(averaged), Some(decay)) = (&mut self.averaged, self.method.average) {
+            average(averaged, values, decay, self.adam.steps);
+        }
+        self.agent.packed.pack(&self.agent.parameters);
+    }
+
+    /// Loss of a mini-batch and its gradient, which [`Trainer::last_gradient`] shows. A target that several
+    /// observations share is embedded once.
+    pub fn gradient(&mut self, problems: &[Problem], batch: &[Observation]) -> Losses {
+        let agent = &mut self.agent;
+        let parameters = &agent.parameters;
+        let width = parameters.shape.features();
         let mut clouds: Vec<Seen<'_>> = batch
             .iter()
-            .map(|o| source(&problems[o.problem], &o.pose))
+            .map(|o| source(&problems[o.problem], self.method.accumulation, &o.pose))
             .collect();
         let mut shared: Vec<Option<usize>> = vec![None; problems.len()];
         let target_rows: Vec<usize> = batch
@@ -162,87 +209,108 @@ impl Trainer {
             })
             .collect();
         let source_rows: Vec<usize> = (0..batch.len()).collect();
-        embed(&self.packed, width, &clouds, &mut self.features);
-        self.activations.forward(
-            &self.parameters,
-            (&self.features, &source_rows),
-            (&self.features, &target_rows),
+        embed(&agent.packed, width, &clouds, &mut agent.sources);
+        agent.activations.forward(
+            parameters,
+            (&agent.sources, &source_rows),
+            (&agent.sources, &target_rows),
+        );
+        let on = self.method.ppo.on();
+        if on {
+            agent.activations.estimate(parameters);
+        }
+
+        let [t, r] = &agent.activations.heads;
+        let [gradient_t, gradient_r] = &mut self.logit_gradients;
+        gradient_t.resize(t.logits.len(), 0.0);
+        gradient_r.resize(r.logits.len(), 0.0);
+        self.value_gradient.resize(batch.len(), 0.0);
+        let losses = combined_loss(
+            [&t.logits, &r.logits],
+            &agent.activations.values,
+            batch,
+            &self.method.ppo,
+            [gradient_t, gradient_r],
+            &mut self.value_gradient,
         );
 
-        let expert: Vec<Action> = batch.iter().map(|o| o.expert).collect();
-        let [t, r] = &self.activations.heads;
-        let mut gradients = [vec![0.0; t.logits.len()], vec![0.0; r.logits.len()]];
-        let [gradient_t, gradient_r] = &mut gradients;
-        let loss = clone_loss([&t.logits, &r.logits], &expert, [gradient_t, gradient_r]);
-
-        let mut state_gradient = Vec::new();
-        self.activations.backward(
-            &self.parameters,
-            [&gradients[0], &gradients[1]],
+        agent.activations.backward(
+            parameters,
+            [&self.logit_gradients[0], &self.logit_gradients[1]],
+            on.then_some(&self.value_gradient),
             &mut self.gradient,
-            &mut state_gradient,
+            &mut self.state_gradient,
         );
-        let mut feature_gradients = vec![0.0; clouds.len() * width];
+        let feature_gradients = &mut self.feature_gradients;
+        feature_gradients.clear();
+        feature_gradients.resize(clouds.len() * width, 0.0);
         for (half, rows) in [&source_rows, &target_rows].into_iter().enumerate() {
             for (b, &row) in rows.iter().enumerate() {
-                for c in 0..width {
-                    feature_gradients[row * width + c] +=
-                        state_gradient[(half * width + c) * batch.len() + b];
+                let sums = &mut feature_gradients[row * width..(row + 1) * width];
+                for (c, sum) in sums.iter_mut().enumerate() {
+                    *sum += self.state_gradient[(half * width + c) * batch.len() + b];
                 }
             }
         }
         embedding_backward(
-            &self.packed,
-            &self.parameters,
+            &agent.packed,
+            parameters,
             &clouds,
-            &self.features,
-            &feature_gradients,
+            &agent.sources,
+            feature_gradients,
             &mut self.gradient,
         );
-        loss
+        losses
     }
 
     /// The gradient that [`Trainer::gradient`] computed last, in the layout of the parameters.
     pub fn last_gradient(&self) -> &Parameters {
         &self.gradient
     }
-}
 
-fn source<'a>(problem: &'a Problem, pose: &Pose) -> Seen<'a> {
-    Seen {
-        points: &problem.source,
-        view: problem.view(pose),
+    /// The parameters that are validated and exported: the average where there is one.
+    pub fn result(&self) -> Parameters {
+        let mut parameters = self.agent.parameters.clone();
+        if let Some(averaged) = &self.averaged {
+            parameters.values.clone_from(averaged);
+        }
+        parameters
     }
 }
 
-fn target(problem: &Problem) -> Seen<'_> {
-    Seen {
-        points: &problem.target,
-        view: View::IDENTITY,
-    }
-}
+/// Numbers that one thread works on at a time in passes over all parameters.
+const BLOCK: usize = 1 << 14;
 
-/// Draws an action from the policy's six categorical distributions.
-fn sample(activations: &Activations, row: usize, batch: usize, rng: &mut Rng) -> Action {
-    let [translation, rotation] = [0, 1].map(|head| {
-        let logits = &activations.heads[head].logits;
-        std::array::from_fn(|axis: usize| {
-            debug_assert!(axis < AXES);
-            let axis: [f32; STEP_SIZES] =
-                std::array::from_fn(|i| logits[(axis * STEP_SIZES + i) * batch + row]);
-            let (log_sum, _) = log_sum_exp(axis);
-            let mut left: f32 = rng.random();
-            for (i, logit) in axis.into_iter().enumerate() {
-                left -= (logit - log_sum).exp();
-                if left < 0.0 {
-                    return i as u8;
+/// Length of a vector; the sum is taken over fixed blocks in their order.
+fn norm(values: &[f32]) -> f64 {
+    let blocks: Vec<f64> = values
+        .par_chunks(BLOCK)
+        .map(|block| {
+            let mut lanes = [0.0f32; 16];
+            let (rows, rest) = block.as_chunks::<16>();
+            for row in rows {
+                for (lane, x) in lanes.iter_mut().zip(row) {
+                    *lane += x * x;
                 }
             }
-            (STEP_SIZES - 1) as u8
+            let rest: f32 = rest.iter().map(|x| x * x).sum();
+            lanes.iter().map(|&x| f64::from(x)).sum::<f64>() + f64::from(rest)
         })
-    });
-    Action {
-        translation,
-        rotation,
-    }
+        .collect();
+    blocks.iter().sum::<f64>().sqrt()
+}
+
+/// `averaged += (1 - decay) (values - averaged)`, with less decay over the first steps, so that where
+/// training started is soon forgotten.
+fn average(averaged: &mut [f32], values: &[f32], decay: f32, steps: u64) {
+    let early = (1.0 + steps as f32) / (10.0 + steps as f32);
+    let keep = decay.min(early);
+    averaged
+        .par_chunks_mut(BLOCK)
+        .zip(values.par_chunks(BLOCK))
+        .for_each(|(averaged, values)| {
+            for (a, v) in averaged.iter_mut().zip(values) {
+                *a += (1.0 - keep) * (v - *a);
+            }
+        });
 }

@@ -7,40 +7,33 @@
 
 use crate::dataset::raster::Pinhole;
 use crate::random::Rng;
-use glam::{Mat3, Vec2};
-use rand::RngExt;
+use glam::{Mat3, Vec2, Vec3};
 use rand_distr::{Distribution, StandardNormal};
 use reagent_core::Pose;
 
-/// Rotation error: standard deviation of each component of the rotation vector, degrees …
-const ROTATION_SIGMA_DEG: f32 = 5.0;
-/// … and of one estimate in ten that is far off.
-const FAR_SIGMA_DEG: f32 = 20.0;
-const FAR: f64 = 0.1;
+/// Rotation error: standard deviation of each component of the rotation vector, degrees.
+const ROTATION_SIGMA_DEG: f32 = 6.0;
 /// Standard deviation of the centre's place in an image of 640 columns, pixels.
 const CENTRE_SIGMA: f32 = 2.0;
 /// Standard deviation of the distance, millimetres.
-const DEPTH_SIGMA_MM: f32 = 12.0;
+const DEPTH_SIGMA_MM: f32 = 13.0;
+/// Some images are hard and others easy: all errors of an estimate share a log-normal factor with this sigma.
+const SPREAD: f32 = 0.5;
 
 /// An initial estimate of a pose.
 pub fn estimate(camera_from_model: &Pose, camera: &Pinhole, rng: &mut Rng) -> Pose {
     let mut normal = || -> f32 { StandardNormal.sample(rng) };
-    let turn = glam::Vec3::new(normal(), normal(), normal());
-    let pixels = CENTRE_SIGMA * camera.size[0] as f32 / 640.0;
+    let hard = (SPREAD * normal()).exp();
+    let turn = Vec3::new(normal(), normal(), normal()) * (hard * ROTATION_SIGMA_DEG.to_radians());
+    let pixels = hard * CENTRE_SIGMA * camera.size[0] as f32 / 640.0;
     let shift = Vec2::new(normal(), normal()) * pixels;
-    let nearer = normal() * DEPTH_SIGMA_MM;
-    let sigma = if rng.random_bool(FAR) {
-        FAR_SIGMA_DEG
-    } else {
-        ROTATION_SIGMA_DEG
-    };
-    let turn = turn * sigma.to_radians();
+    let nearer = normal() * hard * DEPTH_SIGMA_MM;
     let there = camera_from_model.translation;
     let seen = camera.project(there) + shift;
     let depth = (there.z + nearer).max(1.0);
     Pose {
         rotation: camera_from_model.rotation
-            * Mat3::from_axis_angle(turn.normalize_or(glam::Vec3::Z), turn.length()),
+            * Mat3::from_axis_angle(turn.normalize_or(Vec3::Z), turn.length()),
         translation: ((seen - camera.centre) / camera.focal).extend(1.0) * depth,
     }
 }

@@ -26,7 +26,7 @@ use std::path::{Path, PathBuf};
 /// File of the initial estimates for the test split.
 pub const ESTIMATES_FILE: &str = "estimates.csv";
 /// Millimetres of one unit of the depth images.
-const DEPTH_SCALE_MM: f32 = 0.1;
+const DEPTH_SCALE_MM: f64 = 0.1;
 /// Objects that are visible by less than this have no estimate: BOP's own limit for test targets.
 const LEAST_VISIBLE: f64 = 0.1;
 
@@ -92,7 +92,7 @@ pub fn generate(
     for (split, scenes, number) in splits {
         for k in 0..scenes {
             // One stream places a scene's objects, and one each of its images.
-            let first = (number << 40) | ((k as u64) << 16);
+            let first = (number << 48) | ((k as u64) << 24);
             let rng = &mut stream(settings.seed, Purpose::Scene, first);
             let scene = Scene::arrange(objects, settings.per_scene, rng);
             let mut writer = SceneWriter::create(out.join(split).join(format!("{k:06}")))?;
@@ -147,8 +147,8 @@ impl SceneWriter {
         let rendered = scene.render(&camera, &camera_from_world);
         let depths = sensor::observe(&rendered, settings.noise, rng);
         let quantise = |depth: &f32| {
-            let units = (depth / DEPTH_SCALE_MM).round();
-            if units <= f32::from(u16::MAX) {
+            let units = (f64::from(*depth) / DEPTH_SCALE_MM).round();
+            if units <= f64::from(u16::MAX) {
                 units as u16
             } else {
                 0
@@ -169,7 +169,7 @@ impl SceneWriter {
         .map(f64::from);
         let entry = CameraEntry {
             intrinsics: [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0],
-            depth_scale: f64::from(DEPTH_SCALE_MM),
+            depth_scale: DEPTH_SCALE_MM,
         };
         self.cameras.insert(image, entry);
 

@@ -49,7 +49,7 @@ impl<'o> Scene<'o> {
                 lowest = lowest.min(v.z);
                 radius = radius.max(v.truncate().length());
             }
-            // The disc grows with each attempt, so that a free place is found.
+            // The disc grows slowly with each attempt, so that a free place is found near the others.
             let mut reach = 0.0;
             let centre = loop {
                 let around = Vec2::from_angle(rng.random_range(0.0..TAU));
@@ -58,7 +58,7 @@ impl<'o> Scene<'o> {
                 if circles.iter().all(apart) {
                     break centre;
                 }
-                reach += 0.1 * radius;
+                reach += 0.02 * radius + 0.2;
             };
             circles.push((centre, radius));
             let translation = centre.extend(-lowest);
@@ -73,12 +73,12 @@ impl<'o> Scene<'o> {
         Scene { placed }
     }
 
-    /// A random view, camera_from_world: 600 to 1000 mm from a point near the middle, 20 to 70 degrees above the
+    /// A random view, camera_from_world: 600 to 1000 mm from a point near the middle, 10 to 55 degrees above the
     /// plane, turned by up to 15 degrees about the line of sight. The camera looks along z, with y down.
     pub fn view(&self, rng: &mut Rng) -> Pose {
         let azimuth = rng.random_range(0.0..TAU);
         let (sine, cosine) = rng
-            .random_range(20f32.to_radians()..70f32.to_radians())
+            .random_range(10f32.to_radians()..55f32.to_radians())
             .sin_cos();
         let out = (cosine * Vec2::from_angle(azimuth)).extend(sine);
         let target = Vec3::from_array(std::array::from_fn(|_| rng.random_range(-30.0..30.0)));

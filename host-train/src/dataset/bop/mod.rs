@@ -59,18 +59,19 @@ pub fn targets(root: &Path) -> Result<Option<BTreeSet<(u32, u32, u32)>>, BopErro
     ))
 }
 
-/// The annotated objects to train on: the images of `test` that [`TARGETS_FILE`] does not list, where there is such
-/// a list; else those of the folder `train_real`, `train_pbr`, `train` or `train_primesense`.
+/// The annotated objects to train on: where there is a [`TARGETS_FILE`], the objects that it lists in the images of
+/// `test` that it does not list; else those of the folder `train_real`, `train_pbr`, `train` or `train_primesense`.
 ///
 /// # Errors
 /// As [`Scenes::open`], and where there is neither.
 pub fn training_scenes(root: &Path, models: &Models) -> Result<Scenes, BopError> {
     if let Some(targets) = targets(root)? {
         let images: BTreeSet<(u32, u32)> = targets.iter().map(|&(s, i, _)| (s, i)).collect();
+        let objects: BTreeSet<u32> = targets.iter().map(|&(_, _, object)| object).collect();
         let mut scenes = Scenes::open(&root.join("test"), models)?;
         scenes
             .instances
-            .retain(|i| !images.contains(&(i.scene, i.image)));
+            .retain(|i| objects.contains(&i.object) && !images.contains(&(i.scene, i.image)));
         if scenes.instances.is_empty() {
             return Err(BopError::Empty {
                 path: root.join(TARGETS_FILE),

@@ -59,7 +59,7 @@ impl Observation {
             .collect()
     }
 
-    /// The point seen at a pixel, millimetres in the camera's frame.
+    /// The point seen at one of [`Self::pixels`], millimetres in the camera's frame.
     pub fn point(&self, pixel: u32) -> Point {
         let pixel = pixel as usize;
         let width = self.camera.size[0];

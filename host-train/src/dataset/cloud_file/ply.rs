@@ -2,7 +2,7 @@
 
 use super::{CloudFile, fan};
 use crate::dataset::Point;
-use ply_rs_bw::parser::{Parser, Reader};
+use ply_rs_bw::parser::{ParseError, Parser, Reader};
 use ply_rs_bw::ply::{Property, PropertyAccess, PropertyAccessResult};
 
 #[derive(Default)]
@@ -55,9 +55,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<CloudFile, String> {
     let mut reader = Reader::new(bytes);
     let vertices = Parser::<Vertex>::new();
     let faces = Parser::<Face>::new();
-    let header = vertices
-        .read_header(&mut reader)
-        .map_err(|e| e.to_string())?;
+    let header = vertices.read_header(&mut reader).map_err(reason)?;
     let mut file = CloudFile::default();
     for (name, element) in &header.elements {
         // An entry takes a byte at least, so that a corrupt count cannot ask for more than the file has.
@@ -71,13 +69,13 @@ pub(super) fn parse(bytes: &[u8]) -> Result<CloudFile, String> {
         if name == "face" {
             let read = faces
                 .read_payload_for_element(&mut reader, element, &header)
-                .map_err(|e| e.to_string())?;
+                .map_err(reason)?;
             file.faces = Some(read.iter().flat_map(|face| fan(&face.corners)).collect())
                 .filter(|f: &Vec<_>| !f.is_empty());
         } else {
             let read = vertices
                 .read_payload_for_element(&mut reader, element, &header)
-                .map_err(|e| e.to_string())?;
+                .map_err(reason)?;
             if name == "vertex" {
                 let has = |axes: [&str; 3]| {
                     axes.iter()
@@ -94,6 +92,14 @@ pub(super) fn parse(bytes: &[u8]) -> Result<CloudFile, String> {
         }
     }
     Ok(file)
+}
+
+/// What the parser said, on one line; it repeats lines of the file, which may be long and binary.
+fn reason(error: ParseError) -> String {
+    let said = error.to_string();
+    let words: Vec<&str> = said.split_whitespace().collect();
+    let printable = words.join(" ").replace(|c: char| c.is_control(), "?");
+    printable.chars().take(200).collect()
 }
 
 /// A binary file of `[N, 3]` points, or `[N, 6]` points and normals, given as little-endian float32.

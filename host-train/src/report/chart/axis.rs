@@ -39,7 +39,7 @@ pub(crate) struct Fitted {
 }
 
 /// Decades that a logarithmic axis shows at most.
-const DECADES: f64 = 6.0;
+const DECADES: f64 = 8.0;
 
 impl Fitted {
     /// The axis for finite values.
@@ -71,7 +71,7 @@ impl Fitted {
             low = if from_zero { 0.0 } else { low - pad };
             high += pad;
         }
-        let step = nice_step((high - low) / 4.5);
+        let step = nice_step((high - low) / 3.5);
         let first = (low / step).ceil() as i64;
         let last = (high / step + 1e-9).floor() as i64;
         let digits = (-step.log10().floor()).max(0.0) as usize;
@@ -97,7 +97,9 @@ impl Fitted {
             s if s < 2.5 => &[1.0, 2.0, 5.0],
             _ => &[1.0],
         };
+        let every = if span > 5.0 { 2 } else { 1 };
         let ticks = (low.floor() as i32..=high.ceil() as i32)
+            .filter(|decade| decade % every == 0)
             .flat_map(|decade| parts.iter().map(move |part| (decade, *part)))
             .map(|(decade, part)| (decade, part, part * 10f64.powi(decade)))
             .filter(|(_, _, value)| (low..=high).contains(&value.log10()))
@@ -177,12 +179,12 @@ impl ValueFormatter<f64> for Fitted {
     }
 }
 
-/// 1, 2 or 5 times a power of ten, not below `least`.
-fn nice_step(least: f64) -> f64 {
-    let power = 10f64.powf(least.log10().floor());
-    let parts = [1.0, 2.0, 5.0, 10.0];
-    let part = parts.into_iter().find(|p| p * power >= least * 0.999);
-    part.unwrap_or(10.0) * power
+/// 1, 2 or 5 times a power of ten, not above `most`.
+fn nice_step(most: f64) -> f64 {
+    let power = 10f64.powf(most.log10().floor());
+    let parts = [5.0, 2.0, 1.0];
+    let part = parts.into_iter().find(|p| p * power <= most * 1.001);
+    part.unwrap_or(1.0) * power
 }
 
 /// A number with a fixed number of digits, without a minus before zero.
@@ -206,12 +208,12 @@ mod tests {
     #[test]
     fn linear_ticks_are_round_and_cover_the_data() {
         let axis = Axis::linear("x");
-        assert_eq!(texts(&axis, &[0.1, 9.7]), ["0", "5", "10"]);
+        assert_eq!(texts(&axis, &[0.1, 9.7]), ["0", "2", "4", "6", "8", "10"]);
         assert_eq!(
             texts(&axis, &[0.0, 0.42]),
             ["0.0", "0.1", "0.2", "0.3", "0.4"]
         );
-        assert_eq!(texts(&axis, &[3.0, f64::NAN, 3.0]).len(), 4);
+        assert_eq!(texts(&axis, &[3.0, f64::NAN, 3.0]).len(), 7);
         assert!(!texts(&axis, &[]).is_empty());
     }
 

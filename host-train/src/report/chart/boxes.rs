@@ -12,6 +12,8 @@ pub(crate) struct Boxes {
     pub name: String,
     /// A box for each category.
     pub boxes: Vec<Option<BoxStats>>,
+    /// Place of each box's colour in the palette.
+    pub colours: Vec<usize>,
 }
 
 /// Quartiles, whiskers to the last value within 1.5 interquartile ranges, and what lies beyond.
@@ -33,9 +35,10 @@ impl BoxStats {
         let quartiles = [0.25, 0.5, 0.75].map(|q| quantile(sorted.clone(), q));
         let reach = 1.5 * (quartiles[2] - quartiles[0]);
         let within = |v: &&f64| **v >= quartiles[0] - reach && **v <= quartiles[2] + reach;
+        // Between few values a quartile may lie beyond the last value within reach.
         let whiskers = [
-            *sorted.iter().find(within)?,
-            *sorted.iter().rev().find(within)?,
+            sorted.iter().find(within)?.min(quartiles[0]),
+            sorted.iter().rev().find(within)?.max(quartiles[2]),
         ];
         let beyond = |v: &f64| *v < whiskers[0] || *v > whiskers[1];
         let mut outliers: Vec<f64> = sorted.iter().copied().filter(beyond).collect();
@@ -70,6 +73,8 @@ mod tests {
         assert_eq!(stats.quartiles, [2.25, 3.5, 4.75]);
         assert_eq!(stats.whiskers, [1.0, 5.0]);
         assert_eq!(stats.outliers, [50.0]);
+        let few = BoxStats::of(&[0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.1]).expect("values");
+        assert!(few.whiskers[1] >= few.quartiles[2], "{few:?}");
         assert_eq!(BoxStats::of(&[f64::NAN]), None);
         assert_eq!(BoxStats::of(&[7.0]).map(|s| s.whiskers), Some([7.0, 7.0]));
     }

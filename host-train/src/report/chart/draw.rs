@@ -18,6 +18,8 @@ pub(super) const COLOURS: [RGBColor; 7] = [
     RGBColor(0x56, 0xB4, 0xE9),
     RGBColor(0x7A, 0x7A, 0x7A),
 ];
+/// Place of the grey in the palette.
+pub(super) const GREY: usize = 6;
 const INK: RGBColor = RGBColor(0x1F, 0x24, 0x30);
 const MUTED: RGBColor = RGBColor(0x5B, 0x62, 0x70);
 const GRID: RGBColor = RGBColor(0xDF, 0xE3, 0xE8);
@@ -26,8 +28,8 @@ pub(super) const FONT: &str = "sans-serif";
 const WIDTH: u32 = 880;
 const HEIGHT: u32 = 560;
 /// The library divides sizes by 1.24.
-const TEXT: f64 = 29.0;
-const TITLE: f64 = 34.0;
+const TEXT: f64 = 31.0;
+const TITLE: f64 = 36.0;
 const TITLE_HEIGHT: i32 = 52;
 const LEGEND_LINE: i32 = 38;
 /// Height of one category's row of horizontal boxes.
@@ -110,8 +112,8 @@ pub(super) fn draw<DB: DrawingBackend>(
     let area = context.plotting_area();
     match &chart.marks {
         Marks::Lines(lines) => {
-            for (i, line) in lines.iter().enumerate() {
-                draw_line(area, line, colour(i))?;
+            for line in lines {
+                draw_line(area, line)?;
             }
         }
         Marks::Boxes {
@@ -164,13 +166,13 @@ fn legend<DB: DrawingBackend>(
     const SWATCH: i32 = 30;
     let names = chart.legend();
     let (mut x, mut y) = (24, TITLE_HEIGHT + LEGEND_LINE / 2);
-    for (i, name) in names.iter().enumerate() {
+    for (name, index) in &names {
         let entry = SWATCH + 12 + width(root, name) + 28;
         if x > 24 && x + entry > root.dim_in_pixel().0 as i32 {
             (x, y) = (24, y + LEGEND_LINE);
         }
         let swatch = [(x, y - 5), (x + SWATCH, y + 5)];
-        root.draw(&Rectangle::new(swatch, colour(i).filled()))?;
+        root.draw(&Rectangle::new(swatch, colour(*index).filled()))?;
         let at = (x + SWATCH + 12, y);
         root.draw(&Text::new((*name).to_owned(), at, text(TEXT, &INK)))?;
         x += entry;
@@ -182,8 +184,8 @@ fn legend<DB: DrawingBackend>(
 fn draw_line<DB: DrawingBackend>(
     area: &DrawingArea<DB, Plane>,
     line: &Line,
-    colour: RGBColor,
 ) -> Result<(), Failure<DB>> {
+    let colour = colour(line.colour);
     for piece in line.pieces() {
         if !line.band.is_empty() {
             let low = piece.iter().map(|i| (line.points[*i].0, line.band[*i].0));
@@ -225,8 +227,7 @@ fn draw_boxes<DB: DrawingBackend>(
             else {
                 continue;
             };
-            // One group colours its categories, several are coloured themselves.
-            let colour = colour(if groups.len() == 1 { c } else { g });
+            let colour = colour(group.colours.get(c).copied().unwrap_or(0));
             let middle = c as f64 - 0.4 + share * (g as f64 + 0.5);
             let (half, cap) = (0.38 * share, 0.2 * share);
             let stroke = colour.stroke_width(LINE_WIDTH);

@@ -75,6 +75,7 @@ mod tests {
     fn a_chart_becomes_svg_and_png() {
         let line = Line::new(
             "a & b",
+            0,
             vec![(0.0, 1.0), (1.0, f64::NAN), (2.0, 0.5), (3.0, 2.0)],
         );
         let chart = chart(Marks::Lines(vec![line]));
@@ -99,7 +100,7 @@ mod tests {
 
     #[test]
     fn charts_without_numbers_are_drawn_empty() {
-        let nothing = Line::new("a", vec![(0.0, f64::NAN)]);
+        let nothing = Line::new("a", 0, vec![(0.0, f64::NAN)]);
         for marks in [
             Marks::Lines(vec![nothing]),
             Marks::Lines(Vec::new()),
@@ -108,6 +109,7 @@ mod tests {
                 groups: vec![Boxes {
                     name: "b".into(),
                     boxes: vec![BoxStats::of(&[])],
+                    colours: vec![0],
                 }],
                 horizontal: false,
             },

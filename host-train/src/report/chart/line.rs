@@ -8,6 +8,8 @@ const DRAWN: usize = 240;
 pub(crate) struct Line {
     /// Name in the legend.
     pub name: String,
+    /// Place of its colour in the palette.
+    pub colour: usize,
     /// Points in the order of x; a y that is not finite leaves a gap.
     pub points: Vec<(f64, f64)>,
     /// Least and greatest value at each point where several were averaged, else empty.
@@ -18,12 +20,13 @@ pub(crate) struct Line {
 
 impl Line {
     /// A curve through points; many are averaged over windows of equal length.
-    pub(crate) fn new(name: impl Into<String>, points: Vec<(f64, f64)>) -> Line {
+    pub(crate) fn new(name: impl Into<String>, colour: usize, points: Vec<(f64, f64)>) -> Line {
         let name = name.into();
         if points.len() <= DRAWN {
             let dots = points.len() <= 40;
             return Line {
                 name,
+                colour,
                 points,
                 band: Vec::new(),
                 dots,
@@ -43,6 +46,7 @@ impl Line {
         }
         Line {
             name,
+            colour,
             points: thinned,
             band,
             dots: false,
@@ -74,6 +78,7 @@ mod tests {
     fn gaps_split_a_line() {
         let line = Line::new(
             "a",
+            0,
             vec![(0.0, 1.0), (1.0, f64::NAN), (2.0, 2.0), (3.0, 3.0)],
         );
         assert_eq!(line.pieces(), [vec![0], vec![2, 3]]);
@@ -84,7 +89,7 @@ mod tests {
         let points = (0..1000)
             .map(|i| (f64::from(i), f64::from(i % 2)))
             .collect();
-        let line = Line::new("a", points);
+        let line = Line::new("a", 0, points);
         assert!(line.points.len() <= DRAWN);
         assert!(line.points.iter().all(|p| (0.3..0.7).contains(&p.1)));
         assert!(line.band.iter().all(|b| *b == (0.0, 1.0)));
@@ -93,6 +98,6 @@ mod tests {
     #[test]
     fn a_window_without_numbers_is_a_gap() {
         let points = (0..1000).map(|i| (f64::from(i), f64::NAN)).collect();
-        assert!(Line::new("a", points).pieces().is_empty());
+        assert!(Line::new("a", 0, points).pieces().is_empty());
     }
 }

@@ -53,17 +53,31 @@ impl Chart {
         }
     }
 
-    /// Names in the legend, in the order of the colours; none where there is nothing to tell apart.
-    fn legend(&self) -> Vec<&str> {
-        let names: Vec<&str> = match &self.marks {
-            Marks::Lines(lines) => lines.iter().map(|l| l.name.as_str()).collect(),
-            Marks::Boxes { groups, .. } => groups.iter().map(|g| g.name.as_str()).collect(),
+    /// Names in the legend and their colours; none where there is nothing to tell apart.
+    fn legend(&self) -> Vec<(&str, usize)> {
+        let names: Vec<(&str, usize)> = match &self.marks {
+            Marks::Lines(lines) => lines.iter().map(|l| (l.name.as_str(), l.colour)).collect(),
+            Marks::Boxes { groups, .. } => groups
+                .iter()
+                .map(|g| (g.name.as_str(), g.colours.first().copied().unwrap_or(0)))
+                .collect(),
         };
         match names.as_slice() {
-            [one] if one.is_empty() => Vec::new(),
+            [("", _)] => Vec::new(),
             _ => names,
         }
     }
+}
+
+/// Colours of methods, the same in all charts of them: grey for doing nothing, the others in order.
+pub(crate) fn palette<'a>(methods: impl Iterator<Item = &'a str>) -> Vec<usize> {
+    let mut next = 0..;
+    methods
+        .map(|method| match method {
+            "init" => draw::GREY,
+            _ => next.next().unwrap_or(0) % draw::GREY,
+        })
+        .collect()
 }
 
 /// A file stem from any text.

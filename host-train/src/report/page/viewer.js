@@ -98,7 +98,7 @@
     }
     const context = canvas.getContext('2d');
     context.clearRect(0, 0, width, height);
-    const scale = 0.46 * Math.min(width, height) * zoom / fit;
+    const scale = 0.53 * Math.min(width, height) * zoom / fit;
     const places = [];
     for (const { key, mark: kind } of CLOUDS) {
       if (!shown[key]) continue;
@@ -118,7 +118,7 @@
     }
     places.sort((a, b) => a[0] - b[0]);
     const colour = colours();
-    const size = 1.7 * ratio * Math.sqrt(Math.min(zoom, 6));
+    const size = 1.9 * ratio * Math.sqrt(Math.min(zoom, 6));
     for (const [depth, x, y, near, key, kind] of places) {
       context.globalAlpha = Math.min(1, Math.max(0.35, 0.72 + 0.35 * depth));
       context.fillStyle = context.strokeStyle = colour[key];
@@ -137,7 +137,7 @@
     const box = document.createElement('figure');
     const title = document.createElement('figcaption');
     const svg = document.createElementNS(SVG, 'svg');
-    svg.setAttribute('viewBox', '0 0 220 92');
+    svg.setAttribute('viewBox', '-6 0 232 98');
     svg.setAttribute('role', 'img');
     const add = (tag, attributes) => {
       const element = document.createElementNS(SVG, tag);
@@ -151,11 +151,10 @@
       bar.append(document.createElementNS(SVG, 'title'));
       return bar;
     });
-    [0, 2, 5, 8, 10].forEach((i) => {
-      const text = add('text', { x: 20 * i + 10, y: 87, 'text-anchor': i === 0 ? 'start' : i === 10 ? 'end' : 'middle' });
-      if (i === 0) text.setAttribute('x', 0);
-      if (i === 10) text.setAttribute('x', 220);
-      text.textContent = signed(SIZES[i]);
+    // In two rows, so that all have room.
+    SIZES.forEach((size, i) => {
+      const text = add('text', { x: 20 * i + 10, y: i % 2 ? 95 : 84, 'text-anchor': 'middle' });
+      text.textContent = signed(size).replace('0.', '.');
     });
     box.append(title, svg);
     at('bars').append(box);

@@ -1,0 +1,119 @@
+//! What `host-train eval --protocol bop` adds: pairs from estimates, tables per object, results files.
+
+use super::output::write_json;
+use crate::bop::evaluate::Refinements;
+use crate::bop::table::{self, ObjectRow};
+use crate::dataset::bop::write_results;
+use crate::eval::{Document, Outcome};
+use crate::protocol::Protocol;
+use anyhow::Context;
+use clap::ValueEnum;
+use clap::builder::PossibleValue;
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// What `--protocol` of `eval` accepts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum EvalProtocol {
+    /// Pairs drawn from models.
+    Models(Protocol),
+    /// Poses of objects in images, refined from estimates.
+    Bop,
+}
+
+impl ValueEnum for EvalProtocol {
+    fn value_variants<'a>() -> &'a [Self] {
+        &[
+            EvalProtocol::Models(Protocol::M40Clean),
+            EvalProtocol::Models(Protocol::M40Models),
+            EvalProtocol::Models(Protocol::M40Categories),
+            EvalProtocol::Models(Protocol::Scan),
+            EvalProtocol::Bop,
+        ]
+    }
+
+    fn to_possible_value(&self) -> Option<PossibleValue> {
+        match self {
+            EvalProtocol::Models(protocol) => protocol.to_possible_value(),
+            EvalProtocol::Bop => Some(PossibleValue::new("bop").help(
+                "Objects in depth images (LINEMOD and others in BOP layout), refined from --estimates",
+            )),
+        }
+    }
+}
+
+/// The document of `eval --json`, and the tables.
+#[derive(Serialize)]
+struct BopDocument<'a> {
+    #[serde(flatten)]
+    document: Document<'a>,
+    objects: BTreeMap<&'a str, Vec<ObjectRow>>,
+}
+
+/// One line on what is evaluated.
+pub(super) fn describe(found: &Refinements, root: &Path, estimates: &Path) -> String {
+    let (unrefined, missing) = found.unrefined();
+    let mut text = format!(
+        "{}, initial poses of {}",
+        root.display(),
+        estimates.display()
+    );
+    if missing > 0 {
+        text += &format!("; {missing} listed objects have none, which counts as a failure");
+    }
+    if unrefined > missing {
+        let kept = unrefined - missing;
+        text += &format!("; {kept} objects without depth inside the mask keep theirs");
+    }
+    text
+}
+
+/// Prints a table a method, and writes the document and the results files where asked for.
+pub(super) fn report(
+    found: &Refinements,
+    outcomes: &[Outcome],
+    document: Document<'_>,
+    json: Option<&Path>,
+    results: Option<&Path>,
+) -> anyhow::Result<()> {
+    let mut objects = BTreeMap::new();
+    for outcome in outcomes {
+        let rows = found
+            .objects(&outcome.target_from_source)
+            .context("models of the data set")?;
+        print!("\n{}", table::text(&outcome.name, &rows));
+        objects.insert(outcome.name.as_str(), rows);
+        if let Some(path) = results {
+            let path = results_file(path, &outcome.name, outcomes.len());
+            write_results(&path, &found.results(&outcome.target_from_source))?;
+        }
+    }
+    if let Some(path) = json {
+        write_json(path, &BopDocument { document, objects })?;
+    }
+    Ok(())
+}
+
+/// The file itself for one method; `FILE-METHOD.csv` for each of several.
+fn results_file(path: &Path, method: &str, methods: usize) -> PathBuf {
+    if methods == 1 {
+        return path.into();
+    }
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    let extension = path.extension().unwrap_or_default().to_string_lossy();
+    let dot = if extension.is_empty() { "" } else { "." };
+    path.with_file_name(format!("{stem}-{method}{dot}{extension}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn several_methods_have_a_file_each() {
+        let path = Path::new("out/lm.csv");
+        assert_eq!(results_file(path, "icp", 1), path);
+        assert_eq!(results_file(path, "icp", 2), Path::new("out/lm-icp.csv"));
+    }
+}

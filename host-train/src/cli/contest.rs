@@ -1,0 +1,122 @@
+//! Which methods a command compares, from its arguments.
+
+use super::{bad_usage, source};
+use crate::eval::{Contestant, Method};
+use crate::export::{ExportError, WeightFile};
+use clap::{Args, ValueEnum};
+use reagent_core::Policy;
+use reagent_core::dims::STEPS;
+use std::path::{Path, PathBuf};
+
+/// Name under which the bundled policy is reported.
+const BUNDLED: &str = "reagent";
+
+#[derive(Debug, Args)]
+pub(super) struct ContestArgs {
+    /// Policies to evaluate, each reported under its file stem [default: the bundled one, as "reagent"]
+    #[arg(long, value_name = "FILE.rgw", num_args = 1..)]
+    weights: Vec<PathBuf>,
+    /// What to run, separated by commas; "policy" stands for every file of --weights [default: policy]
+    #[arg(long, value_enum, value_name = "LIST", value_delimiter = ',')]
+    methods: Vec<MethodName>,
+    /// Refinement steps of a policy
+    #[arg(long, value_name = "N", default_value_t = STEPS, value_parser = source::positive())]
+    pub(super) steps: usize,
+    /// Threads over pairs; times are undisturbed only with 1
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = source::positive())]
+    pub(super) threads: usize,
+}
+
+/// What `--methods` accepts. Correspondences of ICP are at most 0.5 apart; normals are estimated.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum MethodName {
+    /// Every policy of --weights, or the bundled one
+    Policy,
+    /// "policy", then point-to-plane ICP; reported as NAME+icp
+    #[value(name = "policy+icp")]
+    PolicyIcp,
+    /// Point-to-point ICP
+    Icp,
+    /// Point-to-plane ICP
+    IcpPlane,
+    /// Point-to-plane ICP by the nearer 80 % of the points
+    IcpTrimmed,
+    /// Fast global registration by FPFH features, without a first estimate, as Open3D does it by default
+    Fgr,
+    /// The same with graduated non-convexity, as in its paper
+    FgrGnc,
+    /// "fgr", then point-to-plane ICP
+    #[value(name = "fgr+icp-plane")]
+    FgrIcpPlane,
+    /// The initial error
+    Init,
+}
+
+/// Policies and the names under which they are reported.
+pub(super) struct Policies(Vec<(String, WeightFile)>);
+
+impl ContestArgs {
+    /// Reads the weight files. Ends the process as `command` does on bad usage where they are given in vain.
+    pub(super) fn policies(&self, command: &str) -> Result<Policies, ExportError> {
+        let uses_policy = |name| matches!(name, &MethodName::Policy | &MethodName::PolicyIcp);
+        if !self.weights.is_empty() && !self.names().iter().any(uses_policy) {
+            bad_usage(
+                command,
+                "--weights is given, but no policy is among --methods",
+            );
+        }
+        if self.weights.is_empty() {
+            return Ok(Policies(vec![(BUNDLED.into(), WeightFile::pretrained())]));
+        }
+        let load = |path: &PathBuf| WeightFile::load(path).map(|file| (stem(path), file));
+        self.weights
+            .iter()
+            .map(load)
+            .collect::<Result<_, _>>()
+            .map(Policies)
+    }
+
+    /// Everything that is to run, in the order of `--methods`; `seed` is that of methods that draw.
+    pub(super) fn contestants<'w>(&self, policies: &'w Policies, seed: u64) -> Vec<Contestant<'w>> {
+        let of_policies = |suffix: &str, method: fn(Policy<'w>) -> Method<'w>| {
+            let contestant = |(stem, file): &'w (String, WeightFile)| Contestant {
+                name: format!("{stem}{suffix}"),
+                method: method(file.policy()),
+            };
+            policies.0.iter().map(contestant).collect()
+        };
+        let contestants = |&name: &MethodName| -> Vec<Contestant<'w>> {
+            let method = match name {
+                MethodName::Policy => return of_policies("", Method::Policy),
+                MethodName::PolicyIcp => return of_policies("+icp", Method::PolicyIcp),
+                MethodName::Icp => Method::Icp,
+                MethodName::IcpPlane => Method::IcpPlane,
+                MethodName::IcpTrimmed => Method::IcpTrimmed,
+                MethodName::Fgr => Method::Fgr { seed },
+                MethodName::FgrGnc => Method::FgrGnc { seed },
+                MethodName::FgrIcpPlane => Method::FgrIcpPlane { seed },
+                MethodName::Init => Method::Init,
+            };
+            let value = name.to_possible_value().expect("no value is hidden");
+            let name = value.get_name().to_owned();
+            vec![Contestant { name, method }]
+        };
+        self.names().iter().flat_map(contestants).collect()
+    }
+
+    fn names(&self) -> &[MethodName] {
+        if self.methods.is_empty() {
+            &[MethodName::Policy]
+        } else {
+            &self.methods
+        }
+    }
+}
+
+/// Name under which a weight file is reported.
+fn stem(path: &Path) -> String {
+    path.file_stem()
+        .unwrap_or(path.as_os_str())
+        .to_string_lossy()
+        .into_owned()
+}

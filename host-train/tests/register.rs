@@ -1,0 +1,296 @@
+//! `host-train register` on files as users have them: every format, unit and size, and what is wrong with some.
+
+mod support;
+
+use glam::{Mat3, Vec3};
+use host_train::dataset::Point;
+use host_train::dataset::cloud_file::{Cloud, read_cloud, write_cloud};
+use host_train::dataset::procedural::{self, Shape};
+use reagent_core::Pose;
+use reagent_core::pose::rotation_from_euler;
+use std::path::Path;
+use support::{fail, folder, read_json, run, succeed};
+
+/// The true pose, in normalised units of length.
+fn truth() -> Pose {
+    Pose {
+        rotation: rotation_from_euler(Vec3::new(0.2, -0.25, 0.3)),
+        translation: Vec3::new(0.1, -0.2, 0.15),
+    }
+}
+
+fn scaled(pose: Pose, unit: f32) -> Pose {
+    Pose {
+        translation: pose.translation * unit,
+        ..pose
+    }
+}
+
+fn shape() -> Shape {
+    procedural::shape(1, 1)
+}
+
+/// Points of the surface as a scanner with no preference would see them, in a frame of its own.
+fn scan(count: usize, unit: f32) -> Cloud {
+    let rng = &mut host_train::random::stream(5, host_train::random::Purpose::Shape, 0);
+    let (points, normals): (Vec<Point>, Vec<Point>) = shape()
+        .mesh
+        .sample_with_normals(count, rng)
+        .into_iter()
+        .unzip();
+    let points = points.into_iter().map(|p| p.map(|x| x * unit)).collect();
+    Cloud {
+        points,
+        normals: Some(normals),
+    }
+    .moved(&scaled(truth(), unit).inverse())
+}
+
+/// Writes the shape's mesh in the format of the extension.
+fn write_mesh(path: &Path, unit: f32) {
+    let mesh = shape().mesh;
+    let vertices: Vec<Vec3> = mesh.vertices.iter().map(|&v| v * unit).collect();
+    let rows = |prefix: &str| -> String {
+        vertices
+            .iter()
+            .map(|v| format!("{prefix}{} {} {}\n", v.x, v.y, v.z))
+            .collect()
+    };
+    let faces = |prefix: &str, first: u32| -> String {
+        mesh.faces
+            .iter()
+            .map(|f| {
+                format!(
+                    "{prefix}{} {} {}\n",
+                    f[0] + first,
+                    f[1] + first,
+                    f[2] + first
+                )
+            })
+            .collect()
+    };
+    let (v, f) = (vertices.len(), mesh.faces.len());
+    let text = match path.extension().and_then(|e| e.to_str()) {
+        Some("off") => format!("OFF\n{v} {f} 0\n{}{}", rows(""), faces("3 ", 0)),
+        Some("obj") => format!("{}{}", rows("v "), faces("f ", 1)),
+        Some("ply") => format!(
+            "ply\nformat ascii 1.0\nelement vertex {v}\nproperty float x\nproperty float y\nproperty float z\nelement face {f}\nproperty list uchar int vertex_indices\nend_header\n{}{}",
+            rows(""),
+            faces("3 ", 0)
+        ),
+        _ => {
+            let facet = |face: &[u32; 3]| {
+                let corners = face
+                    .map(|i| vertices[i as usize])
+                    .map(|v| format!("vertex {} {} {}\n", v.x, v.y, v.z));
+                format!(
+                    "facet normal 0 0 0\nouter loop\n{}endloop\nendfacet\n",
+                    corners.concat()
+                )
+            };
+            format!(
+                "solid shape\n{}endsolid shape\n",
+                mesh.faces.iter().map(facet).collect::<String>()
+            )
+        }
+    };
+    std::fs::write(path, text).expect("written");
+}
+
+/// The pose that `register --json p.json` found.
+fn found(at: &Path) -> Pose {
+    let document = read_json(&at.join("p.json"));
+    let number = |r: usize, c: usize| {
+        document["target_from_source"][r][c]
+            .as_f64()
+            .expect("a number") as f32
+    };
+    Pose::from_rows(std::array::from_fn(|r| {
+        std::array::from_fn(|c| number(r, c))
+    }))
+}
+
+/// Rotation angle in degrees and translation in normalised units between a pose and the true one.
+fn errors(pose: Pose, unit: f32) -> (f32, f32) {
+    let between: Mat3 = pose.rotation * truth().rotation.transpose();
+    let trace = between.x_axis.x + between.y_axis.y + between.z_axis.z;
+    let angle = ((trace - 1.0) / 2.0).clamp(-1.0, 1.0).acos().to_degrees();
+    (
+        angle,
+        (pose.translation / unit - truth().translation).length(),
+    )
+}
+
+#[test]
+fn every_format_of_cloud_to_every_format_of_mesh_in_metres_and_millimetres() {
+    let folder = folder();
+    let at = folder.path();
+    for unit in [1.0, 1000.0] {
+        let meshes = ["m.off", "m.obj", "m.stl", "m.ply"];
+        for (source, target) in ["s.ply", "s.pcd", "s.xyz", "s.npy"].into_iter().zip(meshes) {
+            let cloud = scan(2000, unit);
+            write_cloud(&at.join(source), &cloud).expect("written");
+            write_mesh(&at.join(target), unit);
+            let aligned = source.replace('s', "aligned");
+            let text = succeed(
+                at,
+                &format!("register {source} {target} --json p.json --out {aligned}"),
+            );
+            assert!(text.contains("ms") && text.contains("steps"), "{text}");
+            let (angle, shift) = errors(found(at), unit);
+            assert!(
+                angle < 10.0 && shift < 0.1,
+                "{source} to {target}, unit {unit}: {angle} deg, {shift}"
+            );
+
+            let written = read_cloud(&at.join(&aligned), 0).expect("readable");
+            let expected = cloud.moved(&found(at));
+            for (a, b) in written.points.iter().zip(&expected.points) {
+                assert!(
+                    Vec3::from(*a).distance(Vec3::from(*b)) < 1e-5 * unit,
+                    "{aligned}"
+                );
+            }
+            assert_eq!(
+                written.normals.is_some(),
+                !aligned.ends_with("xyz"),
+                "{aligned}"
+            );
+        }
+    }
+}
+
+#[test]
+fn large_repeated_and_flat_clouds_are_registered() {
+    let folder = folder();
+    let at = folder.path();
+    write_mesh(&at.join("m.stl"), 1.0);
+    write_cloud(&at.join("large.pcd"), &scan(100_000, 1.0)).expect("written");
+    let mut repeated = scan(700, 1.0);
+    repeated.points = repeated.points.iter().flat_map(|&p| [p; 3]).collect();
+    repeated.normals = None;
+    write_cloud(&at.join("repeated.ply"), &repeated).expect("written");
+    for source in ["large.pcd", "repeated.ply"] {
+        let output = run(
+            at,
+            &format!("register {source} m.stl --json p.json --out moved.ply"),
+        );
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{stderr}");
+        assert_eq!(
+            stderr.contains("100000 points exceed the capacity"),
+            source == "large.pcd",
+            "{stderr}"
+        );
+        let (angle, shift) = errors(found(at), 1.0);
+        assert!(
+            angle < 10.0 && shift < 0.1,
+            "{source}: {angle} deg, {shift}"
+        );
+        let points = read_cloud(&at.join("moved.ply"), 0)
+            .expect("readable")
+            .points
+            .len();
+        assert_eq!(
+            points,
+            if source == "large.pcd" { 100_000 } else { 2100 },
+            "every point is moved"
+        );
+    }
+    let flat = |n: usize| Cloud {
+        points: (0..n)
+            .map(|i| [(i % 30) as f32, (i / 30) as f32, 2.0])
+            .collect(),
+        normals: None,
+    };
+    write_cloud(&at.join("flat.npy"), &flat(900)).expect("written");
+    succeed(at, "register flat.npy flat.npy --json p.json");
+    assert!(found(at).translation.is_finite());
+}
+
+#[test]
+fn pixels_without_depth_are_left_out_and_counted() {
+    let folder = folder();
+    let at = folder.path();
+    write_mesh(&at.join("m.off"), 1.0);
+    let seen = scan(1500, 1.0).points;
+    let header = "VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 60\nHEIGHT 50\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS 3000\nDATA binary\n";
+    let pixels = (0..3000).flat_map(|i| {
+        if i % 2 == 0 {
+            seen[i / 2]
+        } else {
+            [f32::NAN; 3]
+        }
+    });
+    let bytes = [
+        header.as_bytes(),
+        &pixels.flat_map(f32::to_le_bytes).collect::<Vec<u8>>(),
+    ]
+    .concat();
+    std::fs::write(at.join("organised.pcd"), bytes).expect("written");
+    let output = run(at, "register organised.pcd m.off --json p.json");
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert!(
+        output.status.success() && stderr.contains("left out 1500 invalid points"),
+        "{stderr}"
+    );
+    assert_eq!(read_json(&at.join("p.json"))["source_points"], 1500);
+    assert!(errors(found(at), 1.0).0 < 10.0);
+}
+
+#[test]
+fn what_cannot_be_registered_is_refused_in_one_line() {
+    let folder = folder();
+    let at = folder.path();
+    write_mesh(&at.join("m.off"), 1.0);
+    let write = |name: &str, text: &str| std::fs::write(at.join(name), text).expect("written");
+    let ply = |n: usize, rows: &str| {
+        format!(
+            "ply\nformat ascii 1.0\nelement vertex {n}\nproperty float x\nproperty float y\nproperty float z\nend_header\n{rows}"
+        )
+    };
+    write("empty.ply", &ply(0, ""));
+    write("one.ply", &ply(1, "1 2 3\n"));
+    let mut broken = scan(5, 1.0);
+    broken.points[1][2] = f32::NAN;
+    write_cloud(&at.join("nan.ply"), &broken).expect("written");
+    write("short.ply", &ply(9, "1 2 3\n"));
+    write(
+        "none.pcd",
+        "VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 1\nHEIGHT 1\nPOINTS 1\nDATA ascii\nnan nan nan\n",
+    );
+    write("same.xyz", &"1 1 1\n".repeat(50));
+    write("noarea.off", "OFF\n3 1 0\n0 0 0\n0 0 0\n0 0 0\n3 0 1 2\n");
+    for (arguments, words) in [
+        ("empty.ply m.off", &["empty.ply", "no points"][..]),
+        ("one.ply m.off", &["one.ply", "1 point"]),
+        ("nan.ply m.off", &["nan.ply", "point 1", "NaN"]),
+        ("short.ply m.off", &["short.ply", "end of file"]),
+        ("none.pcd m.off", &["none.pcd", "1 invalid"]),
+        ("m.off same.xyz", &["same.xyz", "coincide"]),
+        ("noarea.off m.off", &["noarea.off", "no area"]),
+        (
+            "m.off m.off --out moved.stl",
+            &["moved.stl", ".ply .pcd .xyz or .npy"],
+        ),
+        (
+            "m.off m.off --out no/such/folder.ply",
+            &["no/such/folder.ply"],
+        ),
+    ] {
+        fail(at, &format!("register {arguments}"), words);
+    }
+}
+
+#[test]
+fn clouds_in_different_units_are_pointed_out() {
+    let folder = folder();
+    let at = folder.path();
+    write_mesh(&at.join("m.off"), 1.0);
+    write_cloud(&at.join("mm.ply"), &scan(500, 1000.0)).expect("written");
+    let output = run(at, "register mm.ply m.off");
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert!(stderr.contains("same unit of length?"), "{stderr}");
+    write_cloud(&at.join("m.ply"), &scan(500, 1.0)).expect("written");
+    assert!(run(at, "register m.ply m.off").stderr.is_empty());
+}

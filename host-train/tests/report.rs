@@ -1,0 +1,172 @@
+//! The report of a real small run, in a browser: it renders, the slider moves the cloud, and the browser has
+//! nothing to complain of and nothing to fetch.
+
+mod support;
+
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use support::{fail, folder, succeed};
+
+/// Drives the page as a user does and writes what it found into the document.
+const DRIVER: &str = include_str!("support/drive_report.js");
+
+#[test]
+fn a_report_works_in_a_browser_without_errors_or_requests() {
+    let folder = folder();
+    let at = folder.path();
+    make_report(at);
+    let Some(browser) = chromium() else {
+        eprintln!("skipped in part: no chromium or google-chrome in PATH to open the report with");
+        return;
+    };
+    let page = std::fs::read_to_string(at.join("report.html")).expect("written");
+    let driven = page.replace("</body>", &format!("<script>{DRIVER}</script></body>"));
+    std::fs::write(at.join("driven.html"), driven).expect("written");
+    let found = open(&browser, at, "driven.html");
+
+    let number = |key: &str| {
+        found[key]
+            .as_f64()
+            .unwrap_or_else(|| panic!("{key}: {found}"))
+    };
+    assert!(number("charts") > 25.0, "{found}");
+    assert!(number("tables") >= 3.0, "{found}");
+    assert_eq!(number("emptyCharts"), 0.0, "{found}");
+    // Two pairs of the evaluation and one registration of two files.
+    assert_eq!(number("registrations"), 3.0, "{found}");
+    assert_eq!(number("steps"), 10.0, "{found}");
+    assert_eq!(number("requests"), 0.0, "{found}");
+    assert!(number("overflow") <= 0.0, "{found}");
+    for check in [
+        "drawn",
+        "steady",
+        "sliderMoves",
+        "keyboardTurns",
+        "dragTurns",
+        "wheelZooms",
+        "resets",
+        "legendHides",
+        "barsSum",
+        "barsChange",
+        "rowMarked",
+        "rowSelects",
+        "errorShown",
+        "choiceChanges",
+        "playRuns",
+    ] {
+        assert_eq!(found[check], true, "{check}: {found}");
+    }
+}
+
+/// A tiny run, an evaluation with a trace, a registration of two files with a trace, and their report.
+fn make_report(at: &Path) {
+    succeed(
+        at,
+        "train --data procedural:8 --stage pretrain --points 64 --epochs 8 --out run",
+    );
+    succeed(
+        at,
+        "eval --data procedural --protocol m40-models --count 2 --methods policy,icp,init --per-step --json eval.json --trace pairs.jsonl --traced 4",
+    );
+    let cloud = |shift: f32| {
+        let point = |i: u32| {
+            let a = i as f32 * 0.7;
+            format!("{} {} {}\n", 3.0 * a.sin() + shift, 2.0 * a.cos(), i % 7)
+        };
+        (0..200).map(point).collect::<String>()
+    };
+    std::fs::write(at.join("a.xyz"), cloud(0.5)).expect("written");
+    std::fs::write(at.join("b.xyz"), cloud(0.0)).expect("written");
+    succeed(at, "register a.xyz b.xyz --trace files.jsonl");
+    let text = succeed(
+        at,
+        "report run eval.json pairs.jsonl files.jsonl --out report.html --plots plots",
+    );
+    assert!(
+        text.contains("report.html") && text.contains("charts"),
+        "{text}"
+    );
+    let plots = std::fs::read_dir(at.join("plots")).expect("made").count();
+    assert!(plots > 50, "{plots}");
+}
+
+/// The findings of the driver in the page that the browser made of a file.
+fn open(browser: &Path, at: &Path, file: &str) -> Value {
+    let output = Command::new(browser)
+        .args([
+            "--headless=new",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--disable-quic",
+        ])
+        .args(["--no-first-run", "--disable-background-networking"])
+        .args(["--disable-component-update", "--disable-sync"])
+        .args([
+            "--enable-logging=stderr",
+            "--virtual-time-budget=20000",
+            "--dump-dom",
+        ])
+        .arg(format!("--user-data-dir={}", at.join("profile").display()))
+        .arg(format!("file://{}", at.join(file).display()))
+        .output()
+        .expect("the browser runs");
+    let log = String::from_utf8_lossy(&output.stderr);
+    let complaints: Vec<&str> = log
+        .lines()
+        .filter(|line| line.contains("CONSOLE"))
+        .collect();
+    assert!(complaints.is_empty(), "{complaints:#?}");
+    let dom = String::from_utf8_lossy(&output.stdout);
+    let (_, found) = dom
+        .rsplit_once("<pre id=\"findings\">")
+        .unwrap_or_else(|| panic!("the driver did not finish; the browser said: {log}"));
+    let (found, _) = found.split_once("</pre>").expect("the end of the findings");
+    serde_json::from_str(found).expect("JSON")
+}
+
+fn chromium() -> Option<PathBuf> {
+    let names = ["chromium", "chromium-browser", "google-chrome"];
+    let path = std::env::var_os("PATH")?;
+    std::env::split_paths(&path)
+        .flat_map(|folder| names.map(|name| folder.join(name)))
+        .find(|candidate| candidate.is_file())
+}
+
+#[test]
+fn inputs_that_are_none_are_refused_on_one_line() {
+    let folder = folder();
+    let at = folder.path();
+    std::fs::create_dir(at.join("empty")).expect("made");
+    std::fs::write(at.join("cut.json"), "{\"methods\": {").expect("written");
+    fail(at, "report empty --out r.html", &["config.json", "RUN_DIR"]);
+    fail(
+        at,
+        "report cut.json --out r.html",
+        &["cut.json, line 1", "write it again"],
+    );
+    fail(
+        at,
+        "report none.json --out r.html",
+        &["cannot read none.json"],
+    );
+    assert!(!at.join("r.html").exists());
+}
+
+/// As `host-train … | head -0`: the reader is gone before anything is written.
+#[test]
+fn a_closed_pipe_ends_no_command() {
+    let folder = folder();
+    let (reader, writer) = std::io::pipe().expect("a pipe");
+    drop(reader);
+    let both = writer.try_clone().expect("cloned");
+    let status = Command::new(env!("CARGO_BIN_EXE_host-train"))
+        .current_dir(folder.path())
+        .args("pairs --data procedural --protocol m40-clean --count 1 --out p.h5".split(' '))
+        .stdout(writer)
+        .stderr(both)
+        .status()
+        .expect("host-train runs");
+    assert_eq!(status.code(), Some(0));
+    assert!(folder.path().join("p.h5").exists());
+}

@@ -1,0 +1,142 @@
+//! Training runs from outside: killed at random moments, asked to stop, resumed, out of room.
+#![cfg(unix)]
+
+mod support;
+
+use host_train::checkpoint::{Checkpoint, LAST};
+use host_train::random::{Purpose, stream};
+use rand::RngExt;
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::time::Duration;
+use support::{fail, folder, run, succeed};
+
+/// A run of 12 small updates.
+const TRAIN: &str = "train --data procedural:9 --stage ilrl --points 48 --problems 2 --trajectories 1 \
+                     --mini-batch 10 --epochs 3 --checkpoint-minutes 0";
+
+fn start(folder: &Path, arguments: &str) -> Child {
+    Command::new(env!("CARGO_BIN_EXE_host-train"))
+        .current_dir(folder)
+        .args(arguments.split_whitespace())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("host-train runs")
+}
+
+/// The updates in a run's metrics, in their order.
+fn updates(run: &Path) -> Vec<u64> {
+    let text = std::fs::read_to_string(run.join("metrics.jsonl")).expect("the run's metrics");
+    let lines = text
+        .lines()
+        .map(|line| -> serde_json::Value { serde_json::from_str(line).expect("a whole line") });
+    lines.filter_map(|line| line["update"].as_u64()).collect()
+}
+
+#[test]
+fn a_run_killed_at_random_moments_ends_as_an_undisturbed_one() {
+    let folder = folder();
+    let at = folder.path();
+    succeed(at, &format!("{TRAIN} --out whole"));
+    let last = |name: &str| Checkpoint::load(&at.join(name).join(LAST)).expect("a checkpoint");
+    let mut rng = stream(1, Purpose::Split, 0);
+    let mut kills = 0;
+    for attempt in 0.. {
+        let resume = at.join("killed/config.json").exists();
+        let mut child = match resume {
+            true => start(at, "train --resume --out killed"),
+            false => start(at, &format!("{TRAIN} --out killed")),
+        };
+        // The moment is what is random here; nothing is waited for. The last attempts run to their end.
+        let moment = Duration::from_millis(rng.random_range(20..1500));
+        if attempt < 8 {
+            std::thread::sleep(moment);
+            child.kill().expect("it was started");
+        }
+        if child.wait().expect("it was started").success() {
+            break;
+        }
+        kills += 1;
+        assert!(kills <= 8, "the run fails by itself");
+        for name in ["last", "previous", "best/checkpoint"] {
+            let path = at.join(format!("killed/{name}.safetensors"));
+            if path.exists() {
+                Checkpoint::load(&path).expect("no torn checkpoint is ever seen");
+            }
+        }
+    }
+    assert!(kills > 0, "nothing was killed");
+    let same = last("whole") == last("killed");
+    assert!(same, "other bits after {kills} kills");
+    assert_eq!(updates(&at.join("killed")), (0..12).collect::<Vec<_>>());
+}
+
+#[test]
+fn a_run_told_to_terminate_leaves_a_checkpoint() {
+    let folder = folder();
+    let at = folder.path();
+    let arguments = TRAIN.replace("--epochs 3", "--epochs 100000");
+    let arguments = arguments.replace("--checkpoint-minutes 0", "--checkpoint-minutes 99");
+    let mut child = start(at, &format!("{arguments} --out run"));
+    let mut lines = BufReader::new(child.stderr.take().expect("piped")).lines();
+    let epoch = lines.find(|line| line.as_ref().is_ok_and(|line| line.starts_with("epoch")));
+    assert!(epoch.is_some(), "an epoch passes");
+    let id = child.id().to_string();
+    let sent = Command::new("kill").args(["-TERM", &id]).status();
+    assert!(sent.expect("kill is there").success());
+    let rest: Vec<String> = lines.map_while(Result::ok).collect();
+    assert_eq!(child.wait().expect("it was started").code(), Some(1));
+    assert!(
+        rest.iter().any(|line| line.contains("--resume")),
+        "{rest:?}"
+    );
+    let checkpoint = Checkpoint::load(&at.join("run").join(LAST)).expect("whole");
+    let metrics = updates(&at.join("run"));
+    assert_eq!(checkpoint.progress.updates, metrics.len() as u64);
+}
+
+#[test]
+fn what_cannot_be_resumed_is_named() {
+    let folder = folder();
+    let at = folder.path();
+    fail(at, "train --resume --out run", &["config.json"]);
+    succeed(at, &format!("{TRAIN} --out run"));
+    let again = "train --resume --out run";
+    fail(at, &format!("{TRAIN} --out run"), &["--resume"]);
+    fail(
+        at,
+        &format!("{again} --points 50"),
+        &["points was 48 and is 50"],
+    );
+    fail(at, &format!("{again} --seed 7"), &["seed was 42 and is 7"]);
+    fail(
+        at,
+        &format!("{again} --expert greedy --alpha 0.1"),
+        &["method.expert", "method.ppo.alpha"],
+    );
+    // More epochs are the same run.
+    let output = run(at, &format!("{again} --epochs 4"));
+    assert!(output.status.success());
+    assert_eq!(updates(&at.join("run")), (0..16).collect::<Vec<_>>());
+}
+
+/// A limit on the size of files stands in for a full disk.
+#[test]
+fn a_full_disk_is_named_before_training_starts() {
+    let folder = folder();
+    let program = env!("CARGO_BIN_EXE_host-train");
+    let script = format!("trap '' XFSZ; ulimit -f 20000; exec {program} {TRAIN} --out run");
+    let output = Command::new("sh")
+        .args(["-c", &script])
+        .current_dir(folder.path())
+        .output()
+        .expect("sh runs");
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{stderr}");
+    assert!(
+        stderr.starts_with("error: cannot write to run directory run"),
+        "{stderr}"
+    );
+    assert_eq!(stderr.lines().count(), 1, "nothing was trained: {stderr}");
+}

@@ -1,0 +1,150 @@
+//! The trainer's parts: what roll-outs record, what a step does to the parameters, and arg-max roll-outs.
+
+use host_train::augment::{clean_sample, noisy_sample};
+use host_train::dataset::{pairs::PairSet, procedural};
+use host_train::env::{Accumulation, Problem};
+use host_train::eval::{Contestant, EvalSettings, Method as Registers, evaluate};
+use host_train::export::WeightFile;
+use host_train::nn::{Parameters, Shape};
+use host_train::optim::Adam;
+use host_train::random::{Purpose, stream};
+use host_train::reward::{CLOSER, FARTHER, SAME, chamfer};
+use host_train::train::{Follow, Method, RollOut, Trainer, arg_max_poses};
+use reagent_core::Action;
+
+fn problems(count: u64, points: usize) -> Vec<Problem> {
+    (0..count)
+        .map(|i| {
+            let mut rng = stream(4, Purpose::Augment, i);
+            let model = procedural::model(2, i);
+            Problem::from(noisy_sample(&mut rng, &model.points, points))
+        })
+        .collect()
+}
+
+/// A small network in training.
+fn small(method: Method) -> Trainer {
+    let shape = Shape {
+        embed: [16, 16, 32],
+        extra: 0,
+        head: [16, 16],
+    };
+    let parameters = Parameters::random(shape, 1);
+    let adam = Adam::new(parameters.values.len());
+    Trainer::new(parameters, adam, 0, 5, RollOut::default(), method)
+}
+
+#[test]
+fn rewards_belong_to_the_steps_that_earned_them() {
+    let buffer = small(Method::new(2.0)).gather(problems(4, 50));
+    let (runs, steps) = (buffer.trajectories, 10);
+    assert_eq!((runs, buffer.observations.len()), (16, 160));
+    let distance = |i: usize| {
+        let o = &buffer.observations[i];
+        let problem = &buffer.problems[o.problem];
+        let view = Accumulation::Global.view(problem.centroid, &o.pose);
+        let seen: Vec<_> = problem.source.iter().map(|&p| view.see(p)).collect();
+        chamfer(&seen, &problem.truth())
+    };
+    let mut met = [0; 3];
+    for i in 0..runs * (steps - 1) {
+        let (o, next) = (&buffer.observations[i], &buffer.observations[i + runs]);
+        assert_eq!(o.problem, next.problem);
+        assert_eq!(Accumulation::Global.step(&o.pose, o.action), next.pose);
+        let (before, after) = (distance(i), distance(i + runs));
+        let (kind, expected) = if after < before {
+            (0, CLOSER)
+        } else if after > before {
+            (1, FARTHER)
+        } else {
+            (2, SAME)
+        };
+        met[kind] += 1;
+        assert_eq!(o.reward, expected, "{i}");
+    }
+    assert!(met[0] > 0 && met[1] > 0, "{met:?}");
+
+    // A step that stops on all axes leaves the distance as it is, bit by bit.
+    let mut method = Method::new(2.0);
+    method.follow = Follow::Expert;
+    let mut solved = problems(2, 50);
+    for problem in &mut solved {
+        problem.registering = reagent_core::Pose::IDENTITY;
+    }
+    for o in small(method).gather(solved).observations {
+        assert_eq!((o.action, o.reward), (Action::STOP, SAME));
+    }
+}
+
+#[test]
+fn trajectories_follow_whom_they_should() {
+    for follow in [Follow::Stochastic, Follow::Expert, Follow::Argmax] {
+        let mut method = Method::new(0.0);
+        method.follow = follow;
+        let buffer = small(method).gather(problems(4, 50));
+        let runs = buffer.trajectories;
+        let all = || buffer.observations.iter();
+        assert_eq!(
+            all().all(|o| o.action == o.expert),
+            follow == Follow::Expert
+        );
+        // The trajectories of one problem are equal unless chance is in them.
+        let equal = all()
+            .enumerate()
+            .all(|(i, o)| o.action == buffer.observations[i / runs * runs + i % 4].action);
+        assert_eq!(equal, follow != Follow::Stochastic, "{follow:?}");
+        // The probability of what was done is that of the policy that did it.
+        for o in all().filter(|_| follow == Follow::Argmax) {
+            assert!(o.log_probability.iter().all(|&p| p > -(11f32.ln())));
+        }
+    }
+}
+
+#[test]
+fn long_gradients_are_clipped_and_averages_follow() {
+    let mut method = Method::new(2.0);
+    method.clip_gradient = Some(0.01);
+    method.average = Some(0.5);
+    let mut trainer = small(method);
+    let start = trainer.agent.parameters.values.clone();
+    let stats = trainer.update(problems(4, 50), 1e-3).expect("finite");
+    assert!(stats.gradient_norm > 0.01, "measured before clipping");
+    let squares = trainer.last_gradient().values.iter().map(|g| g * g);
+    let norm = squares.sum::<f32>().sqrt();
+    assert!((norm - 0.01).abs() < 1e-5, "{norm}");
+    let (now, mean) = (&trainer.agent.parameters.values, trainer.result().values);
+    let between = |i: usize| {
+        let (low, high) = (start[i].min(now[i]), start[i].max(now[i]));
+        low - 1e-3 <= mean[i] && mean[i] <= high + 1e-3
+    };
+    assert!((0..now.len()).all(between));
+    assert!(mean != *now && mean != start);
+}
+
+#[test]
+fn the_trainer_registers_as_the_robot_does() {
+    let parameters = Parameters::random(Shape::PAPER, 8);
+    let mut pairs = PairSet::default();
+    for i in 0..3 {
+        let mut rng = stream(6, Purpose::Pairs, i);
+        let model = procedural::model(3, i).points;
+        pairs.push(clean_sample(&mut rng, &model, 100), model, 0);
+    }
+    let file = WeightFile::from_parameters(&parameters).expect("deployable");
+    let robot = Contestant {
+        name: "robot".into(),
+        method: Registers::Policy(file.policy()),
+    };
+    let settings = EvalSettings {
+        steps: 10,
+        threads: 1,
+        per_step: false,
+    };
+    let outcomes = evaluate(&pairs, &[robot], &settings, &|| {}).expect("sound pairs");
+    let found = arg_max_poses(parameters, Accumulation::Global, &pairs, 10);
+    for (poses, robot) in found.iter().zip(&outcomes[0].target_from_source) {
+        assert_eq!(poses.len(), 11);
+        assert!(poses[10].rotation.abs_diff_eq(robot.rotation, 1e-5));
+        assert!(poses[10].translation.abs_diff_eq(robot.translation, 1e-5));
+    }
+}

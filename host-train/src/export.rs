@@ -1,6 +1,7 @@
 //! From trained parameters to the bytes that robots run.
 
 use crate::checkpoint::{Checkpoint, CheckpointError};
+use crate::env::Accumulation;
 use crate::files::write_atomically;
 use crate::nn::{Parameters, Shape};
 use reagent_core::dims::{LAYER_SHAPES, LAYERS, padded};
@@ -45,6 +46,9 @@ pub enum ExportError {
     /// The network has a shape that the deployed format does not hold.
     #[error("a network of shape {0:?} cannot be deployed; only {paper:?} can", paper = Shape::PAPER)]
     Shape(Shape),
+    /// The network's actions accumulate in another way than the robot's.
+    #[error("a policy with {0:?} accumulation cannot be deployed; only Global can")]
+    Accumulation(Accumulation),
 }
 
 /// The bytes of a policy file, aligned as the core needs them.
@@ -68,6 +72,14 @@ impl WeightFile {
         };
         Policy::parse(file.bytes())?;
         Ok(file)
+    }
+
+    /// The policy of a checkpoint.
+    pub fn from_checkpoint(checkpoint: Checkpoint) -> Result<Self, ExportError> {
+        if checkpoint.accumulation != Accumulation::Global {
+            return Err(ExportError::Accumulation(checkpoint.accumulation));
+        }
+        Self::from_parameters(&checkpoint.result())
     }
 
     /// Reads and checks a policy file.
@@ -162,7 +174,7 @@ impl WeightFile {
 /// Exports a checkpoint, or the best (else the last) checkpoint of a run directory, as f32.
 pub fn export_f32(run_or_checkpoint: &Path, out: &Path) -> Result<(), ExportError> {
     let checkpoint = Checkpoint::load(&Checkpoint::find(run_or_checkpoint)?)?;
-    WeightFile::from_parameters(&checkpoint.result())?.save(out)
+    WeightFile::from_checkpoint(checkpoint)?.save(out)
 }
 
 #[cfg(test)]

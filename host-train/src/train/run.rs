@@ -1,12 +1,13 @@
 //! A whole run: data, updates, validation, checkpoints.
 
 use super::config::TrainConfig;
-use super::data::{clouds, fingerprint, problems};
+use super::data::{fingerprint, load, problems};
 use super::record::{RunDirectory, RunRecord};
 use super::trainer::{Diverged, Trainer};
 use super::validate::validate;
 use crate::checkpoint::{BEST, Checkpoint, CheckpointError, EpochSums, LAST, PREVIOUS, Progress};
 use crate::dataset::DatasetError;
+use crate::dataset::bop::BopError;
 use crate::env::Accumulation;
 use crate::eval::EvalError;
 use crate::export::{ExportError, WeightFile};
@@ -25,6 +26,9 @@ pub enum TrainError {
     /// The clouds could not be read.
     #[error(transparent)]
     Data(#[from] DatasetError),
+    /// Depth images, annotations or models in BOP layout could not be read.
+    #[error(transparent)]
+    Bop(#[from] BopError),
     /// There are too few clouds.
     #[error(
         "{0} training clouds are too few: give at least 3, of which one is held back for validation"
@@ -161,7 +165,7 @@ fn run_here(config: &TrainConfig, resume: bool, stop: &AtomicBool) -> Result<(),
     if !resume && kept.iter().any(|path| path.exists()) {
         return Err(TrainError::Exists(config.out.clone()));
     }
-    let (training, validation) = clouds(config)?;
+    let (training, validation) = load(config)?;
     let record = RunRecord {
         version: env!("CARGO_PKG_VERSION").into(),
         data_sha256: fingerprint(&training),
@@ -193,18 +197,18 @@ fn run_here(config: &TrainConfig, resume: bool, stop: &AtomicBool) -> Result<(),
     let bar = progress_bar(total, trainer.updates);
     let mut epoch_clock = Pace::start(trainer.updates);
     let mut saved = Instant::now();
-    let mut next = problems(config, &training, trainer.updates);
+    let mut next = problems(config, &training, trainer.updates)?;
     while trainer.updates < total && !stop.load(Ordering::Relaxed) {
         let update = trainer.updates;
         let epoch = epoch_of(update);
         let rate = config.learning_rate.at(epoch, update as f32 / total as f32);
         // The next update's clouds are drawn while this one is worked on.
         let now = std::mem::take(&mut next);
-        let result;
-        (result, next) = rayon::join(
+        let (result, prepared) = rayon::join(
             || trainer.update(now, rate),
             || problems(config, &training, update + 1),
         );
+        next = prepared?;
         let stats = match result {
             Ok(stats) => stats,
             Err(diverged) => {

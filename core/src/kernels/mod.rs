@@ -18,6 +18,7 @@ mod bytes;
 #[cfg(target_arch = "x86_64")]
 mod detect;
 mod nearest;
+mod peak;
 mod portable;
 mod search;
 #[cfg(target_arch = "x86_64")]
@@ -32,6 +33,7 @@ mod x86_bytes256;
 mod x86_vnni;
 
 pub use nearest::Queries;
+pub use peak::Arithmetic;
 pub use search::{CODES, Codes, GROUPS, pack_codes, padded_codes};
 
 /// Instruction sets, from the slowest to the fastest.

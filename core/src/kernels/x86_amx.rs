@@ -290,3 +290,25 @@ pub(super) unsafe fn dense_codes_max(
         dense_codes_max_512(layer, whole_panels..panels.end, x, max);
     }
 }
+
+/// Products of tiles on registers only, for [`super::Isa::multiply_adds`].
+///
+/// # Safety
+/// AMX was detected and [`permitted`].
+pub(super) unsafe fn multiply_adds(rounds: u64) -> u64 {
+    // SAFETY: the caller guarantees AMX; every tile register that is used is declared.
+    unsafe {
+        let _tiles = Tiles::configure();
+        for _ in 0..rounds {
+            asm!(
+                "tdpbusd tmm0, tmm4, tmm6",
+                "tdpbusd tmm1, tmm4, tmm7",
+                "tdpbusd tmm2, tmm5, tmm6",
+                "tdpbusd tmm3, tmm5, tmm7",
+                out("tmm0") _, out("tmm1") _, out("tmm2") _, out("tmm3") _,
+                options(nostack, nomem),
+            );
+        }
+    }
+    rounds * 4 * (ROWS * PANEL * ROW_BYTES) as u64
+}

@@ -28,6 +28,9 @@ pub const PANEL: usize = 16;
 /// the few KiB of a microcontroller.
 pub const TILE: usize = if cfg!(target_arch = "x86_64") { 48 } else { 8 };
 
+/// Points whose 8-bit codes are held at once.
+pub const QUANT_TILE: usize = if cfg!(target_arch = "x86_64") { 192 } else { 8 };
+
 /// Layers of a policy file: three of the embedding, three of each head.
 pub const LAYERS: usize = 9;
 
@@ -58,4 +61,4 @@ pub const SCRATCH_BYTES: usize = core::mem::size_of::<crate::net::Scratch>();
 
 const _: () = assert!(FEATURES.is_multiple_of(PANEL) && HEAD[0].is_multiple_of(PANEL));
 const _: () = assert!(MACS_PER_POINT * 1024 == 142_802_944);
-const _: () = assert!(SCRATCH_BYTES < 64 * 1024);
+const _: () = assert!(SCRATCH_BYTES < 96 * 1024);

@@ -62,6 +62,11 @@ pub enum Error {
         /// Index in the layer table.
         layer: usize,
     },
+    /// Sums of an integer layer could overflow, or a factor has no meaning.
+    WeightsRange {
+        /// Index in the layer table.
+        layer: usize,
+    },
     /// A frame ends early or cannot be decoded.
     Frame,
     /// A frame has a version that this build does not speak.
@@ -118,6 +123,10 @@ impl fmt::Display for Error {
                     "layer {layer} of the weight file holds a NaN or infinity"
                 )
             }
+            WeightsRange { layer } => write!(
+                f,
+                "sums of layer {layer} of the weight file could overflow 32 bits; export it again"
+            ),
             Frame => write!(f, "malformed frame"),
             FrameVersion { found } => write!(
                 f,

@@ -57,6 +57,7 @@ pub mod net;
 pub mod pose;
 #[cfg(feature = "pretrained")]
 mod pretrained;
+pub mod quant;
 pub mod register;
 pub mod steps;
 pub mod weights;

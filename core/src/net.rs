@@ -3,7 +3,8 @@
 use crate::dims::{EMBED, FEATURES, HEAD, LOGITS, TILE, padded};
 use crate::kernels::{Codes, Isa};
 use crate::pose::Pose;
-use crate::weights::{Dense, Embedding, Head, Policy};
+use crate::quant::QuantScratch;
+use crate::weights::{Dense, Embedding, FloatNetwork, Head};
 use glam::Vec3;
 
 /// A global feature vector, one value a channel.
@@ -21,6 +22,8 @@ pub struct Tiles {
 /// Working memory of one network evaluation; the caller owns it.
 #[derive(Clone, Debug)]
 pub struct Scratch {
+    /// For a network in integers.
+    pub(crate) quant: QuantScratch,
     /// For the embedding.
     pub(crate) tiles: Tiles,
     /// Global feature of the cloud embedded last.
@@ -35,6 +38,7 @@ impl Scratch {
     /// Zeroed working memory.
     pub const fn new() -> Self {
         Scratch {
+            quant: QuantScratch::ZERO,
             tiles: Tiles {
                 hidden1: [0.0; TILE * EMBED[0]],
                 hidden2: [0.0; TILE * EMBED[1]],
@@ -254,8 +258,8 @@ fn embed_tiles(
 pub type TargetHalf = [f32; HEAD[0]];
 
 /// First half of the heads for a target: `b + W[:, 1024..] φ(Y)` for both heads.
-pub fn target_halves(isa: Isa, policy: &Policy<'_>, target: &Feature) -> [TargetHalf; 2] {
-    [&policy.translation, &policy.rotation].map(|head| {
+pub fn target_halves(isa: Isa, network: &FloatNetwork<'_>, target: &Feature) -> [TargetHalf; 2] {
+    [&network.translation, &network.rotation].map(|head| {
         let [fc1, _, _] = &head.layers;
         let mut half = [0.0; HEAD[0]];
         isa.gemv(fc1, fc1.bias, FEATURES, target, &mut half);

@@ -5,8 +5,9 @@ use crate::error::Error;
 use crate::kernels::Isa;
 use crate::net::{self, Scratch, TargetHalf, View};
 use crate::pose::{Pose, centroid};
+use crate::quant::{self, TargetSums};
 use crate::steps::Action;
-use crate::weights::Policy;
+use crate::weights::{Network, Policy};
 use core::fmt;
 use glam::Vec3;
 
@@ -104,6 +105,13 @@ pub struct Outcome {
     pub verdict: Verdict,
 }
 
+/// What the target's feature contributes to both heads.
+#[derive(Clone, Debug)]
+enum TargetState {
+    F32([TargetHalf; 2]),
+    Int8([TargetSums; 2]),
+}
+
 /// A registration under way: the accumulated pose and what stays constant over its steps.
 #[derive(Clone, Debug)]
 pub struct Registration<'c> {
@@ -113,7 +121,7 @@ pub struct Registration<'c> {
     frame: Frame,
     /// Disentangled accumulator, translation in normalised units.
     accumulated: Pose,
-    target_halves: [TargetHalf; 2],
+    target: TargetState,
     steps: usize,
     last: Action,
 }
@@ -204,6 +212,15 @@ impl<'w, 's> Registrar<'w, 's> {
             },
         };
         self.embed(target, &target_view);
+        let target = match &self.policy.network {
+            Network::F32(network) => {
+                let feature = &self.scratch.feature;
+                TargetState::F32(net::target_halves(self.isa, network, feature))
+            }
+            Network::Int8(network) => {
+                TargetState::Int8(quant::target_sums(self.isa, network, &self.scratch.quant))
+            }
+        };
         Ok(Registration {
             source,
             centroid,
@@ -212,7 +229,7 @@ impl<'w, 's> Registrar<'w, 's> {
                 rotation: initial.rotation,
                 translation: initial.translation / frame.scale,
             },
-            target_halves: net::target_halves(self.isa, &self.policy, &self.scratch.feature),
+            target,
             steps: 0,
             last: Action::STOP,
         })
@@ -221,9 +238,7 @@ impl<'w, 's> Registrar<'w, 's> {
     /// One step: observe the source under the current pose, take the arg-max action, accumulate.
     pub fn step(&mut self, registration: &mut Registration<'_>) -> Step {
         self.embed(registration.source, &registration.view());
-        let [half_t, half_r] = &registration.target_halves;
-        let logits_t = net::logits(self.isa, &self.policy.translation, half_t, self.scratch);
-        let logits_r = net::logits(self.isa, &self.policy.rotation, half_r, self.scratch);
+        let [logits_t, logits_r] = self.logits(&registration.target);
         let action = Action {
             translation: arg_max(&logits_t),
             rotation: arg_max(&logits_r),
@@ -261,16 +276,39 @@ impl<'w, 's> Registrar<'w, 's> {
         })
     }
 
+    /// Translation and rotation logits for the source embedded last.
+    fn logits(&mut self, target: &TargetState) -> [[f32; LOGITS]; 2] {
+        let (isa, scratch) = (self.isa, &mut *self.scratch);
+        match (&self.policy.network, target) {
+            (Network::F32(network), TargetState::F32([half_t, half_r])) => [
+                net::logits(isa, &network.translation, half_t, scratch),
+                net::logits(isa, &network.rotation, half_r, scratch),
+            ],
+            (Network::Int8(network), TargetState::Int8([sums_t, sums_r])) => {
+                let [translation, rotation] = &network.heads;
+                [
+                    quant::logits(isa, translation, sums_t, &mut scratch.quant),
+                    quant::logits(isa, rotation, sums_r, &mut scratch.quant),
+                ]
+            }
+            // A registration that another registrar started with another number format: no step.
+            _ => [[0.0; LOGITS]; 2],
+        }
+    }
+
     fn embed(&mut self, points: &[[f32; 3]], view: &View) {
-        let Scratch { tiles, feature, .. } = &mut *self.scratch;
-        net::embed(
-            self.isa,
-            &self.policy.embedding,
-            points,
-            view,
+        let Scratch {
+            quant,
             tiles,
             feature,
-        );
+            ..
+        } = &mut *self.scratch;
+        match &self.policy.network {
+            Network::F32(network) => {
+                net::embed(self.isa, &network.embedding, points, view, tiles, feature);
+            }
+            Network::Int8(network) => quant::embed(self.isa, network, points, view, quant),
+        }
     }
 }
 

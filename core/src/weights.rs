@@ -6,21 +6,22 @@
 //! |---|---|---|
 //! | 0 | `[u8; 4]` | magic `RGNT` |
 //! | 4 | u16 | format version, 1 |
-//! | 6 | u16 | number format: 0 = f32 |
+//! | 6 | u16 | number format: 0 = f32, 1 = int8 |
 //! | 8 | u32 | length of the whole file, check sum included |
 //! | 12 | u32 | layers, 9 |
 //! | 16 | `[u16; 8]` | network shape: 64, 128, 1024 (embedding), 512, 256 (head), 33 (logits), 0, 0 |
 //! | 32 | 9 x 16 bytes | layer table: inputs, outputs, weight offset, bias offset, u32 each |
-//! | 192 | f32 | payload; each array starts on a 64-byte boundary, gaps are zero |
+//! | 192 | | payload; each array starts on a 64-byte boundary, gaps are zero |
 //! | length - 4 | u32 | CRC-32 (ISO-HDLC) of everything before |
 //!
 //! Layers: embedding 1, 2, 3; translation head 1, 2, policy; rotation head 1, 2, policy. A weight
 //! matrix is stored in panels of [`PANEL`] outputs, `[outputs / PANEL][inputs][PANEL]`, outputs
 //! padded with zeros to whole panels: every kernel reads it in order, and lanes are outputs.
-//! Biases are padded likewise.
+//! Biases are padded likewise. Number format 1 is described in [`crate::quant`].
 
 use crate::dims::{EMBED, HEAD, LAYER_SHAPES, LAYERS, LOGITS, PANEL, padded};
 use crate::error::Error;
+use crate::quant::{BYTES_AFTER_BIAS, QuantNetwork};
 
 /// First bytes of a weight file.
 pub const MAGIC: [u8; 4] = *b"RGNT";
@@ -28,6 +29,8 @@ pub const MAGIC: [u8; 4] = *b"RGNT";
 pub const VERSION: u16 = 1;
 /// Number format of f32 payloads.
 pub const FORMAT_F32: u16 = 0;
+/// Number format of 8-bit integer payloads ([`crate::quant`]).
+pub const FORMAT_INT8: u16 = 1;
 /// Bytes before the layer table.
 pub const HEADER: usize = 32;
 /// Bytes of one row of the layer table.
@@ -46,28 +49,35 @@ pub const SHAPE: [u16; 8] = [
     0,
 ];
 
-/// Where the arrays of each layer start: `(weight offset, bias offset)` in bytes.
-pub const OFFSETS: [(usize, usize); LAYERS] = offsets();
+/// Where the arrays of each layer of an f32 file start: `(weight offset, bias offset)` in bytes.
+pub const OFFSETS: [(usize, usize); LAYERS] = offsets(FORMAT_F32).0;
 /// Length of an f32 policy file in bytes.
-pub const FILE_LEN: usize = {
-    let (_, bias) = OFFSETS[LAYERS - 1];
-    bias + 4 * padded(LAYER_SHAPES[LAYERS - 1].1) + 4
-};
+pub const FILE_LEN: usize = offsets(FORMAT_F32).1;
+/// Where the arrays of each layer of an int8 file start.
+pub const OFFSETS_INT8: [(usize, usize); LAYERS] = offsets(FORMAT_INT8).0;
+/// Length of an int8 policy file in bytes.
+pub const FILE_LEN_INT8: usize = offsets(FORMAT_INT8).1;
 
 #[allow(clippy::indexing_slicing)] // evaluated by the compiler only
-const fn offsets() -> [(usize, usize); LAYERS] {
+const fn offsets(format: u16) -> ([(usize, usize); LAYERS], usize) {
     let mut table = [(0, 0); LAYERS];
     let mut at = HEADER + LAYERS * TABLE_ROW;
     let mut i = 0;
     while i < LAYERS {
         let (inputs, outputs) = LAYER_SHAPES[i];
+        let integer = format == FORMAT_INT8 && i > 0;
+        let weight_bytes = if integer { 1 } else { 4 };
         let weights = at.next_multiple_of(ARRAY_ALIGN);
-        let bias = (weights + 4 * inputs * padded(outputs)).next_multiple_of(ARRAY_ALIGN);
+        let bias =
+            (weights + weight_bytes * inputs * padded(outputs)).next_multiple_of(ARRAY_ALIGN);
         table[i] = (weights, bias);
         at = bias + 4 * padded(outputs);
+        if integer {
+            at += BYTES_AFTER_BIAS * padded(outputs);
+        }
         i += 1;
     }
-    table
+    (table, at + 4)
 }
 
 /// A view of one dense layer, `y = W x + b`.
@@ -110,9 +120,9 @@ pub struct Head<'a> {
     pub layers: [Dense<'a>; 3],
 }
 
-/// A checked view of a policy file.
+/// The network in number format 0.
 #[derive(Clone, Copy, Debug)]
-pub struct Policy<'a> {
+pub struct FloatNetwork<'a> {
     /// Cloud to global feature.
     pub embedding: Embedding<'a>,
     /// State to translation logits.
@@ -121,7 +131,31 @@ pub struct Policy<'a> {
     pub rotation: Head<'a>,
 }
 
+/// The network in one of its number formats.
+#[derive(Clone, Copy, Debug)]
+pub enum Network<'a> {
+    /// 32-bit floating point.
+    F32(FloatNetwork<'a>),
+    /// 8-bit integers.
+    Int8(QuantNetwork<'a>),
+}
+
+/// A checked view of a policy file.
+#[derive(Clone, Copy, Debug)]
+pub struct Policy<'a> {
+    /// The network.
+    pub network: Network<'a>,
+}
+
 impl<'a> Policy<'a> {
+    /// The network where its numbers are f32.
+    pub fn f32(&self) -> Option<&FloatNetwork<'a>> {
+        match &self.network {
+            Network::F32(network) => Some(network),
+            Network::Int8(_) => None,
+        }
+    }
+
     /// Checks every byte of a policy file once: header, layer table, check sum, finite weights.
     ///
     /// # Errors
@@ -131,10 +165,11 @@ impl<'a> Policy<'a> {
             Some(u32::from_le_bytes(*bytes.get(at..)?.first_chunk()?))
         };
         let half = |at: usize| field(at & !3).map(|word| (word >> (8 * (at & 3))) as u16);
-        let cut = Error::WeightsLength {
-            expected: FILE_LEN,
+        let cut_at = |expected: usize| Error::WeightsLength {
+            expected,
             found: bytes.len(),
         };
+        let cut = cut_at(FILE_LEN);
         if bytes.get(..4).ok_or(cut)? != MAGIC {
             return Err(Error::WeightsMagic);
         }
@@ -143,18 +178,17 @@ impl<'a> Policy<'a> {
             return Err(Error::WeightsVersion { found: version });
         }
         let format = half(6).ok_or(cut)?;
-        if format != FORMAT_F32 {
-            return Err(Error::WeightsFormat { found: format });
-        }
+        let (length, offsets) = match format {
+            FORMAT_F32 => (FILE_LEN, &OFFSETS),
+            FORMAT_INT8 => (FILE_LEN_INT8, &OFFSETS_INT8),
+            found => return Err(Error::WeightsFormat { found }),
+        };
         let announced = field(8).ok_or(cut)? as usize;
         if announced != bytes.len() {
-            return Err(Error::WeightsLength {
-                expected: announced,
-                found: bytes.len(),
-            });
+            return Err(cut_at(announced));
         }
-        if bytes.len() != FILE_LEN {
-            return Err(cut);
+        if bytes.len() != length {
+            return Err(cut_at(length));
         }
         let (body, sum) = bytes.split_last_chunk::<4>().ok_or(cut)?;
         if *sum != checksum(body).to_le_bytes() {
@@ -168,16 +202,20 @@ impl<'a> Policy<'a> {
                 return Err(Error::WeightsShape { layer: 0 });
             }
         }
-        let layer = |i: usize| -> Result<Dense<'a>, Error> {
-            let wrong = Error::WeightsShape { layer: i };
-            let (&(inputs, outputs), &(weights, bias)) =
-                LAYER_SHAPES.get(i).zip(OFFSETS.get(i)).ok_or(wrong)?;
+        for (i, (&(inputs, outputs), &(weights, bias))) in
+            LAYER_SHAPES.iter().zip(offsets).enumerate()
+        {
             let row = HEADER + i * TABLE_ROW;
             for (k, expected) in [inputs, outputs, weights, bias].into_iter().enumerate() {
                 if field(row + 4 * k) != Some(expected as u32) {
-                    return Err(wrong);
+                    return Err(Error::WeightsShape { layer: i });
                 }
             }
+        }
+        let layer = |i: usize| -> Result<Dense<'a>, Error> {
+            let wrong = Error::WeightsShape { layer: i };
+            let (&(inputs, outputs), &(weights, bias)) =
+                LAYER_SHAPES.get(i).zip(offsets.get(i)).ok_or(wrong)?;
             let array = |at: usize, len: usize| -> Result<&'a [f32], Error> {
                 let raw = bytes.get(at..at + 4 * len).ok_or(wrong)?;
                 let values: &[f32] =
@@ -192,17 +230,22 @@ impl<'a> Policy<'a> {
             let bias = array(bias, padded(outputs))?;
             Dense::new(inputs, outputs, panels, bias).ok_or(wrong)
         };
-        Ok(Policy {
-            embedding: Embedding {
-                layers: [layer(0)?, layer(1)?, layer(2)?],
-            },
-            translation: Head {
-                layers: [layer(3)?, layer(4)?, layer(5)?],
-            },
-            rotation: Head {
-                layers: [layer(6)?, layer(7)?, layer(8)?],
-            },
-        })
+        let network = if format == FORMAT_INT8 {
+            Network::Int8(QuantNetwork::parse(offsets, bytes, layer(0)?)?)
+        } else {
+            Network::F32(FloatNetwork {
+                embedding: Embedding {
+                    layers: [layer(0)?, layer(1)?, layer(2)?],
+                },
+                translation: Head {
+                    layers: [layer(3)?, layer(4)?, layer(5)?],
+                },
+                rotation: Head {
+                    layers: [layer(6)?, layer(7)?, layer(8)?],
+                },
+            })
+        };
+        Ok(Policy { network })
     }
 }
 

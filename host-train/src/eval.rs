@@ -6,8 +6,11 @@
 use crate::baselines::{FgrSettings, IcpSettings, fgr, icp};
 use crate::dataset::Point;
 use crate::dataset::pairs::PairSet;
+use crate::env::{Accumulation, Problem};
 use crate::metrics::{Errors, GroundTruth, PairMetrics, Summary, quantile};
+use crate::nn::Parameters;
 use crate::random::{Purpose, stream};
+use crate::train::arg_max_poses;
 use rayon::prelude::*;
 use reagent_core::net::Scratch;
 use reagent_core::{Error, Frame, Policy, Pose, Registrar};
@@ -21,6 +24,13 @@ use std::time::Instant;
 pub enum Method<'w> {
     /// The learned policy, one arg-max action a step.
     Policy(Policy<'w>),
+    /// A network that the core cannot run, by [`arg_max_poses`]; times are the trainer's, not a robot's.
+    Trained {
+        /// The network.
+        parameters: &'w Parameters,
+        /// How its actions accumulate.
+        accumulation: Accumulation,
+    },
     /// The policy, then point-to-plane ICP from where it ended.
     PolicyIcp(Policy<'w>),
     /// Point-to-point ICP, [`IcpSettings::POINT`].
@@ -270,6 +280,19 @@ fn register(
                 refined.then_some(IcpSettings::PLANE),
             )
         }
+        Method::Trained {
+            parameters,
+            accumulation,
+        } => {
+            let pair = [Problem::new(
+                source.to_vec(),
+                target.to_vec(),
+                Pose::IDENTITY,
+            )];
+            let poses = arg_max_poses(parameters.clone(), accumulation, &pair, settings.steps);
+            let poses = poses.iter().flatten().skip(1);
+            (poses.fold(Pose::IDENTITY, |_, &pose| reached(pose)), None)
+        }
         Method::Policy(policy) | Method::PolicyIcp(policy) => {
             let mut registrar = Registrar::new(policy, scratch);
             let mut registration =
@@ -288,7 +311,7 @@ fn register(
     if let Some(refinement) = refinement {
         reached(icp(source, target, pose, &refinement)?.target_from_source);
     }
-    if !(settings.per_step && matches!(method, Method::Policy(_))) {
+    if !(settings.per_step && matches!(method, Method::Policy(_) | Method::Trained { .. })) {
         track.poses.drain(..track.poses.len() - 1);
         track.ms.drain(..track.ms.len() - 1);
     }

@@ -1,11 +1,14 @@
 //! From trained parameters to the bytes that robots run.
 
 use crate::checkpoint::{Checkpoint, CheckpointError};
+use crate::env::Accumulation;
 use crate::files::write_atomically;
 use crate::nn::{Parameters, Shape};
+use crate::quantise::{self, Ranges};
 use reagent_core::dims::{LAYER_SHAPES, LAYERS, padded};
 use reagent_core::weights::{
-    FILE_LEN, FORMAT_F32, HEADER, MAGIC, OFFSETS, SHAPE, TABLE_ROW, VERSION, checksum, pack_panels,
+    FILE_LEN, FILE_LEN_INT8, FORMAT_F32, FORMAT_INT8, HEADER, MAGIC, OFFSETS, OFFSETS_INT8, SHAPE,
+    TABLE_ROW, VERSION, checksum, pack_panels,
 };
 use reagent_core::{Error, Policy};
 use sha2::{Digest, Sha256};
@@ -39,12 +42,20 @@ pub enum ExportError {
         /// What is wrong with it.
         source: Error,
     },
+    /// Parameters were asked of a file that holds their 8-bit codes.
+    #[error(
+        "this weight file holds 8-bit integers; give the f32 file or checkpoint it was made from"
+    )]
+    Integers,
     /// The checkpoint could not be read.
     #[error(transparent)]
     Checkpoint(#[from] CheckpointError),
     /// The network has a shape that the deployed format does not hold.
     #[error("a network of shape {0:?} cannot be deployed; only {paper:?} can", paper = Shape::PAPER)]
     Shape(Shape),
+    /// The network's actions accumulate in another way than the robot's.
+    #[error("a policy with {0:?} accumulation cannot be deployed; only Global can")]
+    Accumulation(Accumulation),
 }
 
 /// The bytes of a policy file, aligned as the core needs them.
@@ -55,6 +66,16 @@ pub struct WeightFile {
 }
 
 impl WeightFile {
+    /// The network to train on from; the value head, which is not deployed, is drawn from `seed`.
+    ///
+    /// # Errors
+    /// [`ExportError::Integers`] for a file of integers.
+    pub fn parameters(&self, seed: u64) -> Result<Parameters, ExportError> {
+        let policy = self.policy();
+        let network = policy.f32().ok_or(ExportError::Integers)?;
+        Ok(Parameters::from_network(network, seed))
+    }
+
     /// Copies bytes to aligned memory and checks that they are a policy.
     ///
     /// # Errors
@@ -68,6 +89,11 @@ impl WeightFile {
         };
         Policy::parse(file.bytes())?;
         Ok(file)
+    }
+
+    /// The policy of a checkpoint.
+    pub fn from_checkpoint(checkpoint: Checkpoint) -> Result<Self, ExportError> {
+        Self::from_parameters(&deployable(checkpoint)?)
     }
 
     /// Reads and checks a policy file.
@@ -101,34 +127,44 @@ impl WeightFile {
         if parameters.shape != Shape::PAPER {
             return Err(ExportError::Shape(parameters.shape));
         }
-        let mut bytes = vec![0u8; FILE_LEN];
-        let mut put = |at: usize, field: &[u8]| bytes[at..at + field.len()].copy_from_slice(field);
-        put(0, &MAGIC);
-        put(4, &VERSION.to_le_bytes());
-        put(6, &FORMAT_F32.to_le_bytes());
-        put(8, &(FILE_LEN as u32).to_le_bytes());
-        put(12, &(LAYERS as u32).to_le_bytes());
-        for (i, width) in SHAPE.iter().enumerate() {
-            put(16 + 2 * i, &width.to_le_bytes());
-        }
+        let mut bytes = with_header(FORMAT_F32, FILE_LEN, &OFFSETS);
         for (i, &(inputs, outputs)) in LAYER_SHAPES.iter().enumerate() {
             let (weight_at, bias_at) = OFFSETS[i];
-            for (k, field) in [inputs, outputs, weight_at, bias_at]
-                .into_iter()
-                .enumerate()
-            {
-                put(
-                    HEADER + i * TABLE_ROW + 4 * k,
-                    &(field as u32).to_le_bytes(),
-                );
-            }
             let mut panels = vec![0.0; inputs * padded(outputs)];
             pack_panels(inputs, outputs, parameters.weight(i), &mut panels);
-            put(weight_at, bytemuck::cast_slice(&panels));
-            put(bias_at, bytemuck::cast_slice(parameters.bias(i)));
+            let mut put = |at: usize, values: &[f32]| {
+                bytes[at..at + 4 * values.len()].copy_from_slice(bytemuck::cast_slice(values));
+            };
+            put(weight_at, &panels);
+            put(bias_at, parameters.bias(i));
         }
-        let sum = checksum(&bytes[..FILE_LEN - 4]);
-        bytes[FILE_LEN - 4..].copy_from_slice(&sum.to_le_bytes());
+        Self::finished(bytes)
+    }
+
+    /// Serialises parameters in 8-bit integers, as [`reagent_core::quant`] describes.
+    pub fn from_parameters_int8(
+        parameters: &Parameters,
+        ranges: &Ranges,
+    ) -> Result<Self, ExportError> {
+        if parameters.shape != Shape::PAPER {
+            return Err(ExportError::Shape(parameters.shape));
+        }
+        if parameters.values.iter().any(|v| !v.is_finite()) {
+            return Err(ExportError::Policy {
+                path: "the exported policy".into(),
+                source: Error::WeightsNotFinite { layer: 0 },
+            });
+        }
+        let mut bytes = with_header(FORMAT_INT8, FILE_LEN_INT8, &OFFSETS_INT8);
+        quantise::write_arrays(parameters, ranges, &mut bytes);
+        Self::finished(bytes)
+    }
+
+    /// Adds the check sum and reads everything back.
+    fn finished(mut bytes: Vec<u8>) -> Result<Self, ExportError> {
+        let end = bytes.len() - 4;
+        let sum = checksum(&bytes[..end]);
+        bytes[end..].copy_from_slice(&sum.to_le_bytes());
         Self::from_bytes(&bytes).map_err(|source| ExportError::Policy {
             path: "the exported policy".into(),
             source,
@@ -159,10 +195,42 @@ impl WeightFile {
     }
 }
 
-/// Exports a checkpoint, or the best (else the last) checkpoint of a run directory, as f32.
-pub fn export_f32(run_or_checkpoint: &Path, out: &Path) -> Result<(), ExportError> {
-    let checkpoint = Checkpoint::load(&Checkpoint::find(run_or_checkpoint)?)?;
-    WeightFile::from_parameters(&checkpoint.result())?.save(out)
+/// A file of zeros with header and layer table.
+fn with_header(format: u16, len: usize, offsets: &[(usize, usize); LAYERS]) -> Vec<u8> {
+    let mut bytes = vec![0u8; len];
+    let mut put = |at: usize, field: &[u8]| bytes[at..at + field.len()].copy_from_slice(field);
+    put(0, &MAGIC);
+    put(4, &VERSION.to_le_bytes());
+    put(6, &format.to_le_bytes());
+    put(8, &(len as u32).to_le_bytes());
+    put(12, &(LAYERS as u32).to_le_bytes());
+    for (i, width) in SHAPE.iter().enumerate() {
+        put(16 + 2 * i, &width.to_le_bytes());
+    }
+    for (i, (&(inputs, outputs), &(weight, bias))) in LAYER_SHAPES.iter().zip(offsets).enumerate() {
+        for (k, field) in [inputs, outputs, weight, bias].into_iter().enumerate() {
+            let at = HEADER + i * TABLE_ROW + 4 * k;
+            put(at, &(field as u32).to_le_bytes());
+        }
+    }
+    bytes
+}
+
+/// Parameters of a checkpoint, of the best (else the last) checkpoint of a run directory, or of an f32
+/// weight file.
+pub fn parameters_of(path: &Path) -> Result<Parameters, ExportError> {
+    if path.extension().is_some_and(|e| e == "rgw") {
+        return WeightFile::load(path)?.parameters(0);
+    }
+    deployable(Checkpoint::load(&Checkpoint::find(path)?)?)
+}
+
+/// The parameters of a checkpoint that robots can run.
+fn deployable(checkpoint: Checkpoint) -> Result<Parameters, ExportError> {
+    match checkpoint.accumulation {
+        Accumulation::Global => Ok(checkpoint.result()),
+        other => Err(ExportError::Accumulation(other)),
+    }
 }
 
 #[cfg(test)]
@@ -174,7 +242,7 @@ mod tests {
     fn parameters_survive_export() {
         let mut parameters = Parameters::random(Shape::PAPER, 1);
         let file = WeightFile::from_parameters(&parameters).expect("deployable");
-        let back = Parameters::from_policy(&file.policy(), 1);
+        let back = file.parameters(1).expect("f32");
         // The value head is not deployed: it is drawn afresh from the same seed.
         assert_eq!(back, parameters);
         parameters.values[0] = f32::NAN;

@@ -40,6 +40,13 @@ struct Gradients {
 }
 
 impl Activations {
+    /// The hidden layers of both heads, `[width, batch]` each, translation first.
+    pub fn hidden(&self) -> [[&[f32]; 2]; 2] {
+        let (t, r) = self.middle.split_at(self.middle.len() / 2);
+        let [head_t, head_r] = &self.heads;
+        [[&head_t.hidden1, t], [&head_r.hidden1, r]]
+    }
+
     /// Both policy heads for a batch of states: row `sources[b]` of `sources` and `targets[b]` of
     /// `targets`.
     pub fn forward(

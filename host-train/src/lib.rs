@@ -29,6 +29,7 @@ pub mod nn;
 pub mod optim;
 pub mod protocol;
 pub mod publish;
+pub mod quantise;
 pub mod random;
 pub mod register;
 pub mod report;

@@ -5,7 +5,7 @@ use rand::RngExt;
 use reagent_core::dims::{LOGITS, PANEL, padded};
 use reagent_core::kernels::{Codes, Isa, pack_codes, padded_codes};
 use reagent_core::net::SearchLayer;
-use reagent_core::weights::{Dense, Policy, pack_panels};
+use reagent_core::weights::{Dense, FloatNetwork, pack_panels};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
@@ -168,13 +168,13 @@ impl Parameters {
         parameters
     }
 
-    /// Parameters of a deployed policy; the value head, which is not deployed, is drawn from `seed`.
-    pub fn from_policy(policy: &Policy<'_>, seed: u64) -> Self {
+    /// Parameters of a deployed f32 network; the value head, which is not deployed, is drawn from `seed`.
+    pub fn from_network(network: &FloatNetwork<'_>, seed: u64) -> Self {
         let mut parameters = Self::random(Shape::PAPER, seed);
         let dense = [
-            policy.embedding.layers,
-            policy.translation.layers,
-            policy.rotation.layers,
+            network.embedding.layers,
+            network.translation.layers,
+            network.rotation.layers,
         ];
         for (layer, dense) in parameters.layers.iter().zip(dense.as_flattened()) {
             let weight = &mut parameters.values[layer.weight.clone()];

@@ -11,6 +11,7 @@ use host_train::dataset::bop::{
     BopError, Estimate, MaskKind, Models, Scenes, TARGETS_FILE, read_results, write_results,
 };
 use host_train::dataset::cloud_file::read_file;
+use host_train::dataset::pairs::PairSet;
 use host_train::random::{Purpose, stream};
 use proptest::prelude::*;
 use reagent_core::Pose;
@@ -308,9 +309,13 @@ fn validation_images_are_held_back() {
             .iter()
             .all(|i| !image(&validation).contains(i))
     );
-    let pairs = validation.pairs(3, 5).expect("pairs");
-    assert_eq!((pairs.source.len(), pairs.label.len()), (3, 3));
-    assert_eq!(pairs, validation.pairs(3, 5).expect("pairs"));
+    let draw = || {
+        let mut set = PairSet::default();
+        validation.draw(3, 5, &mut set).expect("pairs");
+        set
+    };
+    assert_eq!((draw().source.len(), draw().label.len()), (3, 3));
+    assert_eq!(draw(), draw());
 }
 
 #[test]
@@ -371,6 +376,12 @@ fn refined_poses_are_the_product_of_the_matrices() {
     let dir = generated(0.0, 9);
     let root = dir.path();
     let estimates = root.join(ESTIMATES_FILE);
+    // A score of its own for each: an object may be in an image twice.
+    let mut given = read_results(&estimates).expect("estimates");
+    for (i, estimate) in given.iter_mut().enumerate() {
+        estimate.score = i as f32;
+    }
+    write_results(&estimates, &given).expect("written");
     let found = Refinements::open(root, &estimates, None, 3).expect("opened");
     let pairs = found.set.source.len();
     assert!(pairs >= 8, "{pairs}");
@@ -387,10 +398,10 @@ fn refined_poses_are_the_product_of_the_matrices() {
         translation: Vec3::new(0.1, -0.05, 0.2),
     };
     let results = found.results(&vec![step; pairs]);
-    let given: Vec<Estimate> = read_results(&estimates).expect("estimates");
-    let key = |e: &Estimate| (e.scene, e.image, e.object, e.score.to_bits());
+    let key = |e: &Estimate| e.score as usize;
     let by_key: BTreeMap<_, _> = given.iter().map(|e| (key(e), *e)).collect();
     let unrefined = found.unrefined().0;
+    let model = Models::open(root, 3).expect("models");
     let mut moved = 0;
     for result in &results {
         let estimate = matrix(&by_key[&key(result)].camera_from_model);
@@ -407,7 +418,6 @@ fn refined_poses_are_the_product_of_the_matrices() {
         moved += 1;
         let expected = matrix(&step);
         assert!((rotation - expected.fixed_view::<3, 3>(0, 0)).norm() < 1e-5);
-        let model = Models::open(root, 3).expect("models");
         let surface = &model.get(result.object).expect("a model").surface;
         let sum = surface.iter().fold(nalgebra::Vector3::zeros(), |s, p| {
             s + nalgebra::Vector3::from(p.map(f64::from))

@@ -4,7 +4,7 @@ mod support;
 
 use firmware_sim::client;
 use host_train::dataset::procedural;
-use host_train::export::{WeightFile, export_f32};
+use host_train::export::{WeightFile, parameters_of};
 use host_train::publish::{Publisher, keygen, read_key};
 use host_train::train::{DataSource, RollOut, Stage, TrainConfig, run};
 use reagent_core::net::Scratch;
@@ -29,7 +29,9 @@ async fn a_trained_policy_reaches_a_robot_and_gives_the_pose_it_gives_here() {
     };
     run(&config, false, &AtomicBool::new(false)).expect("a short run");
     let path = directory.path().join("policy.rgw");
-    export_f32(&run_directory, &path).expect("the run left a checkpoint");
+    let parameters = parameters_of(&run_directory).expect("the run left a checkpoint");
+    let file = WeightFile::from_parameters(&parameters).expect("deployable");
+    file.save(&path).expect("a writable directory");
     let policy = WeightFile::load(&path).expect("just written");
 
     let key_path = directory.path().join("fleet.key");

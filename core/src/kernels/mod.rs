@@ -11,11 +11,14 @@
 #![allow(unsafe_code, clippy::indexing_slicing)]
 
 use crate::dims::PANEL;
+use crate::quant::QuantLayer;
 use crate::weights::Dense;
 
+mod bytes;
 #[cfg(target_arch = "x86_64")]
 mod detect;
 mod nearest;
+mod peak;
 mod portable;
 mod search;
 #[cfg(target_arch = "x86_64")]
@@ -25,9 +28,12 @@ mod x86_avx2;
 #[cfg(target_arch = "x86_64")]
 mod x86_avx512;
 #[cfg(target_arch = "x86_64")]
+mod x86_bytes256;
+#[cfg(target_arch = "x86_64")]
 mod x86_vnni;
 
 pub use nearest::Queries;
+pub use peak::Arithmetic;
 pub use search::{CODES, Codes, GROUPS, pack_codes, padded_codes};
 
 /// Instruction sets, from the slowest to the fastest.
@@ -254,11 +260,8 @@ impl Isa {
         winner: &mut [u32],
     ) {
         let results = GROUPS * layer.outputs;
-        let whole = layer.panels.len() == layer.inputs * layer.outputs
-            && layer.inputs.is_multiple_of(CODES)
-            && layer.outputs.is_multiple_of(PANEL);
         let points = scales.len();
-        if !whole
+        if !is_whole(layer)
             || codes.len() != points * layer.inputs
             || best.len() != results
             || winner.len() != results
@@ -279,12 +282,14 @@ impl Isa {
                 // SAFETY: the instruction set was detected, lengths were checked above.
                 #[cfg(target_arch = "x86_64")]
                 Kind::Avx2 | Kind::Avx512 => unsafe {
-                    search::avx2(layer, tile, panels, codes, scales, best, winner);
+                    x86_bytes256::avx2::search(layer, tile, panels, codes, scales, best, winner);
                 },
                 // SAFETY: as above.
                 #[cfg(target_arch = "x86_64")]
                 Kind::AvxVnni => unsafe {
-                    x86_vnni::search_256(layer, tile, panels, codes, scales, best, winner);
+                    x86_bytes256::avx_vnni::search(
+                        layer, tile, panels, codes, scales, best, winner,
+                    );
                 },
                 // SAFETY: as above.
                 #[cfg(target_arch = "x86_64")]
@@ -380,6 +385,130 @@ impl Isa {
         }
     }
 
+    /// First layer of an integer network: points as seen to codes (step 1 of [`crate::quant`]).
+    ///
+    /// # Shapes
+    /// `points [N, 3]`, `codes [N, outputs]`; rows beyond either are left alone, and all of them where
+    /// the layer does not have three inputs.
+    pub fn point_codes(self, layer: &Dense<'_>, points: &[[f32; 3]], codes: &mut [u8]) {
+        if layer.inputs != 3 || layer.bias.is_empty() {
+            return;
+        }
+        let (panels, bias) = (layer.panels, layer.bias);
+        match self.0 {
+            Kind::Portable => bytes::point_codes(panels, bias, points, codes),
+            // SAFETY: the instruction set was detected.
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx2 | Kind::AvxVnni => unsafe {
+                bytes::point_codes_avx2(panels, bias, points, codes);
+            },
+            // SAFETY: as above.
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx512 | Kind::Avx512Vnni | Kind::Amx => unsafe {
+                bytes::point_codes_avx512(panels, bias, points, codes);
+            },
+        }
+    }
+
+    /// An integer layer from codes to codes (step 2 of [`crate::quant`]).
+    ///
+    /// # Shapes
+    /// `x [points, inputs]`, `y [points, outputs]`; rows beyond either are left alone.
+    pub fn dense_codes(self, layer: &QuantLayer<'_>, x: &[u8], y: &mut [u8]) {
+        let (codes, bias, requantise) = (&layer.codes, layer.bias, layer.requantise);
+        if !is_whole(codes) || bias.len() != codes.outputs || requantise.len() != codes.outputs {
+            return;
+        }
+        match self.0 {
+            Kind::Portable => bytes::dense_codes(codes, bias, requantise, x, y),
+            // SAFETY: the instruction set was detected, lengths were checked above.
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx2 | Kind::Avx512 => unsafe {
+                x86_bytes256::avx2::dense_codes(codes, bias, requantise, x, y);
+            },
+            // SAFETY: as above.
+            #[cfg(target_arch = "x86_64")]
+            Kind::AvxVnni => unsafe {
+                x86_bytes256::avx_vnni::dense_codes(codes, bias, requantise, x, y);
+            },
+            // SAFETY: as above.
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx512Vnni | Kind::Amx => unsafe {
+                x86_vnni::dense_codes_512(codes, bias, requantise, x, y);
+            },
+        }
+    }
+
+    /// `max[o] = max(max[o], max over rows of (W x)[o])` in integers (step 3 of [`crate::quant`]).
+    ///
+    /// # Shapes
+    /// `x [points, inputs]`, `max [outputs]`; another length of `max` leaves it as it is.
+    pub fn dense_codes_max(self, layer: &Codes<'_>, x: &[u8], max: &mut [i32]) {
+        if !is_whole(layer) || max.len() != layer.outputs {
+            return;
+        }
+        let panels = 0..layer.outputs / PANEL;
+        match self.0 {
+            Kind::Portable => bytes::dense_codes_max(layer, panels, x, max),
+            // SAFETY: the instruction set was detected, lengths were checked above.
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx2 | Kind::Avx512 => unsafe {
+                x86_bytes256::avx2::dense_codes_max(layer, panels, x, max);
+            },
+            // SAFETY: as above.
+            #[cfg(target_arch = "x86_64")]
+            Kind::AvxVnni => unsafe {
+                x86_bytes256::avx_vnni::dense_codes_max(layer, panels, x, max);
+            },
+            // SAFETY: as above.
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx512Vnni => unsafe {
+                x86_vnni::dense_codes_max_512(layer, panels, x, max);
+            },
+            // SAFETY: as above.
+            #[cfg(target_arch = "x86_64")]
+            Kind::Amx => unsafe { x86_amx::dense_codes_max(layer, panels, x, max) },
+        }
+    }
+
+    /// `y += W[:, from..from + n] x` in integers, for codes of 13 bits in two planes of `n` bytes, `x =
+    /// 64 high + low` (step 4 of [`crate::quant`]).
+    ///
+    /// # Shapes
+    /// `planes [n]` each, `from` and `n` multiples of 4 with `from + n <= inputs`, `y [outputs]`; others
+    /// leave `y` as it is.
+    pub fn gemv_codes(self, layer: &Codes<'_>, from: usize, planes: [&[u8]; 2], y: &mut [i32]) {
+        let [high, low] = planes;
+        let columns = from..from + high.len();
+        if !is_whole(layer)
+            || y.len() != layer.outputs
+            || high.len() != low.len()
+            || columns.end > layer.inputs
+            || !from.is_multiple_of(4)
+            || !high.len().is_multiple_of(4)
+        {
+            return;
+        }
+        match self.0 {
+            Kind::Portable => bytes::gemv_codes(layer, columns, planes, y),
+            // SAFETY: the instruction set was detected, lengths were checked above.
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx2 | Kind::Avx512 => unsafe {
+                x86_bytes256::avx2::gemv_codes(layer, columns, planes, y);
+            },
+            // SAFETY: as above.
+            #[cfg(target_arch = "x86_64")]
+            Kind::AvxVnni => unsafe {
+                x86_bytes256::avx_vnni::gemv_codes(layer, columns, planes, y);
+            },
+            // SAFETY: as above.
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx512Vnni | Kind::Amx => unsafe {
+                x86_vnni::gemv_codes_512(layer, columns, planes, y);
+            },
+        }
+    }
+
     /// Squared distance from each query to the nearest of `others`, infinite where there is none.
     /// The same bits on every kernel.
     pub fn nearest_squared(self, queries: &mut Queries, others: &[[f32; 3]]) {
@@ -395,6 +524,14 @@ impl Isa {
             },
         }
     }
+}
+
+/// Whether codes have the lengths that they say.
+fn is_whole(layer: &Codes<'_>) -> bool {
+    layer.panels.len() == layer.inputs * layer.outputs
+        && layer.inputs > 0
+        && layer.inputs.is_multiple_of(CODES)
+        && layer.outputs.is_multiple_of(PANEL)
 }
 
 /// Whole rows in `x`; zero where the layer's arrays do not have their padded lengths.

@@ -32,7 +32,7 @@ pub const GROUPS: usize = 2;
 /// Inputs are padded with zeros to multiples of this.
 pub const CODES: usize = 64;
 /// Inputs whose codes lie together for one output: one lane of a dot-product instruction.
-const QUAD: usize = 4;
+pub(super) const QUAD: usize = 4;
 
 /// Length of a row of codes.
 pub const fn padded_codes(inputs: usize) -> usize {
@@ -87,7 +87,7 @@ pub fn pack_codes(inputs: usize, row_major: &[f32], panels: &mut [i8]) {
 
 /// Rounds to the nearest integer, ties to even, for magnitudes below 2^22.
 #[inline(always)]
-fn nearest_even(x: f32) -> i32 {
+pub(super) fn nearest_even(x: f32) -> i32 {
     const SHIFT: f32 = 12_582_912.0; // 1.5 * 2^23: one unit in the last place is 1
     (x + SHIFT).to_bits() as i32 - SHIFT.to_bits() as i32
 }
@@ -290,8 +290,6 @@ with_features!("avx512f": quantise_avx512 = quantise(width: usize, stride: usize
 with_features!("avx2": winners_avx2 = winners(width: usize, rows: &[f32], bias: &[f32], hidden: &[f32], winner: &mut [u32], feature: &mut [f32]));
 #[cfg(target_arch = "x86_64")]
 with_features!("avx512f": winners_avx512 = winners(width: usize, rows: &[f32], bias: &[f32], hidden: &[f32], winner: &mut [u32], feature: &mut [f32]));
-#[cfg(target_arch = "x86_64")]
-with_features!("avx2": avx2 = portable(layer: &Codes<'_>, points: Range<usize>, panels: Range<usize>, codes: &[u8], scales: &[f32], best: &mut [f32], winner: &mut [u32]));
 #[cfg(target_arch = "x86_64")]
 with_features!("avx2": max_backward_avx2 = max_backward(layer: MaxBackward<'_>, weight_gradient: &mut [f32], hidden_gradient: &mut [f32]));
 #[cfg(target_arch = "x86_64")]

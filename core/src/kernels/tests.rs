@@ -196,3 +196,91 @@ fn the_first_of_equal_rows_is_kept() {
         assert_eq!((max[0], arg[0]), (3.0, 1), "{}", isa.name());
     }
 }
+
+/// Pseudo-random bytes for integer layers, extreme ones where asked.
+struct Bytes(u64, u8);
+
+impl Bytes {
+    fn next(&mut self) -> u8 {
+        self.0 = self
+            .0
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1);
+        (self.0 >> 56) as u8
+    }
+
+    fn weights(&mut self, n: usize) -> Vec<i8> {
+        let extreme = self.1;
+        let weight = |byte: u8| match extreme {
+            1 => 127,
+            2 => -127,
+            _ => (byte as i8).max(-127),
+        };
+        (0..n).map(|_| weight(self.next())).collect()
+    }
+
+    fn codes(&mut self, n: usize, most: u8) -> Vec<u8> {
+        let extreme = self.1;
+        let code = |byte: u8| if extreme > 0 { most } else { byte & most };
+        (0..n).map(|_| code(self.next())).collect()
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(60))]
+
+    #[test]
+    fn integer_layers_equal_portable(
+        inputs in (1usize..5).prop_map(|n| n * CODES),
+        outputs in (1usize..12).prop_map(|n| n * PANEL),
+        points in 0usize..300,
+        extreme in 0u8..4,
+        seed: u64,
+    ) {
+        let mut bytes = Bytes(seed, extreme);
+        let panels = bytes.weights(inputs * outputs);
+        let codes = Codes::new(inputs, outputs, &panels).expect("padded lengths");
+        let x = bytes.codes(points * inputs, 255);
+        let bias: Vec<i32> = (0..outputs).map(|_| i32::from(bytes.next()) * 3000 - 300_000).collect();
+        let requantise: Vec<u32> =
+            (0..outputs).map(|_| 1 + u32::from(bytes.next()) % 20 + ((12 + u32::from(bytes.next()) % 5) << 16)).collect();
+        let layer = QuantLayer { codes, bias: &bias, requantise: &requantise };
+        let wide = [bytes.codes(inputs - 4, 127), bytes.codes(inputs - 4, 63)];
+        let planes = [&wide[0][..], &wide[1][..]];
+
+        let run = |isa: Isa| {
+            let mut y = vec![9u8; points * outputs];
+            isa.dense_codes(&layer, &x, &mut y);
+            let mut max = vec![i32::MIN; outputs];
+            isa.dense_codes_max(&codes, &x, &mut max);
+            let mut sums = bias.clone();
+            isa.gemv_codes(&codes, 4, planes, &mut sums);
+            (y, max, sums)
+        };
+        let expected = run(Isa::PORTABLE);
+        for (o, &sum) in expected.2.iter().enumerate() {
+            let weights = (4..inputs).map(|k| panels[o / PANEL * PANEL * inputs + k / 4 * 4 * PANEL + o % PANEL * 4 + k % 4]);
+            let exact: i64 = weights.zip(wide[0].iter().zip(&wide[1]))
+                .map(|(w, (&h, &l))| i64::from(w) * (64 * i64::from(h) + i64::from(l))).sum();
+            prop_assert_eq!(i64::from(sum), exact + i64::from(bias[o]));
+        }
+        for isa in others() {
+            prop_assert_eq!(run(isa), expected.clone(), "{}", isa.name());
+        }
+    }
+
+    #[test]
+    fn point_codes_equal_portable(case in case()) {
+        let points = case.x.as_chunks::<3>().0;
+        let outputs = padded(case.outputs);
+        let panels: Vec<f32> = case.panels.iter().chain(&case.bias).cycle().take(3 * outputs).map(|w| w * 60.0).collect();
+        let layer = Dense::new(3, outputs, &panels, &case.bias).expect("padded lengths");
+        let mut expected = vec![0; points.len() * outputs];
+        Isa::PORTABLE.point_codes(&layer, points, &mut expected);
+        for isa in others() {
+            let mut codes = vec![1; expected.len()];
+            isa.point_codes(&layer, points, &mut codes);
+            prop_assert_eq!(&codes, &expected, "{}", isa.name());
+        }
+    }
+}

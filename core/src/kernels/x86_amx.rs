@@ -5,7 +5,7 @@
 #![allow(unsafe_code, clippy::indexing_slicing)]
 
 use super::search::{Codes, GROUPS, NONE, PanelBest, merge};
-use super::x86_vnni::{score_512, search_512};
+use super::x86_vnni::{dense_codes_max_512, score_512, search_512};
 use crate::dims::PANEL;
 use core::arch::asm;
 use core::arch::x86_64::*;
@@ -238,4 +238,77 @@ unsafe fn take(
             }
         }
     }
+}
+
+/// As [`dense_codes_max_512`], whose conditions hold, with AMX permitted as well.
+#[target_feature(enable = "avx512f,avx512vnni")]
+pub(super) unsafe fn dense_codes_max(
+    layer: &Codes<'_>,
+    panels: Range<usize>,
+    x: &[u8],
+    max: &mut [i32],
+) {
+    let inputs = layer.inputs;
+    let whole_points = x.len() / inputs / BLOCK * BLOCK;
+    let whole_panels = panels.start + panels.len() / 2 * 2;
+    // SAFETY: blocks cover the given panels and whole rows of `x` only, the rest of them goes to
+    // `dense_codes_max_512`.
+    unsafe {
+        {
+            let tiles = Tiles::configure();
+            let mut sums = [[Sums([[0; PANEL]; ROWS]); 4]; 2];
+            for panel in (panels.start..whole_panels).step_by(2) {
+                let weights = layer.panels.as_ptr().add(panel * inputs * PANEL);
+                let max = max.as_mut_ptr().add(panel * PANEL).cast::<__m512i>();
+                let mut best = [_mm512_loadu_si512(max), _mm512_loadu_si512(max.add(1))];
+                let mut turn = 0;
+                for next in (0..whole_points + BLOCK).step_by(BLOCK) {
+                    if next < whole_points {
+                        tiles.sums(
+                            inputs,
+                            x.as_ptr().add(next * inputs),
+                            weights,
+                            &mut sums[turn],
+                        );
+                    }
+                    turn = 1 - turn;
+                    if next > 0 {
+                        for (tile, sums) in sums[turn].iter().enumerate() {
+                            for row in &sums.0 {
+                                let row = _mm512_load_si512(row.as_ptr().cast());
+                                best[tile % 2] = _mm512_max_epi32(best[tile % 2], row);
+                            }
+                        }
+                    }
+                }
+                _mm512_storeu_si512(max, best[0]);
+                _mm512_storeu_si512(max.add(1), best[1]);
+            }
+        }
+        let rest = &x[whole_points * inputs..];
+        dense_codes_max_512(layer, panels.start..whole_panels, rest, max);
+        dense_codes_max_512(layer, whole_panels..panels.end, x, max);
+    }
+}
+
+/// Products of tiles on registers only, for [`super::Isa::multiply_adds`].
+///
+/// # Safety
+/// AMX was detected and [`permitted`].
+pub(super) unsafe fn multiply_adds(rounds: u64) -> u64 {
+    // SAFETY: the caller guarantees AMX; every tile register that is used is declared.
+    unsafe {
+        let _tiles = Tiles::configure();
+        for _ in 0..rounds {
+            asm!(
+                "tdpbusd tmm0, tmm4, tmm6",
+                "tdpbusd tmm1, tmm4, tmm7",
+                "tdpbusd tmm2, tmm5, tmm6",
+                "tdpbusd tmm3, tmm5, tmm7",
+                out("tmm0") _, out("tmm1") _, out("tmm2") _, out("tmm3") _,
+                options(nostack, nomem),
+            );
+        }
+    }
+    rounds * 4 * (ROWS * PANEL * ROW_BYTES) as u64
 }

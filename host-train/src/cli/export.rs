@@ -1,18 +1,30 @@
 //! `host-train export`
 
-use crate::export::export_f32;
+use super::source::{self, DataSource};
+use crate::dataset::pairs::PairSet;
+use crate::export::{WeightFile, parameters_of};
+use crate::protocol::Protocol;
+use crate::quantise::Ranges;
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 
 /// Write the policy of a run as a weight file for robots
 #[derive(Debug, Args)]
 pub(super) struct ExportArgs {
-    /// Run directory (its best model) or checkpoint
-    #[arg(long, value_name = "RUN_DIR|CHECKPOINT")]
+    /// Run directory (its best model), checkpoint, or f32 weight file
+    #[arg(long, value_name = "RUN_DIR|CHECKPOINT|FILE.rgw")]
     run: PathBuf,
     /// Number format
     #[arg(long, value_enum, value_name = "FORMAT", default_value_t = Format::F32)]
     format: Format,
+    /// With int8: pairs, or the data set whose training clouds are drawn as noisy pairs, on which the
+    /// ranges of activations are measured
+    #[arg(
+        long,
+        value_name = "DIR|FILE.h5|procedural[:COUNT]",
+        default_value = "procedural:64"
+    )]
+    calibration: DataSource,
     /// File to write
     #[arg(long, value_name = "FILE.rgw")]
     out: PathBuf,
@@ -23,14 +35,36 @@ pub(super) struct ExportArgs {
 enum Format {
     /// 32-bit floating point, exactly as trained
     F32,
+    /// 8-bit integers: a quarter of the size, the same bits on every machine
+    Int8,
 }
 
 impl ExportArgs {
-    pub(super) fn run(self) -> anyhow::Result<()> {
-        match self.format {
-            Format::F32 => export_f32(&self.run, &self.out)?,
-        }
+    pub(super) fn run(self, seed: u64) -> anyhow::Result<()> {
+        let parameters = parameters_of(&self.run)?;
+        let file = match self.format {
+            Format::F32 => WeightFile::from_parameters(&parameters)?,
+            Format::Int8 => {
+                let ranges = Ranges::calibrate(&parameters, &calibration(&self.calibration, seed)?);
+                WeightFile::from_parameters_int8(&parameters, &ranges)?
+            }
+        };
+        file.save(&self.out)?;
         println!("{}", self.out.display());
         Ok(())
     }
+}
+
+/// Most pairs that ranges are measured on.
+const PAIRS: usize = 128;
+
+fn calibration(data: &DataSource, seed: u64) -> anyhow::Result<PairSet> {
+    let mut pairs = match data {
+        DataSource::Directory(path) if path.is_file() => PairSet::load(path)?,
+        data => source::draw_training(data, Protocol::M40Models, PAIRS, seed)?,
+    };
+    pairs.source.truncate(PAIRS);
+    pairs.target.truncate(PAIRS);
+    pairs.target_from_source.truncate(PAIRS);
+    Ok(pairs)
 }

@@ -73,7 +73,7 @@ impl Cli {
             Command::Register(args) => args.run(seed),
             Command::Pairs(args) => args.run(seed),
             Command::BopSynth(args) => args.run(seed),
-            Command::Export(args) => args.run(),
+            Command::Export(args) => args.run(seed),
             Command::Import(args) => args.run(),
             Command::Keygen(args) => args.run(),
             Command::Report(args) => args.run(),

@@ -6,7 +6,6 @@ use super::trainer::Trainer;
 use crate::dataset::pairs::Sample;
 use crate::env::Problem;
 use crate::export::WeightFile;
-use crate::nn::Parameters;
 use crate::optim::Adam;
 use crate::random::{Purpose, Rng, stream};
 use rayon::prelude::*;
@@ -31,7 +30,7 @@ pub fn fine_tune(
     // the time that is left.
     config.roll_out.problems = 16;
     config.roll_out.trajectories = 2;
-    let parameters = Parameters::from_policy(&start.policy(), seed);
+    let parameters = start.parameters(seed)?;
     let adam = Adam::new(parameters.values.len());
     let mut trainer = Trainer::new(parameters, adam, 0, seed, config.roll_out, config.method);
     let batch = config.roll_out.problems as u64;

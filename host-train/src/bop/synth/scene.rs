@@ -11,7 +11,7 @@ use std::f32::consts::TAU;
 
 /// LINEMOD's camera at 640 by 480: focal lengths and principal point, pixels.
 const LINEMOD_FOCAL: Vec2 = Vec2::new(572.4114, 573.57043);
-const LINEMOD_CENTRE: Vec2 = Vec2::new(325.2611, 242.04899);
+const LINEMOD_CENTRE: Vec2 = Vec2::new(325.2611, 242.049);
 
 /// LINEMOD's camera for an image of another size, with the field of view kept across the columns.
 pub fn linemod_camera(size: [usize; 2]) -> Pinhole {
@@ -49,7 +49,7 @@ impl<'o> Scene<'o> {
                 lowest = lowest.min(v.z);
                 radius = radius.max(v.truncate().length());
             }
-            // The disc grows with each attempt, so that a free place is found.
+            // The disc grows slowly with each attempt, so that a free place is found near the others.
             let mut reach = 0.0;
             let centre = loop {
                 let around = Vec2::from_angle(rng.random_range(0.0..TAU));
@@ -58,7 +58,7 @@ impl<'o> Scene<'o> {
                 if circles.iter().all(apart) {
                     break centre;
                 }
-                reach += 0.1 * radius + 1.0;
+                reach += 0.02 * radius + 0.2;
             };
             circles.push((centre, radius));
             let translation = centre.extend(-lowest);
@@ -73,12 +73,12 @@ impl<'o> Scene<'o> {
         Scene { placed }
     }
 
-    /// A random view, camera_from_world: 600 to 1000 mm from a point near the middle, 20 to 70 degrees above the
+    /// A random view, camera_from_world: 600 to 1000 mm from a point near the middle, 10 to 55 degrees above the
     /// plane, turned by up to 15 degrees about the line of sight. The camera looks along z, with y down.
     pub fn view(&self, rng: &mut Rng) -> Pose {
         let azimuth = rng.random_range(0.0..TAU);
         let (sine, cosine) = rng
-            .random_range(20f32.to_radians()..70f32.to_radians())
+            .random_range(10f32.to_radians()..55f32.to_radians())
             .sin_cos();
         let out = (cosine * Vec2::from_angle(azimuth)).extend(sine);
         let target = Vec3::from_array(std::array::from_fn(|_| rng.random_range(-30.0..30.0)));

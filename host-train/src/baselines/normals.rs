@@ -112,7 +112,6 @@ mod tests {
     use super::*;
     use crate::neighbours::Neighbours;
     use crate::random::{Purpose, stream};
-    use rand::RngExt;
 
     /// Axis of the row, axis of the bend, normal in the middle.
     type Signed = (usize, usize, [f64; 3]);

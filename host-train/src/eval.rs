@@ -39,7 +39,7 @@ pub enum Method<'w> {
     IcpPlane,
     /// Trimmed ICP, [`IcpSettings::TRIMMED`].
     IcpTrimmed,
-    /// Fast global registration as Open3D does it by default, [`FgrSettings::FIXED`]. The seed chooses the tuples
+    /// Fast global registration as Open3D does it by default, [`FgrSettings::OPEN3D`]. The seed chooses the tuples
     /// that it tests, pair by pair.
     Fgr {
         /// Of the draws.
@@ -270,7 +270,7 @@ fn register(
         Method::Fgr { seed } | Method::FgrGnc { seed } | Method::FgrIcpPlane { seed } => {
             let how = match method {
                 Method::FgrGnc { .. } => FgrSettings::GRADUATED,
-                _ => FgrSettings::FIXED,
+                _ => FgrSettings::OPEN3D,
             };
             let rng = &mut stream(seed, Purpose::Tuples, index);
             let found = fgr(source, target, &how, rng)?;

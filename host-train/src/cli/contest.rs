@@ -46,7 +46,7 @@ enum MethodName {
     IcpTrimmed,
     /// Fast global registration by FPFH features, without a first estimate, as Open3D does it by default
     Fgr,
-    /// The same with graduated non-convexity, as in its paper
+    /// The same with graduated non-convexity, as in its paper, and normals turned away from the cloud's mean
     FgrGnc,
     /// "fgr", then point-to-plane ICP
     #[value(name = "fgr+icp-plane")]

@@ -21,6 +21,7 @@ pub mod export;
 pub mod files;
 pub mod heads;
 pub mod import;
+pub mod latency;
 pub mod loss;
 pub mod matmul;
 pub mod metrics;

@@ -197,11 +197,14 @@ fn a_loss_that_is_no_number_is_saved_and_ruins_nothing() {
     assert!(!config.out.join(LAST).exists());
 }
 
+/// Turns an option on.
+type Change = fn(&mut TrainConfig);
+
 /// Every row of the paper's design table and every option trains, validates and can be resumed.
 #[test]
 fn every_option_runs() {
     let folder = tempfile::tempdir().expect("a temporary directory");
-    let changes: [(&str, fn(&mut TrainConfig)); 12] = [
+    let changes: [(&str, Change); 12] = [
         ("follow-expert", |c| c.method.follow = Follow::Expert),
         ("follow-argmax", |c| c.method.follow = Follow::Argmax),
         ("no-augmentation", |c| c.augmentation = false),

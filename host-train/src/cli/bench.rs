@@ -2,44 +2,98 @@
 
 use super::output::write_json;
 use super::source::{DataSource, positive};
+use crate::export::WeightFile;
+use crate::latency;
 use crate::train::{self, Stage, TrainConfig};
 use clap::Args;
+use clap::builder::RangedU64ValueParser;
+use reagent_core::dims::{MAX_POINTS, MIN_POINTS};
 use std::path::PathBuf;
 
-/// Measure how fast this machine trains
+/// Points that one cloud may have.
+fn points() -> RangedU64ValueParser<usize> {
+    RangedU64ValueParser::new().range(MIN_POINTS as u64..=MAX_POINTS as u64)
+}
+
+/// Measure how fast this machine registers, or trains
 ///
-/// Runs a few updates of the stages pretrain and ilrl with the paper's settings, after one of each to warm
+/// Registers clouds of 1024 and 2048 points in f32 and in 8-bit integers, on one thread and on two, and
+/// compares with the core's arithmetic peak. With --train: runs a few updates of the stages pretrain and ilrl with the paper's settings, after one of each to warm
 /// up, and says where the time goes. Nothing is written but FILE.
 #[derive(Debug, Args)]
 pub(super) struct BenchArgs {
-    /// Measure training: observations a second
-    #[arg(long, required = true)]
+    /// Measure training instead: observations a second
+    #[arg(long)]
     train: bool,
-    /// Clouds to train on
+    /// Policy to register with, in f32 [default: the bundled one]
+    #[arg(long, value_name = "FILE.rgw")]
+    weights: Option<PathBuf>,
+    /// Registrations of each configuration
+    #[arg(long, value_name = "N", value_parser = positive(), default_value_t = 100)]
+    count: usize,
+    /// With --train: clouds to train on
     #[arg(long, value_name = "DIR|procedural[:COUNT]", num_args = 1.., default_value = "procedural:64")]
     data: Vec<DataSource>,
-    /// Threads [default: all cores]
+    /// Threads [default: all cores; 1 and 2 to register]
     #[arg(long, value_name = "N", value_parser = positive())]
     threads: Option<usize>,
-    /// Points of a cloud
-    #[arg(long, value_name = "N", value_parser = positive(), default_value_t = 1024)]
-    points: usize,
-    /// Updates to measure of each stage, of 1280 observations each
+    /// Points of a cloud [default: 1024; 1024 and 2048 to register]
+    #[arg(long, value_name = "N", value_parser = points())]
+    points: Option<usize>,
+    /// With --train: updates to measure of each stage, of 1280 observations each
     #[arg(long, value_name = "N", value_parser = positive(), default_value_t = 4)]
     updates: usize,
-    /// Write what was measured (seconds) as JSON
+    /// Write what was measured as JSON
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
 
 impl BenchArgs {
     pub(super) fn run(self, seed: u64) -> anyhow::Result<()> {
+        if self.train {
+            self.training(seed)
+        } else {
+            self.registration(seed)
+        }
+    }
+
+    fn registration(self, seed: u64) -> anyhow::Result<()> {
+        let file = WeightFile::load_or_pretrained(self.weights.as_deref())?;
+        let threads = self.threads.map_or(vec![1, 2], |n| vec![n]);
+        let points = self.points.map_or(vec![1024, 2048], |n| vec![n]);
+        let report = latency::measure(&file, &threads, &points, self.count, seed)?;
+        let [f32, bytes] = report.peak_gmac_per_s;
+        println!(
+            "kernels {}, one core's peak: {f32:.0} G multiply-adds/s in f32, {bytes:.0} in bytes",
+            report.kernels
+        );
+        println!("format  points  threads  ms median   best  registrations/s  of peak");
+        for row in &report.rows {
+            let share = row
+                .share_of_peak
+                .map_or("-".into(), |s| format!("{:.0} %", 100.0 * s));
+            println!(
+                "{:<6}  {:>6}  {:>7}  {:>9.2}  {:>5.2}  {:>15.1}  {share:>7}",
+                row.format, row.points, row.threads, row.ms_median, row.ms_best, row.per_second,
+            );
+        }
+        println!(
+            "weights {} bytes in f32, {} in int8; working memory {} bytes",
+            report.weight_bytes[0], report.weight_bytes[1], report.scratch_bytes
+        );
+        if let Some(path) = &self.json {
+            write_json(path, &serde_json::json!({ "registration": report }))?;
+        }
+        Ok(())
+    }
+
+    fn training(self, seed: u64) -> anyhow::Result<()> {
         let mut speeds = Vec::new();
         println!("stage     threads  samples/s  roll-out  reward  update  data");
         for stage in [Stage::Pretrain, Stage::Ilrl] {
             let config = TrainConfig {
                 seed,
-                points: self.points,
+                points: self.points.unwrap_or(1024),
                 threads: self.threads.unwrap_or(0),
                 ..TrainConfig::new(stage, self.data.clone(), PathBuf::new())
             };

@@ -1,0 +1,154 @@
+//! How fast this machine registers: whole registrations, by number format, cloud size and threads.
+
+use crate::dataset::pairs::PairSet;
+use crate::dataset::procedural;
+use crate::export::{ExportError, WeightFile};
+use crate::protocol::{self, Protocol};
+use crate::quantise::Ranges;
+use rayon::prelude::*;
+use reagent_core::dims::{HEAD, LOGITS, MACS_PER_POINT, SCRATCH_BYTES, STATE, STEPS};
+use reagent_core::kernels::{Arithmetic, Isa};
+use reagent_core::net::Scratch;
+use reagent_core::{Frame, Policy, Pose, Registrar};
+use serde::Serialize;
+use std::time::Instant;
+
+/// Multiply-adds of the heads in one step; the target's half of the first layer is done once.
+const MACS_STEP: usize = 2 * (STATE / 2 * HEAD[0] + HEAD[0] * HEAD[1] + HEAD[1] * LOGITS);
+/// Models that ranges of the 8-bit network are measured on.
+const CALIBRATION: usize = 32;
+
+/// Speed of one configuration.
+#[derive(Clone, Debug, Serialize)]
+pub struct Latency {
+    /// `f32` or `int8`.
+    pub format: &'static str,
+    /// Points of each cloud.
+    pub points: usize,
+    /// Registrations under way at a time, each on one thread.
+    pub threads: usize,
+    /// Milliseconds of one registration of ten steps, target embedding included: the median.
+    pub ms_median: f64,
+    /// The fastest one.
+    pub ms_best: f64,
+    /// Registrations a second, all threads together.
+    pub per_second: f64,
+    /// Share of the measured arithmetic peak that the fastest one reached; none where no peak is known.
+    pub share_of_peak: Option<f64>,
+}
+
+/// What was measured, and on what.
+#[derive(Clone, Debug, Serialize)]
+pub struct Report {
+    /// Instruction set.
+    pub kernels: &'static str,
+    /// Multiply-adds a second of one core on registers, in billions: f32, bytes.
+    pub peak_gmac_per_s: [f64; 2],
+    /// Bytes of the weights: f32, int8.
+    pub weight_bytes: [usize; 2],
+    /// Working memory of one registration beside its clouds, bytes.
+    pub scratch_bytes: usize,
+    /// One row a configuration.
+    pub rows: Vec<Latency>,
+}
+
+/// Measures a policy in f32 and in 8 bits, `count` registrations of each configuration.
+///
+/// # Errors
+/// [`ExportError`] for a file of integers.
+pub fn measure(
+    file: &WeightFile,
+    threads: &[usize],
+    points: &[usize],
+    count: usize,
+    seed: u64,
+) -> Result<Report, ExportError> {
+    let parameters = file.parameters(seed)?;
+    let models = procedural::models(seed, CALIBRATION);
+    let pairs = protocol::draw(&models, Protocol::M40Models, CALIBRATION, seed);
+    let ranges = Ranges::calibrate(&parameters, &pairs);
+    let integers = WeightFile::from_parameters_int8(&parameters, &ranges)?;
+    let isa = Isa::best();
+    let peaks = [Arithmetic::F32, Arithmetic::Bytes].map(|a| peak(isa, a));
+    let mut rows = Vec::new();
+    for &points in points {
+        let pairs = resized(&pairs, points);
+        for &threads in threads {
+            let formats = [("f32", file, peaks[0]), ("int8", &integers, peaks[1])];
+            for (format, file, peak) in formats {
+                rows.push(run(format, file.policy(), &pairs, threads, count, peak));
+            }
+        }
+    }
+    Ok(Report {
+        kernels: isa.name(),
+        peak_gmac_per_s: peaks.map(|p| p / 1e9),
+        weight_bytes: [file.bytes().len(), integers.bytes().len()],
+        scratch_bytes: SCRATCH_BYTES,
+        rows,
+    })
+}
+
+/// Multiply-adds a second of this core on registers: the best of several short runs.
+fn peak(isa: Isa, arithmetic: Arithmetic) -> f64 {
+    const ROUNDS: u64 = 20_000;
+    let runs = (0..20).map(|_| {
+        let clock = Instant::now();
+        isa.multiply_adds(arithmetic, ROUNDS) as f64 / clock.elapsed().as_secs_f64()
+    });
+    runs.fold(0.0, f64::max)
+}
+
+/// The same clouds with another number of points, repeated where there are too few.
+fn resized(pairs: &PairSet, points: usize) -> PairSet {
+    let mut pairs = pairs.clone();
+    for cloud in pairs.source.iter_mut().chain(&mut pairs.target) {
+        *cloud = cloud.iter().copied().cycle().take(points).collect();
+    }
+    pairs
+}
+
+fn run(
+    format: &'static str,
+    policy: Policy<'_>,
+    pairs: &PairSet,
+    threads: usize,
+    count: usize,
+    peak: f64,
+) -> Latency {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+    let one = |scratch: &mut Box<Scratch>, i: usize| {
+        let i = i % pairs.source.len();
+        let clock = Instant::now();
+        let mut registrar = Registrar::new(policy, scratch);
+        let (source, target) = (&pairs.source[i], &pairs.target[i]);
+        let outcome = registrar.register(source, target, Frame::IDENTITY, Pose::IDENTITY, STEPS);
+        std::hint::black_box(outcome).expect("drawn clouds are sound");
+        clock.elapsed().as_secs_f64()
+    };
+    let all = || {
+        let clock = Instant::now();
+        let times: Vec<f64> = (0..count)
+            .into_par_iter()
+            .with_max_len(1)
+            .map_init(|| Box::new(Scratch::new()), one)
+            .collect();
+        (times, clock.elapsed().as_secs_f64())
+    };
+    let (mut times, seconds) = match pool {
+        Ok(pool) => pool.install(all),
+        Err(_) => all(),
+    };
+    times.sort_by(f64::total_cmp);
+    let points = pairs.source.first().map_or(0, Vec::len);
+    let macs = (STEPS + 1) * points * MACS_PER_POINT + STEPS * MACS_STEP;
+    Latency {
+        format,
+        points,
+        threads,
+        ms_median: 1e3 * times[times.len() / 2],
+        ms_best: 1e3 * times[0],
+        per_second: times.len() as f64 / seconds,
+        share_of_peak: (peak > 0.0).then(|| macs as f64 / times[0] / peak),
+    }
+}

@@ -2,10 +2,11 @@
 
 use crate::checkpoint::{Checkpoint, CheckpointError};
 use crate::env::Accumulation;
+use crate::dataset::pairs::PairSet;
 use crate::files::write_atomically;
 use crate::nn::{Parameters, Shape};
 use crate::quantise::{self, Ranges};
-use reagent_core::dims::{LAYER_SHAPES, LAYERS, padded};
+use reagent_core::dims::{LAYER_SHAPES, LAYERS, LOGITS, padded};
 use reagent_core::weights::{
     FILE_LEN, FILE_LEN_INT8, FORMAT_F32, FORMAT_INT8, HEADER, MAGIC, OFFSETS, OFFSETS_INT8, SHAPE,
     TABLE_ROW, VERSION, checksum, pack_panels,
@@ -141,10 +142,23 @@ impl WeightFile {
         Self::finished(bytes)
     }
 
-    /// Serialises parameters in 8-bit integers, as [`reagent_core::quant`] describes.
+    /// Serialises parameters in 8-bit integers, as [`reagent_core::quant`] describes: with the ranges of
+    /// activations, and the mean error of the logits taken back, that registering `pairs` shows.
     pub fn from_parameters_int8(
         parameters: &Parameters,
+        pairs: &PairSet,
+    ) -> Result<Self, ExportError> {
+        let ranges = Ranges::calibrate(parameters, pairs);
+        let draft = Self::with_ranges(parameters, &ranges, &[[0.0; LOGITS]; 2])?;
+        let exact = Self::from_parameters(parameters)?;
+        let errors = quantise::logit_errors(&exact, &draft, pairs);
+        Self::with_ranges(parameters, &ranges, &errors)
+    }
+
+    fn with_ranges(
+        parameters: &Parameters,
         ranges: &Ranges,
+        logit_errors: &[[f64; LOGITS]; 2],
     ) -> Result<Self, ExportError> {
         if parameters.shape != Shape::PAPER {
             return Err(ExportError::Shape(parameters.shape));
@@ -156,7 +170,7 @@ impl WeightFile {
             });
         }
         let mut bytes = with_header(FORMAT_INT8, FILE_LEN_INT8, &OFFSETS_INT8);
-        quantise::write_arrays(parameters, ranges, &mut bytes);
+        quantise::write_arrays(parameters, ranges, logit_errors, &mut bytes);
         Self::finished(bytes)
     }
 

@@ -4,7 +4,6 @@ use crate::dataset::pairs::PairSet;
 use crate::dataset::procedural;
 use crate::export::{ExportError, WeightFile};
 use crate::protocol::{self, Protocol};
-use crate::quantise::Ranges;
 use rayon::prelude::*;
 use reagent_core::dims::{HEAD, LOGITS, MACS_PER_POINT, SCRATCH_BYTES, STATE, STEPS};
 use reagent_core::kernels::{Arithmetic, Isa};
@@ -66,8 +65,7 @@ pub fn measure(
     let parameters = file.parameters(seed)?;
     let models = procedural::models(seed, CALIBRATION);
     let pairs = protocol::draw(&models, Protocol::M40Models, CALIBRATION, seed);
-    let ranges = Ranges::calibrate(&parameters, &pairs);
-    let integers = WeightFile::from_parameters_int8(&parameters, &ranges)?;
+    let integers = WeightFile::from_parameters_int8(&parameters, &pairs)?;
     let isa = Isa::best();
     let peaks = [Arithmetic::F32, Arithmetic::Bytes].map(|a| peak(isa, a));
     let mut rows = Vec::new();

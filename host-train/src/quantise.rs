@@ -4,14 +4,18 @@
 use crate::agent::{Features, Seen, embed};
 use crate::dataset::pairs::{PairSet, Sample};
 use crate::env::{Accumulation, Problem};
+use crate::export::WeightFile;
 use crate::heads::Activations;
 use crate::nn::{PackedEmbedding, Parameters, Search};
-use reagent_core::dims::{AXES, FEATURES, LAYER_SHAPES, LAYERS, PANEL, STEP_SIZES, STEPS, padded};
+use rayon::prelude::*;
+use reagent_core::dims::{
+    AXES, FEATURES, LAYER_SHAPES, LAYERS, LOGITS, PANEL, STEP_SIZES, STEPS, padded,
+};
 use reagent_core::kernels::Isa;
-use reagent_core::net::View;
+use reagent_core::net::{Scratch, View};
 use reagent_core::quant::{CODE_MAX, Requantise, WIDE_MAX};
 use reagent_core::weights::{OFFSETS_INT8, pack_panels};
-use reagent_core::{Action, Pose};
+use reagent_core::{Action, Frame, Pose, Registrar};
 
 /// Head room of the heads' hidden layers above what calibration saw: their 13 bits afford it.
 const HEAD_ROOM: f32 = 1.5;
@@ -24,7 +28,7 @@ const LEAST_RANGE: f32 = 0.02;
 
 /// Largest activations of each channel.
 #[derive(Clone, Debug)]
-pub struct Ranges {
+pub(crate) struct Ranges {
     /// Hidden layers of the embedding.
     hidden: [Vec<f32>; 2],
     /// Largest magnitude of any feature.
@@ -35,7 +39,7 @@ pub struct Ranges {
 
 impl Ranges {
     /// What the network's activations reach while it registers pairs, each for the usual steps.
-    pub fn calibrate(parameters: &Parameters, pairs: &PairSet) -> Ranges {
+    pub(crate) fn calibrate(parameters: &Parameters, pairs: &PairSet) -> Ranges {
         let width = parameters.shape.features();
         let packed = PackedEmbedding::with_search(parameters, Search::F32);
         let [w1, w2, _] = parameters.shape.embed;
@@ -150,6 +154,51 @@ impl Ranges {
     }
 }
 
+/// Mean error of each logit of `integers` on the way that `exact` takes: what rounding weights does
+/// to all states alike, which flips the actions of a source that is nearly in place.
+pub(crate) fn logit_errors(
+    exact: &WeightFile,
+    integers: &WeightFile,
+    pairs: &PairSet,
+) -> [[f64; LOGITS]; 2] {
+    let errors: Vec<[[f64; LOGITS]; 2]> = pairs
+        .source
+        .par_iter()
+        .zip(&pairs.target)
+        .map(|(source, target)| {
+            let mut sum = [[0.0; LOGITS]; 2];
+            let mut scratch = [(); 2].map(|()| Box::new(Scratch::new()));
+            let [exact_scratch, scratch] = &mut scratch;
+            let mut exact = Registrar::new(exact.policy(), exact_scratch);
+            let mut integers = Registrar::new(integers.policy(), scratch);
+            let Ok(mut way) = exact.start(source, target, Frame::IDENTITY, Pose::IDENTITY) else {
+                return sum;
+            };
+            for _ in 0..STEPS {
+                let pose = way.target_from_source();
+                let Ok(mut here) = integers.start(source, target, Frame::IDENTITY, pose) else {
+                    return sum;
+                };
+                let (found, expected) = (integers.step(&mut here), exact.step(&mut way));
+                let heads = [
+                    (found.logits_t, expected.logits_t),
+                    (found.logits_r, expected.logits_r),
+                ];
+                for (sum, (found, expected)) in sum.iter_mut().zip(heads) {
+                    for (sum, (f, e)) in sum.iter_mut().zip(found.iter().zip(expected)) {
+                        *sum += f64::from(f - e);
+                    }
+                }
+            }
+            sum
+        })
+        .collect();
+    let count = (errors.len() * STEPS).max(1) as f64;
+    std::array::from_fn(|head| {
+        std::array::from_fn(|i| errors.iter().map(|e| e[head][i]).sum::<f64>() / count)
+    })
+}
+
 fn most_likely(logit: impl Fn(usize) -> f32) -> [u8; AXES] {
     std::array::from_fn(|axis| {
         let best = (0..STEP_SIZES).fold(0, |best, i| {
@@ -215,7 +264,12 @@ fn requantise(unit: &[f64], range: &[f32], most: i32, bits: u32) -> (Vec<u32>, V
 }
 
 /// Writes the arrays of number format 1 into a file's bytes.
-pub(crate) fn write_arrays(parameters: &Parameters, ranges: &Ranges, file: &mut [u8]) {
+pub(crate) fn write_arrays(
+    parameters: &Parameters,
+    ranges: &Ranges,
+    logit_errors: &[[f64; LOGITS]; 2],
+    file: &mut [u8],
+) {
     // Layer 1 in units of one code.
     let [range1, range2] = &ranges.hidden;
     let step1: Vec<f64> = range1
@@ -248,7 +302,8 @@ pub(crate) fn write_arrays(parameters: &Parameters, ranges: &Ranges, file: &mut 
     write_layer(file, 2, &features, &factors);
 
     let state_step = [step3.as_slice(), step3.as_slice()].concat();
-    for (first, ranges) in parameters.shape.heads().into_iter().zip(&ranges.heads) {
+    let heads = parameters.shape.heads().into_iter().zip(&ranges.heads);
+    for ((first, ranges), errors) in heads.zip(logit_errors) {
         let mut fc1 = integer_layer(parameters, first, &state_step);
         for (bias, row) in fc1.bias.iter_mut().zip(fc1.codes.chunks(2 * FEATURES)) {
             // Feature codes count from 4096.
@@ -259,7 +314,10 @@ pub(crate) fn write_arrays(parameters: &Parameters, ranges: &Ranges, file: &mut 
         let fc2 = integer_layer(parameters, first + 1, &step);
         let (factors, step) = requantise(&fc2.unit, &ranges[1], WIDE_MAX, HEAD_BITS);
         write_layer(file, first + 1, &fc2, &factors);
-        let out = integer_layer(parameters, first + 2, &step);
+        let mut out = integer_layer(parameters, first + 2, &step);
+        for ((bias, unit), error) in out.bias.iter_mut().zip(&out.unit).zip(errors) {
+            *bias -= error / unit;
+        }
         let scales: Vec<u32> = out.unit.iter().map(|&u| (u as f32).to_bits()).collect();
         write_layer(file, first + 2, &out, &scales);
     }

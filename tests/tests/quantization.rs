@@ -4,7 +4,6 @@ use host_train::dataset::pairs::PairSet;
 use host_train::dataset::procedural;
 use host_train::export::WeightFile;
 use host_train::protocol::{self, Protocol};
-use host_train::quantise::Ranges;
 use reagent_core::kernels::Isa;
 use reagent_core::net::Scratch;
 use reagent_core::register::Step;
@@ -18,8 +17,7 @@ fn pairs(seed: u64, count: usize) -> PairSet {
 
 fn integers() -> WeightFile {
     let parameters = WeightFile::pretrained().parameters(0).expect("f32");
-    let ranges = Ranges::calibrate(&parameters, &pairs(1, 8));
-    WeightFile::from_parameters_int8(&parameters, &ranges).expect("deployable")
+    WeightFile::from_parameters_int8(&parameters, &pairs(1, 24)).expect("deployable")
 }
 
 /// Ten steps of one registration.

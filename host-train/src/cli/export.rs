@@ -4,7 +4,6 @@ use super::source::{self, DataSource};
 use crate::dataset::pairs::PairSet;
 use crate::export::{WeightFile, parameters_of};
 use crate::protocol::Protocol;
-use crate::quantise::Ranges;
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 
@@ -18,11 +17,11 @@ pub(super) struct ExportArgs {
     #[arg(long, value_enum, value_name = "FORMAT", default_value_t = Format::F32)]
     format: Format,
     /// With int8: pairs, or the data set whose training clouds are drawn as noisy pairs, on which the
-    /// ranges of activations are measured
+    /// integers are fitted to the activations
     #[arg(
         long,
         value_name = "DIR|FILE.h5|procedural[:COUNT]",
-        default_value = "procedural:64"
+        default_value = "procedural:128"
     )]
     calibration: DataSource,
     /// File to write
@@ -45,8 +44,8 @@ impl ExportArgs {
         let file = match self.format {
             Format::F32 => WeightFile::from_parameters(&parameters)?,
             Format::Int8 => {
-                let ranges = Ranges::calibrate(&parameters, &calibration(&self.calibration, seed)?);
-                WeightFile::from_parameters_int8(&parameters, &ranges)?
+                let pairs = calibration(&self.calibration, seed)?;
+                WeightFile::from_parameters_int8(&parameters, &pairs)?
             }
         };
         file.save(&self.out)?;
@@ -55,7 +54,7 @@ impl ExportArgs {
     }
 }
 
-/// Most pairs that ranges are measured on.
+/// Most pairs that integers are fitted to.
 const PAIRS: usize = 128;
 
 fn calibration(data: &DataSource, seed: u64) -> anyhow::Result<PairSet> {

@@ -1,8 +1,8 @@
 //! From trained parameters to the bytes that robots run.
 
 use crate::checkpoint::{Checkpoint, CheckpointError};
-use crate::env::Accumulation;
 use crate::dataset::pairs::PairSet;
+use crate::env::Accumulation;
 use crate::files::write_atomically;
 use crate::nn::{Parameters, Shape};
 use crate::quantise::{self, Ranges};

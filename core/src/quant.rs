@@ -2,7 +2,7 @@
 //!
 //! Given the same file and clouds, every implementation of what follows gives the same bits: the same
 //! features, logits, actions and poses on every kernel and target. All sums are of 32-bit integers that
-//! cannot overflow ([`QuantNetwork::parse`] checks it from the weights), so their order is free; what is
+//! cannot overflow (`QuantNetwork::parse` checks it from the weights), so their order is free; what is
 //! not integer is a handful of IEEE single operations in a fixed order, never fused.
 //!
 //! Weights are signed codes, symmetric, with a scale for each output; activations are unsigned codes

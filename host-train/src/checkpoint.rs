@@ -1,5 +1,6 @@
 //! The state of a training run on disk: parameters, optimiser and progress, as one safetensors file.
 
+use crate::env::Accumulation;
 use crate::files::write_atomically;
 use crate::nn::{Parameters, Shape};
 use crate::optim::Adam;
@@ -17,6 +18,8 @@ pub const BEST: &str = "best/checkpoint.safetensors";
 
 /// Name of the tensor that holds the average of the parameters.
 const AVERAGED: &str = "averaged";
+/// Field of the header that says how actions accumulate.
+const ACCUMULATION: &str = "accumulation";
 
 /// Why a checkpoint could not be used.
 #[derive(Debug, thiserror::Error)]
@@ -88,6 +91,8 @@ pub struct Checkpoint {
     pub adam: Adam,
     /// Average of the parameters, where the run keeps one.
     pub averaged: Option<Vec<f32>>,
+    /// How the network's actions accumulate.
+    pub accumulation: Accumulation,
     /// Counters. With the seed they are the state of every random stream, and of the order of the data;
     /// checkpoints are taken between updates, when the replay buffer is empty.
     pub progress: Progress,
@@ -109,11 +114,12 @@ impl Checkpoint {
     }
 
     /// The start of a run from given parameters, with a fresh optimiser.
-    pub fn start(parameters: Parameters) -> Self {
+    pub fn start(parameters: Parameters, accumulation: Accumulation) -> Self {
         Checkpoint {
             adam: Adam::new(parameters.values.len()),
             parameters,
             averaged: None,
+            accumulation,
             progress: Progress::default(),
         }
     }
@@ -196,7 +202,13 @@ impl Checkpoint {
         });
         let progress = serde_json::to_string(&self.progress).map_err(|e| write(e.into()))?;
         let shape = serde_json::to_string(&self.parameters.shape).map_err(|e| write(e.into()))?;
-        let metadata = HashMap::from([("progress".into(), progress), ("shape".into(), shape)]);
+        let accumulation =
+            serde_json::to_string(&self.accumulation).map_err(|e| write(e.into()))?;
+        let metadata = HashMap::from([
+            ("progress".into(), progress),
+            ("shape".into(), shape),
+            (ACCUMULATION.into(), accumulation),
+        ]);
         let bytes = safetensors::serialize(views, Some(metadata))
             .map_err(|e| write(std::io::Error::other(e)))?;
         write_atomically(path, &bytes).map_err(write)
@@ -221,6 +233,11 @@ impl Checkpoint {
             serde_json::from_str(field("shape")?).map_err(|e| damaged(e.to_string()))?;
         let progress: Progress =
             serde_json::from_str(field("progress")?).map_err(|e| damaged(e.to_string()))?;
+        // Absent from checkpoints of before there was a choice.
+        let accumulation = match field(ACCUMULATION) {
+            Ok(text) => serde_json::from_str(text).map_err(|e| damaged(e.to_string()))?,
+            Err(_) => Accumulation::Global,
+        };
         let file = SafeTensors::deserialize(&bytes).map_err(|e| damaged(e.to_string()))?;
         let read = |name: &str, into: &mut [f32]| -> Result<(), CheckpointError> {
             let tensor = file.tensor(name).map_err(|e| damaged(e.to_string()))?;
@@ -261,6 +278,7 @@ impl Checkpoint {
             parameters,
             adam,
             averaged,
+            accumulation,
             progress,
         })
     }
@@ -301,6 +319,7 @@ mod tests {
             parameters,
             adam,
             averaged: Some(vec![0.5; parameters_len]),
+            accumulation: Accumulation::Local,
             progress: Progress {
                 updates: 5,
                 optimiser_steps: 7,

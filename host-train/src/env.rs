@@ -23,17 +23,22 @@ pub struct Problem {
 
 impl From<Sample> for Problem {
     fn from(sample: Sample) -> Self {
-        let centroid = centroid(&sample.source);
-        Problem {
-            registering: sample.target_from_source.to_disentangled(centroid),
-            centroid,
-            source: sample.source,
-            target: sample.target,
-        }
+        Problem::new(sample.source, sample.target, sample.target_from_source)
     }
 }
 
 impl Problem {
+    /// A pair of clouds and the plain transform that registers them.
+    pub fn new(source: Vec<Point>, target: Vec<Point>, target_from_source: Pose) -> Self {
+        let centroid = centroid(&source);
+        Problem {
+            registering: target_from_source.to_disentangled(centroid),
+            centroid,
+            source,
+            target,
+        }
+    }
+
     /// The source where it belongs, `[N, 3]`: what rewards are measured against.
     pub fn truth(&self) -> Vec<Point> {
         let view = Accumulation::Global.view(self.centroid, &self.registering);

@@ -6,8 +6,11 @@
 use crate::baselines::{FgrSettings, IcpSettings, fgr, icp};
 use crate::dataset::Point;
 use crate::dataset::pairs::PairSet;
+use crate::env::{Accumulation, Problem};
 use crate::metrics::{Errors, GroundTruth, PairMetrics, Summary, quantile};
+use crate::nn::Parameters;
 use crate::random::{Purpose, stream};
+use crate::train::arg_max_poses;
 use rayon::prelude::*;
 use reagent_core::net::Scratch;
 use reagent_core::{Error, Frame, Policy, Pose, Registrar};
@@ -21,6 +24,13 @@ use std::time::Instant;
 pub enum Method<'w> {
     /// The learned policy, one arg-max action a step.
     Policy(Policy<'w>),
+    /// A network that the core cannot run, by [`arg_max_poses`]; times are the trainer's, not a robot's.
+    Trained {
+        /// The network.
+        parameters: &'w Parameters,
+        /// How its actions accumulate.
+        accumulation: Accumulation,
+    },
     /// The policy, then point-to-plane ICP from where it ended.
     PolicyIcp(Policy<'w>),
     /// Point-to-point ICP, [`IcpSettings::POINT`].
@@ -29,7 +39,7 @@ pub enum Method<'w> {
     IcpPlane,
     /// Trimmed ICP, [`IcpSettings::TRIMMED`].
     IcpTrimmed,
-    /// Fast global registration as Open3D does it by default, [`FgrSettings::FIXED`]. The seed chooses the tuples
+    /// Fast global registration as Open3D does it by default, [`FgrSettings::OPEN3D`]. The seed chooses the tuples
     /// that it tests, pair by pair.
     Fgr {
         /// Of the draws.
@@ -260,7 +270,7 @@ fn register(
         Method::Fgr { seed } | Method::FgrGnc { seed } | Method::FgrIcpPlane { seed } => {
             let how = match method {
                 Method::FgrGnc { .. } => FgrSettings::GRADUATED,
-                _ => FgrSettings::FIXED,
+                _ => FgrSettings::OPEN3D,
             };
             let rng = &mut stream(seed, Purpose::Tuples, index);
             let found = fgr(source, target, &how, rng)?;
@@ -269,6 +279,19 @@ fn register(
                 reached(found.target_from_source),
                 refined.then_some(IcpSettings::PLANE),
             )
+        }
+        Method::Trained {
+            parameters,
+            accumulation,
+        } => {
+            let pair = [Problem::new(
+                source.to_vec(),
+                target.to_vec(),
+                Pose::IDENTITY,
+            )];
+            let poses = arg_max_poses(parameters.clone(), accumulation, &pair, settings.steps);
+            let poses = poses.iter().flatten().skip(1);
+            (poses.fold(Pose::IDENTITY, |_, &pose| reached(pose)), None)
         }
         Method::Policy(policy) | Method::PolicyIcp(policy) => {
             let mut registrar = Registrar::new(policy, scratch);
@@ -288,7 +311,7 @@ fn register(
     if let Some(refinement) = refinement {
         reached(icp(source, target, pose, &refinement)?.target_from_source);
     }
-    if !(settings.per_step && matches!(method, Method::Policy(_))) {
+    if !(settings.per_step && matches!(method, Method::Policy(_) | Method::Trained { .. })) {
         track.poses.drain(..track.poses.len() - 1);
         track.ms.drain(..track.ms.len() - 1);
     }

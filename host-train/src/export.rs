@@ -2,6 +2,7 @@
 
 use crate::checkpoint::{Checkpoint, CheckpointError};
 use crate::dataset::pairs::PairSet;
+use crate::env::Accumulation;
 use crate::files::write_atomically;
 use crate::nn::{Parameters, Shape};
 use crate::quantise::{self, Ranges};
@@ -53,6 +54,9 @@ pub enum ExportError {
     /// The network has a shape that the deployed format does not hold.
     #[error("a network of shape {0:?} cannot be deployed; only {paper:?} can", paper = Shape::PAPER)]
     Shape(Shape),
+    /// The network's actions accumulate in another way than the robot's.
+    #[error("a policy with {0:?} accumulation cannot be deployed; only Global can")]
+    Accumulation(Accumulation),
 }
 
 /// The bytes of a policy file, aligned as the core needs them.
@@ -86,6 +90,11 @@ impl WeightFile {
         };
         Policy::parse(file.bytes())?;
         Ok(file)
+    }
+
+    /// The policy of a checkpoint.
+    pub fn from_checkpoint(checkpoint: Checkpoint) -> Result<Self, ExportError> {
+        Self::from_parameters(&deployable(checkpoint)?)
     }
 
     /// Reads and checks a policy file.
@@ -227,7 +236,15 @@ pub fn parameters_of(path: &Path) -> Result<Parameters, ExportError> {
     if path.extension().is_some_and(|e| e == "rgw") {
         return WeightFile::load(path)?.parameters(0);
     }
-    Ok(Checkpoint::load(&Checkpoint::find(path)?)?.result())
+    deployable(Checkpoint::load(&Checkpoint::find(path)?)?)
+}
+
+/// The parameters of a checkpoint that robots can run.
+fn deployable(checkpoint: Checkpoint) -> Result<Parameters, ExportError> {
+    match checkpoint.accumulation {
+        Accumulation::Global => Ok(checkpoint.result()),
+        other => Err(ExportError::Accumulation(other)),
+    }
 }
 
 #[cfg(test)]

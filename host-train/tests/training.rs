@@ -140,3 +140,23 @@ fn a_full_disk_is_named_before_training_starts() {
     );
     assert_eq!(stderr.lines().count(), 1, "nothing was trained: {stderr}");
 }
+
+/// A run directory stands for its best policy, also where no robot could run it.
+#[test]
+fn run_directories_are_evaluated() {
+    let folder = folder();
+    let at = folder.path();
+    let train = TRAIN.replace("--epochs 3", "--epochs 1");
+    succeed(at, &format!("{train} --out wide"));
+    succeed(
+        at,
+        &format!("{train} --network deep --accumulation local --out deep"),
+    );
+    let pairs = "--data procedural --protocol m40-models --count 2 --per-step";
+    let table = succeed(at, &format!("eval --weights wide deep {pairs}"));
+    assert!(table.contains("wide") && table.contains("deep"), "{table}");
+    succeed(at, "export --run wide --out wide.rgw");
+    let refused = "export --run deep --out deep.rgw";
+    fail(at, refused, &["Local"]);
+    assert!(!at.join("deep.rgw").exists());
+}

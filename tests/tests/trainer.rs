@@ -125,25 +125,41 @@ fn long_gradients_are_clipped_and_averages_follow() {
 fn the_trainer_registers_as_the_robot_does() {
     let parameters = Parameters::random(Shape::PAPER, 8);
     let mut pairs = PairSet::default();
+    let mut problems = Vec::new();
     for i in 0..3 {
         let mut rng = stream(6, Purpose::Pairs, i);
         let model = procedural::model(3, i).points;
-        pairs.push(clean_sample(&mut rng, &model, 100), model, 0);
+        let sample = clean_sample(&mut rng, &model, 100);
+        problems.push(Problem::from(sample.clone()));
+        pairs.push(sample, model, 0);
     }
     let file = WeightFile::from_parameters(&parameters).expect("deployable");
     let robot = Contestant {
         name: "robot".into(),
         method: Registers::Policy(file.policy()),
     };
+    let trainer = Contestant {
+        name: "trainer".into(),
+        method: Registers::Trained {
+            parameters: &parameters,
+            accumulation: Accumulation::Global,
+        },
+    };
     let settings = EvalSettings {
         steps: 10,
         threads: 1,
-        per_step: false,
+        per_step: true,
     };
-    let outcomes = evaluate(&pairs, &[robot], &settings, &|| {}).expect("sound pairs");
-    let found = arg_max_poses(parameters, Accumulation::Global, &pairs, 10);
-    for (poses, robot) in found.iter().zip(&outcomes[0].target_from_source) {
+    let outcomes = evaluate(&pairs, &[robot, trainer], &settings, &|| {}).expect("sound pairs");
+    assert_eq!(outcomes[1].per_step.len(), 11);
+    let found = arg_max_poses(parameters, Accumulation::Global, &problems, 10);
+    for (i, (poses, robot)) in found
+        .iter()
+        .zip(&outcomes[0].target_from_source)
+        .enumerate()
+    {
         assert_eq!(poses.len(), 11);
+        assert_eq!(poses[10], outcomes[1].target_from_source[i]);
         assert!(poses[10].rotation.abs_diff_eq(robot.rotation, 1e-5));
         assert!(poses[10].translation.abs_diff_eq(robot.translation, 1e-5));
     }

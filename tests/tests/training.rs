@@ -155,7 +155,11 @@ fn a_resumed_run_is_the_same_run() {
     deep.init = Some(folder.path().into());
     let error = train(&deep, false).expect_err("another shape");
     assert!(matches!(error, TrainError::Shape { .. }), "{error}");
-    deep.init = None;
+    let mut local = config.clone();
+    local.method.accumulation = Accumulation::Local;
+    (local.out, local.init) = (folder.path().join("local"), deep.init.take());
+    let error = train(&local, false).expect_err("another accumulation");
+    assert!(matches!(error, TrainError::Accumulation { .. }), "{error}");
     deep.method.ppo.alpha = 1.0;
     deep.method.follow = Follow::Expert;
     let error = train(&deep, false).expect_err("reinforcement off policy");
@@ -168,7 +172,7 @@ fn a_loss_that_is_no_number_is_saved_and_ruins_nothing() {
     let mut parameters = Parameters::random(Shape::PAPER, 3);
     parameters.layer_mut(5).1[7] = f32::NAN;
     let start = folder.path().join("start.safetensors");
-    let checkpoint = Checkpoint::start(parameters);
+    let checkpoint = Checkpoint::start(parameters, Accumulation::Global);
     checkpoint.save(&start).expect("written");
     let mut config = config(&folder.path().join("run"), 1);
     config.init = Some(start);
@@ -193,11 +197,14 @@ fn a_loss_that_is_no_number_is_saved_and_ruins_nothing() {
     assert!(!config.out.join(LAST).exists());
 }
 
+/// Turns an option on.
+type Change = fn(&mut TrainConfig);
+
 /// Every row of the paper's design table and every option trains, validates and can be resumed.
 #[test]
 fn every_option_runs() {
     let folder = tempfile::tempdir().expect("a temporary directory");
-    let changes: [(&str, fn(&mut TrainConfig)); 12] = [
+    let changes: [(&str, Change); 12] = [
         ("follow-expert", |c| c.method.follow = Follow::Expert),
         ("follow-argmax", |c| c.method.follow = Follow::Argmax),
         ("no-augmentation", |c| c.augmentation = false),
@@ -236,10 +243,16 @@ fn every_option_runs() {
 #[test]
 fn the_average_is_what_is_exported() {
     let folder = tempfile::tempdir().expect("a temporary directory");
-    let mut checkpoint = Checkpoint::start(Parameters::random(Shape::PAPER, 1));
+    let mut checkpoint =
+        Checkpoint::start(Parameters::random(Shape::PAPER, 1), Accumulation::Global);
     let averaged = Parameters::random(Shape::PAPER, 2);
     checkpoint.averaged = Some(averaged.values.clone());
     let path = folder.path().join("c");
     checkpoint.save(&path).expect("written");
     assert_eq!(parameters_of(&path).expect("just written"), averaged);
+    // What the robot would accumulate in another way is refused.
+    checkpoint.accumulation = Accumulation::Local;
+    checkpoint.save(&path).expect("written");
+    let refused = parameters_of(&path).expect_err("not deployable");
+    assert!(refused.to_string().contains("Local"), "{refused}");
 }

@@ -7,7 +7,7 @@
 use super::align::kabsch;
 use super::fpfh::{FpfhSettings, fpfh};
 use super::narrow;
-use super::normals::{NormalSettings, normals};
+use super::normals::{NormalSettings, normals, outward};
 use crate::dataset::Point;
 use crate::neighbours::{Neighbours, wide};
 use crate::random::Rng;
@@ -30,6 +30,9 @@ const BLOCK: usize = 128;
 pub struct FgrSettings {
     /// Neighbourhoods of normals.
     pub normals: NormalSettings,
+    /// Whether normals are turned away from the cloud's mean, as fits an object seen as a whole, or keep the signs that the
+    /// eigenvector solver happens to give them.
+    pub outward: bool,
     /// Neighbourhoods of features, at least as large.
     pub features: FpfhSettings,
     /// The cost's scale μ, from 1, is made smaller until it is below this.
@@ -46,13 +49,15 @@ pub struct FgrSettings {
 
 impl FgrSettings {
     /// What Open3D's Python interface does unless told otherwise: the cost stays as it is, so that matches which are
-    /// far off count for something to the end.
-    pub const FIXED: FgrSettings = FgrSettings {
+    /// far off count for something to the end, and signs of normals change as a cloud is turned.
+    pub const OPEN3D: FgrSettings = FgrSettings {
+        outward: false,
         division: 1.0,
         ..FgrSettings::GRADUATED
     };
-    /// As in the paper.
+    /// Graduated as in the paper, with normals that do not depend on the pose.
     pub const GRADUATED: FgrSettings = FgrSettings {
+        outward: true,
         normals: NormalSettings::DEFAULT,
         features: FpfhSettings::DEFAULT,
         max_correspondence: 0.05,
@@ -116,7 +121,10 @@ fn features(points: &[Point], settings: &FgrSettings) -> Result<Array2<f64>, Err
     let tree = Neighbours::new(points)?;
     // One search serves both: the neighbours for normals are the nearest of those for features.
     let lists = tree.lists(points, settings.features.radius, settings.features.most);
-    let normals = normals(points, &lists, &settings.normals);
+    let mut normals = normals(points, &lists, &settings.normals);
+    if settings.outward {
+        outward(points, &mut normals);
+    }
     Ok(Array2::from(fpfh(points, &normals, &lists)))
 }
 
@@ -244,7 +252,7 @@ mod tests {
     fn finds_a_large_offset_between_different_samples() {
         let target = shape(0);
         let (source, truth) = turned(&shape(1));
-        for (settings, degrees) in [(FgrSettings::GRADUATED, 6.0), (FgrSettings::FIXED, 15.0)] {
+        for (settings, degrees) in [(FgrSettings::GRADUATED, 6.0), (FgrSettings::OPEN3D, 15.0)] {
             let rng = &mut stream(1, Purpose::Tuples, 0);
             let found = fgr(&source, &target, &settings, rng).expect("valid clouds");
             assert!(found.reciprocal > 50 && found.tuples > 100, "{found:?}");

@@ -201,7 +201,10 @@ mod tests {
     #[test]
     fn on_a_plane_the_middle_bins_hold_everything() {
         let flat: Vec<Point> = bumpy(400).iter().map(|p| [p[0], p[1], 0.0]).collect();
-        for feature in features(&flat, glam::Mat3::IDENTITY) {
+        let tree = Neighbours::new(&flat).expect("valid");
+        let settings = FpfhSettings::DEFAULT;
+        let lists = tree.lists(&flat, settings.radius, settings.most);
+        for feature in fpfh(&flat, &vec![Vector3::z(); 400], &lists) {
             for bins in feature.chunks(BINS) {
                 assert!((bins[BINS / 2] - 2.0 * TOTAL).abs() < 1e-6, "{bins:?}");
             }

@@ -158,6 +158,11 @@ impl BopTraining {
         })
     }
 
+    /// The points of the models from which targets are drawn.
+    pub fn surfaces(&self) -> impl Iterator<Item = &[Point]> {
+        self.models.iter().map(|model| model.surface.as_slice())
+    }
+
     /// The annotated objects; a sample's index is a place in this list.
     pub fn instances(&self) -> &[Instance] {
         &self.scenes.instances
@@ -183,23 +188,21 @@ impl BopTraining {
         (training, validation)
     }
 
-    /// Pairs for validation, spread evenly over the annotated objects, drawn as training samples are.
+    /// Adds up to `count` pairs for validation to a set, spread evenly over the annotated objects, drawn as training
+    /// samples are.
     ///
     /// # Errors
     /// As [`BopTraining::sample`].
-    pub fn pairs(&self, count: usize, seed: u64) -> Result<PairSet, BopError> {
+    pub fn draw(&self, count: usize, seed: u64, set: &mut PairSet) -> Result<(), BopError> {
         let all = self.instances().len();
         let count = count.min(all);
-        let mut set = PairSet::default();
         for k in 0..count {
             let index = k * all / count;
             let sample = self.sample(index, &mut stream(seed, Purpose::Pairs, k as u64))?;
-            set.source.push(sample.source);
-            set.target.push(sample.target);
-            set.target_from_source.push(sample.target_from_source);
-            set.label.push(self.instances()[index].object as i32);
+            let clean = sample.target.clone();
+            set.push(sample, clean, self.instances()[index].object);
         }
-        Ok(set)
+        Ok(())
     }
 
     /// Draws a sample of the annotated object number `index` (modulo their number). It depends on the object and

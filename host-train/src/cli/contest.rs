@@ -1,10 +1,12 @@
 //! Which methods a command compares, from its arguments.
 
 use super::{bad_usage, source};
+use crate::checkpoint::Checkpoint;
+use crate::env::Accumulation;
 use crate::eval::{Contestant, Method};
 use crate::export::{ExportError, WeightFile};
+use crate::nn::{Parameters, Shape};
 use clap::{Args, ValueEnum};
-use reagent_core::Policy;
 use reagent_core::dims::STEPS;
 use std::path::{Path, PathBuf};
 
@@ -13,8 +15,9 @@ const BUNDLED: &str = "reagent";
 
 #[derive(Debug, Args)]
 pub(super) struct ContestArgs {
-    /// Policies to evaluate, each reported under its file stem [default: the bundled one, as "reagent"]
-    #[arg(long, value_name = "FILE.rgw", num_args = 1..)]
+    /// Policies, run directories (their best) or checkpoints to evaluate, each reported under its file stem [default:
+    /// the bundled policy, as "reagent"]
+    #[arg(long, value_name = "FILE.rgw|RUN_DIR", num_args = 1..)]
     weights: Vec<PathBuf>,
     /// What to run, separated by commas; "policy" stands for every file of --weights [default: policy]
     #[arg(long, value_enum, value_name = "LIST", value_delimiter = ',')]
@@ -43,7 +46,7 @@ enum MethodName {
     IcpTrimmed,
     /// Fast global registration by FPFH features, without a first estimate, as Open3D does it by default
     Fgr,
-    /// The same with graduated non-convexity, as in its paper
+    /// The same with graduated non-convexity, as in its paper, and normals turned away from the cloud's mean
     FgrGnc,
     /// "fgr", then point-to-plane ICP
     #[value(name = "fgr+icp-plane")]
@@ -53,7 +56,54 @@ enum MethodName {
 }
 
 /// Policies and the names under which they are reported.
-pub(super) struct Policies(Vec<(String, WeightFile)>);
+pub(super) struct Policies(Vec<(String, Weights)>);
+
+/// One of --weights.
+enum Weights {
+    /// What robots run.
+    File(WeightFile),
+    /// What only the trainer runs: another network or accumulation.
+    Trained(Box<Parameters>, Accumulation),
+}
+
+impl Weights {
+    fn load(path: &Path) -> Result<Self, ExportError> {
+        let checkpoint = path.is_dir() || path.extension().is_some_and(|e| e == "safetensors");
+        if !checkpoint {
+            return WeightFile::load(path).map(Weights::File);
+        }
+        let checkpoint = Checkpoint::load(&Checkpoint::find(path)?)?;
+        let accumulation = checkpoint.accumulation;
+        let deployable =
+            accumulation == Accumulation::Global && checkpoint.parameters.shape == Shape::PAPER;
+        if deployable {
+            WeightFile::from_checkpoint(checkpoint).map(Weights::File)
+        } else {
+            Ok(Weights::Trained(
+                Box::new(checkpoint.result()),
+                accumulation,
+            ))
+        }
+    }
+
+    fn method(&self) -> Method<'_> {
+        match self {
+            Weights::File(file) => Method::Policy(file.policy()),
+            Weights::Trained(parameters, accumulation) => Method::Trained {
+                parameters,
+                accumulation: *accumulation,
+            },
+        }
+    }
+
+    /// Refined by ICP; nothing for what only the trainer runs.
+    fn refined(&self) -> Option<Method<'_>> {
+        match self {
+            Weights::File(file) => Some(Method::PolicyIcp(file.policy())),
+            Weights::Trained(..) => None,
+        }
+    }
+}
 
 impl ContestArgs {
     /// Reads the weight files. Ends the process as `command` does on bad usage where they are given in vain.
@@ -66,9 +116,10 @@ impl ContestArgs {
             );
         }
         if self.weights.is_empty() {
-            return Ok(Policies(vec![(BUNDLED.into(), WeightFile::pretrained())]));
+            let bundled = Weights::File(WeightFile::pretrained());
+            return Ok(Policies(vec![(BUNDLED.into(), bundled)]));
         }
-        let load = |path: &PathBuf| WeightFile::load(path).map(|file| (stem(path), file));
+        let load = |path: &PathBuf| Weights::load(path).map(|weights| (stem(path), weights));
         self.weights
             .iter()
             .map(load)
@@ -78,17 +129,17 @@ impl ContestArgs {
 
     /// Everything that is to run, in the order of `--methods`; `seed` is that of methods that draw.
     pub(super) fn contestants<'w>(&self, policies: &'w Policies, seed: u64) -> Vec<Contestant<'w>> {
-        let of_policies = |suffix: &str, method: fn(Policy<'w>) -> Method<'w>| {
-            let contestant = |(stem, file): &'w (String, WeightFile)| Contestant {
-                name: format!("{stem}{suffix}"),
-                method: method(file.policy()),
+        let of_policies = |suffix: &str, method: fn(&'w Weights) -> Option<Method<'w>>| {
+            let contestant = |(stem, weights): &'w (String, Weights)| {
+                let name = format!("{stem}{suffix}");
+                method(weights).map(|method| Contestant { name, method })
             };
-            policies.0.iter().map(contestant).collect()
+            policies.0.iter().filter_map(contestant).collect()
         };
         let contestants = |&name: &MethodName| -> Vec<Contestant<'w>> {
             let method = match name {
-                MethodName::Policy => return of_policies("", Method::Policy),
-                MethodName::PolicyIcp => return of_policies("+icp", Method::PolicyIcp),
+                MethodName::Policy => return of_policies("", |weights| Some(weights.method())),
+                MethodName::PolicyIcp => return of_policies("+icp", Weights::refined),
                 MethodName::Icp => Method::Icp,
                 MethodName::IcpPlane => Method::IcpPlane,
                 MethodName::IcpTrimmed => Method::IcpTrimmed,

@@ -73,7 +73,11 @@ impl EvalArgs {
                 let set = source::draw(data, protocol, self.count, seed)?;
                 (set, data.to_string())
             }
-            (None, Some(DataSource::Directory(root)), Some(EvalProtocol::Bop)) => {
+            (
+                None,
+                Some(DataSource::Bop(root) | DataSource::Directory(root)),
+                Some(EvalProtocol::Bop),
+            ) => {
                 let Some(estimates) = &self.estimates else {
                     bad_usage(
                         "eval",

@@ -1,5 +1,6 @@
 //! Where a command's models come from.
 
+use crate::bop::sample::{BopSampling, BopTraining};
 use crate::dataset::pairs::PairSet;
 use crate::dataset::{self, Model, Split, modelnet, procedural};
 use crate::protocol::{self, Protocol};
@@ -41,6 +42,10 @@ pub(super) fn models(
 ) -> anyhow::Result<Vec<Model>> {
     match data {
         DataSource::Directory(path) => test_models(path, protocol, seed),
+        DataSource::Bop(dir) => bail!(
+            "{} holds images in BOP layout: use eval --protocol bop",
+            dir.display()
+        ),
         DataSource::Procedural(shapes) => {
             let drawn = count.unwrap_or(PROCEDURAL_PAIRS).min(*shapes);
             Ok((0..drawn as u64)
@@ -50,7 +55,7 @@ pub(super) fn models(
     }
 }
 
-/// Draws pairs from training models under a protocol's noise, whatever their labels.
+/// Draws pairs from training models under a protocol's noise, whatever their labels, or from training images.
 pub(super) fn draw_training(
     data: &DataSource,
     protocol: Protocol,
@@ -59,6 +64,12 @@ pub(super) fn draw_training(
 ) -> anyhow::Result<PairSet> {
     let models = match data {
         DataSource::Directory(path) => dataset::load(path, Split::Train, seed)?,
+        DataSource::Bop(root) => {
+            let mut pairs = PairSet::default();
+            let objects = BopTraining::open(root, seed, BopSampling::default())?;
+            objects.draw(most, seed, &mut pairs)?;
+            return Ok(pairs);
+        }
         DataSource::Procedural(count) => procedural::models(seed, *count),
     };
     let count = most.min(models.len());

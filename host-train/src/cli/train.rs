@@ -21,8 +21,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 /// reinforcement), each with --init of the one before.
 #[derive(Debug, Args)]
 pub(super) struct TrainArgs {
-    /// Data sets (modelnet40_ply_hdf5_2048, ScanObjectNN, trees of loose meshes and clouds) or built-in shapes,
-    /// taken together
+    /// Data sets (modelnet40_ply_hdf5_2048, ScanObjectNN, trees of loose meshes and clouds, BOP layout) or
+    /// built-in shapes, taken together
     #[arg(long, value_name = "DIR|FILE.h5|procedural[:COUNT]", num_args = 1.., required_unless_present = "resume")]
     data: Vec<DataSource>,
     /// What to train

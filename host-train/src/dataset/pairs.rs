@@ -55,6 +55,17 @@ impl PairSet {
         self.label.push(i32::try_from(label).unwrap_or(NO_LABEL));
     }
 
+    /// Adds all pairs of another set; both are filled by [`Self::push`].
+    pub fn extend(&mut self, other: PairSet) {
+        self.source.extend(other.source);
+        self.target.extend(other.target);
+        self.target_from_source.extend(other.target_from_source);
+        if let Some(raw) = other.raw {
+            self.raw.get_or_insert_default().extend(raw);
+        }
+        self.label.extend(other.label);
+    }
+
     /// Reads and checks a pairs file: shapes, equal numbers of entries, finite points, rigid poses.
     pub fn load(path: &Path) -> Result<PairSet, DatasetError> {
         let file = H5File::open(path)?;

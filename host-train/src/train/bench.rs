@@ -1,7 +1,7 @@
 //! How fast training is: a few updates of a stage, without a run directory.
 
 use super::config::{Stage, TrainConfig};
-use super::data::{clouds, problems};
+use super::data::{load, problems};
 use super::run::TrainError;
 use super::trainer::{Spent, Trainer};
 use crate::nn::Parameters;
@@ -43,7 +43,7 @@ pub fn bench(config: &TrainConfig, updates: usize) -> Result<Speed, TrainError> 
 }
 
 fn measure(config: &TrainConfig, updates: usize) -> Result<Speed, TrainError> {
-    let (training, _) = clouds(config)?;
+    let (training, _) = load(config)?;
     let parameters = Parameters::random(config.network.shape(), config.seed);
     let adam = Adam::new(parameters.values.len());
     let mut trainer = Trainer::new(
@@ -54,7 +54,7 @@ fn measure(config: &TrainConfig, updates: usize) -> Result<Speed, TrainError> {
         config.roll_out,
         config.method,
     );
-    let mut next = problems(config, &training, 0);
+    let mut next = problems(config, &training, 0)?;
     let mut clock = Instant::now();
     for done in 0..=updates {
         if done == 1 {
@@ -68,7 +68,7 @@ fn measure(config: &TrainConfig, updates: usize) -> Result<Speed, TrainError> {
             || problems(config, &training, update + 1),
         );
         result.map_err(|diverged| TrainError::diverged(update, &diverged, None))?;
-        next = prepared;
+        next = prepared?;
     }
     let seconds = clock.elapsed().as_secs_f64();
     let Spent {

@@ -3,6 +3,7 @@
 use super::learning_rate::{Anneal, LearningRate};
 use super::method::{Follow, Method, RollOut};
 use super::run::TrainError;
+use crate::dataset::bop::is_bop;
 use crate::env::Accumulation;
 use crate::nn::Shape;
 use serde::{Deserialize, Serialize};
@@ -16,6 +17,8 @@ use std::str::FromStr;
 pub enum DataSource {
     /// A data set on disk, of any layout that [`crate::dataset::load`] reads.
     Directory(PathBuf),
+    /// A directory in BOP layout: depth images with annotated objects.
+    Bop(PathBuf),
     /// The built-in parametric shapes, this many.
     Procedural(usize),
 }
@@ -23,7 +26,7 @@ pub enum DataSource {
 impl FromStr for DataSource {
     type Err = String;
 
-    /// `procedural`, `procedural:COUNT`, or a directory.
+    /// `procedural`, `procedural:COUNT`, or a directory, whose layout is seen from its contents.
     fn from_str(s: &str) -> Result<Self, String> {
         match s.strip_prefix("procedural") {
             Some("") => Ok(DataSource::Procedural(1024)),
@@ -33,6 +36,7 @@ impl FromStr for DataSource {
                     "\"{s}\": write procedural:COUNT with a count above 0"
                 )),
             },
+            _ if is_bop(s.as_ref()) => Ok(DataSource::Bop(s.into())),
             _ => Ok(DataSource::Directory(s.into())),
         }
     }
@@ -41,7 +45,7 @@ impl FromStr for DataSource {
 impl fmt::Display for DataSource {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            DataSource::Directory(path) => path.display().fmt(f),
+            DataSource::Directory(path) | DataSource::Bop(path) => path.display().fmt(f),
             DataSource::Procedural(count) => write!(f, "procedural:{count}"),
         }
     }
@@ -112,7 +116,7 @@ pub struct TrainConfig {
     pub stage: Stage,
     /// Run directory.
     pub out: PathBuf,
-    /// Passes over the clouds (paper: 50 a stage).
+    /// Passes over the clouds (paper: 50 a stage; 100 for data in BOP layout).
     pub epochs: u32,
     /// Seed of everything random.
     pub seed: u64,
@@ -127,7 +131,8 @@ pub struct TrainConfig {
     /// Whether shapes are deformed by scale, shear and mirror (paper: yes; design table, column
     /// "augm.").
     pub augmentation: bool,
-    /// Learning rate (paper: from 1e-3 in pretrain, from 1e-4 after; halved every 10 epochs).
+    /// Learning rate (paper: from 1e-3 in pretrain, from 1e-4 after; halved every 10 epochs; from 1e-3 and
+    /// halved every 20 for data in BOP layout).
     pub learning_rate: LearningRate,
     /// Steps, trajectories and batch sizes.
     pub roll_out: RollOut,
@@ -150,12 +155,19 @@ impl TrainConfig {
             Stage::Il => (1e-4, 0.0),
             Stage::Ilrl => (1e-4, 2.0),
         };
+        // The paper's LINEMOD experiment has no pre-training, a longer schedule and a smaller alpha.
+        let poses = data.iter().any(|d| matches!(d, DataSource::Bop(_)));
+        let (initial, alpha, epochs, halve_every) = if poses {
+            (1e-3, f32::min(alpha, 0.1), 100, 20)
+        } else {
+            (initial, alpha, 50, 10)
+        };
         TrainConfig {
             data,
             categories: Categories::First,
             stage,
             out,
-            epochs: 50,
+            epochs,
             seed: 42,
             threads: 0,
             init: None,
@@ -164,7 +176,7 @@ impl TrainConfig {
             augmentation: true,
             learning_rate: LearningRate {
                 initial,
-                halve_every: 10,
+                halve_every,
                 anneal: Anneal::Halve,
             },
             roll_out: RollOut::default(),

@@ -3,6 +3,7 @@
 use super::config::{Categories, DataSource, Stage, TrainConfig};
 use super::run::TrainError;
 use crate::augment::{clean_pair, clean_sample, noisy_pair, noisy_sample, resample};
+use crate::bop::sample::{BopSampling, BopTraining};
 use crate::dataset::pairs::{PairSet, Sample};
 use crate::dataset::{self, Model, Point, Split, modelnet, procedural};
 use crate::env::Problem;
@@ -12,8 +13,31 @@ use rand::seq::SliceRandom;
 use rayon::prelude::*;
 use sha2::{Digest, Sha256};
 
-/// Training clouds, and noisy pairs of the meshes held back for validation.
-pub(super) fn clouds(config: &TrainConfig) -> Result<(Vec<Vec<Point>>, PairSet), TrainError> {
+/// What samples are drawn from.
+#[derive(Debug)]
+pub(super) struct TrainingData {
+    /// Clouds of models, deformed and moved afresh for each sample.
+    clouds: Vec<Vec<Point>>,
+    /// Annotated objects in depth images, which are read as samples are drawn.
+    objects: Vec<BopTraining>,
+}
+
+impl TrainingData {
+    /// Clouds and annotated objects: samples of an epoch.
+    pub(super) fn len(&self) -> usize {
+        self.clouds.len()
+            + self
+                .objects
+                .iter()
+                .map(|o| o.instances().len())
+                .sum::<usize>()
+    }
+}
+
+/// What is trained on, and pairs of the meshes and images held back for validation.
+pub(super) fn load(config: &TrainConfig) -> Result<(TrainingData, PairSet), TrainError> {
+    let mut objects = Vec::new();
+    let mut poses = PairSet::default();
     let mut training: Vec<Model> = Vec::new();
     let mut held_back: Vec<Model> = Vec::new();
     for source in &config.data {
@@ -26,28 +50,51 @@ pub(super) fn clouds(config: &TrainConfig) -> Result<(Vec<Vec<Point>>, PairSet),
                 }
             }
             DataSource::Procedural(count) => procedural::models(config.seed, *count),
+            DataSource::Bop(path) => {
+                let sampling = BopSampling {
+                    points: config.points,
+                    ..BopSampling::default()
+                };
+                let all = BopTraining::open(path, config.seed, sampling)?;
+                let (training, validation) = all.split(config.seed, config.validation);
+                validation.draw(config.validation_pairs, config.seed, &mut poses)?;
+                objects.push(training);
+                continue;
+            }
         };
         let (train, validation) =
             modelnet::validation_split(models, config.seed, config.validation);
         training.extend(train);
         held_back.extend(validation);
     }
-    if training.len() < 2 || held_back.is_empty() {
-        return Err(TrainError::TooFewClouds(training.len() + held_back.len()));
-    }
     let count = held_back.len().min(config.validation_pairs);
-    let pairs = protocol::draw(&held_back, Protocol::M40Models, count, config.seed);
-    Ok((training.into_iter().map(|m| m.points).collect(), pairs))
+    let mut pairs = protocol::draw(&held_back, Protocol::M40Models, count, config.seed);
+    pairs.extend(poses);
+    let data = TrainingData {
+        clouds: training.into_iter().map(|m| m.points).collect(),
+        objects,
+    };
+    if data.len() < 2 || pairs.source.is_empty() {
+        return Err(TrainError::TooFewClouds(data.len() + pairs.source.len()));
+    }
+    Ok((data, pairs))
 }
 
 /// The problems of an update: the next clouds in an endless sequence of shuffled epochs, each with an
 /// augmentation of its own.
-pub(super) fn problems(config: &TrainConfig, clouds: &[Vec<Point>], update: u64) -> Vec<Problem> {
-    let n = clouds.len() as u64;
+///
+/// # Errors
+/// A depth image or a mask that cannot be read.
+pub(super) fn problems(
+    config: &TrainConfig,
+    data: &TrainingData,
+    update: u64,
+) -> Result<Vec<Problem>, TrainError> {
+    let n = data.len() as u64;
     let batch = config.roll_out.problems as u64;
     let positions: Vec<u64> = (update * batch..(update + 1) * batch).collect();
     let order = |epoch: u64| {
-        let mut order: Vec<usize> = (0..clouds.len()).collect();
+        let mut order: Vec<usize> = (0..data.len()).collect();
         order.shuffle(&mut stream(config.seed, Purpose::Order, epoch));
         order
     };
@@ -63,12 +110,32 @@ pub(super) fn problems(config: &TrainConfig, clouds: &[Vec<Point>], update: u64)
         .collect();
     picks
         .into_par_iter()
-        .map(|(position, cloud)| {
+        .map(|(position, pick)| {
             let mut rng = stream(config.seed, Purpose::Augment, position);
-            let cloud = &clouds[cloud];
-            Problem::from(sample(config, &mut rng, cloud))
+            draw(config, data, pick, &mut rng).map(Problem::from)
         })
         .collect()
+}
+
+/// A training pair of cloud or annotated object number `pick`: clouds come first.
+fn draw(
+    config: &TrainConfig,
+    data: &TrainingData,
+    pick: usize,
+    rng: &mut Rng,
+) -> Result<Sample, TrainError> {
+    if let Some(cloud) = data.clouds.get(pick) {
+        return Ok(sample(config, rng, cloud));
+    }
+    let mut index = pick - data.clouds.len();
+    for objects in &data.objects {
+        let count = objects.instances().len();
+        if index < count {
+            return Ok(objects.sample(index, rng)?);
+        }
+        index -= count;
+    }
+    unreachable!("picks are below the number of clouds and objects")
 }
 
 /// A training pair of one cloud, as the stage wants it.
@@ -84,12 +151,23 @@ fn sample(config: &TrainConfig, rng: &mut Rng, cloud: &[Point]) -> Sample {
     }
 }
 
-/// SHA-256 of all training clouds in their order, in hexadecimal: what a run was trained on.
-pub(super) fn fingerprint(clouds: &[Vec<Point>]) -> String {
+/// SHA-256 of all training clouds in their order, and of the annotations and models of objects, in hexadecimal:
+/// what a run was trained on. Images are not read for it.
+pub(super) fn fingerprint(data: &TrainingData) -> String {
     let mut hash = Sha256::new();
-    for cloud in clouds {
+    let models = data.objects.iter().flat_map(BopTraining::surfaces);
+    for cloud in data.clouds.iter().map(Vec::as_slice).chain(models) {
         hash.update((cloud.len() as u64).to_le_bytes());
         hash.update(bytemuck::cast_slice::<f32, u8>(cloud.as_flattened()));
+    }
+    for i in data.objects.iter().flat_map(BopTraining::instances) {
+        hash.update(
+            [i.scene, i.image, i.index, i.object]
+                .map(u32::to_le_bytes)
+                .as_flattened(),
+        );
+        let pose = i.camera_from_model.to_rows();
+        hash.update(bytemuck::cast_slice::<f32, u8>(pose.as_flattened()));
     }
     hash.finalize().iter().map(|b| format!("{b:02x}")).collect()
 }

@@ -1,12 +1,14 @@
 //! A whole run: data, updates, validation, checkpoints.
 
 use super::config::TrainConfig;
-use super::data::{clouds, fingerprint, problems};
+use super::data::{fingerprint, load, problems};
 use super::record::{RunDirectory, RunRecord};
 use super::trainer::{Diverged, Trainer};
 use super::validate::validate;
 use crate::checkpoint::{BEST, Checkpoint, CheckpointError, EpochSums, LAST, PREVIOUS, Progress};
 use crate::dataset::DatasetError;
+use crate::dataset::bop::BopError;
+use crate::env::Accumulation;
 use crate::eval::EvalError;
 use crate::export::{ExportError, WeightFile};
 use crate::metrics::Summary;
@@ -24,6 +26,9 @@ pub enum TrainError {
     /// The clouds could not be read.
     #[error(transparent)]
     Data(#[from] DatasetError),
+    /// Depth images, annotations or models in BOP layout could not be read.
+    #[error(transparent)]
+    Bop(#[from] BopError),
     /// There are too few clouds.
     #[error(
         "{0} training clouds are too few: give at least 3, of which one is held back for validation"
@@ -72,6 +77,18 @@ pub enum TrainError {
         found: Shape,
         /// The run's.
         wanted: Shape,
+    },
+    /// The initial network was trained under another accumulation.
+    #[error(
+        "{path} was trained with {found:?} accumulation, this run has {wanted:?}: give the --accumulation that it was trained with"
+    )]
+    Accumulation {
+        /// Where the initial network came from.
+        path: PathBuf,
+        /// Its accumulation.
+        found: Accumulation,
+        /// The run's.
+        wanted: Accumulation,
     },
     /// A checkpoint could not be read or written.
     #[error(transparent)]
@@ -148,7 +165,7 @@ fn run_here(config: &TrainConfig, resume: bool, stop: &AtomicBool) -> Result<(),
     if !resume && kept.iter().any(|path| path.exists()) {
         return Err(TrainError::Exists(config.out.clone()));
     }
-    let (training, validation) = clouds(config)?;
+    let (training, validation) = load(config)?;
     let record = RunRecord {
         version: env!("CARGO_PKG_VERSION").into(),
         data_sha256: fingerprint(&training),
@@ -180,23 +197,24 @@ fn run_here(config: &TrainConfig, resume: bool, stop: &AtomicBool) -> Result<(),
     let bar = progress_bar(total, trainer.updates);
     let mut epoch_clock = Pace::start(trainer.updates);
     let mut saved = Instant::now();
-    let mut next = problems(config, &training, trainer.updates);
+    let mut next = problems(config, &training, trainer.updates)?;
     while trainer.updates < total && !stop.load(Ordering::Relaxed) {
         let update = trainer.updates;
         let epoch = epoch_of(update);
         let rate = config.learning_rate.at(epoch, update as f32 / total as f32);
         // The next update's clouds are drawn while this one is worked on.
         let now = std::mem::take(&mut next);
-        let result;
-        (result, next) = rayon::join(
+        let (result, prepared) = rayon::join(
             || trainer.update(now, rate),
             || problems(config, &training, update + 1),
         );
+        next = prepared?;
         let stats = match result {
             Ok(stats) => stats,
             Err(diverged) => {
                 let saved = directory.save_diverged(update, &diverged)?;
-                checkpoint(&trainer, &progress).save(&config.out.join("diverged.safetensors"))?;
+                checkpoint(config, &trainer, &progress)
+                    .save(&config.out.join("diverged.safetensors"))?;
                 return Err(TrainError::diverged(update, &diverged, Some(saved)));
             }
         };
@@ -233,7 +251,7 @@ fn run_here(config: &TrainConfig, resume: bool, stop: &AtomicBool) -> Result<(),
                 merge(&mut line, json!({"reward": reward / n}));
             }
             directory.log(&line)?;
-            let state = checkpoint(&trainer, &progress);
+            let state = checkpoint(config, &trainer, &progress);
             if improved {
                 state.save(&config.out.join(BEST))?;
             }
@@ -248,13 +266,13 @@ fn run_here(config: &TrainConfig, resume: bool, stop: &AtomicBool) -> Result<(),
             }
             epoch_clock = Pace::start(trainer.updates);
         } else if saved.elapsed().as_secs_f64() >= 60.0 * config.checkpoint_minutes {
-            checkpoint(&trainer, &progress).save_newest(&config.out)?;
+            checkpoint(config, &trainer, &progress).save_newest(&config.out)?;
             saved = Instant::now();
         }
     }
     bar.finish_and_clear();
     if trainer.updates < total {
-        checkpoint(&trainer, &progress).save_newest(&config.out)?;
+        checkpoint(config, &trainer, &progress).save_newest(&config.out)?;
         eprintln!(
             "stopped after update {} of {total}; go on with --resume",
             trainer.updates
@@ -269,19 +287,30 @@ fn start(
     resumed: Option<Checkpoint>,
 ) -> Result<(Trainer, Progress), TrainError> {
     let wanted = config.network.shape();
+    let accumulation = config.method.accumulation;
     let (checkpoint, path) = match (resumed, &config.init) {
         (Some(checkpoint), _) => (checkpoint, config.out.clone()),
         (None, None) => {
             let parameters = Parameters::random(wanted, config.seed);
-            (Checkpoint::start(parameters), PathBuf::new())
+            (Checkpoint::start(parameters, accumulation), PathBuf::new())
         }
         (None, Some(path)) => {
-            let parameters = if path.extension().is_some_and(|e| e == "rgw") {
-                WeightFile::load(path)?.parameters(config.seed)?
+            let (parameters, found) = if path.extension().is_some_and(|e| e == "rgw") {
+                let parameters = WeightFile::load(path)?.parameters(config.seed)?;
+                (parameters, Accumulation::Global)
             } else {
-                Checkpoint::load(&Checkpoint::find(path)?)?.result()
+                let checkpoint = Checkpoint::load(&Checkpoint::find(path)?)?;
+                let found = checkpoint.accumulation;
+                (checkpoint.result(), found)
             };
-            (Checkpoint::start(parameters), path.clone())
+            if found != accumulation {
+                return Err(TrainError::Accumulation {
+                    path: path.clone(),
+                    found,
+                    wanted: accumulation,
+                });
+            }
+            (Checkpoint::start(parameters, accumulation), path.clone())
         }
     };
     let found = checkpoint.parameters.shape;
@@ -296,6 +325,7 @@ fn start(
         parameters,
         adam,
         averaged,
+        accumulation: _,
         progress,
     } = checkpoint;
     let mut trainer = Trainer::new(
@@ -312,11 +342,12 @@ fn start(
     Ok((trainer, progress))
 }
 
-fn checkpoint(trainer: &Trainer, progress: &Progress) -> Checkpoint {
+fn checkpoint(config: &TrainConfig, trainer: &Trainer, progress: &Progress) -> Checkpoint {
     Checkpoint {
         parameters: trainer.agent.parameters.clone(),
         adam: trainer.adam.clone(),
         averaged: trainer.averaged.clone(),
+        accumulation: config.method.accumulation,
         progress: Progress {
             updates: trainer.updates,
             optimiser_steps: trainer.adam.steps,

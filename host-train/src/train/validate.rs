@@ -3,7 +3,7 @@
 use super::config::TrainConfig;
 use super::roll_out::Agent;
 use super::run::TrainError;
-use crate::dataset::pairs::{PairSet, Sample};
+use crate::dataset::pairs::PairSet;
 use crate::env::{Accumulation, Problem};
 use crate::eval::{Contestant, EvalError, EvalSettings, Method, evaluate};
 use crate::export::WeightFile;
@@ -25,7 +25,13 @@ pub(super) fn validate(
     if !config.deployable() {
         let accumulation = config.method.accumulation;
         let steps = config.roll_out.steps;
-        let poses = arg_max_poses(parameters, accumulation, pairs, steps);
+        let problems: Vec<Problem> = (0..pairs.source.len())
+            .map(|i| {
+                let (source, target) = (pairs.source[i].clone(), pairs.target[i].clone());
+                Problem::new(source, target, pairs.target_from_source[i])
+            })
+            .collect();
+        let poses = arg_max_poses(parameters, accumulation, &problems, steps);
         return Ok(summary(pairs, |i| poses[i][steps])?);
     }
     let file = WeightFile::from_parameters(&parameters)?;
@@ -42,24 +48,15 @@ pub(super) fn validate(
     Ok(outcomes[0].row.summary)
 }
 
-/// Registers pairs by the most likely actions of any network under any accumulation, batched: for each
-/// pair its plain poses after 0 to `steps` steps.
+/// Registers problems by the most likely actions of any network under any accumulation, batched: for
+/// each its plain poses after 0 to `steps` steps.
 pub fn arg_max_poses(
     parameters: Parameters,
     accumulation: Accumulation,
-    pairs: &PairSet,
+    problems: &[Problem],
     steps: usize,
 ) -> Vec<Vec<Pose>> {
     let mut agent = Agent::new(parameters, Search::F32);
-    let problems: Vec<Problem> = (0..pairs.source.len())
-        .map(|i| {
-            Problem::from(Sample {
-                source: pairs.source[i].clone(),
-                target: pairs.target[i].clone(),
-                target_from_source: pairs.target_from_source[i],
-            })
-        })
-        .collect();
     let mut found = Vec::with_capacity(problems.len());
     for problems in problems.chunks(BATCH) {
         agent.embed_targets(problems);

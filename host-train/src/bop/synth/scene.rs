@@ -11,7 +11,7 @@ use std::f32::consts::TAU;
 
 /// LINEMOD's camera at 640 by 480: focal lengths and principal point, pixels.
 const LINEMOD_FOCAL: Vec2 = Vec2::new(572.4114, 573.57043);
-const LINEMOD_CENTRE: Vec2 = Vec2::new(325.2611, 242.04899);
+const LINEMOD_CENTRE: Vec2 = Vec2::new(325.2611, 242.049);
 
 /// LINEMOD's camera for an image of another size, with the field of view kept across the columns.
 pub fn linemod_camera(size: [usize; 2]) -> Pinhole {

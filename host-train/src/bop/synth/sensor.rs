@@ -65,7 +65,8 @@ pub fn observe(rendered: &Rendered, noise: f32, rng: &mut Rng) -> Vec<f32> {
 }
 
 /// A mask as an estimator gives it: the true one displaced by some per cent of its extent, eroded or dilated by up to
-/// two pixels, and in three of ten cases with a round part missing. Never empty where the true one is not.
+/// two pixels, and in three of ten cases with a round part missing. Where less than a third of the true one
+/// would be left, it is the true one.
 pub fn estimated_mask(mask: &[bool], size: [usize; 2], rng: &mut Rng) -> Vec<bool> {
     let [left, top, columns, rows] = bounding_box(mask, size);
     let extent = columns.max(rows) as f32;
@@ -100,7 +101,9 @@ pub fn estimated_mask(mask: &[bool], size: [usize; 2], rng: &mut Rng) -> Vec<boo
         inside && !(bitten && distance < bite_radius)
     };
     let estimated: Vec<bool> = (0..width * height).map(pixel).collect();
-    if estimated.contains(&true) {
+    let kept = mask.iter().zip(&estimated).filter(|(a, b)| **a && **b);
+    let whole = mask.iter().filter(|inside| **inside).count();
+    if 3 * kept.count() >= whole {
         estimated
     } else {
         mask.to_vec()

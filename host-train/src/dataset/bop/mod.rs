@@ -43,11 +43,14 @@ pub fn is_bop(root: &Path) -> bool {
         .any(|models| root.join(models).join("models_info.json").is_file())
 }
 
-/// Images, by scene and number, that are to be evaluated; `None` where the data set does not list them.
+/// Scene, image and object of what is to be evaluated.
+pub type Target = (u32, u32, u32);
+
+/// What is to be evaluated; `None` where the data set does not list it.
 ///
 /// # Errors
 /// A list that cannot be read or is not as it should be.
-pub fn targets(root: &Path) -> Result<Option<BTreeSet<(u32, u32, u32)>>, BopError> {
+pub fn targets(root: &Path) -> Result<Option<BTreeSet<Target>>, BopError> {
     let path = root.join(TARGETS_FILE);
     if !path.exists() {
         return Ok(None);

@@ -2,7 +2,9 @@
 
 #![allow(unsafe_code)]
 
-use super::{Isa, Kind};
+use super::Isa;
+#[cfg(target_arch = "x86_64")]
+use super::Kind;
 
 /// What is multiplied and added.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -18,21 +20,22 @@ impl Isa {
     /// that were: what [`Isa`]'s other kernels are measured against. Zero where nothing is known to be
     /// the core's best.
     pub fn multiply_adds(self, arithmetic: Arithmetic, rounds: u64) -> u64 {
-        match (self.0, arithmetic) {
-            // SAFETY (all): the instruction set was detected.
-            #[cfg(target_arch = "x86_64")]
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY (all): the instruction set was detected.
+        return match (self.0, arithmetic) {
             (Kind::Avx2 | Kind::AvxVnni, Arithmetic::F32) => unsafe { x86::f32_256(rounds) },
-            #[cfg(target_arch = "x86_64")]
             (Kind::AvxVnni, Arithmetic::Bytes) => unsafe { x86::bytes_256(rounds) },
-            #[cfg(target_arch = "x86_64")]
             (Kind::Avx512 | Kind::Avx512Vnni | Kind::Amx, Arithmetic::F32) => unsafe {
                 x86::f32_512(rounds)
             },
-            #[cfg(target_arch = "x86_64")]
             (Kind::Avx512Vnni, Arithmetic::Bytes) => unsafe { x86::bytes_512(rounds) },
-            #[cfg(target_arch = "x86_64")]
             (Kind::Amx, Arithmetic::Bytes) => unsafe { super::x86_amx::multiply_adds(rounds) },
             _ => 0,
+        };
+        #[cfg(not(target_arch = "x86_64"))]
+        {
+            let _ = (arithmetic, rounds);
+            0
         }
     }
 }

@@ -103,7 +103,8 @@ mod tests {
     use crate::metrics::GroundTruth;
     use rand::RngExt;
 
-    fn models(n: u64, points: usize) -> Vec<Model> {
+    /// Clouds of points in a cube, labelled in turn.
+    pub(super) fn models(n: u64, points: usize) -> Vec<Model> {
         let cloud = |k| {
             let mut rng = stream(9, Purpose::Shape, k);
             (0..points)

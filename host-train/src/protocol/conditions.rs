@@ -87,22 +87,7 @@ mod tests {
     use super::*;
     use crate::dataset::Point;
     use crate::metrics::GroundTruth;
-    use rand::RngExt;
-
-    fn models(n: u64, points: usize) -> Vec<Model> {
-        let cloud = |k| {
-            let mut rng = stream(9, Purpose::Shape, k);
-            (0..points)
-                .map(|_| std::array::from_fn(|_| rng.random_range(-1.0..1.0)))
-                .collect()
-        };
-        (0..n)
-            .map(|k| Model {
-                points: cloud(k),
-                label: k as u32,
-            })
-            .collect()
-    }
+    use crate::protocol::tests::models;
 
     const NOISY: Conditions = Conditions {
         points: 1024,

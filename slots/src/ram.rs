@@ -1,0 +1,156 @@
+//! NOR flash in memory, whose power can be cut: a model for tests and simulated robots.
+
+use core::ops::Range;
+use embedded_storage_async::nor_flash::{
+    ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
+};
+
+/// Why the model refused.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RamError {
+    /// An address that is out of bounds or not whole words or blocks.
+    Address,
+    /// A word that was written already and not erased since.
+    NotErased,
+    /// The power is off.
+    PowerCut,
+}
+
+impl NorFlashError for RamError {
+    fn kind(&self) -> NorFlashErrorKind {
+        match self {
+            RamError::Address => NorFlashErrorKind::OutOfBounds,
+            RamError::NotErased | RamError::PowerCut => NorFlashErrorKind::Other,
+        }
+    }
+}
+
+/// Flash over borrowed bytes that writes words of `WRITE` bytes and erases blocks of `ERASE`.
+#[derive(Debug)]
+pub struct RamFlash<'m, const WRITE: usize, const ERASE: usize> {
+    memory: &'m mut [u8],
+    /// Words to write and blocks to erase before the power goes; `None` for ever.
+    left: Option<u32>,
+    /// What a torn word or block looks like.
+    tear: u64,
+    /// Words written and blocks erased so far.
+    done: u32,
+}
+
+impl<'m, const WRITE: usize, const ERASE: usize> RamFlash<'m, WRITE, ERASE> {
+    /// Flash over these bytes; erased bytes are 0xff.
+    pub fn new(memory: &'m mut [u8]) -> Self {
+        RamFlash {
+            memory,
+            left: None,
+            tear: 0,
+            done: 0,
+        }
+    }
+
+    /// Cuts the power within the word or block after `operations` of them; `tear` seeds what is left there.
+    pub fn cut_after(mut self, operations: u32, tear: u64) -> Self {
+        self.left = Some(operations);
+        self.tear = tear.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
+        self
+    }
+
+    /// Words written and blocks erased so far.
+    pub fn operations(&self) -> u32 {
+        self.done
+    }
+
+    /// The next word or block: `Ok(true)` to do it, `Ok(false)` to tear it.
+    fn spend(&mut self) -> Result<bool, RamError> {
+        match &mut self.left {
+            None => {}
+            Some(0) => {
+                // The next one finds the power off.
+                self.left = Some(u32::MAX);
+                return Ok(false);
+            }
+            Some(u32::MAX) => return Err(RamError::PowerCut),
+            Some(left) => *left -= 1,
+        }
+        self.done += 1;
+        Ok(true)
+    }
+
+    fn noise(&mut self) -> u8 {
+        self.tear = self
+            .tear
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        (self.tear >> 56) as u8
+    }
+
+    fn checked(&self, start: usize, end: usize, unit: usize) -> Result<Range<usize>, RamError> {
+        let good = start <= end
+            && end <= self.memory.len()
+            && start.is_multiple_of(unit)
+            && end.is_multiple_of(unit);
+        good.then_some(start..end).ok_or(RamError::Address)
+    }
+}
+
+impl<const WRITE: usize, const ERASE: usize> ErrorType for RamFlash<'_, WRITE, ERASE> {
+    type Error = RamError;
+}
+
+impl<const WRITE: usize, const ERASE: usize> ReadNorFlash for RamFlash<'_, WRITE, ERASE> {
+    const READ_SIZE: usize = WRITE;
+
+    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), RamError> {
+        if self.left == Some(u32::MAX) {
+            return Err(RamError::PowerCut);
+        }
+        let start = offset as usize;
+        let range = self.checked(start, start + bytes.len(), WRITE)?;
+        bytes.copy_from_slice(&self.memory[range]);
+        Ok(())
+    }
+
+    fn capacity(&self) -> usize {
+        self.memory.len()
+    }
+}
+
+impl<const WRITE: usize, const ERASE: usize> NorFlash for RamFlash<'_, WRITE, ERASE> {
+    const WRITE_SIZE: usize = WRITE;
+    const ERASE_SIZE: usize = ERASE;
+
+    async fn erase(&mut self, from: u32, to: u32) -> Result<(), RamError> {
+        let range = self.checked(from as usize, to as usize, ERASE)?;
+        for block in range.step_by(ERASE) {
+            let whole = self.spend()?;
+            for at in block..block + ERASE {
+                let kept = if whole { 0 } else { self.noise() };
+                self.memory[at] |= !kept;
+            }
+            if !whole {
+                return Err(RamError::PowerCut);
+            }
+        }
+        Ok(())
+    }
+
+    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), RamError> {
+        let start = offset as usize;
+        let range = self.checked(start, start + bytes.len(), WRITE)?;
+        for (word, at) in bytes.chunks(WRITE).zip(range.step_by(WRITE)) {
+            let place = at..at + WRITE;
+            if self.memory[place.clone()].iter().any(|&byte| byte != 0xff) {
+                return Err(RamError::NotErased);
+            }
+            let whole = self.spend()?;
+            for (at, &byte) in place.zip(word) {
+                let kept = if whole { 0 } else { self.noise() };
+                self.memory[at] &= byte | kept;
+            }
+            if !whole {
+                return Err(RamError::PowerCut);
+            }
+        }
+        Ok(())
+    }
+}

@@ -4,7 +4,7 @@
 //! A new policy goes into the idle slot ([`Slots::begin`], [`Slots::write_chunk`]), is checked chunk by
 //! chunk ([`Slots::missing`]), tried ([`Slots::try_out`]) and then counts ([`Slots::confirm`]) or not
 //! ([`Slots::revert`]). The one moment at which it starts to count is the replacement of a small record
-//! kept by [`sequential_storage::map`]. Versions only grow: the floor moves when a policy is confirmed.
+//! kept by [`sequential_storage::map`]. No older version than one that was confirmed ever counts again.
 //!
 //! In flash, a slot is
 //!
@@ -69,8 +69,8 @@ pub enum SlotError<E: core::fmt::Debug> {
     /// The idle slot holds no whole policy.
     #[error("the idle slot holds no whole policy")]
     Incomplete,
-    /// The version is not above the floor.
-    #[error("version {version} is not newer than {floor}, which was in use")]
+    /// The version is below the floor.
+    #[error("version {version} is older than {floor}, which was in use")]
     Version {
         /// As given.
         version: u64,
@@ -291,13 +291,13 @@ impl<F: NorFlash> Slots<F> {
     /// The policy on trial counts from here on, and no older one is taken any more.
     ///
     /// # Errors
-    /// `Incomplete` without a trial, `Version` for one that does not grow, `Flash`, `Record`.
+    /// `Incomplete` without a trial, `Version` for an older one than ever counted, `Flash`, `Record`.
     pub async fn confirm(&mut self, version: u64) -> Result<(), SlotError<F::Error>> {
         let Record { floor, trial, .. } = self.record;
         if trial != Some(Trial::Running) {
             return Err(SlotError::Incomplete);
         }
-        if version <= floor {
+        if version < floor {
             return Err(SlotError::Version { version, floor });
         }
         let idle = self.idle();

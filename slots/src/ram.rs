@@ -25,10 +25,11 @@ impl NorFlashError for RamError {
     }
 }
 
-/// Flash over borrowed bytes that writes words of `WRITE` bytes and erases blocks of `ERASE`.
+/// Flash that writes words of `WRITE` bytes and erases blocks of `ERASE`. The memory holds the complement of what
+/// is read, so that erased flash is zeros, which cost nothing until something is written.
 #[derive(Debug)]
-pub struct RamFlash<'m, const WRITE: usize, const ERASE: usize> {
-    memory: &'m mut [u8],
+pub struct RamFlash<M, const WRITE: usize, const ERASE: usize> {
+    memory: M,
     /// Words to write and blocks to erase before the power goes; `None` for ever.
     left: Option<u32>,
     /// What a torn word or block looks like.
@@ -37,9 +38,11 @@ pub struct RamFlash<'m, const WRITE: usize, const ERASE: usize> {
     done: u32,
 }
 
-impl<'m, const WRITE: usize, const ERASE: usize> RamFlash<'m, WRITE, ERASE> {
-    /// Flash over these bytes; erased bytes are 0xff.
-    pub fn new(memory: &'m mut [u8]) -> Self {
+impl<M: AsRef<[u8]> + AsMut<[u8]>, const WRITE: usize, const ERASE: usize>
+    RamFlash<M, WRITE, ERASE>
+{
+    /// Flash over this memory, the complement of what is read.
+    pub fn new(memory: M) -> Self {
         RamFlash {
             memory,
             left: None,
@@ -86,18 +89,20 @@ impl<'m, const WRITE: usize, const ERASE: usize> RamFlash<'m, WRITE, ERASE> {
 
     fn checked(&self, start: usize, end: usize, unit: usize) -> Result<Range<usize>, RamError> {
         let good = start <= end
-            && end <= self.memory.len()
+            && end <= self.memory.as_ref().len()
             && start.is_multiple_of(unit)
             && end.is_multiple_of(unit);
         good.then_some(start..end).ok_or(RamError::Address)
     }
 }
 
-impl<const WRITE: usize, const ERASE: usize> ErrorType for RamFlash<'_, WRITE, ERASE> {
+impl<M, const WRITE: usize, const ERASE: usize> ErrorType for RamFlash<M, WRITE, ERASE> {
     type Error = RamError;
 }
 
-impl<const WRITE: usize, const ERASE: usize> ReadNorFlash for RamFlash<'_, WRITE, ERASE> {
+impl<M: AsRef<[u8]> + AsMut<[u8]>, const WRITE: usize, const ERASE: usize> ReadNorFlash
+    for RamFlash<M, WRITE, ERASE>
+{
     const READ_SIZE: usize = WRITE;
 
     async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), RamError> {
@@ -106,16 +111,20 @@ impl<const WRITE: usize, const ERASE: usize> ReadNorFlash for RamFlash<'_, WRITE
         }
         let start = offset as usize;
         let range = self.checked(start, start + bytes.len(), WRITE)?;
-        bytes.copy_from_slice(&self.memory[range]);
+        for (to, from) in bytes.iter_mut().zip(&self.memory.as_ref()[range]) {
+            *to = !from;
+        }
         Ok(())
     }
 
     fn capacity(&self) -> usize {
-        self.memory.len()
+        self.memory.as_ref().len()
     }
 }
 
-impl<const WRITE: usize, const ERASE: usize> NorFlash for RamFlash<'_, WRITE, ERASE> {
+impl<M: AsRef<[u8]> + AsMut<[u8]>, const WRITE: usize, const ERASE: usize> NorFlash
+    for RamFlash<M, WRITE, ERASE>
+{
     const WRITE_SIZE: usize = WRITE;
     const ERASE_SIZE: usize = ERASE;
 
@@ -125,7 +134,7 @@ impl<const WRITE: usize, const ERASE: usize> NorFlash for RamFlash<'_, WRITE, ER
             let whole = self.spend()?;
             for at in block..block + ERASE {
                 let kept = if whole { 0 } else { self.noise() };
-                self.memory[at] |= !kept;
+                self.memory.as_mut()[at] &= kept;
             }
             if !whole {
                 return Err(RamError::PowerCut);
@@ -139,13 +148,16 @@ impl<const WRITE: usize, const ERASE: usize> NorFlash for RamFlash<'_, WRITE, ER
         let range = self.checked(start, start + bytes.len(), WRITE)?;
         for (word, at) in bytes.chunks(WRITE).zip(range.step_by(WRITE)) {
             let place = at..at + WRITE;
-            if self.memory[place.clone()].iter().any(|&byte| byte != 0xff) {
+            if self.memory.as_ref()[place.clone()]
+                .iter()
+                .any(|&byte| byte != 0)
+            {
                 return Err(RamError::NotErased);
             }
             let whole = self.spend()?;
             for (at, &byte) in place.zip(word) {
                 let kept = if whole { 0 } else { self.noise() };
-                self.memory[at] &= byte | kept;
+                self.memory.as_mut()[at] |= !(byte | kept);
             }
             if !whole {
                 return Err(RamError::PowerCut);

@@ -9,7 +9,7 @@ use sha2::{Digest, Sha256};
 const WORD: usize = 4;
 const BLOCK: usize = 128;
 const CHUNK: usize = 256;
-type Flash<'m> = RamFlash<'m, WORD, BLOCK>;
+type Flash<'m> = RamFlash<&'m mut [u8], WORD, BLOCK>;
 
 /// A policy as it is shipped.
 #[derive(Debug, PartialEq, Eq)]
@@ -40,7 +40,7 @@ impl Shipped {
 }
 
 fn erased() -> Vec<u8> {
-    vec![0xff; 2 * BLOCK + 2 * 3072]
+    vec![0; 2 * BLOCK + 2 * 3072]
 }
 
 fn open(flash: Flash<'_>) -> Result<Slots<Flash<'_>>, SlotError<RamError>> {
@@ -300,7 +300,7 @@ fn layouts_that_cannot_work_are_refused() {
         },
     ];
     for layout in broken {
-        let mut memory = vec![0xff; 6400];
+        let mut memory = vec![0; 6400];
         let opened = block_on(Slots::open(Flash::new(&mut memory), layout.clone()));
         assert!(
             matches!(opened.err(), Some(SlotError::Layout(_))),

@@ -343,7 +343,7 @@ impl<F: NorFlash> Slots<F> {
         let bytes =
             postcard::to_slice(&record, &mut bytes).map_err(|_| SlotError::Record("too long"))?;
         let value = &&*bytes;
-        let stored = self.map.store_item(&mut buffer, &KEY, value).await;
+        let stored = self.map.store_item_generic(&mut buffer, &KEY, value).await;
         stored.map_err(of_map)?;
         self.record = record;
         Ok(())

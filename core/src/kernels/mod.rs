@@ -547,3 +547,5 @@ fn rows(layer: &Dense<'_>, x: &[f32]) -> usize {
 
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod tests_network;

@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::dims::padded;
+use crate::quant::QuantLayer;
 use crate::weights::pack_panels;
 use proptest::prelude::*;
 

@@ -3,6 +3,7 @@
 
 use super::*;
 use crate::dims::{EMBED, HEAD, LOGITS, STATE, padded};
+use crate::quant::QuantLayer;
 use proptest::prelude::*;
 
 /// `(inputs, outputs)` of the embedding's layers that kernels of rows see.
@@ -88,7 +89,7 @@ fn points() -> impl Strategy<Value = usize> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 8, max_shrink_iters: 4, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 6, max_shrink_iters: 4, ..ProptestConfig::default() })]
 
     #[test]
     fn layers_of_the_embedding(points in points(), shape in 0usize..3, values in values(), seed: u64) {

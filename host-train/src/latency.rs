@@ -1,10 +1,10 @@
 //! How fast this machine registers: whole registrations, by number format, cloud size and threads.
 
+use crate::batch;
 use crate::dataset::pairs::PairSet;
 use crate::dataset::procedural;
 use crate::export::{ExportError, WeightFile};
 use crate::protocol::{self, Protocol};
-use rayon::prelude::*;
 use reagent_core::dims::{HEAD, LOGITS, MACS_PER_POINT, SCRATCH_BYTES, STATE, STEPS};
 use reagent_core::kernels::{Arithmetic, Isa};
 use reagent_core::net::Scratch;
@@ -51,11 +51,13 @@ pub struct Report {
     pub rows: Vec<Latency>,
 }
 
-/// Measures a policy in f32 and in 8 bits, `count` registrations of each configuration.
+/// Measures a policy in f32 and in 8 bits on the given kernels, `count` registrations of each
+/// configuration.
 ///
 /// # Errors
 /// [`ExportError`] for a file of integers.
 pub fn measure(
+    isa: Isa,
     file: &WeightFile,
     threads: &[usize],
     points: &[usize],
@@ -66,7 +68,6 @@ pub fn measure(
     let models = procedural::models(seed, CALIBRATION);
     let pairs = protocol::draw(&models, Protocol::M40Models, CALIBRATION, seed);
     let integers = WeightFile::from_parameters_int8(&parameters, &pairs)?;
-    let isa = Isa::best();
     let peaks = [Arithmetic::F32, Arithmetic::Bytes].map(|a| peak(isa, a));
     let mut rows = Vec::new();
     for &points in points {
@@ -74,7 +75,15 @@ pub fn measure(
         for &threads in threads {
             let formats = [("f32", file, peaks[0]), ("int8", &integers, peaks[1])];
             for (format, file, peak) in formats {
-                rows.push(run(format, file.policy(), &pairs, threads, count, peak));
+                rows.push(run(
+                    isa,
+                    format,
+                    file.policy(),
+                    &pairs,
+                    threads,
+                    count,
+                    peak,
+                ));
             }
         }
     }
@@ -107,6 +116,7 @@ fn resized(pairs: &PairSet, points: usize) -> PairSet {
 }
 
 fn run(
+    isa: Isa,
     format: &'static str,
     policy: Policy<'_>,
     pairs: &PairSet,
@@ -115,10 +125,10 @@ fn run(
     peak: f64,
 ) -> Latency {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-    let one = |scratch: &mut Box<Scratch>, i: usize| {
+    let one = |scratch: &mut Scratch, i: usize| {
         let i = i % pairs.source.len();
         let clock = Instant::now();
-        let mut registrar = Registrar::new(policy, scratch);
+        let mut registrar = Registrar::with_isa(isa, policy, scratch);
         let (source, target) = (&pairs.source[i], &pairs.target[i]);
         let outcome = registrar.register(source, target, Frame::IDENTITY, Pose::IDENTITY, STEPS);
         std::hint::black_box(outcome).expect("drawn clouds are sound");
@@ -126,11 +136,7 @@ fn run(
     };
     let all = || {
         let clock = Instant::now();
-        let times: Vec<f64> = (0..count)
-            .into_par_iter()
-            .with_max_len(1)
-            .map_init(|| Box::new(Scratch::new()), one)
-            .collect();
+        let times = batch::for_each(count, one);
         (times, clock.elapsed().as_secs_f64())
     };
     let (mut times, seconds) = match pool {

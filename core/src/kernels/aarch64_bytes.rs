@@ -89,9 +89,8 @@ macro_rules! kernels {
                     let mut sum = [zero(); N];
                     let whole = inputs / 16 * 16;
                     for k in (0..whole).step_by(16) {
-                        let x: [int8x16_t; N] = core::array::from_fn(|n| {
-                            signed::<LESS_128>(vld1q_u8(x[n].add(k)))
-                        });
+                        let x: [int8x16_t; N] =
+                            core::array::from_fn(|n| signed::<LESS_128>(vld1q_u8(x[n].add(k))));
                         macro_rules! quad {
                             ($lane:literal) => {
                                 for q in 0..QUARTERS {
@@ -217,7 +216,7 @@ macro_rules! kernels {
                             let y = y.as_mut_ptr().add(n * layer.outputs + panel * PANEL);
                             n += if points - n >= POINTS {
                                 let x = rows::<POINTS>(x, layer.inputs);
- let sum = sums::<POINTS, true>(layer.inputs, weights, x);
+                                let sum = sums::<POINTS, true>(layer.inputs, weights, x);
                                 put(sum, start, factors, y, layer.outputs)
                             } else {
                                 let sum = sums::<1, true>(layer.inputs, weights, [x]);
@@ -241,7 +240,8 @@ macro_rules! kernels {
                     for (n, sum) in sums.into_iter().enumerate() {
                         let codes: [uint16x4_t; QUARTERS] = core::array::from_fn(|q| {
                             let r = vreinterpretq_s32_u32(vld1q_u32(factors.add(q * LANES)));
-                            let (factor, shift) = (vandq_s32(r, vdupq_n_s32(0xffff)), vshrq_n_s32::<16>(r));
+                            let (factor, shift) =
+                                (vandq_s32(r, vdupq_n_s32(0xffff)), vshrq_n_s32::<16>(r));
                             let half = vshrq_n_s32::<1>(vshlq_s32(vdupq_n_s32(1), shift));
                             let product = vmulq_s32(vaddq_s32(sum[q], start[q]), factor);
                             vqmovun_s32(vshlq_s32(vaddq_s32(product, half), vnegq_s32(shift)))

@@ -198,7 +198,9 @@ pub(super) unsafe fn gemv_codes(
         for (panel, y) in y.as_chunks_mut::<PANEL>().0.iter_mut().enumerate() {
             let at = (panel * layer.inputs + first) * PANEL;
             let weights = &layer.panels[at..at + high.len() * PANEL];
-            let quads = bytemuck::cast_slice::<i8, u8>(weights).as_chunks::<QUAD>().0;
+            let quads = bytemuck::cast_slice::<i8, u8>(weights)
+                .as_chunks::<QUAD>()
+                .0;
             for (lane, y) in y.iter_mut().enumerate() {
                 for (x, w) in wide.iter().zip(quads.iter().skip(lane).step_by(PANEL)) {
                     let w = spread_signed(u32::from_le_bytes(*w));

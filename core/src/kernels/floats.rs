@@ -28,9 +28,7 @@ impl Isa {
             },
             // SAFETY: as above; NEON is part of the target.
             #[cfg(arm_kernels = "neon")]
-            Kind::Neon | Kind::NeonDot => unsafe {
-                aarch64_neon::dense_relu(layer, points, x, y)
-            },
+            Kind::Neon | Kind::NeonDot => unsafe { aarch64_neon::dense_relu(layer, points, x, y) },
             _ => portable::dense_relu(layer, points, x, y),
         }
     }
@@ -122,9 +120,7 @@ impl Isa {
             },
             // SAFETY: as above; NEON is part of the target.
             #[cfg(arm_kernels = "neon")]
-            Kind::Neon | Kind::NeonDot => unsafe {
-                aarch64_neon::gemv(layer, start, from, x, y)
-            },
+            Kind::Neon | Kind::NeonDot => unsafe { aarch64_neon::gemv(layer, start, from, x, y) },
             _ => portable::gemv(layer, start, from, x, y),
         }
     }

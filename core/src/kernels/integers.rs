@@ -68,10 +68,14 @@ impl Isa {
             },
             // SAFETY: as above; NEON is part of the target.
             #[cfg(arm_kernels = "neon")]
-            Kind::Neon => unsafe { aarch64_bytes::plain::dense_codes(codes, bias, requantise, x, y) },
+            Kind::Neon => unsafe {
+                aarch64_bytes::plain::dense_codes(codes, bias, requantise, x, y)
+            },
             // SAFETY: as above.
             #[cfg(arm_kernels = "neon")]
-            Kind::NeonDot => unsafe { aarch64_bytes::dot::dense_codes(codes, bias, requantise, x, y) },
+            Kind::NeonDot => unsafe {
+                aarch64_bytes::dot::dense_codes(codes, bias, requantise, x, y)
+            },
             // SAFETY: as above, for the processor that this is compiled for.
             #[cfg(arm_kernels = "dsp")]
             Kind::Dsp => unsafe { armv7em_dsp::dense_codes(codes, bias, requantise, x, y) },

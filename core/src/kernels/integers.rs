@@ -10,7 +10,7 @@ use super::{Kind, armv7em_dsp};
 #[cfg(arm_kernels = "helium")]
 use super::{Kind, armv81m_helium};
 #[cfg(target_arch = "x86_64")]
-use super::{Kind, x86_amx, x86_bytes256, x86_vnni};
+use super::{Kind, x86_amx, x86_avx2_wide, x86_bytes256, x86_vnni};
 use crate::dims::PANEL;
 use crate::quant::QuantLayer;
 use crate::weights::Dense;
@@ -99,7 +99,7 @@ impl Isa {
             // SAFETY: the instruction set was detected, lengths were checked above.
             #[cfg(target_arch = "x86_64")]
             Kind::Avx2 | Kind::Avx512 => unsafe {
-                x86_bytes256::avx2::dense_codes_max(layer, panels, x, max);
+                x86_avx2_wide::dense_codes_max(layer, panels, x, max);
             },
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]

@@ -80,14 +80,20 @@ impl BenchArgs {
             "kernels {}, one core's peak: {f32:.0} G multiply-adds/s in f32, {bytes:.0} in bytes",
             report.kernels
         );
-        println!("format  points  threads  ms median   best  registrations/s  of peak");
+        println!("format  points  threads  ms median   best   cpu  registrations/s  of peak");
         for row in &report.rows {
             let share = row
                 .share_of_peak
                 .map_or("-".into(), |s| format!("{:.0} %", 100.0 * s));
             println!(
-                "{:<6}  {:>6}  {:>7}  {:>9.2}  {:>5.2}  {:>15.1}  {share:>7}",
-                row.format, row.points, row.threads, row.ms_median, row.ms_best, row.per_second,
+                "{:<6}  {:>6}  {:>7}  {:>9.2}  {:>5.2} {:>5.2}  {:>15.1}  {share:>7}",
+                row.format,
+                row.points,
+                row.threads,
+                row.ms_median,
+                row.ms_best,
+                row.cpu_ms_best,
+                row.per_second,
             );
         }
         println!(

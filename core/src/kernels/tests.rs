@@ -186,6 +186,14 @@ proptest! {
 }
 
 #[test]
+fn kernels_are_found_by_name() {
+    for isa in Isa::all() {
+        assert_eq!(Isa::named(isa.name()), Some(isa));
+    }
+    assert_eq!(Isa::named("abacus"), None);
+}
+
+#[test]
 fn the_first_of_equal_rows_is_kept() {
     let mut panels = vec![0.0; PANEL];
     pack_panels(1, 1, &[1.0], &mut panels);

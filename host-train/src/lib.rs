@@ -9,6 +9,7 @@ mod print;
 pub mod agent;
 pub mod augment;
 pub mod baselines;
+pub mod batch;
 pub mod bop;
 pub mod buffer;
 pub mod checkpoint;

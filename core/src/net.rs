@@ -4,7 +4,7 @@ use crate::dims::{EMBED, FEATURES, HEAD, LOGITS, TILE, padded};
 use crate::kernels::{Codes, Isa};
 use crate::pose::Pose;
 use crate::quant::QuantScratch;
-use crate::weights::{Dense, Embedding, FloatNetwork, Head};
+use crate::weights::{Dense, Embedding, FloatNetwork, Head, Network};
 use glam::Vec3;
 
 /// A global feature vector, one value a channel.
@@ -19,11 +19,9 @@ pub struct Tiles {
     hidden2: [f32; TILE * EMBED[1]],
 }
 
-/// Working memory of one network evaluation; the caller owns it.
+/// Working memory of a network in f32.
 #[derive(Clone, Debug)]
-pub struct Scratch {
-    /// For a network in integers.
-    pub(crate) quant: QuantScratch,
+pub struct FloatScratch {
     /// For the embedding.
     pub(crate) tiles: Tiles,
     /// Global feature of the cloud embedded last.
@@ -34,18 +32,48 @@ pub struct Scratch {
     head2: [f32; HEAD[1]],
 }
 
+/// Working memory by number format: one of them at a time, in the same place.
+#[derive(Clone, Debug)]
+#[allow(clippy::large_enum_variant, reason = "the caller's memory holds either")]
+pub(crate) enum Memory {
+    /// 8-bit integers.
+    Int8(QuantScratch),
+    /// 32-bit floating point.
+    F32(FloatScratch),
+}
+
+/// Working memory of one network evaluation; the caller owns it.
+#[derive(Clone, Debug)]
+pub struct Scratch {
+    pub(crate) memory: Memory,
+}
+
 impl Scratch {
     /// Zeroed working memory.
     pub const fn new() -> Self {
         Scratch {
-            quant: QuantScratch::ZERO,
-            tiles: Tiles {
-                hidden1: [0.0; TILE * EMBED[0]],
-                hidden2: [0.0; TILE * EMBED[1]],
-            },
-            feature: [0.0; FEATURES],
-            head1: [0.0; HEAD[0]],
-            head2: [0.0; HEAD[1]],
+            memory: Memory::Int8(QuantScratch::ZERO),
+        }
+    }
+
+    /// Makes the memory that of a number format.
+    pub(crate) fn fit(&mut self, network: &Network<'_>) {
+        match (network, &self.memory) {
+            (Network::F32(_), Memory::Int8(_)) => {
+                self.memory = Memory::F32(FloatScratch {
+                    tiles: Tiles {
+                        hidden1: [0.0; TILE * EMBED[0]],
+                        hidden2: [0.0; TILE * EMBED[1]],
+                    },
+                    feature: [0.0; FEATURES],
+                    head1: [0.0; HEAD[0]],
+                    head2: [0.0; HEAD[1]],
+                });
+            }
+            (Network::Int8(_), Memory::F32(_)) => {
+                self.memory = Memory::Int8(QuantScratch::ZERO);
+            }
+            _ => {}
         }
     }
 }
@@ -272,7 +300,7 @@ pub fn logits(
     isa: Isa,
     head: &Head<'_>,
     target_half: &TargetHalf,
-    scratch: &mut Scratch,
+    scratch: &mut FloatScratch,
 ) -> [f32; LOGITS] {
     let [fc1, fc2, out] = &head.layers;
     isa.gemv(fc1, target_half, 0, &scratch.feature, &mut scratch.head1);

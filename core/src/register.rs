@@ -1,9 +1,9 @@
 //! One registration: observe, embed, arg-max, accumulate, verdict.
 
-use crate::dims::{AXES, LOGITS, MAX_POINTS, MIN_POINTS, STEP_SIZES};
+use crate::dims::{AXES, HEAD, LOGITS, MAX_POINTS, MIN_POINTS, STEP_SIZES};
 use crate::error::Error;
 use crate::kernels::Isa;
-use crate::net::{self, Scratch, TargetHalf, View};
+use crate::net::{self, FloatScratch, Memory, Scratch, TargetHalf, View};
 use crate::pose::{Pose, centroid};
 use crate::quant::{self, TargetSums};
 use crate::steps::Action;
@@ -180,6 +180,7 @@ impl<'w, 's> Registrar<'w, 's> {
 
     /// A registrar on given kernels.
     pub fn with_isa(isa: Isa, policy: Policy<'w>, scratch: &'s mut Scratch) -> Self {
+        scratch.fit(&policy.network);
         Registrar {
             isa,
             policy,
@@ -212,14 +213,15 @@ impl<'w, 's> Registrar<'w, 's> {
             },
         };
         self.embed(target, &target_view);
-        let target = match &self.policy.network {
-            Network::F32(network) => {
-                let feature = &self.scratch.feature;
-                TargetState::F32(net::target_halves(self.isa, network, feature))
+        let target = match (&self.policy.network, &self.scratch.memory) {
+            (Network::F32(network), Memory::F32(scratch)) => {
+                TargetState::F32(net::target_halves(self.isa, network, &scratch.feature))
             }
-            Network::Int8(network) => {
-                TargetState::Int8(quant::target_sums(self.isa, network, &self.scratch.quant))
+            (Network::Int8(network), Memory::Int8(scratch)) => {
+                TargetState::Int8(quant::target_sums(self.isa, network, scratch))
             }
+            // The memory was made that of the network's format, and stays so.
+            _ => TargetState::Int8([[0; HEAD[0]]; 2]),
         };
         Ok(Registration {
             source,
@@ -278,17 +280,17 @@ impl<'w, 's> Registrar<'w, 's> {
 
     /// Translation and rotation logits for the source embedded last.
     fn logits(&mut self, target: &TargetState) -> [[f32; LOGITS]; 2] {
-        let (isa, scratch) = (self.isa, &mut *self.scratch);
-        match (&self.policy.network, target) {
-            (Network::F32(network), TargetState::F32([half_t, half_r])) => [
+        let isa = self.isa;
+        match (&self.policy.network, &mut self.scratch.memory, target) {
+            (Network::F32(network), Memory::F32(scratch), TargetState::F32([half_t, half_r])) => [
                 net::logits(isa, &network.translation, half_t, scratch),
                 net::logits(isa, &network.rotation, half_r, scratch),
             ],
-            (Network::Int8(network), TargetState::Int8([sums_t, sums_r])) => {
+            (Network::Int8(network), Memory::Int8(scratch), TargetState::Int8([sums_t, sums_r])) => {
                 let [translation, rotation] = &network.heads;
                 [
-                    quant::logits(isa, translation, sums_t, &mut scratch.quant),
-                    quant::logits(isa, rotation, sums_r, &mut scratch.quant),
+                    quant::logits(isa, translation, sums_t, scratch),
+                    quant::logits(isa, rotation, sums_r, scratch),
                 ]
             }
             // A registration that another registrar started with another number format: no step.
@@ -297,17 +299,16 @@ impl<'w, 's> Registrar<'w, 's> {
     }
 
     fn embed(&mut self, points: &[[f32; 3]], view: &View) {
-        let Scratch {
-            quant,
-            tiles,
-            feature,
-            ..
-        } = &mut *self.scratch;
-        match &self.policy.network {
-            Network::F32(network) => {
+        match (&self.policy.network, &mut self.scratch.memory) {
+            (Network::F32(network), Memory::F32(scratch)) => {
+                let FloatScratch { tiles, feature, .. } = scratch;
                 net::embed(self.isa, &network.embedding, points, view, tiles, feature);
             }
-            Network::Int8(network) => quant::embed(self.isa, network, points, view, quant),
+            (Network::Int8(network), Memory::Int8(scratch)) => {
+                quant::embed(self.isa, network, points, view, scratch);
+            }
+            // The memory was made that of the network's format, and stays so.
+            _ => {}
         }
     }
 }

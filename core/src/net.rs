@@ -59,22 +59,31 @@ impl Scratch {
     /// Makes the memory that of a number format.
     pub(crate) fn fit(&mut self, network: &Network<'_>) {
         match (network, &self.memory) {
-            (Network::F32(_), Memory::Int8(_)) => {
-                self.memory = Memory::F32(FloatScratch {
-                    tiles: Tiles {
-                        hidden1: [0.0; TILE * EMBED[0]],
-                        hidden2: [0.0; TILE * EMBED[1]],
-                    },
-                    feature: [0.0; FEATURES],
-                    head1: [0.0; HEAD[0]],
-                    head2: [0.0; HEAD[1]],
-                });
-            }
-            (Network::Int8(_), Memory::F32(_)) => {
-                self.memory = Memory::Int8(QuantScratch::ZERO);
-            }
+            (Network::F32(_), Memory::Int8(_)) => self.become_f32(),
+            (Network::Int8(_), Memory::F32(_)) => self.become_int8(),
             _ => {}
         }
+    }
+
+    // Out of line, so that their copies of the memory are on nobody's stack who does not call them.
+    #[cold]
+    #[inline(never)]
+    fn become_f32(&mut self) {
+        self.memory = Memory::F32(FloatScratch {
+            tiles: Tiles {
+                hidden1: [0.0; TILE * EMBED[0]],
+                hidden2: [0.0; TILE * EMBED[1]],
+            },
+            feature: [0.0; FEATURES],
+            head1: [0.0; HEAD[0]],
+            head2: [0.0; HEAD[1]],
+        });
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn become_int8(&mut self) {
+        self.memory = Memory::Int8(QuantScratch::ZERO);
     }
 }
 
@@ -286,13 +295,16 @@ fn embed_tiles(
 pub type TargetHalf = [f32; HEAD[0]];
 
 /// First half of the heads for a target: `b + W[:, 1024..] φ(Y)` for both heads.
-pub fn target_halves(isa: Isa, network: &FloatNetwork<'_>, target: &Feature) -> [TargetHalf; 2] {
-    [&network.translation, &network.rotation].map(|head| {
+pub fn target_halves(
+    isa: Isa,
+    network: &FloatNetwork<'_>,
+    target: &Feature,
+    halves: &mut [TargetHalf; 2],
+) {
+    for (head, half) in [&network.translation, &network.rotation].into_iter().zip(halves) {
         let [fc1, _, _] = &head.layers;
-        let mut half = [0.0; HEAD[0]];
-        isa.gemv(fc1, fc1.bias, FEATURES, target, &mut half);
-        half
-    })
+        isa.gemv(fc1, fc1.bias, FEATURES, target, half);
+    }
 }
 
 /// Logits of one head, `[33]`, axis-major, for the source feature in `scratch`.

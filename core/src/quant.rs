@@ -302,13 +302,14 @@ pub fn target_sums(
     isa: Isa,
     network: &QuantNetwork<'_>,
     scratch: &QuantScratch,
-) -> [TargetSums; 2] {
-    network.heads.each_ref().map(|[fc1, _, _]| {
-        let mut sums = [0; HEAD[0]];
-        sums.copy_from_slice(fc1.bias.get(..HEAD[0]).unwrap_or(&[0; HEAD[0]]));
-        isa.gemv_codes(&fc1.codes, FEATURES, scratch.feature.planes(), &mut sums);
-        sums
-    })
+    sums: &mut [TargetSums; 2],
+) {
+    for ([fc1, _, _], sums) in network.heads.iter().zip(sums) {
+        for (sum, &bias) in sums.iter_mut().zip(fc1.bias) {
+            *sum = bias;
+        }
+        isa.gemv_codes(&fc1.codes, FEATURES, scratch.feature.planes(), sums);
+    }
 }
 
 /// Logits of one head for the source embedded last.

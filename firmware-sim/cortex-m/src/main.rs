@@ -21,7 +21,7 @@ use reagent_core::wire::{
     self, Board, Cloud, Manifest, Message, PolicyId, REQUEST_OVERHEAD_BYTES, Reason, RefineReply,
     Refusal, Status, StepTaken, take_request,
 };
-use reagent_core::{Error, Frame, Policy, Pose, Registrar, Verdict};
+use reagent_core::{Error, Frame, Policy, Pose, Registrar, Registration, Verdict};
 
 /// Most points of each cloud.
 const POINTS: usize = 1024;
@@ -106,8 +106,9 @@ fn refine(
     let initial = request.initial.map_or(Pose::IDENTITY, Pose::from_rows);
     let failed = |error| refused(Reason::of(error, Cloud::Target));
     let frame = Frame::of(request.target).map_err(failed)?;
-    let mut registration = registrar
-        .start(request.source, request.target, frame, initial)
+    let mut registration = Registration::new();
+    registrar
+        .start_in(&mut registration, request.source, request.target, frame, initial)
         .map_err(failed)?;
     report.target_ticks = hardware::ticks().wrapping_sub(started);
     let mut steps = 0;

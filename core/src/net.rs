@@ -34,7 +34,10 @@ pub struct FloatScratch {
 
 /// Working memory by number format: one of them at a time, in the same place.
 #[derive(Clone, Debug)]
-#[allow(clippy::large_enum_variant, reason = "the caller's memory holds either")]
+#[allow(
+    clippy::large_enum_variant,
+    reason = "the caller's memory holds either"
+)]
 pub(crate) enum Memory {
     /// 8-bit integers.
     Int8(QuantScratch),
@@ -301,7 +304,10 @@ pub fn target_halves(
     target: &Feature,
     halves: &mut [TargetHalf; 2],
 ) {
-    for (head, half) in [&network.translation, &network.rotation].into_iter().zip(halves) {
+    for (head, half) in [&network.translation, &network.rotation]
+        .into_iter()
+        .zip(halves)
+    {
         let [fc1, _, _] = &head.layers;
         isa.gemv(fc1, fc1.bias, FEATURES, target, half);
     }

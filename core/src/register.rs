@@ -352,7 +352,11 @@ impl<'w, 's> Registrar<'w, 's> {
                 net::logits(isa, &network.translation, half_t, scratch),
                 net::logits(isa, &network.rotation, half_r, scratch),
             ],
-            (Network::Int8(network), Memory::Int8(scratch), TargetState::Int8([sums_t, sums_r])) => {
+            (
+                Network::Int8(network),
+                Memory::Int8(scratch),
+                TargetState::Int8([sums_t, sums_r]),
+            ) => {
                 let [translation, rotation] = &network.heads;
                 [
                     quant::logits(isa, translation, sums_t, scratch),

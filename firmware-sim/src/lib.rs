@@ -4,6 +4,7 @@
 //! A policy flows `session -> node -> policy (signature) -> fetch (chunks) -> policy (hash, parse) ->
 //! store -> service`; a request flows `client -> node (queue) -> service -> client`.
 
+pub mod board;
 pub mod client;
 #[cfg(feature = "demo")]
 pub mod demo;

@@ -119,9 +119,8 @@ impl Flash {
     /// Writes what fits.
     pub(crate) fn write(&mut self, at: usize, bytes: &[u8]) {
         // SAFETY: as above.
-        let all = unsafe {
-            core::slice::from_raw_parts_mut(addr_of_mut!(_policy_flash), Self::LENGTH)
-        };
+        let all =
+            unsafe { core::slice::from_raw_parts_mut(addr_of_mut!(_policy_flash), Self::LENGTH) };
         for (place, &byte) in all.iter_mut().skip(at).zip(bytes) {
             *place = byte;
         }

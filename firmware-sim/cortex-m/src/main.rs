@@ -42,12 +42,19 @@ fn main() -> ! {
     let mut flash = unsafe { Flash::take() };
     let mut link = Link::new(Uart::open());
     let mut report = Report::default();
+    let loaded = policy::load(&flash);
+    report.policy = loaded.map(|(id, _)| id);
+    report.send(&mut link);
+    let mut manifest = serve(loaded, REQUEST, SCRATCH, &mut link, &mut report);
     loop {
-        let manifest = {
-            let loaded = policy::load(&flash);
-            serve(loaded, REQUEST, SCRATCH, &mut link, &mut report)
-        };
-        update(manifest, &mut flash, REQUEST, &mut link, &mut report);
+        let updated = update(manifest, &mut flash, REQUEST, &mut link, &mut report);
+        let loaded = policy::load(&flash);
+        report.policy = loaded.map(|(id, _)| id);
+        match updated {
+            Ok(()) => report.send_status(&mut link),
+            Err(refusal) => link.refuse(refusal),
+        }
+        manifest = serve(loaded, REQUEST, SCRATCH, &mut link, &mut report);
     }
 }
 
@@ -59,8 +66,6 @@ fn serve(
     link: &mut Link,
     report: &mut Report,
 ) -> Manifest {
-    report.policy = loaded.map(|(id, _)| id);
-    report.send(link);
     let mut registrar = loaded.map(|(_, policy)| Registrar::new(policy, scratch));
     loop {
         let length = link.receive(bytemuck::cast_slice_mut(space));
@@ -95,9 +100,8 @@ fn refine(
     let request = take_request(space, length).map_err(refusal)?;
     let id = request.id;
     let refused = |reason| Refusal { id, reason };
-    let checked = |cloud, points| {
-        check_cloud(points).map_err(|error| refused(Reason::of(error, cloud)))
-    };
+    let checked =
+        |cloud, points| check_cloud(points).map_err(|error| refused(Reason::of(error, cloud)));
     checked(Cloud::Source, request.source)?;
     checked(Cloud::Target, request.target)?;
     let (Some(registrar), Some(policy)) = (registrar, report.policy) else {
@@ -108,7 +112,13 @@ fn refine(
     let frame = Frame::of(request.target).map_err(failed)?;
     let mut registration = Registration::new();
     registrar
-        .start_in(&mut registration, request.source, request.target, frame, initial)
+        .start_in(
+            &mut registration,
+            request.source,
+            request.target,
+            frame,
+            initial,
+        )
         .map_err(failed)?;
     report.target_ticks = hardware::ticks().wrapping_sub(started);
     let mut steps = 0;
@@ -143,22 +153,20 @@ fn update(
     space: &mut [u32],
     link: &mut Link,
     report: &mut Report,
-) {
+) -> Result<(), Refusal> {
     report.policy = None;
-    let Some(mut update) = Update::begin(flash, manifest) else {
-        return link.refuse(refusal(Error::Frame));
-    };
+    let mut update = Update::begin(flash, manifest).ok_or(refusal(Error::Frame))?;
     loop {
         report.send_status(link);
         let length = link.receive(bytemuck::cast_slice_mut(space));
         let frame: &[u8] = bytemuck::cast_slice(space);
         let Ok(Message::Chunk(chunk)) = wire::decode(frame.get(..length).unwrap_or(&[])) else {
-            return link.refuse(refusal(Error::Frame));
+            return Err(refusal(Error::Frame));
         };
         match update.write(flash, chunk) {
             Progress::More => {}
-            Progress::Done => return,
-            Progress::Failed => return link.refuse(refusal(Error::Frame)),
+            Progress::Done => return Ok(()),
+            Progress::Failed => return Err(refusal(Error::Frame)),
         }
     }
 }

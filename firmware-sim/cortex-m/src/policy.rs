@@ -57,7 +57,10 @@ impl Update {
     /// Writes a chunk, and after the last the manifest, which makes it count.
     pub(crate) fn write(&mut self, flash: &mut Flash, chunk: Chunk<'_>) -> Progress {
         let at = self.next.wrapping_mul(self.manifest.chunk_length);
-        let expected = self.manifest.chunk_length.min(self.manifest.length - at.min(self.manifest.length));
+        let expected = self
+            .manifest
+            .chunk_length
+            .min(self.manifest.length - at.min(self.manifest.length));
         if chunk.index != self.next || chunk.bytes.len() != expected as usize {
             return Progress::Failed;
         }

@@ -106,7 +106,7 @@ pub enum BoardError {
 /// # Errors
 /// `NoTarget`, `Build`.
 pub fn build_image(kind: Kind) -> Result<PathBuf, BoardError> {
-    let directory = Path::new(env!("CARGO_MANIFEST_DIR")).join("cortex-m");
+    let directory = Path::new(env!("CARGO_MANIFEST_DIR")).join("../firmware-sim/cortex-m");
     let target = kind.target();
     let failed = |reason: String| BoardError::Build {
         target,

@@ -1,5 +1,6 @@
 //! A policy on a robot: from signed manifest and fetched bytes to one that may be run.
 
+use crate::board::BoardError;
 use ed25519_dalek::{Signature, VerifyingKey};
 use reagent_core::wire::{self, Manifest, Message, SignedManifest, keys::Hex};
 use reagent_core::{Error, Policy};
@@ -61,6 +62,9 @@ pub enum UpdateError {
     /// The right bytes are not a policy that this robot can run.
     #[error("policy file: {0}")]
     Policy(Error),
+    /// The node's board did not take it.
+    #[error("board: {0}")]
+    Board(BoardError),
     /// The state directory failed.
     #[error("{path}: {reason}")]
     Store {

@@ -64,18 +64,22 @@ pub fn take_request(space: &mut [u32], length: usize) -> Result<TakenRequest<'_>
 /// What a request begins with: kind of message, id, steps, initial pose, bytes of the source.
 type Beginning = (u8, u64, u8, Option<[[f32; 4]; 3]>, u32);
 
-/// The refusal of a request of which only the beginning was kept: because of `busy`, or since a frame of
-/// `length` bytes is longer than a request of `points` points in each cloud.
+/// The refusal of a frame of which only the beginning was kept: because of `busy`, or since a request of
+/// `length` bytes is longer than one of `points` points in each cloud.
 pub fn refuse_beginning(beginning: &[u8], length: usize, points: usize, busy: bool) -> Refusal {
-    let malformed = Refusal {
+    let unread = Refusal {
         id: 0,
-        reason: Reason::Malformed,
+        reason: if busy {
+            Reason::Busy
+        } else {
+            Reason::Malformed
+        },
     };
     let [VERSION, body @ ..] = beginning else {
-        return malformed;
+        return unread;
     };
     let Ok(((2, id, _, _, source), rest)) = postcard::take_from_bytes::<Beginning>(body) else {
-        return malformed;
+        return unread;
     };
     let source = source as usize;
     let before = beginning.len() - rest.len();

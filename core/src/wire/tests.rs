@@ -172,6 +172,8 @@ fn requests_are_refused_by_their_beginning() {
     };
     for beginning in [&[][..], &[1], &[2, 2, 5, 10, 0, 12], &[1, 3, 5, 10, 0, 12]] {
         assert_eq!(refuse_beginning(beginning, 600, 10, false), malformed);
+        let busy = refuse_beginning(beginning, 600, 10, true);
+        assert_eq!((busy.id, busy.reason), (0, Reason::Busy));
     }
 }
 

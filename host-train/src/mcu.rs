@@ -6,12 +6,11 @@ use crate::dataset::procedural;
 use crate::export::{ExportError, WeightFile};
 use crate::latency::CALIBRATION;
 use crate::protocol::{self, Protocol};
+use crate::publish;
 use reagent_core::dims::{
     CLOUD_BYTES, FEATURES, HEAD, MACS_HEADS_STEP, MACS_PER_POINT, POLICY_BYTES, STEPS,
 };
-use reagent_core::wire::{
-    self, CloudView, Manifest, Message, PolicyName, REQUEST_OVERHEAD_BYTES, RefineRequest,
-};
+use reagent_core::wire::{self, CloudView, Message, REQUEST_OVERHEAD_BYTES, RefineRequest};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -75,14 +74,7 @@ pub fn measure(kind: Kind, file: &WeightFile, seed: u64) -> Result<Budget, McuEr
         Err(ExportError::Integers) => file,
         Err(error) => return Err(error.into()),
     };
-    let manifest = Manifest {
-        sha256: policy.sha256(),
-        length: policy.bytes().len() as u32,
-        chunk_length: wire::CHUNK_BYTES as u32,
-        version: 1,
-        number_format: 1,
-        name: PolicyName::new(),
-    };
+    let manifest = publish::manifest(1, "", policy).expect("no name is short enough");
     let image = build_image(kind)?;
     let flash = std::env::temp_dir().join(format!("reagent-{}-{kind:?}", std::process::id()));
     let written = std::fs::write(&flash, flash_content(&manifest, policy.bytes()));

@@ -5,14 +5,14 @@ use host_train::dataset::pairs::PairSet;
 use host_train::dataset::procedural;
 use host_train::export::WeightFile;
 use host_train::protocol::{self, Protocol};
+use host_train::publish;
 use host_train::random::{Purpose, Rng, stream};
 use rand::RngExt;
 use reagent_core::kernels::Isa;
 use reagent_core::net::Scratch;
 use reagent_core::wire::serial::{self, line_bytes};
 use reagent_core::wire::{
-    self, Chunk, Cloud, CloudView, Manifest, Message, PolicyName, Reason, RefineRequest, Refusal,
-    StepTaken,
+    self, Chunk, Cloud, CloudView, Manifest, Message, Reason, RefineRequest, Refusal, StepTaken,
 };
 use reagent_core::{Action, Frame, Pose, Registrar, Verdict};
 use reagent_tests::shared;
@@ -34,14 +34,13 @@ static POLICY: LazyLock<WeightFile> = LazyLock::new(|| {
 
 fn manifest(version: u64) -> Manifest {
     Manifest {
-        sha256: POLICY.sha256(),
-        length: POLICY.bytes().len() as u32,
-        chunk_length: 16 * 1024,
         version,
-        number_format: 1,
-        name: PolicyName::try_from("test").expect("short"),
+        ..MANIFEST.clone()
     }
 }
+
+static MANIFEST: LazyLock<Manifest> =
+    LazyLock::new(|| publish::manifest(1, "test", &POLICY).expect("a short name"));
 
 /// Images that can be built here, all at once; says why others cannot.
 fn images() -> Vec<(Kind, PathBuf)> {
@@ -244,7 +243,12 @@ fn bad_requests_are_refused_by_name() {
         }
         let malformed = |reason| Refusal { id: 0, reason };
         let whole = request(7, 2, &good, &good);
-        for frame in [&whole[..40], &[1, 99], &[1, 5, 0, 3, 1, 2], &[]] {
+        for frame in [
+            &whole[..40],
+            &[wire::VERSION, 99],
+            &[wire::VERSION, 5, 0, 3, 1, 2],
+            &[],
+        ] {
             board.send_frame(frame).expect("it runs");
             assert_eq!(refusal(&mut board), malformed(Reason::Malformed));
         }
@@ -354,10 +358,7 @@ fn a_policy_comes_over_the_line_and_counts_when_it_is_whole() {
             .expect("it runs");
         assert_eq!(refusal(&mut board).reason, Reason::Malformed);
         let float = WeightFile::pretrained();
-        let large = Manifest {
-            length: float.bytes().len() as u32,
-            ..manifest(6)
-        };
+        let large = publish::manifest(6, "f32", &float).expect("a short name");
         assert!(board.load(&large, float.bytes()).is_err());
 
         board

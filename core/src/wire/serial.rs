@@ -140,7 +140,7 @@ mod tests {
     #[test]
     fn lines_are_these_bytes() {
         // The frame that asks a board how it is, with the CRC-32 that zlib gives it.
-        assert_eq!(line(&[1, 6]), [7, 1, 6, 0x8b, 0x86, 0xa1, 0xb1, 0]);
+        assert_eq!(line(&[2, 6]), [7, 2, 6, 0x48, 0xd5, 0x8c, 0x9a, 0]);
         assert_eq!(line(&[]), [1, 1, 1, 1, 1, 0]);
     }
 

@@ -101,6 +101,22 @@ pub enum BoardError {
     },
 }
 
+/// Whether boards can be simulated here.
+///
+/// # Errors
+/// `NoQemu`.
+pub fn check_simulator() -> Result<(), BoardError> {
+    let version = Command::new(QEMU).arg("--version").output();
+    version.map(drop).map_err(not_started)
+}
+
+fn not_started(error: io::Error) -> BoardError {
+    match error.kind() {
+        io::ErrorKind::NotFound => BoardError::NoQemu,
+        _ => BoardError::Process(error),
+    }
+}
+
 /// Builds the image with cargo and gives its path; a moment where nothing has changed.
 ///
 /// # Errors
@@ -194,10 +210,7 @@ impl Board {
         qemu.stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .stderr(Stdio::piped());
-        let mut process = qemu.spawn().map_err(|error| match error.kind() {
-            io::ErrorKind::NotFound => BoardError::NoQemu,
-            _ => BoardError::Process(error),
-        })?;
+        let mut process = qemu.spawn().map_err(not_started)?;
         let line = process.stdin.take().expect("piped");
         let output = process.stdout.take().expect("piped");
         let (sender, frames) = channel();

@@ -2,7 +2,7 @@
 
 use clap::{Parser, Subcommand};
 use ed25519_dalek::VerifyingKey;
-use firmware_sim::board::{Board, Kind, Simulation, build_image};
+use firmware_sim::board::{Board, Kind, Simulation, build_image, check_simulator};
 use firmware_sim::node::{Node, NodeConfig};
 use firmware_sim::session::{SessionArgs, open};
 use std::io::IsTerminal;
@@ -67,6 +67,7 @@ impl NodeArgs {
 }
 
 fn start_board(kind: Kind) -> anyhow::Result<Board> {
+    check_simulator()?;
     tracing::info!("building the image for {}", kind.target());
     let image = build_image(kind)?;
     let mut board = Board::start(kind, &image, Simulation::default())?;

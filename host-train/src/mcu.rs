@@ -1,7 +1,9 @@
 //! What a registration costs on microcontrollers, as counted in QEMU: flash, RAM, instructions. Simulated
 //! instructions are not cycles of silicon: memory, caches and dual issue are not in them.
 
-use crate::board::{Board, BoardError, Kind, Simulation, build_image, flash_content};
+use crate::board::{
+    Board, BoardError, Kind, Simulation, build_image, check_simulator, flash_content,
+};
 use crate::dataset::procedural;
 use crate::export::{ExportError, WeightFile};
 use crate::latency::CALIBRATION;
@@ -67,6 +69,7 @@ pub struct Budget {
 /// # Errors
 /// See [`McuError`].
 pub fn measure(kind: Kind, file: &WeightFile, seed: u64) -> Result<Budget, McuError> {
+    check_simulator()?;
     let models = procedural::models(seed, CALIBRATION);
     let pairs = protocol::draw(&models, Protocol::M40Models, CALIBRATION, seed);
     let policy = match file.parameters(seed) {

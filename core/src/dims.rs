@@ -26,10 +26,13 @@ pub const MAX_POINTS: usize = 4096;
 pub const PANEL: usize = 16;
 /// Points whose hidden activations are held at once: the tile stays in the L1 cache of a host and in
 /// the few KiB of a microcontroller.
-pub const TILE: usize = if cfg!(target_arch = "x86_64") { 48 } else { 8 };
+pub const TILE: usize = if HOST { 48 } else { 8 };
 
 /// Points whose 8-bit codes are held at once.
-pub const QUANT_TILE: usize = if cfg!(target_arch = "x86_64") { 192 } else { 8 };
+pub const QUANT_TILE: usize = if HOST { 192 } else { 8 };
+
+/// Whether there is memory for large tiles.
+const HOST: bool = cfg!(any(target_arch = "x86_64", target_arch = "aarch64"));
 
 /// Layers of a policy file: three of the embedding, three of each head.
 pub const LAYERS: usize = 9;

@@ -4,6 +4,7 @@
 //! likely action in every step, on core's kernels.
 
 use crate::baselines::{FgrSettings, IcpSettings, fgr, icp};
+use crate::batch;
 use crate::dataset::Point;
 use crate::dataset::pairs::PairSet;
 use crate::env::{Accumulation, Problem};
@@ -11,7 +12,6 @@ use crate::metrics::{Errors, GroundTruth, PairMetrics, Summary, quantile};
 use crate::nn::Parameters;
 use crate::random::{Purpose, stream};
 use crate::train::arg_max_poses;
-use rayon::prelude::*;
 use reagent_core::net::Scratch;
 use reagent_core::{Error, Frame, Policy, Pose, Registrar};
 use serde::Serialize;
@@ -325,13 +325,7 @@ fn for_each_pair<T: Send>(
     pairs: usize,
     f: impl Fn(&mut Scratch, usize) -> Result<T, Error> + Sync,
 ) -> Result<Vec<T>, EvalError> {
-    let results: Vec<Result<T, Error>> = pool.install(|| {
-        (0..pairs)
-            .into_par_iter()
-            .map_init(|| Box::new(Scratch::new()), |scratch, i| f(scratch, i))
-            .collect()
-    });
-    results
+    pool.install(|| batch::for_each(pairs, &f))
         .into_iter()
         .enumerate()
         .map(|(index, result)| result.map_err(|source| EvalError::Pair { index, source }))

@@ -1,10 +1,10 @@
 //! How fast this machine registers: whole registrations, by number format, cloud size and threads.
 
+use crate::batch;
 use crate::dataset::pairs::PairSet;
 use crate::dataset::procedural;
 use crate::export::{ExportError, WeightFile};
 use crate::protocol::{self, Protocol};
-use rayon::prelude::*;
 use reagent_core::dims::{MACS_HEADS_STEP, MACS_PER_POINT, SCRATCH_BYTES, STEPS};
 use reagent_core::kernels::{Arithmetic, Isa};
 use reagent_core::net::Scratch;
@@ -28,6 +28,9 @@ pub struct Latency {
     pub ms_median: f64,
     /// The fastest one.
     pub ms_best: f64,
+    /// Milliseconds of processor time of the one that took least: what a machine with other work to do
+    /// can be compared by.
+    pub cpu_ms_best: f64,
     /// Registrations a second, all threads together.
     pub per_second: f64,
     /// Share of the measured arithmetic peak that the fastest one reached; none where no peak is known.
@@ -49,11 +52,13 @@ pub struct Report {
     pub rows: Vec<Latency>,
 }
 
-/// Measures a policy in f32 and in 8 bits, `count` registrations of each configuration.
+/// Measures a policy in f32 and in 8 bits on the given kernels, `count` registrations of each
+/// configuration.
 ///
 /// # Errors
 /// [`ExportError`] for a file of integers.
 pub fn measure(
+    isa: Isa,
     file: &WeightFile,
     threads: &[usize],
     points: &[usize],
@@ -64,7 +69,6 @@ pub fn measure(
     let models = procedural::models(seed, CALIBRATION);
     let pairs = protocol::draw(&models, Protocol::M40Models, CALIBRATION, seed);
     let integers = WeightFile::from_parameters_int8(&parameters, &pairs)?;
-    let isa = Isa::best();
     let peaks = [Arithmetic::F32, Arithmetic::Bytes].map(|a| peak(isa, a));
     let mut rows = Vec::new();
     for &points in points {
@@ -72,7 +76,15 @@ pub fn measure(
         for &threads in threads {
             let formats = [("f32", file, peaks[0]), ("int8", &integers, peaks[1])];
             for (format, file, peak) in formats {
-                rows.push(run(format, file.policy(), &pairs, threads, count, peak));
+                rows.push(run(
+                    isa,
+                    format,
+                    file.policy(),
+                    &pairs,
+                    threads,
+                    count,
+                    peak,
+                ));
             }
         }
     }
@@ -105,6 +117,7 @@ fn resized(pairs: &PairSet, points: usize) -> PairSet {
 }
 
 fn run(
+    isa: Isa,
     format: &'static str,
     policy: Policy<'_>,
     pairs: &PairSet,
@@ -113,28 +126,26 @@ fn run(
     peak: f64,
 ) -> Latency {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-    let one = |scratch: &mut Box<Scratch>, i: usize| {
+    let one = |scratch: &mut Scratch, i: usize| {
         let i = i % pairs.source.len();
-        let clock = Instant::now();
-        let mut registrar = Registrar::new(policy, scratch);
+        let clock = (Instant::now(), processor_seconds());
+        let mut registrar = Registrar::with_isa(isa, policy, scratch);
         let (source, target) = (&pairs.source[i], &pairs.target[i]);
         let outcome = registrar.register(source, target, Frame::IDENTITY, Pose::IDENTITY, STEPS);
         std::hint::black_box(outcome).expect("drawn clouds are sound");
-        clock.elapsed().as_secs_f64()
+        let processor = processor_seconds() - clock.1;
+        (clock.0.elapsed().as_secs_f64(), processor)
     };
     let all = || {
         let clock = Instant::now();
-        let times: Vec<f64> = (0..count)
-            .into_par_iter()
-            .with_max_len(1)
-            .map_init(|| Box::new(Scratch::new()), one)
-            .collect();
+        let times = batch::for_each(count, one);
         (times, clock.elapsed().as_secs_f64())
     };
-    let (mut times, seconds) = match pool {
+    let (measured, seconds) = match pool {
         Ok(pool) => pool.install(all),
         Err(_) => all(),
     };
+    let (mut times, processor): (Vec<f64>, Vec<f64>) = measured.into_iter().unzip();
     times.sort_by(f64::total_cmp);
     let points = pairs.source.first().map_or(0, Vec::len);
     let macs = (STEPS + 1) * points * MACS_PER_POINT + STEPS * MACS_HEADS_STEP;
@@ -144,7 +155,20 @@ fn run(
         threads,
         ms_median: 1e3 * times[times.len() / 2],
         ms_best: 1e3 * times[0],
+        cpu_ms_best: 1e3 * processor.into_iter().fold(f64::INFINITY, f64::min),
         per_second: times.len() as f64 / seconds,
         share_of_peak: (peak > 0.0).then(|| macs as f64 / times[0] / peak),
     }
+}
+
+/// Seconds that this thread has run for; zero where the system is not asked.
+fn processor_seconds() -> f64 {
+    #[cfg(unix)]
+    {
+        use rustix::time::{ClockId, clock_gettime};
+        let time = clock_gettime(ClockId::ThreadCPUTime);
+        time.tv_sec as f64 + 1e-9 * time.tv_nsec as f64
+    }
+    #[cfg(not(unix))]
+    0.0
 }

@@ -9,6 +9,7 @@ mod print;
 pub mod agent;
 pub mod augment;
 pub mod baselines;
+pub mod batch;
 // Compiled in, not linked: robots do not see the trainer, and the trainer does not see robots.
 #[path = "../../firmware-sim/src/board.rs"]
 pub mod board;

@@ -13,12 +13,12 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#if defined(__x86_64__)
+#if (defined(__x86_64__) || defined(__aarch64__))
 // Words of a ReagentMemory.
 #define REAGENT_MEMORY_WORDS 6400
 #endif
 
-#if !defined(__x86_64__)
+#if !(defined(__x86_64__) || defined(__aarch64__))
 // Words of a ReagentMemory.
 #define REAGENT_MEMORY_WORDS 2304
 #endif

@@ -18,10 +18,10 @@ fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
 }
 
 /// Words of a ReagentMemory.
-#[cfg(target_arch = "x86_64")]
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 pub const REAGENT_MEMORY_WORDS: usize = 6400;
 /// Words of a ReagentMemory.
-#[cfg(not(target_arch = "x86_64"))]
+#[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
 pub const REAGENT_MEMORY_WORDS: usize = 2304;
 
 /// Memory of one registrar: the caller's, of any content, where it likes. It must not be moved or

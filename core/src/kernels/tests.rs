@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::dims::padded;
+use crate::quant::QuantLayer;
 use crate::weights::pack_panels;
 use proptest::prelude::*;
 
@@ -182,6 +183,14 @@ proptest! {
             }
         }
     }
+}
+
+#[test]
+fn kernels_are_found_by_name() {
+    for isa in Isa::all() {
+        assert_eq!(Isa::named(isa.name()), Some(isa));
+    }
+    assert_eq!(Isa::named("abacus"), None);
 }
 
 #[test]

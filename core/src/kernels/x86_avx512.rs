@@ -12,15 +12,16 @@ use core::arch::x86_64::*;
 /// Points of one block.
 const POINTS: usize = 12;
 
-/// `b + W x` for `P` panels (16 outputs each) and `N` rows starting at `x`.
+/// `b + W x` for `P` panels (16 outputs each) and `N` rows starting at `x`. `INPUTS` is the layer's number of
+/// inputs, or 0 for any: where the compiler knows how far rows are apart, no register holds it.
 #[target_feature(enable = "avx512f")]
 #[inline]
-unsafe fn block<const P: usize, const N: usize>(
+unsafe fn block<const INPUTS: usize, const P: usize, const N: usize>(
     layer: &Dense<'_>,
     panel: usize,
     x: *const f32,
 ) -> [[__m512; P]; N] {
-    let inputs = layer.inputs;
+    let inputs = if INPUTS > 0 { INPUTS } else { layer.inputs };
     // SAFETY: the caller guarantees `P` panels from `panel` on and `N` rows of `inputs` values at `x`.
     unsafe {
         let bias = layer.bias.as_ptr().add(panel * PANEL);
@@ -46,6 +47,23 @@ unsafe fn block<const P: usize, const N: usize>(
 
 #[target_feature(enable = "avx512f")]
 pub(super) unsafe fn dense_relu(layer: &Dense<'_>, points: usize, x: &[f32], y: &mut [f32]) {
+    // SAFETY: as the caller guarantees.
+    unsafe {
+        match layer.inputs {
+            3 => relu_layer::<3>(layer, points, x, y),
+            64 => relu_layer::<64>(layer, points, x, y),
+            _ => relu_layer::<0>(layer, points, x, y),
+        }
+    }
+}
+
+#[target_feature(enable = "avx512f")]
+unsafe fn relu_layer<const INPUTS: usize>(
+    layer: &Dense<'_>,
+    points: usize,
+    x: &[f32],
+    y: &mut [f32],
+) {
     let stride = layer.bias.len();
     let panels = stride / PANEL;
     // SAFETY: blocks cover panels 0..panels and rows 0..points only, which the caller guarantees.
@@ -58,10 +76,10 @@ pub(super) unsafe fn dense_relu(layer: &Dense<'_>, points: usize, x: &[f32], y: 
                 let x = x.as_ptr().add(n * layer.inputs);
                 let y = y.as_mut_ptr().add(n * stride + panel * PANEL);
                 n += match (two, points - n) {
-                    (true, POINTS..) => relu_block::<2, POINTS>(layer, panel, x, y),
-                    (true, 4..) => relu_block::<2, 4>(layer, panel, x, y),
-                    (true, _) => relu_block::<2, 1>(layer, panel, x, y),
-                    (false, _) => relu_block::<1, 1>(layer, panel, x, y),
+                    (true, POINTS..) => relu_block::<INPUTS, 2, POINTS>(layer, panel, x, y),
+                    (true, 4..) => relu_block::<INPUTS, 2, 4>(layer, panel, x, y),
+                    (true, _) => relu_block::<INPUTS, 2, 1>(layer, panel, x, y),
+                    (false, _) => relu_block::<INPUTS, 1, 1>(layer, panel, x, y),
                 };
             }
             panel += if two { 2 } else { 1 };
@@ -71,7 +89,7 @@ pub(super) unsafe fn dense_relu(layer: &Dense<'_>, points: usize, x: &[f32], y: 
 
 #[target_feature(enable = "avx512f")]
 #[inline]
-unsafe fn relu_block<const P: usize, const N: usize>(
+unsafe fn relu_block<const INPUTS: usize, const P: usize, const N: usize>(
     layer: &Dense<'_>,
     panel: usize,
     x: *const f32,
@@ -79,7 +97,7 @@ unsafe fn relu_block<const P: usize, const N: usize>(
 ) -> usize {
     // SAFETY: as the caller guarantees; `y` points at row 0, panel `panel`.
     unsafe {
-        let sum = block::<P, N>(layer, panel, x);
+        let sum = block::<INPUTS, P, N>(layer, panel, x);
         for n in 0..N {
             for p in 0..P {
                 let value = _mm512_max_ps(sum[n][p], _mm512_setzero_ps());
@@ -92,6 +110,24 @@ unsafe fn relu_block<const P: usize, const N: usize>(
 
 #[target_feature(enable = "avx512f")]
 pub(super) unsafe fn dense_max<const ARG: bool>(
+    layer: &Dense<'_>,
+    points: usize,
+    x: &[f32],
+    first: u32,
+    max: &mut [f32],
+    argmax: &mut [u32],
+) {
+    // SAFETY: as the caller guarantees.
+    unsafe {
+        match layer.inputs {
+            128 => max_layer::<ARG, 128>(layer, points, x, first, max, argmax),
+            _ => max_layer::<ARG, 0>(layer, points, x, first, max, argmax),
+        }
+    }
+}
+
+#[target_feature(enable = "avx512f")]
+unsafe fn max_layer<const ARG: bool, const INPUTS: usize>(
     layer: &Dense<'_>,
     points: usize,
     x: &[f32],
@@ -117,10 +153,12 @@ pub(super) unsafe fn dense_max<const ARG: bool>(
                 let x = x.as_ptr().add(n * layer.inputs);
                 let row = first + n as u32;
                 n += match (two, points - n) {
-                    (true, POINTS..) => max_block::<ARG, 2, POINTS>(layer, panel, x, row, max, arg),
-                    (true, 4..) => max_block::<ARG, 2, 4>(layer, panel, x, row, max, arg),
-                    (true, _) => max_block::<ARG, 2, 1>(layer, panel, x, row, max, arg),
-                    (false, _) => max_block::<ARG, 1, 1>(layer, panel, x, row, max, arg),
+                    (true, POINTS..) => {
+                        max_block::<ARG, INPUTS, 2, POINTS>(layer, panel, x, row, max, arg)
+                    }
+                    (true, 4..) => max_block::<ARG, INPUTS, 2, 4>(layer, panel, x, row, max, arg),
+                    (true, _) => max_block::<ARG, INPUTS, 2, 1>(layer, panel, x, row, max, arg),
+                    (false, _) => max_block::<ARG, INPUTS, 1, 1>(layer, panel, x, row, max, arg),
                 };
             }
             panel += if two { 2 } else { 1 };
@@ -130,7 +168,7 @@ pub(super) unsafe fn dense_max<const ARG: bool>(
 
 #[target_feature(enable = "avx512f")]
 #[inline]
-unsafe fn max_block<const ARG: bool, const P: usize, const N: usize>(
+unsafe fn max_block<const ARG: bool, const INPUTS: usize, const P: usize, const N: usize>(
     layer: &Dense<'_>,
     panel: usize,
     x: *const f32,
@@ -140,7 +178,7 @@ unsafe fn max_block<const ARG: bool, const P: usize, const N: usize>(
 ) -> usize {
     // SAFETY: as the caller guarantees; `max` and `arg` point at panel `panel`.
     unsafe {
-        let sum = block::<P, N>(layer, panel, x);
+        let sum = block::<INPUTS, P, N>(layer, panel, x);
         for p in 0..P {
             let mut best = _mm512_loadu_ps(max.add(p * PANEL));
             if ARG {

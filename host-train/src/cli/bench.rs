@@ -11,11 +11,20 @@ use anyhow::Context;
 use clap::Args;
 use clap::builder::RangedU64ValueParser;
 use reagent_core::dims::{MAX_POINTS, MIN_POINTS};
+use reagent_core::kernels::Isa;
 use std::path::PathBuf;
 
 /// Points that one cloud may have.
 fn points() -> RangedU64ValueParser<usize> {
     RangedU64ValueParser::new().range(MIN_POINTS as u64..=MAX_POINTS as u64)
+}
+
+/// Kernels that this machine runs.
+fn kernels(name: &str) -> Result<Isa, String> {
+    Isa::named(name).ok_or_else(|| {
+        let names: Vec<&str> = Isa::all().map(Isa::name).collect();
+        format!("this machine runs {}", names.join(", "))
+    })
 }
 
 /// Measure how fast this machine registers, or trains
@@ -53,6 +62,9 @@ pub(super) struct BenchArgs {
     /// With --train: updates to measure of each stage, of 1280 observations each
     #[arg(long, value_name = "N", value_parser = positive(), default_value_t = 4)]
     updates: usize,
+    /// Register with these kernels, not the fastest, by the name that the first line prints
+    #[arg(long, value_name = "KERNELS", value_parser = kernels, conflicts_with = "train")]
+    isa: Option<Isa>,
     /// Write what was measured as JSON
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
@@ -72,21 +84,28 @@ impl BenchArgs {
     fn registration(self, seed: u64) -> anyhow::Result<()> {
         let file = WeightFile::load_or_pretrained(self.weights.as_deref())?;
         let threads = self.threads.map_or(vec![1, 2], |n| vec![n]);
+        let isa = self.isa.unwrap_or(Isa::best());
         let points = self.points.map_or(vec![1024, 2048], |n| vec![n]);
-        let report = latency::measure(&file, &threads, &points, self.count, seed)?;
+        let report = latency::measure(isa, &file, &threads, &points, self.count, seed)?;
         let [f32, bytes] = report.peak_gmac_per_s;
         println!(
             "kernels {}, one core's peak: {f32:.0} G multiply-adds/s in f32, {bytes:.0} in bytes",
             report.kernels
         );
-        println!("format  points  threads  ms median   best  registrations/s  of peak");
+        println!("format  points  threads  ms median   best   cpu  registrations/s  of peak");
         for row in &report.rows {
             let share = row
                 .share_of_peak
                 .map_or("-".into(), |s| format!("{:.0} %", 100.0 * s));
             println!(
-                "{:<6}  {:>6}  {:>7}  {:>9.2}  {:>5.2}  {:>15.1}  {share:>7}",
-                row.format, row.points, row.threads, row.ms_median, row.ms_best, row.per_second,
+                "{:<6}  {:>6}  {:>7}  {:>9.2}  {:>5.2} {:>5.2}  {:>15.1}  {share:>7}",
+                row.format,
+                row.points,
+                row.threads,
+                row.ms_median,
+                row.ms_best,
+                row.cpu_ms_best,
+                row.per_second,
             );
         }
         println!(

@@ -165,11 +165,20 @@ impl Host {
     }
 }
 
-/// Publishes a frame where manifests are announced.
+/// Publishes a frame where manifests are announced, once a robot listens there.
 pub(crate) async fn put_manifest(session: &Session, frame: Vec<u8>) {
     let manifest = keys::manifest(FLEET).expect("a good name");
-    let put = session.put(manifest.as_str(), frame).await;
-    put.expect("an open session");
+    let publisher = session.declare_publisher(manifest.as_str()).await;
+    let publisher = publisher.expect("an open session");
+    let listener = publisher
+        .matching_listener()
+        .await
+        .expect("an open session");
+    let mut heard = publisher.matching_status().await.expect("an open session");
+    while !heard.matching() {
+        heard = listener.recv_async().await.expect("an open session");
+    }
+    publisher.put(frame).await.expect("an open session");
 }
 
 /// A request for ten steps.

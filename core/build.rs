@@ -1,0 +1,28 @@
+//! Says which Arm kernels the target runs, as `cfg(arm_kernels)`: what the compiler knows of a
+//! microcontroller's instructions is not visible to stable Rust code.
+
+use std::env::var;
+
+fn main() {
+    println!("cargo::rerun-if-changed=build.rs");
+    println!(r#"cargo::rustc-check-cfg=cfg(arm_kernels, values("neon", "dsp", "helium"))"#);
+    let read = |name: &str| var(name).unwrap_or_default();
+    let target = read("TARGET");
+    // -C target-cpu=NAME, from RUSTFLAGS or a configuration file.
+    let flags = read("CARGO_ENCODED_RUSTFLAGS");
+    let flag = |flag: &str| {
+        let name = flag.trim_start_matches("-C").trim_start();
+        name.strip_prefix("target-cpu=").map(str::to_owned)
+    };
+    let cpu = flags.split('\x1f').filter_map(flag).next_back();
+    let cpu = cpu.unwrap_or_default();
+    let features = read("CARGO_CFG_TARGET_FEATURE");
+    let kernels = match read("CARGO_CFG_TARGET_ARCH").as_str() {
+        "aarch64" if features.split(',').any(|f| f == "neon") => "neon",
+        "arm" if ["cortex-m52", "cortex-m55", "cortex-m85"].contains(&cpu.as_str()) => "helium",
+        "arm" if target.starts_with("thumbv7em") => "dsp",
+        "arm" if ["cortex-m33", "cortex-m35p"].contains(&cpu.as_str()) => "dsp",
+        _ => return,
+    };
+    println!("cargo::rustc-cfg=arm_kernels={kernels:?}");
+}

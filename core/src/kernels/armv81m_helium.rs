@@ -1,0 +1,219 @@
+//! Integer layers for Cortex-M55, M52 and M85, by `vmladava`: sixteen products of bytes and their sum in
+//! one instruction.
+//!
+//! It takes bytes of one kind, so 128 is added to weight codes and `128 Σ x`, one value a point, is
+//! where sums start: the same integers as everywhere. Sixteen inputs of one output are gathered, since
+//! they lie in groups of four, and meet four points: 10 instructions for 64 products, besides a loop
+//! over inputs that is unrolled twice.
+#![allow(unsafe_code, clippy::indexing_slicing)]
+
+use super::bytes;
+use super::search::Codes;
+use crate::dims::PANEL;
+use crate::quant::Requantise;
+use core::arch::naked_asm;
+use core::ops::Range;
+
+/// Points of one block.
+const POINTS: usize = 4;
+/// Inputs of one turn of the loop.
+const TURN: usize = 32;
+
+/// Sums of a panel's outputs with four points.
+type Sums = [[i32; POINTS]; PANEL];
+
+/// Four rows of codes.
+#[repr(C)]
+struct Block {
+    rows: [*const u8; POINTS],
+    /// `-128 Σ x` of each row.
+    start: [i32; POINTS],
+}
+
+impl Block {
+    /// Rows of `inputs` codes each, the last repeated where there are fewer than four; none without any.
+    fn of(x: &[u8], inputs: usize) -> Option<Block> {
+        let last = x.chunks_exact(inputs).last()?;
+        let mut rows = x.chunks_exact(inputs);
+        let rows: [&[u8]; POINTS] = core::array::from_fn(|_| rows.next().unwrap_or(last));
+        Some(Block::new(rows))
+    }
+
+    fn new(rows: [&[u8]; POINTS]) -> Block {
+        Block {
+            rows: rows.map(<[u8]>::as_ptr),
+            start: rows.map(|row| -128 * row.iter().map(|&x| i32::from(x)).sum::<i32>()),
+        }
+    }
+}
+
+/// Defines a function over a panel's outputs; `$take` takes the sums of one output, in `q0`, to where
+/// `r2` points, and moves it on by `$step` bytes.
+macro_rules! panel {
+    ($(#[$docs:meta])* $name:ident, $out:ty, $step:literal, $($take:literal),+) => {
+        $(#[$docs])*
+        #[unsafe(naked)]
+        unsafe extern "C" fn $name(
+            weights: *const i8,
+            block: *const Block,
+            out: *mut $out,
+            inputs: usize,
+        ) {
+            naked_asm!(
+                ".cpu cortex-m55",
+                "push {{r4-r11, lr}}",
+                // Addresses of four groups of one output, one turn of half a loop before the first.
+                "movs r4, #0",
+                "vidup.u32 q3, r4, #8",
+                "vshl.i32 q3, q3, #3",
+                "sub r0, r0, #256",
+                "vadd.i32 q3, q3, r0",
+                // From the last groups of an output to those before the first of the next.
+                "mov r0, r3",
+                "lsl r11, r0, #4",
+                "subs r11, #4",
+                "mov r12, r1",
+                "ldrd r1, r3, [r12]",
+                "ldrd r5, r7, [r12, #8]",
+                "mov r9, #128",
+                "add lr, r2, #{bytes}",
+                "push {{r2, lr}}",
+                "2:",
+                "ldrd r4, r6, [r12, #16]",
+                "ldrd r8, r10, [r12, #24]",
+                "lsr lr, r0, #5",
+                "dls lr, lr",
+                "3:",
+                ".rept 2",
+                "vldrw.u32 q0, [q3, #256]!",
+                "vldrb.u8 q1, [r1], #16",
+                "vadd.i8 q0, q0, r9",
+                "vmladava.u8 r4, q0, q1",
+                "vldrb.u8 q2, [r3], #16",
+                "vmladava.u8 r6, q0, q2",
+                "vldrb.u8 q1, [r5], #16",
+                "vmladava.u8 r8, q0, q1",
+                "vldrb.u8 q2, [r7], #16",
+                "vmladava.u8 r10, q0, q2",
+                ".endr",
+                "le lr, 3b",
+                "vmov q0[2], q0[0], r4, r8",
+                "vmov q0[3], q0[1], r6, r10",
+                $($take,)+
+                "subs r1, r1, r0",
+                "subs r3, r3, r0",
+                "subs r5, r5, r0",
+                "subs r7, r7, r0",
+                "vsub.i32 q3, q3, r11",
+                "ldr lr, [sp, #4]",
+                "cmp r2, lr",
+                "bne 2b",
+                "add sp, #8",
+                "pop {{r4-r11, pc}}",
+                bytes = const $step * PANEL,
+            )
+        }
+    };
+}
+
+panel! {
+    /// Writes the sums of a panel's outputs with a block of points.
+    ///
+    /// # Safety
+    /// `weights` holds a panel's groups of `inputs` columns, each row of `block` as many codes, and
+    /// `inputs` is a positive multiple of [`TURN`].
+    panel_sums, Sums, 16,
+    "vstrw.32 q0, [r2], #16"
+}
+
+panel! {
+    /// Raises the maxima of a panel's outputs to its sums with a block of points.
+    ///
+    /// # Safety
+    /// As for [`panel_sums`].
+    panel_max, [i32; PANEL], 4,
+    "ldr lr, [r2]",
+    "vmaxv.s32 lr, q0",
+    "str lr, [r2], #4"
+}
+
+/// As [`bytes::dense_codes_max`].
+pub(super) unsafe fn dense_codes_max(
+    layer: &Codes<'_>,
+    panels: Range<usize>,
+    x: &[u8],
+    max: &mut [i32],
+) {
+    let inputs = layer.inputs;
+    for x in x.chunks(POINTS * inputs) {
+        let Some(block) = Block::of(x, inputs) else {
+            return;
+        };
+        for panel in panels.clone() {
+            let weights = &layer.panels[panel * inputs * PANEL..(panel + 1) * inputs * PANEL];
+            let max = max[panel * PANEL..(panel + 1) * PANEL].as_mut_ptr();
+            // SAFETY: one panel of a layer of a multiple of 64 inputs, rows as long, and its maxima.
+            unsafe { panel_max(weights.as_ptr(), &raw const block, max.cast(), inputs) }
+        }
+    }
+}
+
+/// As [`bytes::dense_codes`].
+pub(super) unsafe fn dense_codes(
+    layer: &Codes<'_>,
+    bias: &[i32],
+    requantise: &[u32],
+    x: &[u8],
+    y: &mut [u8],
+) {
+    let inputs = layer.inputs;
+    let blocks = x.chunks(POINTS * inputs);
+    for (x, y) in blocks.zip(y.chunks_mut(POINTS * layer.outputs)) {
+        let Some(block) = Block::of(x, inputs) else {
+            return;
+        };
+        let points = x.len() / inputs;
+        for panel in 0..layer.outputs / PANEL {
+            let weights = &layer.panels[panel * inputs * PANEL..(panel + 1) * inputs * PANEL];
+            let mut sums: Sums = [[0; POINTS]; PANEL];
+            // SAFETY: one panel of a layer of a multiple of 64 inputs, and rows as long.
+            unsafe { panel_sums(weights.as_ptr(), &raw const block, &raw mut sums, inputs) }
+            let outputs = panel * PANEL..(panel + 1) * PANEL;
+            let scales = bias[outputs.clone()]
+                .iter()
+                .zip(&requantise[outputs.clone()]);
+            for ((sums, (&bias, &r)), output) in sums.iter().zip(scales).zip(outputs) {
+                let rows = y.chunks_exact_mut(layer.outputs).take(points);
+                for (row, &sum) in rows.zip(sums) {
+                    row[output] = Requantise(r).apply_32(sum + bias, 255) as u8;
+                }
+            }
+        }
+    }
+}
+
+/// As [`bytes::gemv_codes`].
+pub(super) unsafe fn gemv_codes(
+    layer: &Codes<'_>,
+    columns: Range<usize>,
+    [high, low]: [&[u8]; 2],
+    y: &mut [i32],
+) {
+    let whole = columns.len() / TURN * TURN;
+    let (high, high_rest) = high.split_at(whole);
+    let (low, low_rest) = low.split_at(whole);
+    if whole > 0 {
+        let block = Block::new([high, low, low, low]);
+        for (panel, y) in y.as_chunks_mut::<PANEL>().0.iter_mut().enumerate() {
+            let weights = &layer.panels[(panel * layer.inputs + columns.start) * PANEL..];
+            let mut sums: Sums = [[0; POINTS]; PANEL];
+            // SAFETY: the caller guarantees these columns of the panel; planes are as long.
+            unsafe { panel_sums(weights.as_ptr(), &raw const block, &raw mut sums, whole) }
+            for (y, [high, low, ..]) in y.iter_mut().zip(sums) {
+                *y += 64 * high + low;
+            }
+        }
+    }
+    let rest = columns.start + whole..columns.end;
+    bytes::gemv_codes(layer, rest, [high_rest, low_rest], y);
+}

@@ -1,0 +1,178 @@
+//! What a trainer needs beside the layers, dispatched to the kernels of the machine: the search for
+//! critical points and the gradient through them.
+
+#![allow(unsafe_code)]
+
+use super::{Codes, GROUPS, Isa, is_whole, padded_codes, search};
+#[cfg(target_arch = "x86_64")]
+use super::{Kind, x86_amx, x86_bytes256, x86_vnni};
+use crate::dims::PANEL;
+
+impl Isa {
+    /// Codes 0..=255 of non-negative rows with one scale each, `x ≈ code * scale`, for
+    /// [`Isa::search`]. The same bits on every kernel.
+    ///
+    /// # Shapes
+    /// `x [points, width]`, `codes [points, padded_codes(width)]`, `scales [points]`; rows beyond the
+    /// shortest are left alone.
+    pub fn quantise_rows(self, width: usize, x: &[f32], codes: &mut [u8], scales: &mut [f32]) {
+        let stride = padded_codes(width);
+        if width == 0 {
+            return;
+        }
+        match self.0 {
+            // SAFETY: the instruction set was detected.
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx2 | Kind::AvxVnni => unsafe {
+                search::quantise_avx2(width, stride, x, codes, scales);
+            },
+            // SAFETY: as above.
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx512 | Kind::Avx512Vnni | Kind::Amx => unsafe {
+                search::quantise_avx512(width, stride, x, codes, scales);
+            },
+            _ => search::quantise(width, stride, x, codes, scales),
+        }
+    }
+
+    /// Finds the point with the highest score of each output in each of [`GROUPS`] groups of points
+    /// (point `n` is of group `n % GROUPS`): `score = scales[n] * Σ codes[n] weight`. The first of
+    /// equals; the same on every kernel.
+    ///
+    /// # Shapes
+    /// `codes [points, layer.inputs]`, `scales [points]`, `best` and `winner [GROUPS, layer.outputs]`,
+    /// overwritten; other lengths leave both as they are.
+    pub fn search(
+        self,
+        layer: &Codes<'_>,
+        codes: &[u8],
+        scales: &[f32],
+        best: &mut [f32],
+        winner: &mut [u32],
+    ) {
+        let results = GROUPS * layer.outputs;
+        let points = scales.len();
+        if !is_whole(layer)
+            || codes.len() != points * layer.inputs
+            || best.len() != results
+            || winner.len() != results
+        {
+            return;
+        }
+        best.fill(f32::NEG_INFINITY);
+        winner.fill(0);
+        let mut first = 0;
+        while first < points {
+            let tile = first..(first + search::TILE).min(points);
+            first = tile.end;
+            let panels = 0..layer.outputs / PANEL;
+            match self.0 {
+                // SAFETY: the instruction set was detected, lengths were checked above.
+                #[cfg(target_arch = "x86_64")]
+                Kind::Avx2 | Kind::Avx512 => unsafe {
+                    x86_bytes256::avx2::search(layer, tile, panels, codes, scales, best, winner);
+                },
+                // SAFETY: as above.
+                #[cfg(target_arch = "x86_64")]
+                Kind::AvxVnni => unsafe {
+                    x86_bytes256::avx_vnni::search(
+                        layer, tile, panels, codes, scales, best, winner,
+                    );
+                },
+                // SAFETY: as above.
+                #[cfg(target_arch = "x86_64")]
+                Kind::Avx512Vnni => unsafe {
+                    x86_vnni::search_512(
+                        layer, tile.start, tile, panels, codes, scales, best, winner,
+                    );
+                },
+                // SAFETY: as above.
+                #[cfg(target_arch = "x86_64")]
+                Kind::Amx => unsafe {
+                    x86_amx::search(layer, tile, panels, codes, scales, best, winner);
+                },
+                _ => {
+                    search::portable(layer, tile, panels, codes, scales, best, winner);
+                }
+            }
+        }
+    }
+
+    /// Outputs of the winners of [`Isa::search`] in f32, and the better of each output's groups.
+    ///
+    /// # Shapes
+    /// `rows [outputs, width]`, `bias` and `feature [outputs]`, `hidden [points, width]`, `winner
+    /// [GROUPS, outputs]`, of which the first row becomes the result; other lengths leave both as
+    /// they are.
+    pub fn winners(
+        self,
+        width: usize,
+        rows: &[f32],
+        bias: &[f32],
+        hidden: &[f32],
+        winner: &mut [u32],
+        feature: &mut [f32],
+    ) {
+        let outputs = bias.len();
+        if width == 0
+            || rows.len() != outputs * width
+            || winner.len() != GROUPS * outputs
+            || feature.len() != outputs
+        {
+            return;
+        }
+        match self.0 {
+            // SAFETY: the instruction set was detected.
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx2 | Kind::AvxVnni => unsafe {
+                search::winners_avx2(width, rows, bias, hidden, winner, feature);
+            },
+            // SAFETY: as above.
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx512 | Kind::Avx512Vnni | Kind::Amx => unsafe {
+                search::winners_avx512(width, rows, bias, hidden, winner, feature);
+            },
+            _ => search::winners(width, rows, bias, hidden, winner, feature),
+        }
+    }
+
+    /// Gradient of a layer's outputs that are maxima over points: output `o` has the gradient
+    /// `gradient[o]` at point `row[o]` and none elsewhere. Adds to the gradients of its weights and of
+    /// its inputs; the same bits on every kernel.
+    ///
+    /// # Shapes
+    /// `row` and `gradient [outputs]`, `hidden` and `hidden_gradient [points, width]`, `weight` and
+    /// `weight_gradient [outputs, width]`; rows out of bounds are passed over.
+    pub fn max_backward(
+        self,
+        width: usize,
+        row: &[u32],
+        gradient: &[f32],
+        (hidden, weight): (&[f32], &[f32]),
+        (weight_gradient, hidden_gradient): (&mut [f32], &mut [f32]),
+    ) {
+        if width == 0 {
+            return;
+        }
+        let layer = search::MaxBackward {
+            width,
+            row,
+            gradient,
+            hidden,
+            weight,
+        };
+        match self.0 {
+            // SAFETY: the instruction set was detected.
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx2 | Kind::AvxVnni => unsafe {
+                search::max_backward_avx2(layer, weight_gradient, hidden_gradient);
+            },
+            // SAFETY: as above.
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx512 | Kind::Avx512Vnni | Kind::Amx => unsafe {
+                search::max_backward_avx512(layer, weight_gradient, hidden_gradient);
+            },
+            _ => search::max_backward(layer, weight_gradient, hidden_gradient),
+        }
+    }
+}

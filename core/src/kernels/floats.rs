@@ -1,0 +1,127 @@
+//! Layers in f32, dispatched to the kernels of the machine.
+
+#![allow(unsafe_code)]
+
+use super::{Isa, portable, rows};
+#[cfg(arm_kernels = "neon")]
+use super::{Kind, aarch64_neon};
+#[cfg(target_arch = "x86_64")]
+use super::{Kind, x86_avx2, x86_avx512};
+use crate::weights::Dense;
+
+impl Isa {
+    /// `y = max(0, W x + b)` for each row of `x`.
+    ///
+    /// # Shapes
+    /// `x [points, inputs]`, `y [points, padded outputs]`; rows beyond either are left alone.
+    pub fn dense_relu(self, layer: &Dense<'_>, x: &[f32], y: &mut [f32]) {
+        let points = rows(layer, x).min(y.len() / layer.bias.len().max(1));
+        match self.0 {
+            // SAFETY: `Kind::Avx2` exists only where detection found AVX2 and FMA; `points` rows
+            // of `x` and `y` are in bounds as counted above.
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx2 | Kind::AvxVnni => unsafe { x86_avx2::dense_relu(layer, points, x, y) },
+            // SAFETY: as above, with AVX-512F.
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx512 | Kind::Avx512Vnni | Kind::Amx => unsafe {
+                x86_avx512::dense_relu(layer, points, x, y)
+            },
+            // SAFETY: as above; NEON is part of the target.
+            #[cfg(arm_kernels = "neon")]
+            Kind::Neon | Kind::NeonDot => unsafe { aarch64_neon::dense_relu(layer, points, x, y) },
+            _ => portable::dense_relu(layer, points, x, y),
+        }
+    }
+
+    /// `max[o] = max(max[o], max over rows of (W x + b)[o])`.
+    ///
+    /// # Shapes
+    /// `x [points, inputs]`, `max [padded outputs]`; a shorter `max` leaves everything as it is.
+    pub fn dense_max(self, layer: &Dense<'_>, x: &[f32], max: &mut [f32]) {
+        if max.len() < layer.bias.len() {
+            return;
+        }
+        let points = rows(layer, x);
+        match self.0 {
+            // SAFETY: features detected; `points` rows of `x` and all of `max` are in bounds.
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx2 | Kind::AvxVnni => unsafe {
+                x86_avx2::dense_max::<false>(layer, points, x, 0, max, &mut []);
+            },
+            // SAFETY: as above.
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx512 | Kind::Avx512Vnni | Kind::Amx => unsafe {
+                x86_avx512::dense_max::<false>(layer, points, x, 0, max, &mut []);
+            },
+            // SAFETY: as above; NEON is part of the target.
+            #[cfg(arm_kernels = "neon")]
+            Kind::Neon | Kind::NeonDot => unsafe {
+                aarch64_neon::dense_max::<false>(layer, points, x, 0, max, &mut []);
+            },
+            _ => portable::dense_max::<false>(layer, points, x, 0, max, &mut []),
+        }
+    }
+
+    /// As [`Isa::dense_max`], with `argmax[o]` set to the index of the row that raised `max[o]`
+    /// last; rows count from `first`.
+    ///
+    /// # Shapes
+    /// `x [points, inputs]`, `max` and `argmax [padded outputs]`.
+    pub fn dense_argmax(
+        self,
+        layer: &Dense<'_>,
+        x: &[f32],
+        first: u32,
+        max: &mut [f32],
+        argmax: &mut [u32],
+    ) {
+        if max.len() < layer.bias.len() || argmax.len() < layer.bias.len() {
+            return;
+        }
+        let points = rows(layer, x);
+        match self.0 {
+            // SAFETY: features detected; `points` rows of `x`, `max` and `argmax` are in bounds.
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx2 | Kind::AvxVnni => unsafe {
+                x86_avx2::dense_max::<true>(layer, points, x, first, max, argmax);
+            },
+            // SAFETY: as above.
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx512 | Kind::Avx512Vnni | Kind::Amx => unsafe {
+                x86_avx512::dense_max::<true>(layer, points, x, first, max, argmax);
+            },
+            // SAFETY: as above; NEON is part of the target.
+            #[cfg(arm_kernels = "neon")]
+            Kind::Neon | Kind::NeonDot => unsafe {
+                aarch64_neon::dense_max::<true>(layer, points, x, first, max, argmax);
+            },
+            _ => portable::dense_max::<true>(layer, points, x, first, max, argmax),
+        }
+    }
+
+    /// `y = start + W[:, from..from + len(x)] x`: a product with some of the layer's columns.
+    ///
+    /// # Shapes
+    /// `start` and `y [padded outputs]`, `x [n]` with `from + n <= inputs`; other lengths leave `y`
+    /// as it is.
+    pub fn gemv(self, layer: &Dense<'_>, start: &[f32], from: usize, x: &[f32], y: &mut [f32]) {
+        let outputs = layer.bias.len();
+        if y.len() < outputs || start.len() < outputs || from + x.len() > layer.inputs {
+            return;
+        }
+        match self.0 {
+            // SAFETY: features detected; lengths checked above.
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx2 | Kind::AvxVnni => unsafe { x86_avx2::gemv(layer, start, from, x, y) },
+            // SAFETY: as above.
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx512 | Kind::Avx512Vnni | Kind::Amx => unsafe {
+                x86_avx512::gemv(layer, start, from, x, y)
+            },
+            // SAFETY: as above; NEON is part of the target.
+            #[cfg(arm_kernels = "neon")]
+            Kind::Neon | Kind::NeonDot => unsafe { aarch64_neon::gemv(layer, start, from, x, y) },
+            _ => portable::gemv(layer, start, from, x, y),
+        }
+    }
+}

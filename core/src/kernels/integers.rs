@@ -1,0 +1,182 @@
+//! Layers in 8-bit integers, dispatched to the kernels of the machine. All give the same bits.
+
+#![allow(unsafe_code)]
+
+use super::{Codes, Isa, bytes, is_whole};
+#[cfg(arm_kernels = "neon")]
+use super::{Kind, aarch64_bytes};
+#[cfg(arm_kernels = "dsp")]
+use super::{Kind, armv7em_dsp};
+#[cfg(arm_kernels = "helium")]
+use super::{Kind, armv81m_helium};
+#[cfg(target_arch = "x86_64")]
+use super::{Kind, x86_amx, x86_avx2_wide, x86_bytes256, x86_vnni};
+use crate::dims::PANEL;
+use crate::quant::QuantLayer;
+use crate::weights::Dense;
+
+impl Isa {
+    /// First layer of an integer network: points as seen to codes (step 1 of [`crate::quant`]).
+    ///
+    /// # Shapes
+    /// `points [N, 3]`, `codes [N, outputs]`; rows beyond either are left alone, and all of them where
+    /// the layer does not have three inputs.
+    pub fn point_codes(self, layer: &Dense<'_>, points: &[[f32; 3]], codes: &mut [u8]) {
+        if layer.inputs != 3 || layer.bias.is_empty() {
+            return;
+        }
+        let (panels, bias) = (layer.panels, layer.bias);
+        match self.0 {
+            // SAFETY: the instruction set was detected.
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx2 | Kind::AvxVnni => unsafe {
+                bytes::point_codes_avx2(panels, bias, points, codes);
+            },
+            // SAFETY: as above.
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx512 | Kind::Avx512Vnni | Kind::Amx => unsafe {
+                bytes::point_codes_avx512(panels, bias, points, codes);
+            },
+            _ => bytes::point_codes(panels, bias, points, codes),
+        }
+    }
+
+    /// An integer layer from codes to codes (step 2 of [`crate::quant`]).
+    ///
+    /// # Shapes
+    /// `x [points, inputs]`, `y [points, outputs]`; rows beyond either are left alone.
+    pub fn dense_codes(self, layer: &QuantLayer<'_>, x: &[u8], y: &mut [u8]) {
+        let (codes, bias, requantise) = (&layer.codes, layer.bias, layer.requantise);
+        if !is_whole(codes) || bias.len() != codes.outputs || requantise.len() != codes.outputs {
+            return;
+        }
+        match self.0 {
+            // SAFETY: the instruction set was detected, lengths were checked above.
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx2 | Kind::Avx512 => unsafe {
+                x86_bytes256::avx2::dense_codes(codes, bias, requantise, x, y);
+            },
+            // SAFETY: as above.
+            #[cfg(target_arch = "x86_64")]
+            Kind::AvxVnni => unsafe {
+                x86_bytes256::avx_vnni::dense_codes(codes, bias, requantise, x, y);
+            },
+            // SAFETY: as above.
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx512Vnni | Kind::Amx => unsafe {
+                x86_vnni::dense_codes_512(codes, bias, requantise, x, y);
+            },
+            // SAFETY: as above; NEON is part of the target.
+            #[cfg(arm_kernels = "neon")]
+            Kind::Neon => unsafe {
+                aarch64_bytes::plain::dense_codes(codes, bias, requantise, x, y)
+            },
+            // SAFETY: as above.
+            #[cfg(arm_kernels = "neon")]
+            Kind::NeonDot => unsafe {
+                aarch64_bytes::dot::dense_codes(codes, bias, requantise, x, y)
+            },
+            // SAFETY: as above, for the processor that this is compiled for.
+            #[cfg(arm_kernels = "dsp")]
+            Kind::Dsp => unsafe { armv7em_dsp::dense_codes(codes, bias, requantise, x, y) },
+            // SAFETY: as above.
+            #[cfg(arm_kernels = "helium")]
+            Kind::Helium => unsafe { armv81m_helium::dense_codes(codes, bias, requantise, x, y) },
+            _ => bytes::dense_codes(codes, bias, requantise, x, y),
+        }
+    }
+
+    /// `max[o] = max(max[o], max over rows of (W x)[o])` in integers (step 3 of [`crate::quant`]).
+    ///
+    /// # Shapes
+    /// `x [points, inputs]`, `max [outputs]`; another length of `max` leaves it as it is.
+    pub fn dense_codes_max(self, layer: &Codes<'_>, x: &[u8], max: &mut [i32]) {
+        if !is_whole(layer) || max.len() != layer.outputs {
+            return;
+        }
+        let panels = 0..layer.outputs / PANEL;
+        match self.0 {
+            // SAFETY: the instruction set was detected, lengths were checked above.
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx2 | Kind::Avx512 => unsafe {
+                x86_avx2_wide::dense_codes_max(layer, panels, x, max);
+            },
+            // SAFETY: as above.
+            #[cfg(target_arch = "x86_64")]
+            Kind::AvxVnni => unsafe {
+                x86_bytes256::avx_vnni::dense_codes_max(layer, panels, x, max);
+            },
+            // SAFETY: as above.
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx512Vnni => unsafe {
+                x86_vnni::dense_codes_max_512(layer, panels, x, max);
+            },
+            // SAFETY: as above.
+            #[cfg(target_arch = "x86_64")]
+            Kind::Amx => unsafe { x86_amx::dense_codes_max(layer, panels, x, max) },
+            // SAFETY: as above; NEON is part of the target.
+            #[cfg(arm_kernels = "neon")]
+            Kind::Neon => unsafe { aarch64_bytes::plain::dense_codes_max(layer, panels, x, max) },
+            // SAFETY: as above.
+            #[cfg(arm_kernels = "neon")]
+            Kind::NeonDot => unsafe { aarch64_bytes::dot::dense_codes_max(layer, panels, x, max) },
+            // SAFETY: as above, for the processor that this is compiled for.
+            #[cfg(arm_kernels = "dsp")]
+            Kind::Dsp => unsafe { armv7em_dsp::dense_codes_max(layer, panels, x, max) },
+            // SAFETY: as above.
+            #[cfg(arm_kernels = "helium")]
+            Kind::Helium => unsafe { armv81m_helium::dense_codes_max(layer, panels, x, max) },
+            _ => bytes::dense_codes_max(layer, panels, x, max),
+        }
+    }
+
+    /// `y += W[:, from..from + n] x` in integers, for codes of 13 bits in two planes of `n` bytes, `x =
+    /// 64 high + low`, `high` below 128 and `low` below 64 (step 4 of [`crate::quant`]).
+    ///
+    /// # Shapes
+    /// `planes [n]` each, `from` and `n` multiples of 4 with `from + n <= inputs`, `y [outputs]`; others
+    /// leave `y` as it is.
+    pub fn gemv_codes(self, layer: &Codes<'_>, from: usize, planes: [&[u8]; 2], y: &mut [i32]) {
+        let [high, low] = planes;
+        let columns = from..from + high.len();
+        if !is_whole(layer)
+            || y.len() != layer.outputs
+            || high.len() != low.len()
+            || columns.end > layer.inputs
+            || !from.is_multiple_of(4)
+            || !high.len().is_multiple_of(4)
+        {
+            return;
+        }
+        match self.0 {
+            // SAFETY: the instruction set was detected, lengths were checked above.
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx2 | Kind::Avx512 => unsafe {
+                x86_bytes256::avx2::gemv_codes(layer, columns, planes, y);
+            },
+            // SAFETY: as above.
+            #[cfg(target_arch = "x86_64")]
+            Kind::AvxVnni => unsafe {
+                x86_bytes256::avx_vnni::gemv_codes(layer, columns, planes, y);
+            },
+            // SAFETY: as above.
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx512Vnni | Kind::Amx => unsafe {
+                x86_vnni::gemv_codes_512(layer, columns, planes, y);
+            },
+            // SAFETY: as above; NEON is part of the target.
+            #[cfg(arm_kernels = "neon")]
+            Kind::Neon => unsafe { aarch64_bytes::plain::gemv_codes(layer, columns, planes, y) },
+            // SAFETY: as above.
+            #[cfg(arm_kernels = "neon")]
+            Kind::NeonDot => unsafe { aarch64_bytes::dot::gemv_codes(layer, columns, planes, y) },
+            // SAFETY: as above, for the processor that this is compiled for.
+            #[cfg(arm_kernels = "dsp")]
+            Kind::Dsp => unsafe { armv7em_dsp::gemv_codes(layer, columns, planes, y) },
+            // SAFETY: as above.
+            #[cfg(arm_kernels = "helium")]
+            Kind::Helium => unsafe { armv81m_helium::gemv_codes(layer, columns, planes, y) },
+            _ => bytes::gemv_codes(layer, columns, planes, y),
+        }
+    }
+}

@@ -1,0 +1,118 @@
+//! The integer network's widest layer with AVX2, 16 outputs by 6 points: codes of points and weights are
+//! spread to 16 bits before they meet, a block of points once for all panels, a panel once for the block, so
+//! that the loop over inputs has one product and one sum for two inputs of 8 outputs.
+//!
+//! The same conditions hold as for the other kernels of bytes.
+#![allow(unsafe_code, clippy::indexing_slicing, clippy::needless_range_loop)]
+
+use super::search::{Codes, QUAD};
+use super::x86_bytes256;
+use crate::dims::PANEL;
+use core::arch::x86_64::*;
+use core::ops::Range;
+
+/// Inputs of the layer that this is made for; others are left to the common kernels.
+const INPUTS: usize = 128;
+/// Points that are spread at once: 12 KiB.
+const BLOCK: usize = 48;
+/// Points of one block of sums.
+const POINTS: usize = 6;
+/// Pairs of inputs in a row.
+const PAIRS: usize = INPUTS / 2;
+/// Outputs in one register.
+const LANES: usize = 8;
+
+/// Codes of a block of points: of each group of four inputs the first and third, the second and fourth.
+type Rows = [[u32; PAIRS]; BLOCK];
+/// Weights of a panel in the same pairs, `[pair][output][2]`.
+type Panel = [[i16; 2 * PANEL]; PAIRS];
+
+/// As [`super::bytes::dense_codes_max`].
+#[target_feature(enable = "avx2")]
+pub(super) unsafe fn dense_codes_max(
+    layer: &Codes<'_>,
+    panels: Range<usize>,
+    x: &[u8],
+    max: &mut [i32],
+) {
+    if layer.inputs != INPUTS {
+        // SAFETY: as the caller guarantees.
+        return unsafe { x86_bytes256::avx2::dense_codes_max(layer, panels, x, max) };
+    }
+    let mut rows: Rows = [[0; PAIRS]; BLOCK];
+    let mut wide: Panel = [[0; 2 * PANEL]; PAIRS];
+    for x in x.chunks(BLOCK * INPUTS) {
+        for (row, codes) in rows.iter_mut().zip(x.chunks_exact(INPUTS)) {
+            let pairs = row.as_chunks_mut::<2>().0.iter_mut();
+            for (pairs, four) in pairs.zip(codes.as_chunks::<QUAD>().0) {
+                let four = u32::from_le_bytes(*four);
+                *pairs = [four & 0x00ff_00ff, four >> 8 & 0x00ff_00ff];
+            }
+        }
+        let rows = &rows[..x.len() / INPUTS];
+        for panel in panels.clone() {
+            spread(
+                &layer.panels[panel * INPUTS * PANEL..(panel + 1) * INPUTS * PANEL],
+                &mut wide,
+            );
+            let max = &mut max[panel * PANEL..(panel + 1) * PANEL];
+            let (blocks, rest) = rows.as_chunks::<POINTS>();
+            for block in blocks {
+                raise(block, &wide, max);
+            }
+            for row in rest {
+                raise(core::array::from_ref(row), &wide, max);
+            }
+        }
+    }
+}
+
+/// Weights of one panel as 16-bit numbers.
+#[target_feature(enable = "avx2")]
+#[inline]
+fn spread(weights: &[i8], wide: &mut Panel) {
+    let halves = weights.as_chunks::<{ QUAD * LANES }>().0;
+    for (i, half) in halves.iter().enumerate() {
+        let (pair, at) = (i / 2 * 2, i % 2 * 2 * LANES);
+        // SAFETY: 32 bytes are read, and 16 numbers written in each of two slices of that length.
+        unsafe {
+            let four = _mm256_loadu_si256(half.as_ptr().cast());
+            let even = _mm256_srai_epi16::<8>(_mm256_slli_epi16::<8>(four));
+            let odd = _mm256_srai_epi16::<8>(four);
+            for (k, value) in [even, odd].into_iter().enumerate() {
+                let to = &mut wide[pair + k][at..at + 2 * LANES];
+                _mm256_storeu_si256(to.as_mut_ptr().cast(), value);
+            }
+        }
+    }
+}
+
+/// Raises the maxima of a panel to its sums with `N` rows.
+#[target_feature(enable = "avx2")]
+#[inline]
+fn raise<const N: usize>(rows: &[[u32; PAIRS]; N], wide: &Panel, max: &mut [i32]) {
+    let mut sum = [[_mm256_setzero_si256(); 2]; N];
+    for k in 0..PAIRS {
+        // SAFETY: two registers fill one row of weights.
+        let w: [__m256i; 2] = core::array::from_fn(|half| unsafe {
+            _mm256_loadu_si256(wide[k].as_ptr().add(half * 2 * LANES).cast())
+        });
+        for n in 0..N {
+            let pair = _mm256_set1_epi32(rows[n][k] as i32);
+            for half in 0..2 {
+                sum[n][half] = _mm256_add_epi32(sum[n][half], _mm256_madd_epi16(pair, w[half]));
+            }
+        }
+    }
+    for half in 0..2 {
+        let max = &mut max[half * LANES..(half + 1) * LANES];
+        // SAFETY: one register has the length of the slice.
+        unsafe {
+            let mut best = _mm256_loadu_si256(max.as_ptr().cast());
+            for halves in &sum {
+                best = _mm256_max_epi32(best, halves[half]);
+            }
+            _mm256_storeu_si256(max.as_mut_ptr().cast(), best);
+        }
+    }
+}

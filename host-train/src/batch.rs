@@ -1,0 +1,82 @@
+//! Many registrations over the threads of the current rayon pool. Each has working memory and arithmetic
+//! of its own: results depend neither on the order nor on the number of threads.
+
+use rayon::prelude::*;
+use reagent_core::kernels::Isa;
+use reagent_core::net::Scratch;
+use reagent_core::register::Outcome;
+use reagent_core::{Error, Frame, Policy, Pose, Registrar};
+
+/// One registration to do.
+#[derive(Clone, Copy, Debug)]
+pub struct Job<'a> {
+    /// Cloud that is moved.
+    pub source: &'a [[f32; 3]],
+    /// Cloud that it is moved onto.
+    pub target: &'a [[f32; 3]],
+    /// Normalised frame in which the policy works.
+    pub frame: Frame,
+    /// First estimate of target_from_source.
+    pub initial: Pose,
+}
+
+/// Registers every job, `steps` steps each: the results in the order of the jobs.
+pub fn register(
+    isa: Isa,
+    policy: Policy<'_>,
+    jobs: &[Job<'_>],
+    steps: usize,
+) -> Vec<Result<Outcome, Error>> {
+    for_each(jobs.len(), |scratch, i| {
+        let job = &jobs[i];
+        let mut registrar = Registrar::with_isa(isa, policy, scratch);
+        registrar.register(job.source, job.target, job.frame, job.initial, steps)
+    })
+}
+
+/// Calls `f` for 0 to `count`, on each thread with working memory of its own: the results in order.
+pub fn for_each<T: Send>(count: usize, f: impl Fn(&mut Scratch, usize) -> T + Sync) -> Vec<T> {
+    (0..count)
+        .into_par_iter()
+        .with_max_len(1)
+        .map_init(|| Box::new(Scratch::new()), |scratch, i| f(scratch, i))
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dataset::procedural;
+    use crate::protocol::{self, Protocol};
+
+    #[test]
+    fn results_depend_neither_on_threads_nor_on_order() {
+        let policy = Policy::pretrained().expect("the bundled policy");
+        let pairs = protocol::draw(&procedural::models(5, 4), Protocol::M40Models, 6, 5);
+        let mut jobs: Vec<Job<'_>> = pairs
+            .source
+            .iter()
+            .zip(&pairs.target)
+            .map(|(source, target)| Job {
+                source: &source[..200],
+                target: &target[..200],
+                frame: Frame::IDENTITY,
+                initial: Pose::IDENTITY,
+            })
+            .collect();
+        jobs[2].source = &[];
+        let on = |threads: usize, jobs: &[Job<'_>]| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+            let pool = pool.expect("a pool of threads");
+            pool.install(|| register(Isa::best(), policy, jobs, 3))
+        };
+        let expected = on(1, &jobs);
+        assert_eq!(expected[2], Err(Error::EmptyCloud));
+        assert_eq!(expected.iter().filter(|result| result.is_ok()).count(), 5);
+        assert_eq!(on(3, &jobs), expected);
+        jobs.reverse();
+        let mut reversed = on(2, &jobs);
+        reversed.reverse();
+        assert_eq!(reversed, expected);
+    }
+}

@@ -5,7 +5,7 @@ use crate::board::{Board, BoardError};
 use crate::policy::{LoadedPolicy, UpdateError};
 use crate::service::{read_request, send_refusal, send_reply};
 use crate::view::View;
-use reagent_core::wire::{Reason, RefineReply, Refusal};
+use reagent_core::wire::{Manifest, Reason, RefineReply, Refusal};
 use std::sync::Arc;
 use tokio::runtime::Handle;
 use tokio::sync::{mpsc, watch};
@@ -19,6 +19,7 @@ pub(crate) fn serve(
     reply_key: &str,
     view: &watch::Sender<View>,
 ) {
+    let mut in_flash = None;
     policies.mark_changed();
     loop {
         let query = Handle::current().block_on(async {
@@ -32,7 +33,7 @@ pub(crate) fn serve(
             None => {
                 let loaded = policies.borrow_and_update().clone();
                 if let Some(loaded) = loaded {
-                    load(&mut board, &loaded, view);
+                    load(&mut board, &mut in_flash, &loaded, view);
                 }
             }
             Some(Some(query)) => {
@@ -52,16 +53,26 @@ pub(crate) fn serve(
     }
 }
 
-/// Writes a policy into the board's flash; a node whose board refuses it has none.
-fn load(board: &mut Board, loaded: &LoadedPolicy, view: &watch::Sender<View>) {
+/// Writes a policy into the board's flash. What the board refuses, the node does not claim to have.
+fn load(
+    board: &mut Board,
+    in_flash: &mut Option<Manifest>,
+    loaded: &LoadedPolicy,
+    view: &watch::Sender<View>,
+) {
     let manifest = loaded.manifest();
     let version = manifest.version;
     match board.load(manifest, loaded.bytes()) {
-        Ok(()) => tracing::info!("policy version {version} is in the board's flash"),
+        Ok(()) => {
+            tracing::info!("policy version {version} is in the board's flash");
+            *in_flash = Some(manifest.clone());
+        }
         Err(error) => {
             tracing::warn!("policy version {version} is not in the board's flash: {error}");
+            let kept = board.ask().ok().and_then(|(status, _)| status.policy);
+            in_flash.take_if(|last| kept.is_none_or(|kept| kept.sha256 != last.sha256));
             view.send_modify(|view| {
-                view.policy = None;
+                view.policy = in_flash.clone();
                 view.updates_refused += 1;
                 view.last_refusal = Some(Arc::new(UpdateError::Board(error)));
             });

@@ -1,6 +1,12 @@
 //! The image for microcontrollers, in QEMU: the same bits as here, and no byte on its line stops it.
 
-use firmware_sim::board::{Board, BoardError, Kind, Simulation, build_image, flash_content};
+mod support;
+
+use firmware_sim::board::{
+    Board, BoardError, Kind, Simulation, build_image, check_simulator, flash_content,
+};
+use firmware_sim::client::{self, RefineError};
+use firmware_sim::node::{Node, NodeConfig};
 use host_train::dataset::pairs::PairSet;
 use host_train::dataset::procedural;
 use host_train::export::WeightFile;
@@ -23,6 +29,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::LazyLock;
 use std::thread;
+use support::{FLEET, Network, publisher, request as request_to, until};
 
 /// The bundled policy in 8-bit integers.
 static POLICY: LazyLock<WeightFile> = LazyLock::new(|| {
@@ -119,7 +126,7 @@ fn trajectory(isa: Isa, source: &[[f32; 3]], target: &[[f32; 3]]) -> Trajectory 
     steps
 }
 
-/// Twenty pairs: one of 1024 points, the others of fewer, for time; real ones where there are any.
+/// Twenty pairs, of few points for time, since Helium is slow to simulate; real ones where there are any.
 fn pairs() -> Vec<[Vec<[f32; 3]>; 2]> {
     let drawn = protocol::draw(&procedural::models(7, 20), Protocol::M40Models, 20, 7);
     let real =
@@ -129,7 +136,7 @@ fn pairs() -> Vec<[Vec<[f32; 3]>; 2]> {
             .as_ref()
             .filter(|set| i % 2 == 0 && i < set.source.len());
         let set = set.unwrap_or(&drawn);
-        let points = if i == 0 { 1024 } else { 40 + 4 * i };
+        let points = if i == 0 { 256 } else { 30 + i };
         [&set.source[i], &set.target[i]].map(|cloud| cloud.iter().copied().take(points).collect())
     };
     (0..20).map(pair).collect()
@@ -369,6 +376,56 @@ fn a_policy_comes_over_the_line_and_counts_when_it_is_whole() {
         assert_eq!((policy.version, policy.sha256), (7, POLICY.sha256()));
         still_answers(&mut board, 50);
     });
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_board_serves_a_fleet() {
+    if let Err(error) = check_simulator() {
+        return eprintln!("skipped: {error}");
+    }
+    let Some((kind, image)) = images().into_iter().next() else {
+        return;
+    };
+    let board = Board::start(kind, &image, Simulation::default()).expect("QEMU starts");
+    let network = Network::start().await;
+    let config = NodeConfig {
+        fleet: FLEET.into(),
+        robot: "board".into(),
+        trusted: vec![],
+        state: None,
+    };
+    let node = Node::start_with(network.join().await, config, Some(board));
+    let node = node.await.expect("good names");
+    let client = network.join().await;
+    let mut rng: Rng = stream(5, Purpose::Shape, 0);
+    let (source, target) = (cloud(&mut rng, 20), cloud(&mut rng, 30));
+    let request = request_to(&source, &target);
+    let early = client::refine(&client, FLEET, "board", &request).await;
+    let no_policy = Reason::NoPolicy;
+    assert!(
+        matches!(early, Err(RefineError::Refused { refusal, .. }) if refusal.reason == no_policy)
+    );
+
+    let mut publisher = publisher(&network).await;
+    let published = publisher.publish(3, "int8", POLICY.clone());
+    published.await.expect("it is announced");
+    until(&node, |view| view.policy.is_some()).await;
+    let reply = client::refine(&client, FLEET, "board", &request).await;
+    let reply = reply.expect("a pose");
+    let expected = trajectory(Isa::best(), &source, &target);
+    let last = expected.last().expect("steps").1;
+    assert_eq!(
+        (bits(reply.target_from_source), reply.policy_version),
+        (last, 3)
+    );
+
+    // A policy that its flash has no room for: it keeps the one it has, and says why.
+    let float = publisher.publish(4, "f32", WeightFile::pretrained());
+    float.await.expect("it is announced");
+    let view = until(&node, |view| view.updates_refused == 1).await;
+    let refusal = view.last_refusal.expect("there is a reason").to_string();
+    assert!(refusal.contains("--format int8"), "{refusal}");
+    assert_eq!(view.policy.map(|policy| policy.version), Some(3));
 }
 
 /// A file of the C interface.

@@ -54,12 +54,16 @@ pub mod dims;
 pub mod error;
 pub mod kernels;
 pub mod net;
+pub mod polish;
 pub mod pose;
 #[cfg(feature = "pretrained")]
 mod pretrained;
 pub mod quant;
 pub mod register;
+mod solve;
 pub mod steps;
+mod surface;
+pub mod verify;
 pub mod weights;
 pub mod wire;
 

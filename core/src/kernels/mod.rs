@@ -18,6 +18,7 @@ mod bytes;
 #[cfg(target_arch = "x86_64")]
 mod detect;
 mod nearest;
+mod neighbours;
 mod peak;
 mod portable;
 mod search;
@@ -33,6 +34,7 @@ mod x86_bytes256;
 mod x86_vnni;
 
 pub use nearest::Queries;
+pub use neighbours::{BATCH, Batch, Moments};
 pub use peak::Arithmetic;
 pub use search::{CODES, Codes, GROUPS, pack_codes, padded_codes};
 

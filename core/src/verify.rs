@@ -1,0 +1,215 @@
+//! Whether a refined pose is explained by how the clouds are sampled, and better ones where it is not.
+//!
+//! | stage | hypotheses | what |
+//! |---|---|---|
+//! | polish | the pose given | [`Refiner::polish`]; done where its residual is explained |
+//! | screen | copies of it turned about axes through the centroid, alignments of principal axes | few steps on few points |
+//! | sift | the best of those | more steps on more points |
+//! | polish | the best of those that differ | the least residual wins |
+
+use crate::error::Error;
+use crate::polish::{Candidate, RESIDUAL_SCALE, Refined, Refiner, Residual, Stage};
+use crate::pose::Pose;
+use crate::solve::{Rigid, principal_axes};
+use crate::surface::Surface;
+use glam::{Mat3, Quat, Vec3};
+
+/// Residual that two samples of one surface explain.
+const EXPLAINED: f32 = 0.18;
+/// First steps of every hypothesis.
+const SCREEN: Stage = Stage {
+    iterations: 3,
+    points: 96,
+    gate: 4.0,
+    tangential: 0.1,
+    stop: 0.01,
+};
+/// Further steps of the best.
+const SIFT: Stage = Stage {
+    iterations: 6,
+    points: 256,
+    gate: 4.0,
+    tangential: 0.1,
+    stop: 2e-3,
+};
+/// Hypotheses that are sifted, of those that are screened.
+const SIFTED: usize = 8;
+/// Spins that are sifted.
+const SPINS_SIFTED: usize = 3;
+/// Spins about the axis about which planes fix a rotation least: every 4.5 degrees, from two poses.
+const SPINS: usize = 80;
+/// Scale of the residual by which spins are compared, in radii of a neighbourhood: it sees the points that both
+/// clouds share.
+const SPIN_SCALE: f32 = 0.15;
+/// Points by which spins are compared.
+const SPIN_POINTS: usize = 256;
+/// Share of a residual by which another pose must be better to take the initial one's place.
+const BETTER: f32 = 0.95;
+/// A sifted hypothesis is polished unless its residual exceeds the best one's by this factor.
+const CLOSE: f32 = 1.1;
+/// Hypotheses that are polished.
+const POLISHED: usize = 3;
+/// Cosine of half the angle below which two rotations are one hypothesis: 8 degrees.
+const SAME: f32 = 0.997_564;
+
+/// A pose that was compared with others.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Verified {
+    /// The best pose.
+    pub best: Refined,
+    /// The initial pose, polished.
+    pub polished: Refined,
+    /// Hypotheses that were tried besides.
+    pub hypotheses: usize,
+    /// Residual of the best pose that differs from [`Self::best`] by more than 8 degrees, if one was polished.
+    pub runner_up: Option<Residual>,
+}
+
+/// The best hypotheses so far, the best first.
+struct Best<const N: usize>([Option<(f32, Rigid)>; N]);
+
+impl<const N: usize> Best<N> {
+    /// Takes a hypothesis unless it is worse than all, or than one of nearly the same rotation.
+    fn offer(&mut self, score: f32, at: Rigid) {
+        let same = |held: &Option<(f32, Rigid)>| {
+            held.is_some_and(|(_, other)| at.turn.dot(other.turn).abs() > SAME)
+        };
+        let mut carried = Some((score, at));
+        if let Some(twin) = self.0.iter_mut().find(|held| same(held)) {
+            if twin.is_some_and(|(held, _)| held <= score) {
+                return;
+            }
+            *twin = None;
+        }
+        for held in &mut self.0 {
+            let before = match (&carried, &*held) {
+                (Some((a, _)), Some((b, _))) => a < b,
+                (Some(_), None) => true,
+                (None, _) => return,
+            };
+            if before {
+                core::mem::swap(held, &mut carried);
+            }
+        }
+    }
+}
+
+impl Refiner<'_> {
+    /// Refines a pose, and where its residual is not explained by two samples of one surface, compares it with
+    /// others: the least residual wins. Bounded: at most 54 hypotheses.
+    ///
+    /// # Errors
+    /// [`Error::BadPose`] for an initial pose that is not rigid.
+    pub fn verify(&mut self, initial: Pose) -> Result<Verified, Error> {
+        let initial_inside = self.inside(initial.checked()?);
+        let polished = self.polish_inside(initial_inside);
+        let mut verified = Verified {
+            best: self.refined(&polished, initial),
+            polished: self.refined(&polished, initial),
+            hypotheses: 0,
+            runner_up: None,
+        };
+        if polished.residual.mean() <= EXPLAINED {
+            return Ok(verified);
+        }
+        let mut screened = Best::<SIFTED>([None; SIFTED]);
+        let [source_axes, target_axes] = self.surfaces().map(axes);
+        let Rigid { turn, shift } = polished.at;
+        let turned = turns(target_axes).map(|by| by * turn);
+        let aligned = alignments().map(|signed| target_axes * signed * source_axes.transpose());
+        for turn in turned.chain(aligned.map(|rotation| Quat::from_mat3(&rotation))) {
+            verified.hypotheses += 1;
+            let turn = turn.normalize();
+            let (at, _) = self.run(Rigid { turn, shift }, &SCREEN);
+            screened.offer(self.score(at, SCREEN.points, RESIDUAL_SCALE), at);
+        }
+        let mut spun = Best::<SPINS_SIFTED>([None; SPINS_SIFTED]);
+        for at in self.spins(polished.at) {
+            verified.hypotheses += 1;
+            spun.offer(self.score(at, SPIN_POINTS, SPIN_SCALE), at);
+        }
+        let mut sifted = Best::<POLISHED>([None; POLISHED]);
+        for (_, at) in screened.0.into_iter().chain(spun.0).flatten() {
+            let (at, _) = self.run(at, &SIFT);
+            sifted.offer(self.score(at, SIFT.points, RESIDUAL_SCALE), at);
+        }
+        let mut best = polished;
+        let mut others: [Option<Candidate>; POLISHED] = [None; POLISHED];
+        let close = CLOSE * sifted.0.first().copied().flatten().map_or(0.0, |held| held.0);
+        let sifted = sifted.0.into_iter().flatten().filter(|held| held.0 <= close);
+        for (other, (_, at)) in others.iter_mut().zip(sifted) {
+            let found = self.polish_inside(at);
+            *other = Some(found);
+            let to_beat = best.residual.mean() * if best.at == polished.at { BETTER } else { 1.0 };
+            if found.residual.mean() < to_beat {
+                best = found;
+            }
+        }
+        let differs = |c: &Candidate| c.at.turn.dot(best.at.turn).abs() <= SAME;
+        let all = others.into_iter().flatten().chain([polished]);
+        verified.runner_up = all
+            .filter(differs)
+            .map(|c| c.residual)
+            .min_by(|a, b| a.mean().total_cmp(&b.mean()));
+        verified.best = self.refined(&best, initial);
+        Ok(verified)
+    }
+
+    fn score(&mut self, at: Rigid, points: usize, scale: f32) -> f32 {
+        self.match_both(at, points);
+        self.matched_residual(scale).mean()
+    }
+
+    /// Copies of a pose turned about its slippery axis in small steps, and of the same upside down.
+    fn spins(&mut self, at: Rigid) -> impl Iterator<Item = Rigid> + use<> {
+        let axis = self.slippery_axis(at);
+        let upside_down = Quat::from_vec4(axis.any_orthonormal_vector().extend(0.0));
+        let (sine, cosine) = libm::sincosf(core::f32::consts::PI / SPINS as f32);
+        let [x, y, z] = (axis * sine).to_array();
+        let step = Quat::from_xyzw(x, y, z, cosine);
+        [at.turn, upside_down * at.turn].into_iter().flat_map(move |from| {
+            let turns = core::iter::successors(Some(from), move |&turn| Some((step * turn).normalize()));
+            turns.take(SPINS).map(move |turn| Rigid { turn, ..at })
+        })
+    }
+}
+
+/// Principal axes of a surface's points.
+fn axes(surface: &Surface) -> Mat3 {
+    let mut sums = [0.0f32; 6];
+    for &[x, y, z] in surface.points() {
+        for (sum, product) in sums.iter_mut().zip([x * x, y * y, z * z, x * y, x * z, y * z]) {
+            *sum += product;
+        }
+    }
+    principal_axes(sums)
+}
+
+/// Turns by 45, 90 and 180 degrees about the axes given and about x, y, z.
+fn turns(axes: Mat3) -> impl Iterator<Item = Quat> {
+    // Sine and cosine of half the angle.
+    const HALVES: [(f32, f32); 5] = [
+        (1.0, 0.0),
+        (core::f32::consts::FRAC_1_SQRT_2, core::f32::consts::FRAC_1_SQRT_2),
+        (-core::f32::consts::FRAC_1_SQRT_2, core::f32::consts::FRAC_1_SQRT_2),
+        (0.382_683_43, 0.923_879_5),
+        (-0.382_683_43, 0.923_879_5),
+    ];
+    let about = [axes.x_axis, axes.y_axis, axes.z_axis, Vec3::X, Vec3::Y, Vec3::Z];
+    HALVES.into_iter().flat_map(move |(sine, cosine)| {
+        about.map(|axis| {
+            let [x, y, z] = (axis * sine).to_array();
+            Quat::from_xyzw(x, y, z, cosine)
+        })
+    })
+}
+
+/// The 24 rotations that map axes to axes.
+fn alignments() -> impl Iterator<Item = Mat3> {
+    let axes = [Vec3::X, Vec3::Y, Vec3::Z, Vec3::NEG_X, Vec3::NEG_Y, Vec3::NEG_Z];
+    axes.into_iter().flat_map(move |first| {
+        axes.into_iter()
+            .filter(move |second| first.dot(*second) == 0.0)
+            .map(move |second| Mat3::from_cols(first, second, first.cross(second)))
+    })
+}

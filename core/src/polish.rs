@@ -17,7 +17,7 @@ use crate::error::Error;
 use crate::kernels::Isa;
 use crate::pose::{Pose, centroid};
 use crate::register::{Frame, check_cloud};
-use crate::solve::{Motion, Rigid, smallest_direction};
+use crate::solve::{Motion, Rigid, least};
 use crate::surface::{Match, Surface};
 use glam::{Mat3, Vec3};
 
@@ -70,6 +70,9 @@ pub struct Refined {
     pub target_from_source: Pose,
     /// Distance between the clouds under it.
     pub residual: Residual,
+    /// How well the planes matched fix a turn about the axis about which they fix it least, as a share of all axes:
+    /// up to a third, near 0 for a surface of revolution.
+    pub grip: f32,
     /// Steps made.
     pub iterations: usize,
 }
@@ -79,6 +82,7 @@ pub struct Refined {
 pub(crate) struct Candidate {
     pub(crate) at: Rigid,
     pub(crate) residual: Residual,
+    pub(crate) grip: f32,
     pub(crate) iterations: usize,
 }
 
@@ -199,18 +203,19 @@ impl<'w> Refiner<'w> {
         self.match_both(at, usize::MAX);
         let residual = self.matched_residual(RESIDUAL_SCALE);
         let iterations = steps + more;
-        if residual.mean() <= before.mean() {
-            Candidate {
-                at,
-                residual,
-                iterations,
-            }
+        let better = residual.mean() <= before.mean();
+        let (at, residual) = if better {
+            (at, residual)
         } else {
-            Candidate {
-                at: initial,
-                residual: before,
-                iterations,
-            }
+            self.match_both(initial, usize::MAX);
+            (initial, before)
+        };
+        let (_, grip) = least(self.equations(at, &NEAR).turning());
+        Candidate {
+            at,
+            residual,
+            grip,
+            iterations,
         }
     }
 
@@ -224,6 +229,7 @@ impl<'w> Refiner<'w> {
                 self.outside(candidate.at)
             },
             residual: candidate.residual,
+            grip: candidate.grip,
             iterations: candidate.iterations,
         }
     }
@@ -244,12 +250,8 @@ impl<'w> Refiner<'w> {
 
     /// The axis, through the target's centre, about which the planes matched under a pose fix a turn least.
     pub(crate) fn slippery_axis(&mut self, at: Rigid) -> Vec3 {
-        let stage = Stage {
-            tangential: 0.0,
-            ..NEAR
-        };
-        self.match_both(at, stage.points);
-        let axis = smallest_direction(self.equations(at, &stage).turning());
+        self.match_both(at, NEAR.points);
+        let (axis, _) = least(self.equations(at, &NEAR).turning());
         if axis == Vec3::ZERO { Vec3::Z } else { axis }
     }
 

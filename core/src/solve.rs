@@ -9,10 +9,15 @@ use glam::{Mat3, Quat, Vec3};
 pub(crate) type Spread = [f32; 6];
 
 /// Unit vector along which a positive semidefinite spread is smallest, zero where there is no single one.
-pub(crate) fn smallest_direction([xx, yy, zz, xy, xz, yz]: Spread) -> Vec3 {
+pub(crate) fn smallest_direction(spread: Spread) -> Vec3 {
+    least(spread).0
+}
+
+/// [`smallest_direction`], and the spread along it as a share of the spread along all axes.
+pub(crate) fn least([xx, yy, zz, xy, xz, yz]: Spread) -> (Vec3, f32) {
     let trace = xx + yy + zz;
     if trace.is_nan() || trace <= 1e-30 {
-        return Vec3::ZERO;
+        return (Vec3::ZERO, 0.0);
     }
     let f = 1.0 / trace;
     let [xx, yy, zz, xy, xz, yz] = [xx, yy, zz, xy, xz, yz].map(|x| x * f);
@@ -38,7 +43,7 @@ pub(crate) fn smallest_direction([xx, yy, zz, xy, xz, yz]: Spread) -> Vec3 {
             best = (squared, v * (1.0 / libm::sqrtf(squared)));
         }
     }
-    best.1
+    (best.1, root)
 }
 
 /// Principal axes of a spread as the columns of a rotation, the last along the smallest spread.

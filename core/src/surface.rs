@@ -205,11 +205,11 @@ impl Surface {
             let points = points.get(..BLOCK).unwrap_or(points);
             isa.show(batch, points, nearest_block as u32);
         }
-        let mut worst = batch.nearest.iter().fold(0.0f32, |m, &d| if d > m { d } else { m });
+        let mut worst = largest(&batch.nearest);
         for (&gap, (start, _, points)) in gaps.iter().zip(self.blocks()) {
             if gap < worst && start != nearest_block {
                 isa.show(batch, points, start as u32);
-                worst = batch.nearest.iter().fold(0.0f32, |m, &d| if d > m { d } else { m });
+                worst = largest(&batch.nearest);
             }
         }
     }
@@ -291,13 +291,23 @@ fn load(batch: &mut Batch, points: &mut impl Iterator<Item = Vec3>) -> usize {
 }
 
 fn bounds_of(batch: &Batch) -> Bounds {
-    let fold = |f: fn(f32, f32) -> f32, start: f32| {
-        batch.at.each_ref().map(|row| row.iter().fold(start, |m, &x| f(m, x)))
-    };
+    let negated = batch.at.map(|row| row.map(|x| -x));
     Bounds {
-        low: fold(|a, b| if b < a { b } else { a }, f32::INFINITY),
-        high: fold(|a, b| if b > a { b } else { a }, f32::NEG_INFINITY),
+        low: negated.each_ref().map(|row| -largest(row)),
+        high: batch.at.each_ref().map(largest),
     }
+}
+
+/// The largest of some numbers, in lanes.
+fn largest(values: &[f32; BATCH]) -> f32 {
+    let (chunks, _) = values.as_chunks::<8>();
+    let mut lanes = [f32::NEG_INFINITY; 8];
+    for chunk in chunks {
+        for (most, &x) in lanes.iter_mut().zip(chunk) {
+            *most = if x > *most { x } else { *most };
+        }
+    }
+    lanes.iter().fold(f32::NEG_INFINITY, |m, &x| if x > m { x } else { m })
 }
 
 /// Two zero bits between the six lowest bits.

@@ -2,7 +2,7 @@
 
 use super::CloudView;
 use crate::error::Error;
-use crate::register::Verdict;
+use crate::verdict::Verdict;
 use core::fmt;
 use serde::{Deserialize, Serialize};
 

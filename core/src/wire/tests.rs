@@ -1,5 +1,5 @@
 use super::*;
-use crate::register::Verdict;
+use crate::verdict::Verdict;
 use proptest::prelude::*;
 use std::vec;
 use std::vec::Vec;

@@ -12,7 +12,6 @@
 //! Everything is f32 in a fixed order (normal equations and their solution in f64), without fused multiply-add,
 //! without the system's mathematics: the same bits on every kernel and target.
 
-
 use crate::error::Error;
 use crate::kernels::Isa;
 use crate::pose::{Pose, centroid};
@@ -289,7 +288,9 @@ impl<'w> Refiner<'w> {
         let Workspace { source, target } = &mut *self.workspace;
         let median = 0.5 * (source.median_squared() + target.median_squared());
         let least = LEAST_GATE * source.radius.max(target.radius);
-        let gate = (stage.gate * stage.gate * median).max(least * least).max(1e-12);
+        let gate = (stage.gate * stage.gate * median)
+            .max(least * least)
+            .max(1e-12);
         let pose = at.pose();
         let mut motion = Motion::ZERO;
         let mut add = |i: usize, j: usize, squared: f32| {
@@ -336,3 +337,5 @@ impl<'w> Refiner<'w> {
     }
 }
 
+#[cfg(test)]
+pub(crate) mod tests;

@@ -125,7 +125,9 @@ impl Motion {
         for (k, value) in blocks {
             self.a[k] += f64::from(value);
         }
-        let right = [turning.x, turning.y, turning.z, moving.x, moving.y, moving.z];
+        let right = [
+            turning.x, turning.y, turning.z, moving.x, moving.y, moving.z,
+        ];
         for (b, value) in self.b.iter_mut().zip(right) {
             *b -= f64::from(value);
         }

@@ -38,7 +38,11 @@ impl Bounds {
 
     /// Squared distance between boxes.
     fn gap(&self, other: &Bounds) -> f32 {
-        let axes = self.low.iter().zip(&self.high).zip(other.low.iter().zip(&other.high));
+        let axes = self
+            .low
+            .iter()
+            .zip(&self.high)
+            .zip(other.low.iter().zip(&other.high));
         axes.map(|((&l, &h), (&ol, &oh))| {
             let d = (ol - h).max(l - oh).max(0.0);
             d * d
@@ -238,10 +242,7 @@ impl Surface {
         for start in (0..self.len).step_by(BATCH) {
             let mut batch = Batch::EMPTY;
             let points = self.points().get(start..).unwrap_or(&[]);
-            load(
-                &mut batch,
-                &mut points.iter().map(|&p| Vec3::from_array(p)),
-            );
+            load(&mut batch, &mut points.iter().map(|&p| Vec3::from_array(p)));
             let around = bounds_of(&batch);
             let mut sums = Moments::ZERO;
             for (_, bounds, points) in self.blocks() {
@@ -251,7 +252,10 @@ impl Surface {
             }
             let end = self.len.min(start + BATCH);
             for (lane, normal) in self.normals.iter_mut().take(end).skip(start).enumerate() {
-                let m = sums.0.each_ref().map(|row| row.get(lane).copied().unwrap_or(0.0));
+                let m = sums
+                    .0
+                    .each_ref()
+                    .map(|row| row.get(lane).copied().unwrap_or(0.0));
                 *normal = normal_of(m);
             }
         }
@@ -307,7 +311,9 @@ fn largest(values: &[f32; BATCH]) -> f32 {
             *most = if x > *most { x } else { *most };
         }
     }
-    lanes.iter().fold(f32::NEG_INFINITY, |m, &x| if x > m { x } else { m })
+    lanes
+        .iter()
+        .fold(f32::NEG_INFINITY, |m, &x| if x > m { x } else { m })
 }
 
 /// Two zero bits between the six lowest bits.

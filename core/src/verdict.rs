@@ -123,3 +123,39 @@ impl Evidence {
         1.0 / (1.0 + libm::expf(-weighted.sum::<f32>()))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn actions_tell_how_the_steps_ended() {
+        let action = |t: u8, r: u8| Action {
+            translation: [t, STOP, STOP],
+            rotation: [STOP, r, STOP],
+        };
+        let of = Verdict::of_actions;
+        assert_eq!(of(action(0, 10), Action::STOP), Verdict::Converged);
+        assert_eq!(of(action(6, 3), action(4, 7)), Verdict::Oscillating);
+        assert_eq!(of(action(0, 3), action(10, 7)), Verdict::Oscillating);
+        assert_eq!(of(action(6, 3), action(10, 5)), Verdict::OutOfRange);
+        assert_eq!(of(action(6, 3), action(4, 6)), Verdict::StepLimit);
+    }
+
+    #[test]
+    fn a_good_fit_is_probable_and_a_poor_one_is_not() {
+        let evidence = |residual: f32, rivalry: f32| Evidence {
+            residual: Residual {
+                source: residual,
+                target: residual,
+            },
+            grip: 0.15,
+            verified: true,
+            rivalry,
+        };
+        assert!(evidence(0.16, 0.0).probability() > 0.98);
+        assert!(evidence(0.16, 0.6).probability() > 0.98);
+        assert!(evidence(0.6, 0.98).probability() < 0.05);
+        assert!(evidence(0.22, 1.0).probability() < evidence(0.22, 0.8).probability());
+    }
+}

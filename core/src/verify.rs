@@ -135,8 +135,18 @@ impl Refiner<'_> {
         }
         let mut best = polished;
         let mut others: [Option<Candidate>; POLISHED] = [None; POLISHED];
-        let close = CLOSE * sifted.0.first().copied().flatten().map_or(0.0, |held| held.0);
-        let sifted = sifted.0.into_iter().flatten().filter(|held| held.0 <= close);
+        let close = CLOSE
+            * sifted
+                .0
+                .first()
+                .copied()
+                .flatten()
+                .map_or(0.0, |held| held.0);
+        let sifted = sifted
+            .0
+            .into_iter()
+            .flatten()
+            .filter(|held| held.0 <= close);
         for (other, (_, at)) in others.iter_mut().zip(sifted) {
             let found = self.polish_inside(at);
             *other = Some(found);
@@ -167,10 +177,14 @@ impl Refiner<'_> {
         let (sine, cosine) = libm::sincosf(core::f32::consts::PI / SPINS as f32);
         let [x, y, z] = (axis * sine).to_array();
         let step = Quat::from_xyzw(x, y, z, cosine);
-        [at.turn, upside_down * at.turn].into_iter().flat_map(move |from| {
-            let turns = core::iter::successors(Some(from), move |&turn| Some((step * turn).normalize()));
-            turns.take(SPINS).map(move |turn| Rigid { turn, ..at })
-        })
+        [at.turn, upside_down * at.turn]
+            .into_iter()
+            .flat_map(move |from| {
+                let turns = core::iter::successors(Some(from), move |&turn| {
+                    Some((step * turn).normalize())
+                });
+                turns.take(SPINS).map(move |turn| Rigid { turn, ..at })
+            })
     }
 }
 
@@ -178,7 +192,10 @@ impl Refiner<'_> {
 fn axes(surface: &Surface) -> Mat3 {
     let mut sums = [0.0f32; 6];
     for &[x, y, z] in surface.points() {
-        for (sum, product) in sums.iter_mut().zip([x * x, y * y, z * z, x * y, x * z, y * z]) {
+        for (sum, product) in sums
+            .iter_mut()
+            .zip([x * x, y * y, z * z, x * y, x * z, y * z])
+        {
             *sum += product;
         }
     }
@@ -190,12 +207,25 @@ fn turns(axes: Mat3) -> impl Iterator<Item = Quat> {
     // Sine and cosine of half the angle.
     const HALVES: [(f32, f32); 5] = [
         (1.0, 0.0),
-        (core::f32::consts::FRAC_1_SQRT_2, core::f32::consts::FRAC_1_SQRT_2),
-        (-core::f32::consts::FRAC_1_SQRT_2, core::f32::consts::FRAC_1_SQRT_2),
+        (
+            core::f32::consts::FRAC_1_SQRT_2,
+            core::f32::consts::FRAC_1_SQRT_2,
+        ),
+        (
+            -core::f32::consts::FRAC_1_SQRT_2,
+            core::f32::consts::FRAC_1_SQRT_2,
+        ),
         (0.382_683_43, 0.923_879_5),
         (-0.382_683_43, 0.923_879_5),
     ];
-    let about = [axes.x_axis, axes.y_axis, axes.z_axis, Vec3::X, Vec3::Y, Vec3::Z];
+    let about = [
+        axes.x_axis,
+        axes.y_axis,
+        axes.z_axis,
+        Vec3::X,
+        Vec3::Y,
+        Vec3::Z,
+    ];
     HALVES.into_iter().flat_map(move |(sine, cosine)| {
         about.map(|axis| {
             let [x, y, z] = (axis * sine).to_array();
@@ -206,10 +236,128 @@ fn turns(axes: Mat3) -> impl Iterator<Item = Quat> {
 
 /// The 24 rotations that map axes to axes.
 fn alignments() -> impl Iterator<Item = Mat3> {
-    let axes = [Vec3::X, Vec3::Y, Vec3::Z, Vec3::NEG_X, Vec3::NEG_Y, Vec3::NEG_Z];
+    let axes = [
+        Vec3::X,
+        Vec3::Y,
+        Vec3::Z,
+        Vec3::NEG_X,
+        Vec3::NEG_Y,
+        Vec3::NEG_Z,
+    ];
     axes.into_iter().flat_map(move |first| {
         axes.into_iter()
             .filter(move |second| first.dot(*second) == 0.0)
             .map(move |second| Mat3::from_cols(first, second, first.cross(second)))
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::polish::Workspace;
+    use crate::polish::tests::{Numbers, error, moved, part, pose};
+    use crate::verdict::{Evidence, Verdict};
+
+    fn verify(source: &[[f32; 3]], target: &[[f32; 3]], initial: Pose) -> Verified {
+        let mut workspace = Box::new(Workspace::new());
+        let mut refiner = Refiner::new(source, target, &mut workspace).expect("valid clouds");
+        refiner.verify(initial).expect("a rigid pose")
+    }
+
+    #[test]
+    fn flips_are_found_and_taken_back() {
+        use core::f32::consts::PI;
+        let truth = pose([0.4, -0.2, 0.3], [0.2, -0.1, 0.3]);
+        let source = moved(&part(800, 1), truth.inverse());
+        let target = part(900, 2);
+        for flip in [
+            [PI, 0.0, 0.0],
+            [0.0, PI, 0.0],
+            [0.0, 0.0, PI],
+            [0.0, PI / 2.0, 0.0],
+        ] {
+            let found = verify(&source, &target, pose(flip, [0.1, 0.0, 0.0]).after(truth));
+            let (angle, distance) = error(found.best.target_from_source, truth);
+            assert!(
+                angle < 1.0 && distance < 0.02,
+                "{flip:?} {angle} {distance}"
+            );
+            assert!(
+                found.hypotheses > 0 && found.best.residual.mean() < found.polished.residual.mean()
+            );
+            assert!(
+                found
+                    .runner_up
+                    .is_none_or(|other| other.mean() > found.best.residual.mean())
+            );
+            assert!(Evidence::verified(&found).probability() > 0.5, "{found:?}");
+        }
+        let kept = verify(&source, &target, truth);
+        assert_eq!(kept.best, kept.polished);
+    }
+
+    #[test]
+    fn another_object_is_refused() {
+        let mut numbers = Numbers(3);
+        let other: Vec<[f32; 3]> = (0..900)
+            .map(|_| {
+                let v = Vec3::new(numbers.next(), numbers.next(), numbers.next()).normalize();
+                (v * Vec3::new(1.0, 0.3, 0.9)).to_array()
+            })
+            .collect();
+        let found = verify(&part(800, 4), &other, Pose::IDENTITY);
+        let probability = Evidence::verified(&found).probability();
+        assert!(probability < 0.2, "{probability} {found:?}");
+        assert_eq!(Verdict::of_probability(probability), Verdict::PoorFit);
+    }
+
+    /// A vase: its surface says nothing of the angle, the points that both clouds share do.
+    #[test]
+    fn shared_points_tell_the_angle_of_a_surface_of_revolution() {
+        let mut numbers = Numbers(5);
+        let vase: Vec<[f32; 3]> = (0..1600)
+            .map(|_| {
+                let (angle, z) = (core::f32::consts::PI * numbers.next(), numbers.next());
+                let radius = 0.3 + 0.2 * z * z + 0.1 * z;
+                [radius * angle.cos(), radius * angle.sin(), 0.8 * z]
+            })
+            .collect();
+        let truth = pose([0.2, 0.1, 0.4], [0.1, 0.0, 0.0]);
+        let source = moved(&vase[..1000], truth.inverse());
+        let initial = pose([0.0, 0.0, 2.0], [0.0; 3]).after(truth);
+        let found = verify(&source, &vase[500..1500], initial);
+        let (angle, _) = error(found.best.target_from_source, truth);
+        assert!(angle < 1.0, "{angle} {found:?}");
+        assert!(found.polished.grip < 0.02, "{found:?}");
+    }
+
+    #[test]
+    fn there_are_24_alignments_and_30_turns() {
+        let alignments: Vec<Mat3> = alignments().collect();
+        assert_eq!(alignments.len(), 24);
+        assert!(alignments.iter().all(|m| m.determinant() == 1.0));
+        let turns: Vec<Quat> = turns(Mat3::IDENTITY).collect();
+        assert_eq!(turns.len(), 30);
+        assert!(turns.iter().all(|q| q.is_normalized()));
+    }
+
+    #[test]
+    fn the_best_are_kept_in_order_and_one_of_a_kind() {
+        let mut best = Best::<2>([None; 2]);
+        let at = |x: f32| Rigid {
+            turn: Quat::from_rotation_x(x),
+            shift: Vec3::ZERO,
+        };
+        for (score, angle) in [
+            (0.5, 0.0),
+            (0.4, 1.0),
+            (0.3, 0.05),
+            (0.6, 2.0),
+            (0.45, 1.02),
+        ] {
+            best.offer(score, at(angle));
+        }
+        let scores: Vec<f32> = best.0.iter().flatten().map(|held| held.0).collect();
+        assert_eq!(scores, [0.3, 0.4]);
+    }
 }

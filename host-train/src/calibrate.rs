@@ -69,8 +69,24 @@ impl Kind {
         match self {
             Kind::Noisy => draw(models, Protocol::M40Models, count, seed),
             Kind::Clean => draw(models, Protocol::M40Clean, count, seed),
-            Kind::Sparse => draw_under(models, &Conditions { points: 512, ..noisy }, count, seed),
-            Kind::Part => draw_under(models, &Conditions { overlap: 0.7, ..noisy }, count, seed),
+            Kind::Sparse => draw_under(
+                models,
+                &Conditions {
+                    points: 512,
+                    ..noisy
+                },
+                count,
+                seed,
+            ),
+            Kind::Part => draw_under(
+                models,
+                &Conditions {
+                    overlap: 0.7,
+                    ..noisy
+                },
+                count,
+                seed,
+            ),
             Kind::Wrong => {
                 let mut set = draw(models, Protocol::M40Models, count, seed);
                 set.target.rotate_left(1);

@@ -107,7 +107,15 @@ mod tests {
                 .map(|p| p.map(|x| 2.0 * x))
                 .collect::<Vec<Point>>()
         };
-        let one = register(file.policy(), &source, &target, Pose::IDENTITY, 4, Mode::Fast).expect("valid");
+        let one = register(
+            file.policy(),
+            &source,
+            &target,
+            Pose::IDENTITY,
+            4,
+            Mode::Fast,
+        )
+        .expect("valid");
         let two = register(
             file.policy(),
             &doubled(&source),
@@ -135,7 +143,9 @@ mod tests {
         let file =
             WeightFile::from_parameters(&Parameters::random(Shape::PAPER, 4)).expect("deployable");
         let good = cloud(0);
-        let run = |s: &[Point], t: &[Point]| register(file.policy(), s, t, Pose::IDENTITY, 1, Mode::Verify).err();
+        let run = |s: &[Point], t: &[Point]| {
+            register(file.policy(), s, t, Pose::IDENTITY, 1, Mode::Verify).err()
+        };
         assert_eq!(run(&[], &good), Some(Error::EmptyCloud));
         assert_eq!(
             run(&good, &good[..1]),

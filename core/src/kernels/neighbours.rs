@@ -65,7 +65,11 @@ fn nearest<const LANES: usize>(batch: &mut Batch, points: &[[f32; 3]], first: u3
             }
             // Places first: a comparison that also chose the distance would keep it in memory.
             for i in 0..LANES {
-                best_place[i] = if squared[i] < best[i] { here } else { best_place[i] };
+                best_place[i] = if squared[i] < best[i] {
+                    here
+                } else {
+                    best_place[i]
+                };
             }
             for (best, squared) in best.iter_mut().zip(squared) {
                 *best = if squared < *best { squared } else { *best };

@@ -87,7 +87,9 @@ impl CalibrateArgs {
             quality.push(line(format!("{mode:?} Noisy and Wrong"), &of(&both)));
             quality.push(line(format!("{mode:?} all"), &of(&Kind::ALL)));
         }
-        println!("on meshes held back       pairs   right   AUC     Brier   risk     built in: AUC, Brier");
+        println!(
+            "on meshes held back       pairs   right   AUC     Brier   risk     built in: AUC, Brier"
+        );
         for Line {
             pairs,
             fitted: f,

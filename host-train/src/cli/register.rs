@@ -257,8 +257,10 @@ impl Stages {
                 verdict: verdict.to_string(),
             },
             polish: refinement.map(|r| stage(&r.polished, None)),
-            verify: refinement
-                .and_then(|r| r.hypotheses.map(|hypotheses| stage(&r.refined, Some(hypotheses)))),
+            verify: refinement.and_then(|r| {
+                r.hypotheses
+                    .map(|hypotheses| stage(&r.refined, Some(hypotheses)))
+            }),
             probability: refinement.map(|r| r.evidence.probability()),
         }
     }
@@ -293,7 +295,11 @@ fn report(found: &Registered, ms: f64) -> String {
         text += &row.map(|x| format!("{x:12.6}")).join(" ");
         text += "\n";
     }
-    text += &format!("policy: {} after {} steps\n", found.policy.0, found.trace.len());
+    text += &format!(
+        "policy: {} after {} steps\n",
+        found.policy.0,
+        found.trace.len()
+    );
     if let Some(refinement) = &found.refinement {
         text += &refinement_report(refinement);
     }

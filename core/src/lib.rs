@@ -65,6 +65,7 @@ pub mod register;
 mod solve;
 pub mod steps;
 mod surface;
+mod turn;
 pub mod verdict;
 pub mod verify;
 pub mod weights;

@@ -18,7 +18,7 @@ use crate::pose::{Pose, centroid};
 use crate::register::{Frame, check_cloud};
 use crate::solve::{Motion, Rigid, least};
 use crate::surface::{Match, Surface};
-use glam::{Mat3, Vec3};
+use glam::Vec3;
 
 /// Working memory of a [`Refiner`], [`crate::dims::WORKSPACE_BYTES`]; the caller owns it.
 #[derive(Clone, Debug)]
@@ -323,7 +323,7 @@ impl<'w> Refiner<'w> {
     }
 
     fn outside(&self, at: Rigid) -> Pose {
-        let rotation = Mat3::from_quat(at.turn);
+        let rotation = at.turn.matrix();
         let centre = at.shift * self.target.scale + self.target.centre;
         Pose {
             rotation,

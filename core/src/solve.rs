@@ -3,7 +3,8 @@
 #![allow(clippy::indexing_slicing, reason = "loops over six unknowns")]
 
 use crate::pose::Pose;
-use glam::{Mat3, Quat, Vec3};
+use crate::turn::Turn;
+use glam::{Mat3, Vec3};
 
 /// Second moments `[xx, yy, zz, xy, xz, yz]`.
 pub(crate) type Spread = [f32; 6];
@@ -181,21 +182,21 @@ impl Motion {
 /// A rotation in a form that stays one, and a translation: `x' = R x + t`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Rigid {
-    pub(crate) turn: Quat,
+    pub(crate) turn: Turn,
     pub(crate) shift: Vec3,
 }
 
 impl Rigid {
     pub(crate) fn new(rotation: Mat3, shift: Vec3) -> Rigid {
         Rigid {
-            turn: Quat::from_mat3(&rotation).normalize(),
+            turn: Turn::of(&rotation),
             shift,
         }
     }
 
     pub(crate) fn pose(&self) -> Pose {
         Pose {
-            rotation: Mat3::from_quat(self.turn),
+            rotation: self.turn.matrix(),
             translation: self.shift,
         }
     }
@@ -204,11 +205,10 @@ impl Rigid {
     /// a unit).
     pub(crate) fn moved(&self, turn: Vec3, shift: Vec3) -> Rigid {
         let (turn, shift) = (turn.clamp_length_max(0.5), shift.clamp_length_max(0.5));
-        let [x, y, z] = (turn * 0.5).to_array();
-        let turn = Quat::from_xyzw(x, y, z, 1.0).normalize();
+        let turn = Turn::new(turn * 0.5, 1.0);
         Rigid {
-            turn: (turn * self.turn).normalize(),
-            shift: turn * self.shift + shift,
+            turn: turn.after(self.turn),
+            shift: turn.matrix() * self.shift + shift,
         }
     }
 }

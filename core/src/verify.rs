@@ -12,7 +12,8 @@ use crate::polish::{Candidate, RESIDUAL_SCALE, Refined, Refiner, Residual, Stage
 use crate::pose::Pose;
 use crate::solve::{Rigid, principal_axes};
 use crate::surface::Surface;
-use glam::{Mat3, Quat, Vec3};
+use crate::turn::Turn;
+use glam::{Mat3, Vec3};
 
 /// Residual that two samples of one surface explain.
 const EXPLAINED: f32 = 0.18;
@@ -72,7 +73,7 @@ impl<const N: usize> Best<N> {
     /// Takes a hypothesis unless it is worse than all, or than one of nearly the same rotation.
     fn offer(&mut self, score: f32, at: Rigid) {
         let same = |held: &Option<(f32, Rigid)>| {
-            held.is_some_and(|(_, other)| at.turn.dot(other.turn).abs() > SAME)
+            held.is_some_and(|(_, other)| at.turn.likeness(other.turn) > SAME)
         };
         let mut carried = Some((score, at));
         if let Some(twin) = self.0.iter_mut().find(|held| same(held)) {
@@ -115,11 +116,10 @@ impl Refiner<'_> {
         let mut screened = Best::<SIFTED>([None; SIFTED]);
         let [source_axes, target_axes] = self.surfaces().map(axes);
         let Rigid { turn, shift } = polished.at;
-        let turned = turns(target_axes).map(|by| by * turn);
+        let turned = turns(target_axes).map(|by| by.after(turn));
         let aligned = alignments().map(|signed| target_axes * signed * source_axes.transpose());
-        for turn in turned.chain(aligned.map(|rotation| Quat::from_mat3(&rotation))) {
+        for turn in turned.chain(aligned.map(|rotation| Turn::of(&rotation))) {
             verified.hypotheses += 1;
-            let turn = turn.normalize();
             let (at, _) = self.run(Rigid { turn, shift }, &SCREEN);
             screened.offer(self.score(at, SCREEN.points, RESIDUAL_SCALE), at);
         }
@@ -155,7 +155,7 @@ impl Refiner<'_> {
                 best = found;
             }
         }
-        let differs = |c: &Candidate| c.at.turn.dot(best.at.turn).abs() <= SAME;
+        let differs = |c: &Candidate| c.at.turn.likeness(best.at.turn) <= SAME;
         let all = others.into_iter().flatten().chain([polished]);
         verified.runner_up = all
             .filter(differs)
@@ -173,16 +173,13 @@ impl Refiner<'_> {
     /// Copies of a pose turned about its slippery axis in small steps, and of the same upside down.
     fn spins(&mut self, at: Rigid) -> impl Iterator<Item = Rigid> + use<> {
         let axis = self.slippery_axis(at);
-        let upside_down = Quat::from_vec4(axis.any_orthonormal_vector().extend(0.0));
+        let upside_down = Turn::new(axis.any_orthonormal_vector(), 0.0);
         let (sine, cosine) = libm::sincosf(core::f32::consts::PI / SPINS as f32);
-        let [x, y, z] = (axis * sine).to_array();
-        let step = Quat::from_xyzw(x, y, z, cosine);
-        [at.turn, upside_down * at.turn]
+        let step = Turn::new(axis * sine, cosine);
+        [at.turn, upside_down.after(at.turn)]
             .into_iter()
             .flat_map(move |from| {
-                let turns = core::iter::successors(Some(from), move |&turn| {
-                    Some((step * turn).normalize())
-                });
+                let turns = core::iter::successors(Some(from), move |&turn| Some(step.after(turn)));
                 turns.take(SPINS).map(move |turn| Rigid { turn, ..at })
             })
     }
@@ -203,7 +200,7 @@ fn axes(surface: &Surface) -> Mat3 {
 }
 
 /// Turns by 45, 90 and 180 degrees about the axes given and about x, y, z.
-fn turns(axes: Mat3) -> impl Iterator<Item = Quat> {
+fn turns(axes: Mat3) -> impl Iterator<Item = Turn> {
     // Sine and cosine of half the angle.
     const HALVES: [(f32, f32); 5] = [
         (1.0, 0.0),
@@ -226,12 +223,9 @@ fn turns(axes: Mat3) -> impl Iterator<Item = Quat> {
         Vec3::Y,
         Vec3::Z,
     ];
-    HALVES.into_iter().flat_map(move |(sine, cosine)| {
-        about.map(|axis| {
-            let [x, y, z] = (axis * sine).to_array();
-            Quat::from_xyzw(x, y, z, cosine)
-        })
-    })
+    HALVES
+        .into_iter()
+        .flat_map(move |(sine, cosine)| about.map(|axis| Turn::new(axis * sine, cosine)))
 }
 
 /// The 24 rotations that map axes to axes.
@@ -336,16 +330,16 @@ mod tests {
         let alignments: Vec<Mat3> = alignments().collect();
         assert_eq!(alignments.len(), 24);
         assert!(alignments.iter().all(|m| m.determinant() == 1.0));
-        let turns: Vec<Quat> = turns(Mat3::IDENTITY).collect();
+        let turns: Vec<Turn> = turns(Mat3::IDENTITY).collect();
         assert_eq!(turns.len(), 30);
-        assert!(turns.iter().all(|q| q.is_normalized()));
+        assert!(turns.iter().all(|q| (q.likeness(*q) - 1.0).abs() < 1e-6));
     }
 
     #[test]
     fn the_best_are_kept_in_order_and_one_of_a_kind() {
         let mut best = Best::<2>([None; 2]);
         let at = |x: f32| Rigid {
-            turn: Quat::from_rotation_x(x),
+            turn: Turn::new(Vec3::X * (0.5 * x).sin(), (0.5 * x).cos()),
             shift: Vec3::ZERO,
         };
         for (score, angle) in [

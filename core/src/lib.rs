@@ -54,6 +54,7 @@
 pub mod chamfer;
 pub mod dims;
 pub mod error;
+pub mod golden;
 pub mod kernels;
 pub mod net;
 pub mod polish;

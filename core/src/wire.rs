@@ -30,11 +30,11 @@ use crate::error::Error;
 use serde::{Deserialize, Serialize};
 
 /// Version of the frames; the first byte of each.
-pub const VERSION: u8 = 1;
+pub const VERSION: u8 = 2;
 /// Most bytes of one policy chunk.
 pub const CHUNK_BYTES: usize = 32 * 1024;
 /// Most bytes of every frame but a refine request.
-pub const SMALL_FRAME_BYTES: usize = 320;
+pub const SMALL_FRAME_BYTES: usize = 512;
 /// Bytes of a refine request beside the points' own: version, kind, numbers, pose, lengths.
 pub const REQUEST_OVERHEAD_BYTES: usize = 80;
 /// Most bytes of a refine request that can be served.

@@ -1,13 +1,14 @@
 //! Simulated robots on Zenoh: a node that fetches the fleet's policy and answers refine requests with
 //! `reagent_core`, and the client that asks.
 //!
-//! A policy flows `session -> node -> policy (signature) -> fetch (chunks) -> policy (hash, parse) ->
-//! store -> service`; a request flows `client -> node (queue) -> service -> client`.
+//! A policy flows `session -> node -> policy (signature) -> fetch (chunks) -> store (flash) -> policy (hash,
+//! parse, self-test) -> service`; a request flows `client -> node (queue) -> service -> client`.
 
 pub mod client;
 #[cfg(feature = "demo")]
 pub mod demo;
-pub mod fetch;
+mod fetch;
+pub mod flash;
 pub mod node;
 pub mod policy;
 #[cfg(feature = "demo")]
@@ -16,6 +17,6 @@ mod service;
 // Compiled in, not linked: the file needs nothing of the trainer.
 #[path = "../../host-train/src/publish/session.rs"]
 pub mod session;
-pub mod store;
+mod store;
 mod updates;
 pub mod view;

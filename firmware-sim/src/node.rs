@@ -94,7 +94,7 @@ impl Node {
 
         let (view, seen) = watch::channel(View::default());
         let view = Arc::new(view);
-        let updates = Updates::new(session.clone(), config.clone(), view.clone())?;
+        let updates = Updates::new(session.clone(), config.clone(), view.clone()).await?;
 
         let (queue, requests) = mpsc::channel(QUEUE);
         let (policies, worker_view) = (updates.policies(), view.clone());
@@ -139,6 +139,15 @@ impl Node {
             _status: status,
             _alive: alive,
         })
+    }
+
+    /// Takes the node off the network and waits until its flash is free for another.
+    pub async fn stop(mut self) {
+        for task in &mut self.tasks {
+            task.abort();
+            // Cancelled, as asked.
+            task.await.ok();
+        }
     }
 
     /// Watches the node's state.

@@ -1,8 +1,11 @@
 //! A policy on a robot: from signed manifest and fetched bytes to one that may be run.
 
+use crate::flash::FlashError;
 use ed25519_dalek::{Signature, VerifyingKey};
+use reagent_core::net::Scratch;
 use reagent_core::wire::{self, Manifest, Message, SignedManifest, keys::Hex};
-use reagent_core::{Error, Policy};
+use reagent_core::{Error, Policy, Registrar};
+use reagent_slots::SlotError;
 use sha2::{Digest, Sha256};
 use thiserror::Error;
 
@@ -61,6 +64,24 @@ pub enum UpdateError {
     /// The right bytes are not a policy that this robot can run.
     #[error("policy file: {0}")]
     Policy(Error),
+    /// This build cannot run such a file.
+    #[error(
+        "manifest: file version {file_version}, number format {number_format}, shape {shape:?}: this robot runs others"
+    )]
+    Incompatible {
+        /// Version of the file format.
+        file_version: u16,
+        /// Number format.
+        number_format: u16,
+        /// Network shape.
+        shape: [u16; 8],
+    },
+    /// The policy does not do here what it did where it was made.
+    #[error("policy file: the self-test failed, the policy acts otherwise here")]
+    SelfTest,
+    /// The slots in flash failed.
+    #[error("policy slots: {0}")]
+    Slots(#[from] SlotError<FlashError>),
     /// The state directory failed.
     #[error("{path}: {reason}")]
     Store {
@@ -74,7 +95,7 @@ pub enum UpdateError {
 /// Checks a frame from `…/policy/manifest`: right signature, and a trusted key where any are given.
 ///
 /// # Errors
-/// `Frame`, `NotAManifest`, `Signature`, `Untrusted`, `Length`.
+/// `Frame`, `NotAManifest`, `Signature`, `Untrusted`, `Length`, `Incompatible`.
 pub fn verified_manifest(frame: &[u8], trusted: &[VerifyingKey]) -> Result<Manifest, UpdateError> {
     let Message::SignedManifest(signed) = wire::decode(frame).map_err(UpdateError::Frame)? else {
         return Err(UpdateError::NotAManifest);
@@ -99,6 +120,13 @@ pub fn verified_manifest(frame: &[u8], trusted: &[VerifyingKey]) -> Result<Manif
         return Err(UpdateError::Length {
             length: manifest.length,
             chunk_length: manifest.chunk_length,
+        });
+    }
+    if !manifest.runs_here() {
+        return Err(UpdateError::Incompatible {
+            file_version: manifest.file_version,
+            number_format: manifest.number_format,
+            shape: manifest.shape,
         });
     }
     Ok(manifest)
@@ -136,6 +164,20 @@ impl LoadedPolicy {
         };
         Policy::parse(loaded.bytes()).map_err(UpdateError::Policy)?;
         Ok(loaded)
+    }
+
+    /// Has the policy do what its manifest says it does.
+    ///
+    /// # Errors
+    /// `Policy`, `SelfTest`.
+    pub fn test(&self) -> Result<(), UpdateError> {
+        let policy = Policy::parse(self.bytes()).map_err(UpdateError::Policy)?;
+        let mut scratch = Box::new(Scratch::new());
+        let passed = Registrar::new(policy, &mut scratch).passes(&self.manifest.golden);
+        match passed.map_err(UpdateError::Policy)? {
+            true => Ok(()),
+            false => Err(UpdateError::SelfTest),
+        }
     }
 
     /// What the file is.

@@ -1,88 +1,99 @@
-//! The robot's own copy of its policy, so that it starts without a host.
-//!
-//! `policy-<sha256>.rgw` is the file and `manifest` its signed announcement. Files are written under
-//! another name and renamed; renaming `manifest` is the one moment at which the new policy counts.
+//! The robot's policies in flash, so that it starts without a host: see [`reagent_slots`].
 
+use crate::flash::RobotFlash;
 use crate::policy::{LoadedPolicy, UpdateError, verified_manifest};
 use ed25519_dalek::VerifyingKey;
-use reagent_core::wire::keys::Hex;
-use std::fs;
-use std::io::{self, Write};
-use std::path::{Path, PathBuf};
+use reagent_core::wire::{CHUNK_BYTES, Manifest};
+use reagent_slots::{Boot, FRAME_BYTES, Slot, Slots};
+use std::path::Path;
 
-/// A directory that holds at most one policy.
-#[derive(Clone, Debug)]
-pub struct Store {
-    directory: PathBuf,
+/// Two policy slots, and the manifests and policies in them.
+pub(crate) struct Store {
+    slots: Slots<RobotFlash>,
 }
 
 impl Store {
-    /// Opens the directory and makes it where there is none.
-    ///
-    /// # Errors
-    /// `Store`.
-    pub fn open(directory: &Path) -> Result<Store, UpdateError> {
-        fs::create_dir_all(directory).map_err(failed(directory))?;
-        Ok(Store {
-            directory: directory.into(),
-        })
-    }
-
-    /// The policy kept, verified as if it had just been fetched; `None` where there is none yet.
-    ///
-    /// # Errors
-    /// Any [`UpdateError`] that a fetched policy can give.
-    pub fn load(&self, trusted: &[VerifyingKey]) -> Result<Option<LoadedPolicy>, UpdateError> {
-        let path = self.manifest_path();
-        let frame = match fs::read(&path) {
-            Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(None),
-            read => read.map_err(failed(&path))?,
+    /// Opens the flash in a directory, or one in memory without. A record that is damaged beyond repair is
+    /// formatted: the fleet's policy comes again.
+    pub(crate) async fn open(directory: Option<&Path>) -> Result<Store, UpdateError> {
+        let flash = || match directory {
+            None => Ok(RobotFlash::in_memory()),
+            Some(path) => RobotFlash::in_directory(path).map_err(|reason| UpdateError::Store {
+                path: path.display().to_string(),
+                reason,
+            }),
         };
-        let manifest = verified_manifest(&frame, trusted)?;
-        let path = self.policy_path(&manifest.sha256);
-        let bytes = fs::read(&path).map_err(failed(&path))?;
-        LoadedPolicy::new(manifest, &bytes).map(Some)
+        let layout = || RobotFlash::layout(CHUNK_BYTES as u32);
+        let slots = match Slots::open(flash()?, layout()).await {
+            Err(reagent_slots::SlotError::Record(damage)) => {
+                tracing::warn!("the record in flash is damaged ({damage}) and is formatted");
+                Slots::format(flash()?, layout()).await?
+            }
+            opened => opened?,
+        };
+        Ok(Store { slots })
     }
 
-    /// Keeps a verified policy in place of the last one.
-    ///
-    /// # Errors
-    /// `Store`; the last policy is still kept then.
-    pub fn save(&self, signed_manifest: &[u8], policy: &LoadedPolicy) -> Result<(), UpdateError> {
-        let kept = self.policy_path(&policy.manifest().sha256);
-        write_whole(&kept, policy.bytes())?;
-        write_whole(&self.manifest_path(), signed_manifest)?;
-        let entries = fs::read_dir(&self.directory).map_err(failed(&self.directory))?;
-        for path in entries.flatten().map(|entry| entry.path()) {
-            let old = path.extension().is_some_and(|e| e == "rgw") && path != kept;
-            if old {
-                fs::remove_file(&path).map_err(failed(&path))?;
+    /// The policy that counts, verified as if it had just been fetched; `None` where there is none yet.
+    pub(crate) async fn boot(
+        &mut self,
+        trusted: &[VerifyingKey],
+    ) -> Result<Option<LoadedPolicy>, UpdateError> {
+        let slot = match self.slots.boot().await? {
+            Boot::Empty | Boot::Reverted(None) => return Ok(None),
+            Boot::Confirmed(slot) | Boot::Trial(slot) => slot,
+            Boot::Reverted(Some(slot)) => {
+                tracing::warn!("the last policy did not pass its trial; the one before it is used");
+                slot
+            }
+        };
+        self.load(slot, trusted).await.map(Some)
+    }
+
+    /// Version of the newest policy that was ever in use.
+    pub(crate) fn floor(&self) -> u64 {
+        self.slots.floor()
+    }
+
+    /// The slots, for a download.
+    pub(crate) fn slots(&mut self) -> &mut Slots<RobotFlash> {
+        &mut self.slots
+    }
+
+    /// Tries the policy that was downloaded: verifies it as a whole and has it do what its manifest says it
+    /// does. It counts from then on, or the one before it goes on.
+    pub(crate) async fn take(
+        &mut self,
+        manifest: &Manifest,
+        trusted: &[VerifyingKey],
+    ) -> Result<LoadedPolicy, UpdateError> {
+        let slot = self.slots.try_out().await?;
+        let tried = self.load(slot, trusted).await.and_then(|policy| {
+            policy.test()?;
+            Ok(policy)
+        });
+        match tried {
+            Ok(policy) => {
+                self.slots.confirm(manifest.version).await?;
+                Ok(policy)
+            }
+            Err(error) => {
+                self.slots.revert().await?;
+                Err(error)
             }
         }
-        Ok(())
     }
 
-    fn manifest_path(&self) -> PathBuf {
-        self.directory.join("manifest")
+    async fn load(
+        &mut self,
+        slot: Slot,
+        trusted: &[VerifyingKey],
+    ) -> Result<LoadedPolicy, UpdateError> {
+        let mut frame = [0; FRAME_BYTES as usize];
+        let frame = self.slots.frame(slot, &mut frame).await?;
+        let manifest = verified_manifest(frame.unwrap_or_default(), trusted)?;
+        let mut bytes = vec![0; manifest.length as usize];
+        self.slots.read(slot, 0, &mut bytes).await?;
+        LoadedPolicy::new(manifest, &bytes)
     }
-
-    fn policy_path(&self, sha256: &[u8; 32]) -> PathBuf {
-        self.directory.join(format!("policy-{}.rgw", Hex(sha256)))
-    }
-}
-
-fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), UpdateError> {
-    let partial = path.with_extension("partial");
-    let write = || {
-        let mut file = fs::File::create(&partial)?;
-        file.write_all(bytes)?;
-        file.sync_all()?;
-        fs::rename(&partial, path)
-    };
-    write().map_err(failed(path))
-}
-
-fn failed(path: &Path) -> impl FnOnce(io::Error) -> UpdateError {
-    let path = path.display().to_string();
-    move |reason| UpdateError::Store { path, reason }
 }

@@ -1,11 +1,11 @@
 //! Following the fleet's policy: announcements in, verified policies out.
 
-use crate::fetch::fetch;
+use crate::fetch::{Jitter, download};
 use crate::node::NodeConfig;
 use crate::policy::{LoadedPolicy, UpdateError, verified_manifest};
 use crate::store::Store;
 use crate::view::View;
-use reagent_core::wire::{Manifest, keys};
+use reagent_core::wire::keys;
 use std::sync::Arc;
 use tokio::sync::watch;
 use zenoh::Session;
@@ -17,34 +17,31 @@ use zenoh::sample::Sample;
 pub(crate) struct Updates {
     session: Session,
     config: NodeConfig,
-    store: Option<Store>,
+    store: Store,
+    jitter: Jitter,
     policies: watch::Sender<Option<Arc<LoadedPolicy>>>,
     view: Arc<watch::Sender<View>>,
 }
 
 impl Updates {
-    /// Starts from the policy kept in the state directory, if there is a good one.
-    pub(crate) fn new(
+    /// Starts from the policy kept in flash, if there is a good one.
+    pub(crate) async fn new(
         session: Session,
         config: NodeConfig,
         view: Arc<watch::Sender<View>>,
     ) -> Result<Self, UpdateError> {
-        let store = config.state.as_deref().map(Store::open).transpose()?;
-        let updates = Updates {
+        let mut updates = Updates {
             session,
-            store,
+            store: Store::open(config.state.as_deref()).await?,
+            jitter: Jitter::of(&config.robot),
             policies: watch::Sender::new(None),
             view,
             config,
         };
-        match updates
-            .store
-            .as_ref()
-            .map(|s| s.load(&updates.config.trusted))
-        {
-            Some(Ok(Some(kept))) => updates.swap(kept),
-            Some(Err(error)) => updates.refused(error),
-            Some(Ok(None)) | None => {}
+        match updates.store.boot(&updates.config.trusted).await {
+            Ok(Some(kept)) => updates.swap(kept),
+            Ok(None) => {}
+            Err(error) => updates.refused(error),
         }
         Ok(updates)
     }
@@ -57,7 +54,7 @@ impl Updates {
     /// Takes announced policies as they come, and asks for the manifest whenever somebody appears
     /// who answers for it: an announcement made before this robot listened is not missed.
     pub(crate) async fn follow(
-        self,
+        mut self,
         key: keys::Key,
         announced: Subscriber<RingChannelHandler<Sample>>,
     ) {
@@ -67,7 +64,7 @@ impl Updates {
     }
 
     async fn try_follow(
-        &self,
+        &mut self,
         key: &keys::Key,
         announced: Subscriber<RingChannelHandler<Sample>>,
     ) -> zenoh::Result<()> {
@@ -86,7 +83,7 @@ impl Updates {
         }
     }
 
-    async fn ask(&self, key: &keys::Key) -> zenoh::Result<()> {
+    async fn ask(&mut self, key: &keys::Key) -> zenoh::Result<()> {
         let replies = self.session.get(key.as_str()).await?;
         while let Ok(reply) = replies.recv_async().await {
             if let Ok(sample) = reply.result() {
@@ -97,7 +94,7 @@ impl Updates {
     }
 
     /// Takes the announced policy if it is trusted, newer and whole.
-    async fn consider(&self, signed_manifest: &[u8]) {
+    async fn consider(&mut self, signed_manifest: &[u8]) {
         match self.update(signed_manifest).await {
             Ok(Some(policy)) => self.swap(policy),
             Ok(None) => {}
@@ -105,25 +102,31 @@ impl Updates {
         }
     }
 
-    async fn update(&self, signed_manifest: &[u8]) -> Result<Option<LoadedPolicy>, UpdateError> {
-        let manifest = verified_manifest(signed_manifest, &self.config.trusted)?;
-        if let Some(current) = &self.view.borrow().policy
-            && manifest.version <= current.version
-        {
-            let (announced, current) = (manifest.version, current.version);
-            tracing::debug!("policy version {announced} ignored, {current} is in use");
+    async fn update(
+        &mut self,
+        signed_manifest: &[u8],
+    ) -> Result<Option<LoadedPolicy>, UpdateError> {
+        let trusted = &self.config.trusted;
+        let manifest = verified_manifest(signed_manifest, trusted)?;
+        let in_use = self.view.borrow().policy.as_ref().map(|p| p.version);
+        let (announced, floor) = (manifest.version, self.store.floor());
+        // A robot whose policy was damaged in flash takes the same version again.
+        if in_use.is_some_and(|version| announced <= version) || announced < floor {
+            tracing::debug!("policy version {announced} ignored: {floor} is or was in use");
             return Ok(None);
         }
-        let policy = self.fetch_verified(manifest).await?;
-        if let Some(store) = &self.store {
-            store.save(signed_manifest, &policy)?;
-        }
-        Ok(Some(policy))
-    }
-
-    async fn fetch_verified(&self, manifest: Manifest) -> Result<LoadedPolicy, UpdateError> {
-        let bytes = fetch(&self.session, &self.config.fleet, &manifest).await?;
-        LoadedPolicy::new(manifest, &bytes)
+        let fleet = &self.config.fleet;
+        let (slots, jitter) = (self.store.slots(), &mut self.jitter);
+        download(
+            &self.session,
+            fleet,
+            &manifest,
+            signed_manifest,
+            slots,
+            jitter,
+        )
+        .await?;
+        self.store.take(&manifest, trusted).await.map(Some)
     }
 
     fn swap(&self, policy: LoadedPolicy) {

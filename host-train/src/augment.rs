@@ -12,6 +12,7 @@ use rand::{RngExt, seq::SliceRandom};
 use rand_distr::{Distribution, Normal, StandardNormal};
 use reagent_core::Pose;
 use reagent_core::pose::{centroid, rotation_from_euler};
+use serde::{Deserialize, Serialize};
 use std::f32::consts::{FRAC_PI_4, TAU};
 
 /// Standard deviation of the sensor noise, normalised units; clipped to [`JITTER_CLIP`].
@@ -230,6 +231,46 @@ pub fn noisy_sample(rng: &mut Rng, model: &[Point], k: usize) -> Sample {
     affine(&mut source, &deformed);
     affine(&mut target, &deformed);
     with_noise(rng, source, target)
+}
+
+/// What observations of real objects have and whole shapes do not (ours; the paper trains without). Half of the
+/// samples are disturbed.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Disturbance {
+    /// Least share of a source's points that are left on one side of a random plane; the share is uniform between
+    /// this and 1.
+    pub min_overlap: f32,
+    /// Largest share of a source's points that are replaced by points in the unit ball about the target's origin;
+    /// the share is uniform between 0 and this.
+    pub max_outliers: f32,
+}
+
+impl Disturbance {
+    /// Whole shapes and nothing else.
+    pub const NONE: Disturbance = Disturbance {
+        min_overlap: 1.0,
+        max_outliers: 0.0,
+    };
+
+    /// Crops and clutters the source of half of the samples.
+    pub fn apply(self, rng: &mut Rng, sample: &mut Sample) {
+        if self == Disturbance::NONE || rng.random_bool(0.5) {
+            return;
+        }
+        let overlap = 1.0 - rng.random_range(0.0..=1.0 - self.min_overlap);
+        crop(rng, &mut sample.source, overlap);
+        let outliers = rng.random_range(0.0..=self.max_outliers);
+        // Where the target is, seen from the source.
+        transform(&mut sample.source, &sample.target_from_source);
+        clutter(rng, &mut sample.source, outliers);
+        transform(&mut sample.source, &sample.target_from_source.inverse());
+    }
+}
+
+impl Default for Disturbance {
+    fn default() -> Self {
+        Self::NONE
+    }
 }
 
 #[cfg(test)]

@@ -8,9 +8,11 @@ pub use session::{SessionArgs, SessionError, open as open_session};
 
 use crate::export::{ExportError, WeightFile};
 use ed25519_dalek::{Signer, SigningKey};
-use reagent_core::Error;
+use reagent_core::net::Scratch;
 use reagent_core::wire::keys::Hex;
 use reagent_core::wire::{self, Manifest, Message, PolicyName, SignedManifest, keys};
+use reagent_core::{Error, Registrar, weights};
+use sha2::{Digest, Sha256};
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 use std::time::SystemTime;
@@ -61,6 +63,17 @@ pub struct Publisher {
     /// Version of the newest policy and its signed manifest, shared with the queryable.
     newest: Arc<Mutex<(u64, Vec<u8>)>>,
     queryables: Vec<Queryable<()>>,
+    /// Where the policies published from here on come from.
+    pub provenance: Provenance,
+}
+
+/// What a policy was made from, as SHA-256; zeros where that is not known.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Provenance {
+    /// Of the training data, as the run's record says.
+    pub training: [u8; 32],
+    /// Of the file that records the policy's evaluation.
+    pub evaluation: [u8; 32],
 }
 
 impl Publisher {
@@ -76,6 +89,7 @@ impl Publisher {
             key,
             newest: Arc::new(Mutex::new((0, Vec::new()))),
             queryables: Vec::new(),
+            provenance: Provenance::default(),
         })
     }
 
@@ -96,15 +110,18 @@ impl Publisher {
                 announced,
             });
         }
-        let manifest = manifest(version, name, &file)?;
+        let mut manifest = manifest(version, name, &file)?;
+        manifest.training_sha256 = self.provenance.training;
+        manifest.evaluation_sha256 = self.provenance.evaluation;
         let signed = sign(&self.key, &manifest);
 
+        let table = chunk_table(file.bytes()).concat();
         let chunks = keys::chunks(&self.fleet, &manifest.sha256).map_err(refused(&self.fleet))?;
         let served = self
             .session
             .declare_queryable(chunks.as_str())
             .complete(true)
-            .callback(move |query| answer_chunk(&query, file.bytes()));
+            .callback(move |query| answer_chunk(&query, file.bytes(), &table));
         self.queryables.push(served.await?);
 
         let key = keys::manifest(&self.fleet).map_err(refused(&self.fleet))?;
@@ -126,19 +143,33 @@ impl Publisher {
     }
 }
 
-/// The manifest of a policy file.
+/// SHA-256 of each chunk of a policy file.
+pub fn chunk_table(file: &[u8]) -> Vec<[u8; 32]> {
+    let chunks = file.chunks(wire::CHUNK_BYTES);
+    chunks.map(|chunk| Sha256::digest(chunk).into()).collect()
+}
+
+/// The manifest of a policy file of unknown provenance.
 ///
 /// # Errors
 /// `Name` for a name longer than 32 bytes.
 pub fn manifest(version: u64, name: &str, file: &WeightFile) -> Result<Manifest, PublishError> {
     let bytes = file.bytes();
+    let mut scratch = Box::new(Scratch::new());
+    let golden = Registrar::new(file.policy(), &mut scratch).golden_actions();
     Ok(Manifest {
         sha256: file.sha256(),
         length: u32::try_from(bytes.len()).expect("a policy is a few MiB"),
         chunk_length: wire::CHUNK_BYTES as u32,
+        table_sha256: Sha256::digest(chunk_table(bytes).concat()).into(),
         version,
+        file_version: weights::VERSION,
         number_format: u16::from_le_bytes([bytes[6], bytes[7]]),
+        shape: weights::SHAPE,
         name: PolicyName::try_from(name).map_err(|_| refused(name)(Error::Name))?,
+        training_sha256: [0; 32],
+        evaluation_sha256: [0; 32],
+        golden: golden.expect("the clouds of the self-test are good"),
     })
 }
 
@@ -166,7 +197,11 @@ fn fitting(stem: &str) -> String {
     name.as_str().into()
 }
 
-fn answer_chunk(query: &Query, file: &[u8]) {
+fn answer_chunk(query: &Query, file: &[u8], table: &[u8]) {
+    if keys::is_table(query.key_expr().as_str()) {
+        log_failure(query.reply(query.key_expr().clone(), table).wait());
+        return;
+    }
     let chunk = keys::chunk_index(query.key_expr().as_str())
         .and_then(|index| file.chunks(wire::CHUNK_BYTES).nth(index as usize));
     log_failure(match chunk {

@@ -5,16 +5,13 @@ mod support;
 use firmware_sim::client;
 use firmware_sim::node::{Node, NodeConfig};
 use firmware_sim::policy::UpdateError;
-use host_train::publish::{PublishError, manifest, sign};
+use host_train::publish::{PublishError, chunk_table, manifest, sign};
 use reagent_core::Pose;
-use reagent_core::wire::{self, keys};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicU32, Ordering};
+use reagent_core::wire;
 use support::{
-    FLEET, Network, key, local_pose, publisher, random_cloud, random_policy, request, until,
+    FLEET, Host, Network, key, local_pose, publisher, put_manifest, random_cloud, random_policy,
+    request, until,
 };
-use zenoh::query::Queryable;
-use zenoh::{Session, Wait};
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_late_joiner_fetches_and_a_new_version_replaces_the_old() {
@@ -52,38 +49,6 @@ async fn a_late_joiner_fetches_and_a_new_version_replaces_the_old() {
     );
 }
 
-/// Announces `signed` and serves `file` for its chunks, as a broken or hostile host might.
-async fn announce(
-    session: &Session,
-    signed: Vec<u8>,
-    file: Vec<u8>,
-    chunks_of: &wire::Manifest,
-) -> (Queryable<()>, Arc<AtomicU32>) {
-    let asked = Arc::new(AtomicU32::new(0));
-    let count = asked.clone();
-    let chunks = keys::chunks(FLEET, &chunks_of.sha256).expect("a good name");
-    let served = session
-        .declare_queryable(chunks.as_str())
-        .callback(move |query| {
-            count.fetch_add(1, Ordering::Relaxed);
-            let index = keys::chunk_index(query.key_expr().as_str()).expect("a chunk's key");
-            let chunk = file.chunks(wire::CHUNK_BYTES).nth(index as usize);
-            let chunk = chunk.expect("a chunk of the file").to_vec();
-            query
-                .reply(query.key_expr().clone(), chunk)
-                .wait()
-                .expect("an open session");
-        })
-        .await
-        .expect("an open session");
-    let manifest = keys::manifest(FLEET).expect("a good name");
-    session
-        .put(manifest.as_str(), signed)
-        .await
-        .expect("an open session");
-    (served, asked)
-}
-
 #[tokio::test(flavor = "multi_thread")]
 async fn a_corrupted_file_is_refused_and_the_old_policy_kept() {
     let network = Network::start().await;
@@ -95,24 +60,38 @@ async fn a_corrupted_file_is_refused_and_the_old_policy_kept() {
     let node = network.node(FLEET, "r1").await;
     until(&node, |view| view.policy.is_some()).await;
 
+    // One bit of one chunk on its way: the chunk is asked for again, and the rest is kept.
     let session = network.join().await;
     let good = random_policy(2);
     let flipped = manifest(2, "flipped", &good).expect("a good policy");
+    let table = chunk_table(good.bytes()).concat();
     let mut bad = good.bytes().to_vec();
     bad[5_000_000] ^= 1;
-    let _serving = announce(&session, sign(&key(1), &flipped), bad, &flipped).await;
+    let host = Host::serve(&session, flipped, table, move |index| {
+        let chunk = bad.chunks(wire::CHUNK_BYTES).nth(index as usize);
+        chunk.map(<[u8]>::to_vec)
+    });
+    let host = host.await;
+    host.announce(&session).await;
     let view = until(&node, |view| view.updates_refused == 1).await;
-    let error = view.last_refusal.expect("there is one");
-    assert!(matches!(*error, UpdateError::Sha256 { .. }), "{error}");
+    let error = view.last_refusal.expect("there is one").to_string();
+    assert!(
+        error.contains("chunk 152 of") && error.contains("SHA-256"),
+        "{error}"
+    );
     assert_eq!(view.policy.as_ref(), Some(&first));
+    let again = host.asked() - host.manifest.chunks().expect("chunks");
+    assert!((2..10).contains(&again), "{again} chunks asked for again");
+    drop(host);
 
-    let short = good.bytes()[..good.bytes().len() - 100].to_vec();
-    let mut cut = flipped.clone();
-    (cut.version, cut.sha256) = (3, [3; 32]);
-    let _serving = announce(&session, sign(&key(1), &cut), short, &cut).await;
+    // A file whose chunks are those of its table, but which is another than the manifest says.
+    let mut other = manifest(3, "other", &good).expect("a good policy");
+    other.sha256 = [3; 32];
+    let host = Host::of_file(&session, other, good.bytes().to_vec()).await;
+    host.announce(&session).await;
     let view = until(&node, |view| view.updates_refused == 2).await;
     let error = view.last_refusal.expect("there is one");
-    assert!(matches!(*error, UpdateError::Chunk { .. }), "{error}");
+    assert!(matches!(*error, UpdateError::Sha256 { .. }), "{error}");
     assert_eq!(view.policy.as_ref(), Some(&first));
 }
 
@@ -138,14 +117,13 @@ async fn only_newer_policies_with_a_trusted_signature_are_fetched() {
     let session = network.join().await;
     let file = random_policy(2);
     let newer = manifest(11, "newer", &file).expect("a good policy");
-    let strangers = sign(&key(2), &newer);
-    let (_serving, asked) = announce(&session, strangers, file.bytes().to_vec(), &newer).await;
+    let host = Host::of_file(&session, newer.clone(), file.bytes().to_vec()).await;
+    put_manifest(&session, sign(&key(2), &newer)).await;
     let view = until(&node, |view| view.updates_refused == 1).await;
     let error = view.last_refusal.expect("there is one");
     assert!(matches!(*error, UpdateError::Untrusted { .. }), "{error}");
 
     let good = sign(&key(1), &newer);
-    let manifest_key = keys::manifest(FLEET).expect("a good name");
     type Expected = fn(&UpdateError) -> bool;
     let mut frames: Vec<(Vec<u8>, Expected)> = Vec::new();
     for at in [4, 40, good.len() - 1] {
@@ -164,10 +142,7 @@ async fn only_newer_policies_with_a_trusted_signature_are_fetched() {
         )
     }));
     for (count, (frame, expected)) in (2..).zip(frames) {
-        session
-            .put(manifest_key.as_str(), frame)
-            .await
-            .expect("an open session");
+        put_manifest(&session, frame).await;
         let view = until(&node, |view| view.updates_refused == count).await;
         let error = view.last_refusal.expect("there is one");
         assert!(expected(&error), "{error}");
@@ -181,21 +156,15 @@ async fn only_newer_policies_with_a_trusted_signature_are_fetched() {
             ..newer.clone()
         },
     );
-    session
-        .put(manifest_key.as_str(), older)
-        .await
-        .expect("an open session");
-    assert_eq!(asked.load(Ordering::Relaxed), 0);
-    session
-        .put(manifest_key.as_str(), good)
-        .await
-        .expect("an open session");
+    put_manifest(&session, older).await;
+    assert_eq!(host.asked(), 0);
+    put_manifest(&session, good).await;
     let view = until(&node, |view| {
         view.policy.as_ref().is_some_and(|p| p.version == 11)
     })
     .await;
     assert_eq!(view.updates_refused, 7);
-    assert_eq!(Some(asked.load(Ordering::Relaxed)), newer.chunks());
+    assert_eq!(Some(host.asked()), newer.chunks());
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -222,27 +191,41 @@ async fn a_restarted_robot_has_its_policy_without_a_host() {
             let new = move |p: &wire::Manifest| p.version == version;
             until(&node, |view| view.policy.as_ref().is_some_and(new)).await;
         }
+        node.stop().await;
     }
     let node = Node::start(network.join().await, config())
         .await
         .expect("good names");
     let view = until(&node, |_| true).await;
     assert_eq!(view.policy.as_ref().map(|p| p.version), Some(2));
-    drop(node);
+    node.stop().await;
 
-    let files = || std::fs::read_dir(state.path().join("made/by/the/node")).expect("a directory");
-    let is_policy = |path: &std::path::PathBuf| path.extension().is_some_and(|e| e == "rgw");
-    let mut kept = files()
-        .map(|e| e.expect("readable").path())
-        .filter(is_policy);
-    let file = kept.next().expect("the policy in use");
-    assert_eq!(kept.next(), None, "the old policy is gone");
+    // Every fourth byte of the flash beyond the record is damaged: neither slot holds a policy.
+    let file = state.path().join("made/by/the/node/flash.bin");
     let mut bytes = std::fs::read(&file).expect("readable");
-    bytes[1000] ^= 4;
+    bytes[8192..]
+        .iter_mut()
+        .step_by(4)
+        .for_each(|byte| *byte ^= 4);
     std::fs::write(&file, bytes).expect("writable");
     let node = Node::start(network.join().await, config())
         .await
         .expect("it starts all the same");
     let view = until(&node, |_| true).await;
     assert_eq!((view.policy, view.updates_refused), (None, 1));
+    let second = Node::start(network.join().await, config()).await;
+    let error = second.err().expect("the first holds the flash").to_string();
+    assert!(
+        error.contains("another robot uses this state directory"),
+        "{error}"
+    );
+
+    // What it ran before comes again, an older policy does not.
+    let mut publisher = publisher(&network).await;
+    let published = publisher.publish(1, "older", random_policy(1)).await;
+    published.expect("a good policy");
+    let published = publisher.publish(2, "kept", random_policy(2)).await;
+    published.expect("a good policy");
+    let view = until(&node, |view| view.policy.is_some()).await;
+    assert_eq!(view.policy.as_ref().map(|p| p.version), Some(2));
 }

@@ -2,7 +2,9 @@
 
 use super::CloudView;
 use crate::error::Error;
+use crate::golden::GoldenActions;
 use crate::verdict::Verdict;
+use crate::weights;
 use core::fmt;
 use serde::{Deserialize, Serialize};
 
@@ -18,15 +20,35 @@ pub struct Manifest {
     pub length: u32,
     /// Bytes of every chunk but the last; 1 to [`super::CHUNK_BYTES`].
     pub chunk_length: u32,
+    /// SHA-256 of the table of chunks: the SHA-256 of each chunk, one after the other.
+    pub table_sha256: [u8; 32],
     /// Grows with every policy shipped to the fleet; a robot never goes back.
     pub version: u64,
+    /// Version of the file format, as its header says ([`crate::weights::VERSION`]).
+    pub file_version: u16,
     /// How the file stores numbers, as its header says ([`crate::weights::FORMAT_F32`]).
     pub number_format: u16,
+    /// Shape of the network, as its header says ([`crate::weights::SHAPE`]).
+    pub shape: [u16; 8],
     /// A name for people.
     pub name: PolicyName,
+    /// SHA-256 of what it was trained on, as the run's record says; zeros where that is not known.
+    pub training_sha256: [u8; 32],
+    /// SHA-256 of the record of its evaluation; zeros where there is none.
+    pub evaluation_sha256: [u8; 32],
+    /// What it does on the clouds of the self-test.
+    pub golden: GoldenActions,
 }
 
 impl Manifest {
+    /// Whether this build can run such a file: format version, number format and network shape.
+    pub fn runs_here(&self) -> bool {
+        let formats = [weights::FORMAT_F32, weights::FORMAT_INT8];
+        self.file_version == weights::VERSION
+            && formats.contains(&self.number_format)
+            && self.shape == weights::SHAPE
+    }
+
     /// Number of chunks, and `None` for a chunk length that is not allowed.
     pub fn chunks(&self) -> Option<u32> {
         let allowed = (1..=super::CHUNK_BYTES as u32).contains(&self.chunk_length);

@@ -3,6 +3,7 @@
 //! ```text
 //! reagent/v1/<fleet>/policy/manifest
 //! reagent/v1/<fleet>/policy/<sha256>/<n>
+//! reagent/v1/<fleet>/policy/<sha256>/table
 //! reagent/v1/<fleet>/robot/<id>/refine
 //! reagent/v1/<fleet>/robot/<id>/status
 //! reagent/v1/<fleet>/robot/<id>/alive
@@ -27,7 +28,19 @@ pub fn chunk(fleet: &str, sha256: &[u8; 32], index: u32) -> Result<Key, Error> {
     key(format_args!("{fleet}/policy/{sha256}/{index}"))
 }
 
-/// All chunks of the policy file with this SHA-256.
+/// Where the table of chunks of the policy file with this SHA-256 is answered.
+pub fn table(fleet: &str, sha256: &[u8; 32]) -> Result<Key, Error> {
+    let (fleet, sha256) = (Fleet::new(fleet)?, Hex(sha256));
+    key(format_args!("{fleet}/policy/{sha256}/table"))
+}
+
+/// Whether this is the key of a table of chunks.
+pub fn is_table(key: &str) -> bool {
+    key.rsplit_once('/')
+        .is_some_and(|(_, leaf)| leaf == "table")
+}
+
+/// All chunks of the policy file with this SHA-256, and their table.
 pub fn chunks(fleet: &str, sha256: &[u8; 32]) -> Result<Key, Error> {
     let (fleet, sha256) = (Fleet::new(fleet)?, Hex(sha256));
     key(format_args!("{fleet}/policy/{sha256}/*"))
@@ -132,6 +145,10 @@ mod tests {
             text(chunks("dock-7", &sha)),
             expected(&format!("policy/{hex}/*"))
         );
+        assert_eq!(
+            text(table("dock-7", &sha)),
+            expected(&format!("policy/{hex}/table"))
+        );
         assert_eq!(text(refine("dock-7", "r1")), expected("robot/r1/refine"));
         assert_eq!(text(status("dock-7", "r1")), expected("robot/r1/status"));
         assert_eq!(text(alive("dock-7", "r1")), expected("robot/r1/alive"));
@@ -163,5 +180,7 @@ mod tests {
         assert_eq!(chunk_index("reagent/v1/f/policy/00/77"), Some(77));
         assert_eq!(chunk_index("reagent/v1/f/policy/00/*"), None);
         assert_eq!(chunk_index("7"), None);
+        assert!(is_table("reagent/v1/f/policy/00/table"));
+        assert!(!is_table("reagent/v1/f/policy/00/7"));
     }
 }

@@ -1,4 +1,5 @@
 use super::*;
+use crate::steps::Action;
 use crate::verdict::Verdict;
 use proptest::prelude::*;
 use std::vec;
@@ -14,32 +15,49 @@ fn manifest() -> Manifest {
         sha256: [0xab; 32],
         length: 300,
         chunk_length: 128,
+        table_sha256: [0xcd; 32],
         version: 1_000,
+        file_version: 1,
         number_format: 0,
+        shape: [1, 2, 3, 4, 5, 6, 7, 200],
         name: PolicyName::try_from("v1").expect("fits"),
+        training_sha256: [3; 32],
+        evaluation_sha256: [4; 32],
+        golden: [Action::STOP, golden()].into_iter().collect(),
+    }
+}
+
+fn golden() -> Action {
+    Action {
+        translation: [0, 1, 2],
+        rotation: [8, 9, 10],
     }
 }
 
 #[test]
 fn manifest_is_these_bytes() {
-    let mut expected = vec![1, 0];
+    let mut expected = vec![2, 0];
     expected.extend([0xab; 32]);
     expected.extend([0xac, 0x02]); // 300 as a varint
     expected.extend([0x80, 0x01]); // 128
+    expected.extend([0xcd; 32]);
     expected.extend([0xe8, 0x07]); // 1000
-    expected.extend([0]);
+    expected.extend([1, 0]);
+    expected.extend([1, 2, 3, 4, 5, 6, 7, 0xc8, 0x01]);
     expected.extend([2, b'v', b'1']);
+    expected.extend([[3; 32], [4; 32]].concat());
+    expected.extend([2, 5, 5, 5, 5, 5, 5, 0, 1, 2, 8, 9, 10]);
     assert_eq!(bytes_of(&Message::Manifest(manifest())), expected);
 }
 
 #[test]
 fn signed_manifest_is_these_bytes() {
     let signed = SignedManifest {
-        manifest: &[1, 0, 9],
+        manifest: &[2, 0, 9],
         public_key: [7; 32],
         signature: [[8; 32], [9; 32]],
     };
-    let mut expected = vec![1, 1, 3, 1, 0, 9];
+    let mut expected = vec![2, 1, 3, 2, 0, 9];
     expected.extend([[7; 32], [8; 32], [9; 32]].concat());
     let bytes = bytes_of(&Message::SignedManifest(signed));
     assert_eq!(bytes, expected);
@@ -57,7 +75,7 @@ fn request_is_these_bytes() {
         target: CloudView::of(&target),
     };
     let expected = [
-        1, 2, 5, 10, 0, 12, 0, 0, 0x80, 0x3f, 0, 0, 0, 0xc0, 0, 0, 0, 0x3f, 0,
+        2, 2, 5, 10, 0, 12, 0, 0, 0x80, 0x3f, 0, 0, 0, 0xc0, 0, 0, 0, 0x3f, 0,
     ];
     assert_eq!(bytes_of(&Message::RefineRequest(request)), expected);
 }
@@ -72,7 +90,7 @@ fn reply_is_these_bytes() {
         micros: 200,
         policy_version: 3,
     };
-    let mut expected = vec![1, 3, 1];
+    let mut expected = vec![2, 3, 1];
     expected.extend([0, 0, 0x80, 0x3f].repeat(12));
     expected.extend([10, 1, 0xc8, 0x01, 3]);
     assert_eq!(bytes_of(&Message::RefineReply(reply)), expected);
@@ -86,7 +104,7 @@ fn refusal_and_status_are_these_bytes() {
     };
     assert_eq!(
         bytes_of(&Message::Refusal(refusal)),
-        [1, 4, 4, 6, 1, 0x88, 0x27]
+        [2, 4, 4, 6, 1, 0x88, 0x27]
     );
     let status = Status {
         policy: None,
@@ -94,7 +112,7 @@ fn refusal_and_status_are_these_bytes() {
         refused: 1,
         in_hand: 2,
     };
-    assert_eq!(bytes_of(&Message::Status(status)), [1, 5, 0, 3, 1, 2]);
+    assert_eq!(bytes_of(&Message::Status(status)), [2, 5, 0, 3, 1, 2]);
 }
 
 #[test]
@@ -123,6 +141,8 @@ fn the_largest_small_frames_fit_their_constant() {
     widest.name = PolicyName::try_from("n".repeat(32).as_str()).expect("fits");
     (widest.length, widest.chunk_length) = (u32::MAX, u32::MAX);
     (widest.version, widest.number_format) = (u64::MAX, u16::MAX);
+    (widest.file_version, widest.shape) = (u16::MAX, [u16::MAX; 8]);
+    widest.golden = core::iter::repeat_n(golden(), 10).collect();
     let frame = bytes_of(&Message::Manifest(widest));
     let signed = bytes_of(&Message::SignedManifest(SignedManifest {
         manifest: &frame,
@@ -136,8 +156,8 @@ fn the_largest_small_frames_fit_their_constant() {
 fn another_version_and_damage_are_told_apart() {
     let good = bytes_of(&Message::Manifest(manifest()));
     let mut newer = good.clone();
-    newer[0] = 2;
-    assert_eq!(decode(&newer), Err(Error::FrameVersion { found: 2 }));
+    newer[0] = 9;
+    assert_eq!(decode(&newer), Err(Error::FrameVersion { found: 9 }));
     assert_eq!(decode(&[]), Err(Error::Frame));
     for cut in 1..good.len() {
         assert_eq!(decode(&good[..cut]), Err(Error::Frame), "cut at {cut}");
@@ -146,7 +166,7 @@ fn another_version_and_damage_are_told_apart() {
     longer.push(0);
     assert_eq!(decode(&longer), Err(Error::Frame));
     // A cloud of 13 bytes is no whole number of points.
-    let ragged = [&[1, 2, 5, 10, 0, 13][..], &[0; 13], &[0]].concat();
+    let ragged = [&[2, 2, 5, 10, 0, 13][..], &[0; 13], &[0]].concat();
     assert_eq!(decode(&ragged), Err(Error::Frame));
 }
 

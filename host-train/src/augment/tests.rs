@@ -234,6 +234,48 @@ fn clean_samples_register_exactly_and_noisy_ones_to_the_noise() {
 }
 
 #[test]
+fn half_of_the_sources_are_cropped_and_cluttered() {
+    let disturbance = Disturbance {
+        min_overlap: 0.5,
+        max_outliers: 0.2,
+    };
+    let whole = |i| noisy_sample(&mut rng(i), &cube(256), 256);
+    let mut shares = Vec::new();
+    for i in 0..200 {
+        let mut sample = whole(i);
+        disturbance.apply(&mut rng(1000 + i), &mut sample);
+        let before = whole(i);
+        assert_eq!(sample.target, before.target, "targets stay whole");
+        if sample != before {
+            let kept = |p: &&Point| before.source.iter().any(|q| distance(p, q) < 1e-5);
+            let kept = sample.source.iter().filter(kept).count();
+            let n = sample.source.len();
+            shares.push((n as f32 / 256.0, 1.0 - kept as f32 / n as f32));
+            let seen = sample.source.iter().map(|&p| {
+                let [x, y, z] = sample.target_from_source.apply(p.into()).to_array();
+                x.hypot(y).hypot(z)
+            });
+            assert!(seen.fold(0.0, f32::max) < 2.0, "where the target is");
+        }
+    }
+    assert!((80..120).contains(&shares.len()), "{}", shares.len());
+    let overlaps = || shares.iter().map(|s| s.0);
+    let outliers = || shares.iter().map(|s| s.1);
+    let mean = |sum: f32| sum / shares.len() as f32;
+    assert!((mean(overlaps().sum()) - 0.75).abs() < 0.05);
+    assert!((mean(outliers().sum()) - 0.1).abs() < 0.02);
+    assert!(overlaps().all(|s| (0.5..=1.0).contains(&s)) && outliers().all(|s| s <= 0.21));
+
+    let mut sample = whole(3);
+    Disturbance::NONE.apply(&mut rng(3), &mut sample);
+    assert_eq!(sample, whole(3));
+}
+
+fn distance(p: &Point, q: &Point) -> f32 {
+    (0..3).map(|k| (p[k] - q[k]).abs()).fold(0.0, f32::max)
+}
+
+#[test]
 fn samples_depend_on_their_stream_only_not_on_the_thread() {
     let cloud = cube(256);
     let draw = |i: u64| {

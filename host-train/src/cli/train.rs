@@ -72,6 +72,13 @@ struct DataOptions {
     /// Do not deform shapes by scale, shear and mirror (design table; the paper does)
     #[arg(long)]
     no_augmentation: bool,
+    /// Least share of its points that half of the sources keep, on one side of a random plane, uniform up to 1 [default: 1,
+    /// whole shapes as in the paper]
+    #[arg(long, value_name = "SHARE", value_parser = up_to_1)]
+    min_overlap: Option<f32>,
+    /// Largest share of outliers in half of the sources, uniform from 0 [default: 0, as in the paper]
+    #[arg(long, value_name = "SHARE", value_parser = outliers)]
+    max_outliers: Option<f32>,
 }
 
 /// How observations are made and what is minimised.
@@ -119,7 +126,7 @@ struct MethodOptions {
 #[command(next_help_heading = "Optimiser")]
 struct OptimiserOptions {
     /// Learning rate at the start [default: the paper's 1e-3 in pretrain, 1e-4 after]
-    #[arg(long, value_name = "RATE", value_parser = rate)]
+    #[arg(long, value_name = "RATE", value_parser = up_to_1)]
     learning_rate: Option<f32>,
     /// Epochs between halvings of the learning rate [default: the paper's 10]
     #[arg(long, value_name = "N", value_parser = positive())]
@@ -187,6 +194,8 @@ impl TrainArgs {
         set(&mut config.categories, given.categories);
         set(&mut config.points, given.points);
         config.augmentation &= !given.no_augmentation;
+        set(&mut config.disturbance.min_overlap, given.min_overlap);
+        set(&mut config.disturbance.max_outliers, given.max_outliers);
 
         let given = self.method;
         set(&mut config.network, given.network);
@@ -218,11 +227,19 @@ impl TrainArgs {
     }
 }
 
-/// A learning rate above 0 and at most 1.
-fn rate(text: &str) -> Result<f32, String> {
+/// A learning rate or a share above 0 and at most 1.
+fn up_to_1(text: &str) -> Result<f32, String> {
     match text.parse() {
-        Ok(rate) if rate > 0.0 && rate <= 1.0 => Ok(rate),
+        Ok(number) if number > 0.0 && number <= 1.0 => Ok(number),
         _ => Err("give a number above 0 and at most 1".into()),
+    }
+}
+
+/// A share of at least 0 and below 1.
+fn outliers(text: &str) -> Result<f32, String> {
+    match text.parse() {
+        Ok(share) if (0.0..1.0).contains(&share) => Ok(share),
+        _ => Err("give a share of at least 0 and below 1".into()),
     }
 }
 

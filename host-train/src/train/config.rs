@@ -3,6 +3,7 @@
 use super::learning_rate::{Anneal, LearningRate};
 use super::method::{Follow, Method, RollOut};
 use super::run::TrainError;
+use crate::augment::Disturbance;
 use crate::dataset::bop::is_bop;
 use crate::env::Accumulation;
 use crate::nn::Shape;
@@ -131,6 +132,9 @@ pub struct TrainConfig {
     /// Whether shapes are deformed by scale, shear and mirror (paper: yes; design table, column
     /// "augm.").
     pub augmentation: bool,
+    /// Partial views and outliers in sources.
+    #[serde(default)]
+    pub disturbance: Disturbance,
     /// Learning rate (paper: from 1e-3 in pretrain, from 1e-4 after; halved every 10 epochs; from 1e-3 and
     /// halved every 20 for data in BOP layout).
     pub learning_rate: LearningRate,
@@ -174,6 +178,7 @@ impl TrainConfig {
             network: Network::Wide,
             points: 1024,
             augmentation: true,
+            disturbance: Disturbance::NONE,
             learning_rate: LearningRate {
                 initial,
                 halve_every,

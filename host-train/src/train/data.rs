@@ -140,7 +140,7 @@ fn draw(
 
 /// A training pair of one cloud, as the stage wants it.
 fn sample(config: &TrainConfig, rng: &mut Rng, cloud: &[Point]) -> Sample {
-    match (config.stage, config.augmentation) {
+    let mut sample = match (config.stage, config.augmentation) {
         (Stage::Pretrain, true) => clean_sample(rng, cloud, config.points),
         (Stage::Pretrain, false) => {
             let points = resample(rng, cloud, config.points);
@@ -148,7 +148,9 @@ fn sample(config: &TrainConfig, rng: &mut Rng, cloud: &[Point]) -> Sample {
         }
         (Stage::Il | Stage::Ilrl, true) => noisy_sample(rng, cloud, config.points),
         (Stage::Il | Stage::Ilrl, false) => noisy_pair(rng, cloud, config.points),
-    }
+    };
+    config.disturbance.apply(rng, &mut sample);
+    sample
 }
 
 /// SHA-256 of all training clouds in their order, and of the annotations and models of objects, in hexadecimal:

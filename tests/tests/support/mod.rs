@@ -7,16 +7,19 @@ use firmware_sim::session::{SessionArgs, open};
 use firmware_sim::view::View;
 use host_train::export::WeightFile;
 use host_train::nn::{Parameters, Shape};
-use host_train::publish::Publisher;
+use host_train::publish::{Publisher, chunk_table, sign};
 use host_train::random::{Purpose, Rng, stream};
 use rand::RngExt;
 use reagent_core::net::Scratch;
-use reagent_core::wire::{CloudView, RefineRequest};
+use reagent_core::wire::{self, CloudView, Manifest, RefineRequest, keys};
 use reagent_core::{Frame, Pose, Registrar};
 use std::net::TcpListener;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 use tokio::sync::watch;
-use zenoh::Session;
+use zenoh::query::{Query, Queryable};
+use zenoh::{Session, Wait};
 
 /// A router that only this test knows.
 pub(crate) struct Network {
@@ -98,6 +101,84 @@ pub(crate) fn key(seed: u8) -> SigningKey {
 /// A publisher that signs with the first key, on a session of its own.
 pub(crate) async fn publisher(network: &Network) -> Publisher {
     Publisher::new(network.join().await, FLEET, key(1)).expect("a good name")
+}
+
+/// Somebody who announces a policy and answers for its chunks, as a broken or hostile host might.
+pub(crate) struct Host {
+    pub(crate) manifest: Manifest,
+    pub(crate) signed: Vec<u8>,
+    /// Chunks that were asked for so far.
+    pub(crate) asked: Arc<AtomicU32>,
+    _serving: Queryable<()>,
+}
+
+impl Host {
+    /// Serves `table` and what `chunk` returns for each index; an error reply where that is nothing.
+    pub(crate) async fn serve(
+        session: &Session,
+        manifest: Manifest,
+        table: Vec<u8>,
+        chunk: impl Fn(u32) -> Option<Vec<u8>> + Send + Sync + 'static,
+    ) -> Host {
+        let asked = Arc::new(AtomicU32::new(0));
+        let count = asked.clone();
+        let chunks = keys::chunks(FLEET, &manifest.sha256).expect("a good name");
+        let answer = move |query: Query| {
+            let bytes = match keys::chunk_index(query.key_expr().as_str()) {
+                None => Some(table.clone()),
+                Some(index) => {
+                    count.fetch_add(1, Ordering::Relaxed);
+                    chunk(index)
+                }
+            };
+            match bytes {
+                Some(bytes) => query.reply(query.key_expr().clone(), bytes).wait(),
+                None => query.reply_err("not now").wait(),
+            }
+            .expect("an open session");
+        };
+        let serving = session.declare_queryable(chunks.as_str()).callback(answer);
+        Host {
+            signed: sign(&key(1), &manifest),
+            manifest,
+            asked,
+            _serving: serving.await.expect("an open session"),
+        }
+    }
+
+    /// Serves a file whose manifest is `manifest`.
+    pub(crate) async fn of_file(session: &Session, manifest: Manifest, file: Vec<u8>) -> Host {
+        let table = chunk_table(&file).concat();
+        let chunk = move |index: u32| {
+            let chunk = file.chunks(wire::CHUNK_BYTES).nth(index as usize);
+            chunk.map(<[u8]>::to_vec)
+        };
+        Host::serve(session, manifest, table, chunk).await
+    }
+
+    pub(crate) async fn announce(&self, session: &Session) {
+        put_manifest(session, self.signed.clone()).await;
+    }
+
+    pub(crate) fn asked(&self) -> u32 {
+        self.asked.load(Ordering::Relaxed)
+    }
+}
+
+/// Publishes a frame where manifests are announced, once a robot listens there.
+pub(crate) async fn put_manifest(session: &Session, frame: Vec<u8>) {
+    let manifest = keys::manifest(FLEET).expect("a good name");
+    let publisher = session.declare_publisher(manifest.as_str()).await;
+    let publisher = publisher.expect("an open session");
+    let listener = publisher
+        .matching_listener()
+        .await
+        .expect("an open session");
+    let mut heard = publisher.matching_status().await.expect("an open session");
+    while !heard.matching() {
+        heard = listener.recv_async().await.expect("an open session");
+    }
+    publisher.put(frame).await.expect("an open session");
 }
 
 /// A request for ten steps.

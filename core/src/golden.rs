@@ -1,0 +1,126 @@
+//! The self-test of a policy: what it must do on two clouds that every build can make.
+//!
+//! Whoever ships a policy records its actions ([`Registrar::golden_actions`]); whoever receives it
+//! compares ([`Registrar::passes`]) before it counts. A policy file may be whole and signed and still do
+//! something else on this machine: another build, a kernel that is wrong here, memory that fails.
+
+use crate::dims::{LOGITS, STEP_SIZES, STEPS};
+use crate::error::Error;
+use crate::pose::Pose;
+use crate::register::{Frame, Registrar};
+use crate::steps::Action;
+
+/// Points of each cloud.
+pub const POINTS: usize = 128;
+/// How far the best step of each axis must lead, in logits: more than the f32 kernels differ by.
+const CLEAR: f32 = 0.01;
+/// How the source of the self-test has been moved.
+const OFFSET: Action = Action {
+    translation: [9, 2, 7],
+    rotation: [10, 1, 8],
+};
+
+/// Actions of the first steps, up to the one that is no clear choice.
+pub type GoldenActions = heapless::Vec<Action, STEPS>;
+
+/// Source and target of the self-test: an L-shaped bracket, moved by a fixed offset.
+pub fn clouds() -> [[[f32; 3]; POINTS]; 2] {
+    let mut state = 1u32;
+    let mut unit = || {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (state >> 8) as f32 / (1 << 24) as f32
+    };
+    let mut target = [[0.0; 3]; POINTS];
+    for (i, point) in target.iter_mut().enumerate() {
+        let (u, v) = (1.2 * unit() - 0.6, 0.7 * unit());
+        *point = if i % 2 == 0 { [u, v, 0.0] } else { [u, 0.0, v] };
+    }
+    let offset = OFFSET.update();
+    let source = target.map(|p| offset.apply(p.into()).to_array());
+    [source, target]
+}
+
+impl Registrar<'_, '_> {
+    /// What this policy does on [`clouds`], up to the first step that is no clear choice: f32 kernels may
+    /// differ there.
+    ///
+    /// # Errors
+    /// None with the clouds as they are; see [`Registrar::start`].
+    pub fn golden_actions(&mut self) -> Result<GoldenActions, Error> {
+        let [source, target] = clouds();
+        let mut registration = self.start(&source, &target, Frame::IDENTITY, Pose::IDENTITY)?;
+        let mut actions = GoldenActions::new();
+        while !actions.is_full() {
+            let step = self.step(&mut registration);
+            if !is_clear(&step.logits_t) || !is_clear(&step.logits_r) {
+                break;
+            }
+            // There is room: checked above.
+            actions.push(step.action).ok();
+        }
+        Ok(actions)
+    }
+
+    /// Whether this policy does so here.
+    ///
+    /// # Errors
+    /// As [`Registrar::golden_actions`].
+    pub fn passes(&mut self, expected: &[Action]) -> Result<bool, Error> {
+        let [source, target] = clouds();
+        let mut registration = self.start(&source, &target, Frame::IDENTITY, Pose::IDENTITY)?;
+        Ok(expected
+            .iter()
+            .all(|&action| self.step(&mut registration).action == action))
+    }
+}
+
+/// Whether the best step of each axis leads clearly.
+fn is_clear(logits: &[f32; LOGITS]) -> bool {
+    logits.chunks_exact(STEP_SIZES).all(|axis| {
+        let (mut first, mut second) = (f32::NEG_INFINITY, f32::NEG_INFINITY);
+        for &logit in axis {
+            if logit > first {
+                (first, second) = (logit, first);
+            } else if logit > second {
+                second = logit;
+            }
+        }
+        first - second > CLEAR * first.abs().max(1.0)
+    })
+}
+
+#[cfg(all(test, feature = "pretrained"))]
+mod tests {
+    use super::*;
+    use crate::kernels::Isa;
+    use crate::net::Scratch;
+    use crate::weights::Policy;
+
+    #[test]
+    fn every_kernel_takes_the_golden_actions() {
+        let policy = || Policy::pretrained().expect("a sound policy");
+        let mut scratch = Scratch::new();
+        let actions = Registrar::with_isa(Isa::PORTABLE, policy(), &mut scratch)
+            .golden_actions()
+            .expect("two good clouds");
+        assert!(actions.len() >= 2, "{actions:?}");
+        for isa in Isa::all() {
+            let mut registrar = Registrar::with_isa(isa, policy(), &mut scratch);
+            assert_eq!(registrar.passes(&actions), Ok(true), "{}", isa.name());
+            let mut other = actions.clone();
+            other[1].rotation[2] ^= 1;
+            assert_eq!(registrar.passes(&other), Ok(false), "{}", isa.name());
+        }
+    }
+
+    #[test]
+    fn choices_that_are_not_clear_are_seen() {
+        let mut logits = [0.0; LOGITS];
+        for axis in logits.chunks_exact_mut(STEP_SIZES) {
+            axis[3] = 1.0;
+        }
+        assert!(is_clear(&logits));
+        logits[LOGITS - 1] = 0.995;
+        assert!(!is_clear(&logits));
+    }
+}

@@ -1,0 +1,360 @@
+//! Two policy slots over NOR flash, and which of them counts: a cut of the power at any moment leaves
+//! the old policy or the new one, never neither. no_std, no alloc.
+//!
+//! A new policy goes into the idle slot ([`Slots::begin`], [`Slots::write_chunk`]), is checked chunk by
+//! chunk ([`Slots::missing`]), tried ([`Slots::try_out`]) and then counts ([`Slots::confirm`]) or not
+//! ([`Slots::revert`]). The one moment at which it starts to count is the replacement of a small record
+//! kept by [`sequential_storage::map`]. No older version than one that was confirmed ever counts again.
+//!
+//! In flash, a slot is
+//!
+//! | bytes | content |
+//! |---|---|
+//! | 0..32 | head, written last: magic `RSLT`, lengths of frame, file and chunk, CRC-32 of these, the frame and the table |
+//! | 32.. | the signed manifest, as it came, padded to 1024 bytes |
+//! | 1056.. | SHA-256 of each chunk |
+//! | next erase block.. | the policy file |
+//!
+//! No mark says which chunks have come: a chunk is there if its bytes have its hash, so a partial
+//! download goes on after a cut without trusting anything that the cut may have torn.
+#![cfg_attr(not(test), no_std)]
+
+mod layout;
+pub mod ram;
+mod record;
+mod slot;
+
+pub use layout::{FRAME_BYTES, HASH_BYTES, Layout, LayoutError, Slot};
+pub use slot::Header;
+
+use embedded_storage_async::nor_flash::NorFlash;
+use record::{BUFFER, KEY, Record, Trial};
+use sequential_storage::cache::{Cache, Uncached};
+use sequential_storage::map::{MapConfig, MapStorage};
+
+/// Why the slots could not do what they were asked.
+#[derive(Debug, thiserror::Error)]
+pub enum SlotError<E: core::fmt::Debug> {
+    /// The flash cannot be divided so.
+    #[error(transparent)]
+    Layout(#[from] LayoutError),
+    /// The flash failed.
+    #[error("flash: {0:?}")]
+    Flash(E),
+    /// The record is damaged beyond repair; [`Slots::format`] starts anew.
+    #[error("the record in flash is damaged: {0}")]
+    Record(&'static str),
+    /// The policy does not fit, or its manifest, or it has another chunk length than the layout.
+    #[error("a policy of {length} bytes with a manifest of {frame} does not fit the slots")]
+    TooLarge {
+        /// Bytes of the policy file.
+        length: u32,
+        /// Bytes of the signed manifest.
+        frame: u32,
+    },
+    /// There is no chunk of this number and length.
+    #[error("chunk {index} has {length} bytes, which is not its length")]
+    Length {
+        /// Its number.
+        index: u32,
+        /// Its bytes.
+        length: u32,
+    },
+    /// The bytes of a chunk are not those that its hash stands for.
+    #[error("chunk {index} has another SHA-256 than the table says")]
+    Hash {
+        /// Its number.
+        index: u32,
+    },
+    /// The idle slot holds no whole policy.
+    #[error("the idle slot holds no whole policy")]
+    Incomplete,
+    /// The version is below the floor.
+    #[error("version {version} is older than {floor}, which was in use")]
+    Version {
+        /// As given.
+        version: u64,
+        /// The newest that was ever confirmed.
+        floor: u64,
+    },
+}
+
+/// What a robot runs after a start.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Boot {
+    /// Nothing: no policy was ever confirmed, and none is to be tried.
+    Empty,
+    /// The policy that counts.
+    Confirmed(Slot),
+    /// A policy on trial: [`Slots::confirm`] or [`Slots::revert`] it. A restart before that reverts it.
+    Trial(Slot),
+    /// A trial was cut short; what counts is the slot before it, if there was one.
+    Reverted(Option<Slot>),
+}
+
+/// Two slots and the record of which one counts.
+pub struct Slots<F: NorFlash> {
+    map: MapStorage<u8, F, Cache<Uncached, Uncached, Uncached, u8>>,
+    layout: Layout,
+    record: Record,
+}
+
+impl<F: NorFlash> Slots<F> {
+    /// Reads the record. Erased flash is a robot that never had a policy.
+    ///
+    /// # Errors
+    /// `Layout`, `Flash`, `Record`.
+    pub async fn open(flash: F, layout: Layout) -> Result<Self, SlotError<F::Error>> {
+        layout.check::<F>(flash.capacity() as u32)?;
+        let config = MapConfig::try_new(layout.record.clone()).map_err(|_| LayoutError::Record)?;
+        let mut slots = Slots {
+            map: MapStorage::new(flash, config, Cache::new_uncached()),
+            layout,
+            record: Record::default(),
+        };
+        let mut buffer = [0; BUFFER];
+        let stored = slots.map.fetch_item::<&[u8]>(&mut buffer, &KEY).await;
+        if let Some(bytes) = stored.map_err(of_map)? {
+            slots.record =
+                postcard::from_bytes(bytes).map_err(|_| SlotError::Record("unknown content"))?;
+        }
+        Ok(slots)
+    }
+
+    /// Forgets everything, for flash whose record is damaged.
+    ///
+    /// # Errors
+    /// `Layout`, `Flash`.
+    pub async fn format(mut flash: F, layout: Layout) -> Result<Self, SlotError<F::Error>> {
+        layout.check::<F>(flash.capacity() as u32)?;
+        let record = layout.record.clone();
+        let erased = flash.erase(record.start, record.end).await;
+        erased.map_err(SlotError::Flash)?;
+        Self::open(flash, layout).await
+    }
+
+    /// What to run after a start; ends a trial that a restart cut short.
+    ///
+    /// # Errors
+    /// `Flash`, `Record`.
+    pub async fn boot(&mut self) -> Result<Boot, SlotError<F::Error>> {
+        let confirmed = self.record.confirmed;
+        match self.record.trial {
+            None => Ok(confirmed.map_or(Boot::Empty, Boot::Confirmed)),
+            Some(Trial::Ready) => {
+                self.start_trial().await?;
+                Ok(Boot::Trial(self.record.idle()))
+            }
+            Some(Trial::Running) => {
+                self.revert().await?;
+                Ok(Boot::Reverted(confirmed))
+            }
+        }
+    }
+
+    /// The slot that counts.
+    pub fn confirmed(&self) -> Option<Slot> {
+        self.record.confirmed
+    }
+
+    /// The slot into which the next policy goes, or that is on trial.
+    pub fn idle(&self) -> Slot {
+        self.record.idle()
+    }
+
+    /// Version of the newest policy that was ever confirmed: no older one is taken.
+    pub fn floor(&self) -> u64 {
+        self.record.floor
+    }
+
+    /// Prepares the idle slot for a policy of `length` bytes with these hashes of its chunks. Where a
+    /// download of the same manifest was cut short, the chunks that came stay.
+    ///
+    /// # Errors
+    /// `TooLarge`, `Flash`, `Record`.
+    pub async fn begin(
+        &mut self,
+        frame: &[u8],
+        length: u32,
+        table: &[[u8; 32]],
+    ) -> Result<(), SlotError<F::Error>> {
+        let header = Header {
+            frame: frame.len() as u32,
+            length,
+        };
+        let fits = header.frame <= FRAME_BYTES
+            && length <= self.layout.capacity::<F>()
+            && table.len() as u32 == length.div_ceil(self.layout.chunk);
+        if !fits {
+            let frame = header.frame;
+            return Err(SlotError::TooLarge { length, frame });
+        }
+        self.revert().await?;
+        let idle = self.idle();
+        if self.holds(idle, &header, frame, table).await? {
+            return Ok(());
+        }
+        self.write_header(idle, &header, frame, table).await
+    }
+
+    /// The lowest number from `from` of a chunk that has not come.
+    ///
+    /// # Errors
+    /// `Incomplete` before [`Slots::begin`]; `Flash`.
+    pub async fn missing(&mut self, from: u32) -> Result<Option<u32>, SlotError<F::Error>> {
+        let idle = self.idle();
+        let header = self.header(idle).await?.ok_or(SlotError::Incomplete)?;
+        for index in from..header.length.div_ceil(self.layout.chunk) {
+            if !self.has_chunk(idle, &header, index).await? {
+                return Ok(Some(index));
+            }
+        }
+        Ok(None)
+    }
+
+    /// Keeps a chunk.
+    ///
+    /// # Errors
+    /// `Length`, `Hash` (nothing is written then); `Incomplete` before [`Slots::begin`]; `Flash`.
+    pub async fn write_chunk(
+        &mut self,
+        index: u32,
+        bytes: &[u8],
+    ) -> Result<(), SlotError<F::Error>> {
+        let idle = self.idle();
+        let header = self.header(idle).await?.ok_or(SlotError::Incomplete)?;
+        self.put_chunk(idle, &header, index, bytes).await
+    }
+
+    /// Takes a chunk from the slot that counts, if that has the same: what did not change between two
+    /// policies is not fetched again. `buffer` holds at least a chunk.
+    ///
+    /// # Errors
+    /// `Incomplete` before [`Slots::begin`], `Length` for a short buffer, `Flash`.
+    pub async fn reuse_chunk(
+        &mut self,
+        index: u32,
+        buffer: &mut [u8],
+    ) -> Result<bool, SlotError<F::Error>> {
+        let idle = self.idle();
+        let header = self.header(idle).await?.ok_or(SlotError::Incomplete)?;
+        let length = self.chunk_length(&header, index);
+        let short = SlotError::Length { index, length };
+        let buffer = buffer.get_mut(..length as usize).ok_or(short)?;
+        let Some(confirmed) = self.record.confirmed else {
+            return Ok(false);
+        };
+        let Some(old) = self.header(confirmed).await? else {
+            return Ok(false);
+        };
+        let same = self.chunk_length(&old, index) == length
+            && self.hash_of(confirmed, index).await? == self.hash_of(idle, index).await?;
+        if !same || !self.has_chunk(confirmed, &old, index).await? {
+            return Ok(false);
+        }
+        self.read(confirmed, index * self.layout.chunk, buffer)
+            .await?;
+        self.put_chunk(idle, &header, index, buffer).await?;
+        Ok(true)
+    }
+
+    /// Puts the whole policy in the idle slot on trial, now: the next start before
+    /// [`Slots::confirm`] finds the old policy. For a trial that begins with a restart, see
+    /// [`Slots::try_at_next_start`].
+    ///
+    /// # Errors
+    /// `Incomplete`, `Flash`, `Record`.
+    pub async fn try_out(&mut self) -> Result<Slot, SlotError<F::Error>> {
+        if self.missing(0).await?.is_some() {
+            return Err(SlotError::Incomplete);
+        }
+        self.start_trial().await?;
+        Ok(self.idle())
+    }
+
+    /// Puts the whole policy in the idle slot on trial at the next start, where [`Slots::boot`] says so.
+    ///
+    /// # Errors
+    /// `Incomplete`, `Flash`, `Record`.
+    pub async fn try_at_next_start(&mut self) -> Result<(), SlotError<F::Error>> {
+        if self.missing(0).await?.is_some() {
+            return Err(SlotError::Incomplete);
+        }
+        let ready = Some(Trial::Ready);
+        self.store(Record {
+            trial: ready,
+            ..self.record
+        })
+        .await
+    }
+
+    /// The policy on trial counts from here on, and no older one is taken any more.
+    ///
+    /// # Errors
+    /// `Incomplete` without a trial, `Version` for an older one than ever counted, `Flash`, `Record`.
+    pub async fn confirm(&mut self, version: u64) -> Result<(), SlotError<F::Error>> {
+        let Record { floor, trial, .. } = self.record;
+        if trial != Some(Trial::Running) {
+            return Err(SlotError::Incomplete);
+        }
+        if version < floor {
+            return Err(SlotError::Version { version, floor });
+        }
+        let idle = self.idle();
+        self.store(Record {
+            confirmed: Some(idle),
+            floor: version,
+            trial: None,
+        })
+        .await
+    }
+
+    /// Ends a trial, if there is one: the policy before it counts.
+    ///
+    /// # Errors
+    /// `Flash`, `Record`.
+    pub async fn revert(&mut self) -> Result<(), SlotError<F::Error>> {
+        if self.record.trial.is_none() {
+            return Ok(());
+        }
+        self.store(Record {
+            trial: None,
+            ..self.record
+        })
+        .await
+    }
+
+    /// Gives the flash back.
+    pub fn destroy(self) -> F {
+        self.map.destroy().0
+    }
+
+    async fn start_trial(&mut self) -> Result<(), SlotError<F::Error>> {
+        let running = Some(Trial::Running);
+        self.store(Record {
+            trial: running,
+            ..self.record
+        })
+        .await
+    }
+
+    async fn store(&mut self, record: Record) -> Result<(), SlotError<F::Error>> {
+        let (mut bytes, mut buffer) = ([0; BUFFER], [0; BUFFER]);
+        let bytes =
+            postcard::to_slice(&record, &mut bytes).map_err(|_| SlotError::Record("too long"))?;
+        let value = &&*bytes;
+        let stored = self.map.store_item_generic(&mut buffer, &KEY, value).await;
+        stored.map_err(of_map)?;
+        self.record = record;
+        Ok(())
+    }
+}
+
+fn of_map<E: core::fmt::Debug>(error: sequential_storage::Error<E>) -> SlotError<E> {
+    match error {
+        sequential_storage::Error::Storage { value, .. } => SlotError::Flash(value),
+        sequential_storage::Error::FullStorage => SlotError::Record("full"),
+        sequential_storage::Error::Corrupted { .. } => SlotError::Record("corrupted"),
+        _ => SlotError::Record("unreadable"),
+    }
+}

@@ -1,0 +1,125 @@
+//! Updates that are cut short, changed in part, or do not do what they should.
+
+mod support;
+
+use firmware_sim::node::{Node, NodeConfig};
+use firmware_sim::policy::UpdateError;
+use host_train::export::WeightFile;
+use host_train::nn::{Parameters, Shape};
+use host_train::publish::{chunk_table, manifest};
+use reagent_core::wire;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
+use support::{FLEET, Host, Network, publisher, random_policy, until};
+use tokio::sync::Notify;
+
+fn config(state: &Path) -> NodeConfig {
+    NodeConfig {
+        fleet: FLEET.into(),
+        robot: "r1".into(),
+        trusted: vec![],
+        state: Some(state.into()),
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_node_killed_half_way_goes_on_where_it_was() {
+    let state = tempfile::tempdir().expect("a temporary directory");
+    let network = Network::start().await;
+    let session = network.join().await;
+    let policy = random_policy(4);
+    let new = manifest(1, "new", &policy).expect("a good policy");
+    let table = chunk_table(policy.bytes()).concat();
+
+    // The host answers for a hundred chunks and then falls silent.
+    let (answered, half_way) = (AtomicU32::new(0), Arc::new(Notify::new()));
+    let (file, reached) = (policy.bytes().to_vec(), half_way.clone());
+    let stingy = Host::serve(&session, new.clone(), table, move |index| {
+        if answered.fetch_add(1, Ordering::Relaxed) >= 100 {
+            reached.notify_one();
+            return None;
+        }
+        let chunk = file.chunks(wire::CHUNK_BYTES).nth(index as usize);
+        chunk.map(<[u8]>::to_vec)
+    });
+    let stingy = stingy.await;
+    let node = Node::start(network.join().await, config(state.path())).await;
+    let node = node.expect("good names");
+    stingy.announce(&session).await;
+    half_way.notified().await;
+    node.stop().await;
+    drop(stingy);
+
+    let host = Host::of_file(&session, new.clone(), policy.bytes().to_vec()).await;
+    let node = Node::start(network.join().await, config(state.path())).await;
+    let node = node.expect("good names");
+    host.announce(&session).await;
+    let view = until(&node, |view| view.policy.is_some()).await;
+    assert_eq!(view.policy.as_ref(), Some(&new));
+    let rest = new.chunks().expect("chunks") - 100;
+    // Of the four under way when the node was killed, some had come.
+    assert!(
+        (rest..=rest + 4).contains(&host.asked()),
+        "{} of {rest}",
+        host.asked()
+    );
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn only_what_changed_is_fetched() {
+    let network = Network::start().await;
+    let session = network.join().await;
+    let node = network.node(FLEET, "r1").await;
+    let mut publisher = publisher(&network).await;
+    let first = publisher.publish(1, "first", random_policy(5)).await;
+    let chunks = first.expect("a good policy").chunks().expect("chunks");
+    until(&node, |view| view.policy.is_some()).await;
+
+    // The same but for one weight: its chunk changes, and the last one, with the check sum.
+    let mut parameters = Parameters::random(Shape::PAPER, 5);
+    parameters.values[0] += 1.0;
+    let policy = WeightFile::from_parameters(&parameters).expect("deployable");
+    let second = manifest(2, "second", &policy).expect("a good policy");
+    let host = Host::of_file(&session, second, policy.bytes().to_vec()).await;
+    host.announce(&session).await;
+    let updated = until(&node, |view| {
+        view.policy.as_ref().is_some_and(|p| p.version == 2)
+    });
+    updated.await;
+    assert_eq!(host.asked(), 2, "of {chunks} chunks");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_policy_that_acts_otherwise_than_it_should_is_not_taken() {
+    let network = Network::start().await;
+    let session = network.join().await;
+    let node = network.node(FLEET, "r1").await;
+    let mut publisher = publisher(&network).await;
+    let bundled = || WeightFile::load_or_pretrained(None).expect("linked in");
+    let first = publisher.publish(1, "first", bundled()).await;
+    let first = first.expect("a good policy");
+    assert!(!first.golden.is_empty());
+    until(&node, |view| view.policy.is_some()).await;
+
+    let mut wrong = manifest(2, "wrong", &bundled()).expect("a good policy");
+    wrong.golden[0].rotation[1] ^= 1;
+    let host = Host::of_file(&session, wrong, bundled().bytes().to_vec()).await;
+    host.announce(&session).await;
+    let view = until(&node, |view| view.updates_refused == 1).await;
+    let error = view.last_refusal.expect("there is one");
+    assert!(matches!(*error, UpdateError::SelfTest), "{error}");
+    assert_eq!(view.policy.as_ref(), Some(&first));
+
+    let mut foreign = manifest(3, "foreign", &bundled()).expect("a good policy");
+    foreign.shape[0] = 32;
+    let host = Host::of_file(&session, foreign, bundled().bytes().to_vec()).await;
+    host.announce(&session).await;
+    let view = until(&node, |view| view.updates_refused == 2).await;
+    let error = view.last_refusal.expect("there is one");
+    assert!(
+        matches!(*error, UpdateError::Incompatible { .. }),
+        "{error}"
+    );
+    assert_eq!(host.asked(), 0, "what cannot run is not fetched");
+}

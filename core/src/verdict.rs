@@ -77,8 +77,9 @@ pub struct Evidence {
 /// Values that the logistic model weighs.
 pub const FEATURES: usize = 6;
 
-/// Weights of [`Evidence::features`], fitted by `host-train calibrate --data DIR` on pairs of training models.
-const WEIGHTS: [f32; FEATURES] = [-8.03, -1.42, -7.7, 1.14, -5.66, 4.53];
+/// Weights of [`Evidence::features`], fitted by `host-train calibrate --data DIR --count 400 --seed 7` on pairs of
+/// training models with the bundled policy.
+const WEIGHTS: [f32; FEATURES] = [-10.4621, -1.7997, -7.5765, 0.8172, -3.8885, 2.7964];
 
 impl Evidence {
     /// Of a pose that was polished alone.

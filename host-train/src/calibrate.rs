@@ -89,7 +89,8 @@ impl Kind {
             ),
             Kind::Wrong => {
                 let mut set = draw(models, Protocol::M40Models, count, seed);
-                set.target.rotate_left(1);
+                let shift = 1.min(set.target.len());
+                set.target.rotate_left(shift);
                 set
             }
         }

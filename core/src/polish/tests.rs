@@ -23,12 +23,12 @@ pub(crate) fn part(n: usize, seed: u32) -> Vec<[f32; 3]> {
     let mut on_box = |i: usize| {
         let mut p = numbers.point();
         p.iter_mut().zip(half).for_each(|(x, h)| *x *= h);
-        p[i % 3] = if i % 2 == 0 {
+        p[i % 3] = if i.is_multiple_of(2) {
             half[i % 3]
         } else {
             -half[i % 3]
         };
-        if i % 5 == 0 {
+        if i.is_multiple_of(5) {
             p = [
                 0.15 * p[0] + 0.4,
                 0.2 * p[1] + 0.2,
@@ -171,7 +171,7 @@ fn degenerate() -> impl Strategy<Value = Vec<[f32; 3]>> {
                 3 => [x, y, z],
                 4 if i == 0 => [1e6, y, z],
                 4 => [x, y, z],
-                _ => [x, x, -x + f32::from(i as u8 % 3 == 0)],
+                _ => [x, x, -x + f32::from(i.is_multiple_of(3))],
             }
             .map(|x| x * unit)
         };

@@ -22,6 +22,9 @@ pub const MIN_POINTS: usize = 3;
 /// Most points in one cloud; bounds the time of one step.
 pub const MAX_POINTS: usize = 4096;
 
+/// Points of each cloud that polishing and verification use; larger clouds are thinned evenly.
+pub const SURFACE_POINTS: usize = 2048;
+
 /// Outputs that share one block of a weight matrix: the file stores `[outputs / PANEL][inputs][PANEL]`.
 pub const PANEL: usize = 16;
 /// Points whose hidden activations are held at once: the tile stays in the L1 cache of a host and in
@@ -77,6 +80,9 @@ pub const RAM_REST: usize = 6 * 1024;
 /// Most flash of a policy in 8-bit integers, bytes.
 pub const FLASH_BUDGET: usize = 2_700_000;
 
+/// RAM of [`crate::polish::Workspace`], bytes: only for who polishes.
+pub const WORKSPACE_BYTES: usize = core::mem::size_of::<crate::polish::Workspace>();
+
 const _: () = assert!(FEATURES.is_multiple_of(PANEL) && HEAD[0].is_multiple_of(PANEL));
 const _: () = assert!(MACS_PER_POINT * 1024 == 142_802_944);
 const _: () = assert!(SCRATCH_BYTES < 96 * 1024);
@@ -86,3 +92,5 @@ const _: () = assert!(
     !cfg!(target_os = "none")
         || SCRATCH_BYTES + REGISTRATION_BYTES + CLOUD_BYTES + RAM_REST <= RAM_BUDGET
 );
+const _: () = assert!(WORKSPACE_BYTES < 160 * 1024);
+const _: () = assert!(SURFACE_POINTS <= MAX_POINTS && SURFACE_POINTS.is_multiple_of(64));

@@ -10,6 +10,8 @@
 //!    [`Action`] ([`steps`]) and accumulates it ([`Pose::accumulate`]).
 //! 4. [`Registration::target_from_source`] is the pose, in the clouds' own units; [`Verdict`] says how
 //!    the steps ended.
+//! 5. [`polish`], for who wants more: a few robust steps of closest points; [`verify`] compares the
+//!    result with other poses, and [`verdict`] tells how probably it is right. Both have working memory of their own.
 //!
 //! [`wire`] holds the frames in which robots and hosts speak of all this.
 //!
@@ -55,17 +57,24 @@ pub mod error;
 pub mod golden;
 pub mod kernels;
 pub mod net;
+pub mod polish;
 pub mod pose;
 #[cfg(feature = "pretrained")]
 mod pretrained;
 pub mod quant;
 pub mod register;
+mod solve;
 pub mod steps;
+mod surface;
+mod turn;
+pub mod verdict;
+pub mod verify;
 pub mod weights;
 pub mod wire;
 
 pub use error::Error;
 pub use pose::Pose;
-pub use register::{Frame, Registrar, Registration, Verdict};
+pub use register::{Frame, Registrar, Registration};
 pub use steps::Action;
+pub use verdict::Verdict;
 pub use weights::Policy;

@@ -7,8 +7,8 @@ use crate::net::{self, FloatScratch, Memory, Scratch, TargetHalf, View};
 use crate::pose::{Pose, centroid};
 use crate::quant::{self, TargetSums};
 use crate::steps::Action;
+use crate::verdict::Verdict;
 use crate::weights::{Network, Policy};
-use core::fmt;
 use glam::Vec3;
 
 /// The normalised frame in which the policy works: `x_n = (x - centre) / scale`.
@@ -65,24 +65,6 @@ pub fn check_cloud(points: &[[f32; 3]]) -> Result<(), Error> {
     }
 }
 
-/// What can be said about a pose from the steps that led to it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-pub enum Verdict {
-    /// The last step was "stop" on every axis: the policy sees nothing left to correct.
-    Converged,
-    /// The steps ran out while the policy still moved.
-    StepLimit,
-}
-
-impl fmt::Display for Verdict {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Verdict::Converged => "converged",
-            Verdict::StepLimit => "step limit",
-        })
-    }
-}
-
 /// What the policy saw and did in one step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Step {
@@ -123,6 +105,8 @@ pub struct Registration<'c> {
     accumulated: Pose,
     target: TargetState,
     steps: usize,
+    /// The last two actions; "stop" before the first.
+    before: Action,
     last: Action,
 }
 
@@ -160,6 +144,7 @@ impl Registration<'_> {
             accumulated: Pose::IDENTITY,
             target: TargetState::Int8([[0; HEAD[0]]; 2]),
             steps: 0,
+            before: Action::STOP,
             last: Action::STOP,
         }
     }
@@ -180,11 +165,10 @@ impl Registration<'_> {
 
     /// Verdict if no further step is taken.
     pub fn verdict(&self) -> Verdict {
-        if self.steps > 0 && self.last == Action::STOP {
-            Verdict::Converged
-        } else {
-            Verdict::StepLimit
+        if self.steps == 0 {
+            return Verdict::StepLimit;
         }
+        Verdict::of_actions(self.before, self.last)
     }
 
     /// How the policy sees the source now: `R (x - μ)/s + (μ - centre)/s + t`.
@@ -282,6 +266,7 @@ impl<'w, 's> Registrar<'w, 's> {
             translation: initial.translation / frame.scale,
         };
         registration.steps = 0;
+        registration.before = Action::STOP;
         registration.last = Action::STOP;
         registration.target.fit(&self.policy.network);
         self.read_target(&mut registration.target);
@@ -313,7 +298,7 @@ impl<'w, 's> Registrar<'w, 's> {
         };
         registration.accumulated = registration.accumulated.accumulate(action.update());
         registration.steps += 1;
-        registration.last = action;
+        registration.before = core::mem::replace(&mut registration.last, action);
         Step {
             action,
             logits_t,

@@ -27,7 +27,7 @@ pub fn register(
     jobs: &[Job<'_>],
     steps: usize,
 ) -> Vec<Result<Outcome, Error>> {
-    for_each(jobs.len(), |scratch, i| {
+    for_each(jobs.len(), Scratch::new, |scratch, i| {
         let job = &jobs[i];
         let mut registrar = Registrar::with_isa(isa, policy, scratch);
         registrar.register(job.source, job.target, job.frame, job.initial, steps)
@@ -35,11 +35,15 @@ pub fn register(
 }
 
 /// Calls `f` for 0 to `count`, on each thread with working memory of its own: the results in order.
-pub fn for_each<T: Send>(count: usize, f: impl Fn(&mut Scratch, usize) -> T + Sync) -> Vec<T> {
+pub fn for_each<M, T: Send>(
+    count: usize,
+    memory: impl Fn() -> M + Sync + Send,
+    f: impl Fn(&mut M, usize) -> T + Sync + Send,
+) -> Vec<T> {
     (0..count)
         .into_par_iter()
         .with_max_len(1)
-        .map_init(|| Box::new(Scratch::new()), |scratch, i| f(scratch, i))
+        .map_init(|| Box::new(memory()), |memory, i| f(memory, i))
         .collect()
 }
 

@@ -11,8 +11,10 @@ use crate::env::{Accumulation, Problem};
 use crate::metrics::{Errors, GroundTruth, PairMetrics, Summary, quantile};
 use crate::nn::Parameters;
 use crate::random::{Purpose, stream};
+use crate::refine::{Mode, refine};
 use crate::train::arg_max_poses;
 use reagent_core::net::Scratch;
+use reagent_core::polish::Workspace;
 use reagent_core::{Error, Frame, Policy, Pose, Registrar};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -33,6 +35,10 @@ pub enum Method<'w> {
     },
     /// The policy, then point-to-plane ICP from where it ended.
     PolicyIcp(Policy<'w>),
+    /// The policy, then core's refinement from where it ended.
+    PolicyRefined(Policy<'w>, Mode),
+    /// Core's refinement from the identity.
+    InitRefined(Mode),
     /// Point-to-point ICP, [`IcpSettings::POINT`].
     Icp,
     /// Point-to-plane ICP, [`IcpSettings::PLANE`].
@@ -113,6 +119,8 @@ pub struct Outcome {
     pub row: Row,
     /// Its final errors, pair by pair.
     pub errors: Errors,
+    /// Probability that its final pose is right, pair by pair, for a method that gives one.
+    pub probability: Vec<f32>,
     /// Its rows step by step, for a policy and if asked for.
     pub per_step: Vec<StepRow>,
 }
@@ -175,14 +183,14 @@ pub fn evaluate(
     let trajectories: Vec<Vec<Trajectory>> = contestants
         .iter()
         .map(|contestant| {
-            for_each_pair(&pool, pairs, |scratch, i| {
+            for_each_pair(&pool, pairs, |memory, i| {
                 let found = register(
                     contestant.method,
                     &set.source[i],
                     &set.target[i],
                     i as u64,
                     settings,
-                    scratch,
+                    memory,
                 );
                 progress();
                 found
@@ -226,6 +234,10 @@ pub fn evaluate(
             target_from_source: trajectories[c].iter().map(|t| t.poses[last]).collect(),
             row: row(last),
             errors: Errors::of(&metrics_at(last)),
+            probability: trajectories[c]
+                .iter()
+                .filter_map(|t| t.probability)
+                .collect(),
             per_step: steps
                 .map(|step| StepRow {
                     step,
@@ -241,6 +253,22 @@ pub fn evaluate(
 struct Trajectory {
     poses: Vec<Pose>,
     ms: Vec<f64>,
+    probability: Option<f32>,
+}
+
+/// Working memory of a thread.
+struct Memory {
+    scratch: Scratch,
+    workspace: Workspace,
+}
+
+impl Memory {
+    fn new() -> Self {
+        Memory {
+            scratch: Scratch::new(),
+            workspace: Workspace::new(),
+        }
+    }
 }
 
 fn register(
@@ -249,12 +277,13 @@ fn register(
     target: &[Point],
     index: u64,
     settings: &EvalSettings,
-    scratch: &mut Scratch,
+    memory: &mut Memory,
 ) -> Result<Trajectory, Error> {
     let start = Instant::now();
     let mut track = Trajectory {
         poses: vec![Pose::IDENTITY],
         ms: vec![0.0],
+        probability: None,
     };
     let mut reached = |pose: Pose| {
         track.poses.push(pose);
@@ -264,6 +293,7 @@ fn register(
     // Where the first stage ends, and by what it is refined.
     let (pose, refinement) = match method {
         Method::Init => return Ok(track),
+        Method::InitRefined(_) => (Pose::IDENTITY, None),
         Method::Icp => (Pose::IDENTITY, Some(IcpSettings::POINT)),
         Method::IcpPlane => (Pose::IDENTITY, Some(IcpSettings::PLANE)),
         Method::IcpTrimmed => (Pose::IDENTITY, Some(IcpSettings::TRIMMED)),
@@ -293,8 +323,8 @@ fn register(
             let poses = poses.iter().flatten().skip(1);
             (poses.fold(Pose::IDENTITY, |_, &pose| reached(pose)), None)
         }
-        Method::Policy(policy) | Method::PolicyIcp(policy) => {
-            let mut registrar = Registrar::new(policy, scratch);
+        Method::Policy(policy) | Method::PolicyIcp(policy) | Method::PolicyRefined(policy, _) => {
+            let mut registrar = Registrar::new(policy, &mut memory.scratch);
             let mut registration =
                 registrar.start(source, target, Frame::IDENTITY, Pose::IDENTITY)?;
             for _ in 0..settings.steps {
@@ -311,6 +341,13 @@ fn register(
     if let Some(refinement) = refinement {
         reached(icp(source, target, pose, &refinement)?.target_from_source);
     }
+    if let Method::PolicyRefined(_, mode) | Method::InitRefined(mode) = method {
+        let workspace = &mut memory.workspace;
+        if let Some(found) = refine(source, target, pose, mode, workspace)? {
+            reached(found.refined.target_from_source);
+            track.probability = Some(found.evidence.probability());
+        }
+    }
     if !(settings.per_step && matches!(method, Method::Policy(_) | Method::Trained { .. })) {
         track.poses.drain(..track.poses.len() - 1);
         track.ms.drain(..track.ms.len() - 1);
@@ -323,9 +360,9 @@ fn register(
 fn for_each_pair<T: Send>(
     pool: &rayon::ThreadPool,
     pairs: usize,
-    f: impl Fn(&mut Scratch, usize) -> Result<T, Error> + Sync,
+    f: impl Fn(&mut Memory, usize) -> Result<T, Error> + Sync + Send,
 ) -> Result<Vec<T>, EvalError> {
-    pool.install(|| batch::for_each(pairs, &f))
+    pool.install(|| batch::for_each(pairs, Memory::new, &f))
         .into_iter()
         .enumerate()
         .map(|(index, result)| result.map_err(|source| EvalError::Pair { index, source }))
@@ -333,13 +370,15 @@ fn for_each_pair<T: Send>(
 }
 
 /// The document that `eval --json` writes: the number of pairs, the rows of every method, step by step where
-/// asked for, and the final errors pair by pair.
+/// asked for, the final errors pair by pair, and the probabilities that methods with a verdict gave their poses.
 #[derive(Debug, Serialize)]
 pub struct Document<'a> {
     pairs: usize,
     methods: BTreeMap<&'a str, &'a Row>,
     per_step: BTreeMap<&'a str, &'a [StepRow]>,
     errors: BTreeMap<&'a str, &'a Errors>,
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    probability: BTreeMap<&'a str, &'a [f32]>,
 }
 
 impl<'a> Document<'a> {
@@ -356,6 +395,11 @@ impl<'a> Document<'a> {
             errors: outcomes
                 .iter()
                 .map(|o| (o.name.as_str(), &o.errors))
+                .collect(),
+            probability: outcomes
+                .iter()
+                .filter(|o| !o.probability.is_empty())
+                .map(|o| (o.name.as_str(), o.probability.as_slice()))
                 .collect(),
         }
     }

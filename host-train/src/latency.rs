@@ -138,7 +138,7 @@ fn run(
     };
     let all = || {
         let clock = Instant::now();
-        let times = batch::for_each(count, one);
+        let times = batch::for_each(count, Scratch::new, one);
         (times, clock.elapsed().as_secs_f64())
     };
     let (measured, seconds) = match pool {

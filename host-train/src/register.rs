@@ -3,9 +3,11 @@
 use crate::augment::resample;
 use crate::dataset::Point;
 use crate::random::{Purpose, stream};
+use crate::refine::{Mode, Refinement, refine};
 use crate::trace::Step;
 use reagent_core::dims::MAX_POINTS;
 use reagent_core::net::Scratch;
+use reagent_core::polish::Workspace;
 use reagent_core::{Error, Frame, Policy, Pose, Registrar, Verdict};
 
 /// Points drawn from a cloud that exceeds the capacity.
@@ -16,15 +18,19 @@ pub const SUBSAMPLE: usize = 2048;
 pub struct Registered {
     /// Plain rigid transform in the clouds' units.
     pub target_from_source: Pose,
-    /// Whether the policy ended by stopping.
+    /// What can be said about it: by its probability where it was refined, else by the policy's last steps.
     pub verdict: Verdict,
-    /// Every step taken.
+    /// Every step that the policy took.
     pub trace: Vec<Step>,
+    /// How the policy's steps ended, and with which pose.
+    pub policy: (Verdict, Pose),
+    /// What followed, unless the mode is [`Mode::Fast`].
+    pub refinement: Option<Refinement>,
 }
 
 /// Registers `source [N, 3]` to `target [M, 3]`, both in the same unit of length, from `initial`. The policy
 /// sees them in the target's frame: its mean at the origin, its farthest point at 1. Ends early where the
-/// policy stops on every axis: it would do so again in every further step.
+/// policy stops on every axis: it would do so again in every further step. Then what the mode says.
 ///
 /// # Errors
 /// Clouds or an initial pose that the core refuses.
@@ -34,6 +40,7 @@ pub fn register(
     target: &[Point],
     initial: Pose,
     steps: usize,
+    mode: Mode,
 ) -> Result<Registered, Error> {
     let mut scratch = Box::new(Scratch::new());
     let frame = Frame::of(target)?;
@@ -49,10 +56,19 @@ pub fn register(
             registration.target_from_source(),
         ));
     }
+    let policy = (registration.verdict(), registration.target_from_source());
+    let mut workspace = Box::new(Workspace::new());
+    let refinement = refine(source, target, policy.1, mode, &mut workspace)?;
+    let (verdict, target_from_source) = refinement.as_ref().map_or(policy, |found| {
+        let verdict = Verdict::of_probability(found.evidence.probability());
+        (verdict, found.refined.target_from_source)
+    });
     Ok(Registered {
-        target_from_source: registration.target_from_source(),
-        verdict: registration.verdict(),
+        target_from_source,
+        verdict,
         trace,
+        policy,
+        refinement,
     })
 }
 
@@ -91,13 +107,22 @@ mod tests {
                 .map(|p| p.map(|x| 2.0 * x))
                 .collect::<Vec<Point>>()
         };
-        let one = register(file.policy(), &source, &target, Pose::IDENTITY, 4).expect("valid");
+        let one = register(
+            file.policy(),
+            &source,
+            &target,
+            Pose::IDENTITY,
+            4,
+            Mode::Fast,
+        )
+        .expect("valid");
         let two = register(
             file.policy(),
             &doubled(&source),
             &doubled(&target),
             Pose::IDENTITY,
             4,
+            Mode::Fast,
         )
         .expect("valid");
         let actions = |r: &Registered| {
@@ -118,7 +143,9 @@ mod tests {
         let file =
             WeightFile::from_parameters(&Parameters::random(Shape::PAPER, 4)).expect("deployable");
         let good = cloud(0);
-        let run = |s: &[Point], t: &[Point]| register(file.policy(), s, t, Pose::IDENTITY, 1).err();
+        let run = |s: &[Point], t: &[Point]| {
+            register(file.policy(), s, t, Pose::IDENTITY, 1, Mode::Verify).err()
+        };
         assert_eq!(run(&[], &good), Some(Error::EmptyCloud));
         assert_eq!(
             run(&good, &good[..1]),

@@ -29,7 +29,7 @@ fn register_writes_pose_trace_and_the_moved_cloud() {
     std::fs::write(at.join("b.xyz"), cloud(0.0)).expect("written");
     let text = succeed(
         at,
-        "register --weights w.rgw a.xyz b.xyz --steps 3 --init 1,0,0,-.5,0,1,0,0,0,0,1,0 --out moved.ply --trace t.jsonl --json r.json",
+        "register --weights w.rgw a.xyz b.xyz --mode fast --steps 3 --init 1,0,0,-.5,0,1,0,0,0,0,1,0 --out moved.ply --trace t.jsonl --json r.json",
     );
     assert!(
         text.contains("target_from_source") && text.contains(" ms"),
@@ -79,7 +79,7 @@ fn clouds_beyond_the_capacity_are_sampled() {
     std::fs::write(at.join("big.xyz"), cloud).expect("written");
     let register = |seed: u32, json: &str| {
         let arguments = format!(
-            "register --weights w.rgw big.xyz big.xyz --steps 2 --seed {seed} --json {json}"
+            "register --weights w.rgw big.xyz big.xyz --mode polish --steps 2 --seed {seed} --json {json}"
         );
         let output = run(at, &arguments);
         assert_eq!(output.status.code(), Some(0));

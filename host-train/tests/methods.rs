@@ -6,8 +6,8 @@ use reagent_tests::shared;
 use serde_json::Value;
 use support::{fail, folder, read_json, run, succeed, without_times, write_weights};
 
-const METHODS: &str = "init,icp,icp-plane,icp-trimmed,fgr,fgr-gnc,fgr+icp-plane,policy,policy+icp";
-const NAMES: [&str; 9] = [
+const METHODS: &str = "init,icp,icp-plane,icp-trimmed,fgr,fgr-gnc,fgr+icp-plane,policy,policy+icp,policy+polish,policy+verify,init+polish,init+verify";
+const NAMES: [&str; 13] = [
     "init",
     "icp",
     "icp-plane",
@@ -17,6 +17,10 @@ const NAMES: [&str; 9] = [
     "fgr+icp-plane",
     "w",
     "w+icp",
+    "w+polish",
+    "w+verify",
+    "init+polish",
+    "init+verify",
 ];
 
 #[test]
@@ -53,10 +57,17 @@ fn every_method_runs_and_none_depends_on_the_threads() {
         "fgr",
         "fgr-gnc",
         "fgr+icp-plane",
+        "init+polish",
+        "init+verify",
     ] {
         assert!(error(name) < 0.5 * error("init"), "{name} does something");
     }
     assert_ne!(error("w"), error("w+icp"));
+    for name in NAMES {
+        let given = one["probability"][name].as_array();
+        let has_verdict = name.ends_with("+polish") || name.ends_with("+verify");
+        assert_eq!(given.map(Vec::len), has_verdict.then_some(4), "{name}");
+    }
     assert_eq!(
         one["methods"].as_object().map(|m| m.len()),
         Some(NAMES.len())

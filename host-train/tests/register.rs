@@ -136,10 +136,15 @@ fn every_format_of_cloud_to_every_format_of_mesh_in_metres_and_millimetres() {
                 at,
                 &format!("register {source} {target} --json p.json --out {aligned}"),
             );
-            assert!(text.contains("ms") && text.contains("steps"), "{text}");
+            assert!(
+                ["ms", "steps", "polish: ", "verify: ", "right within"]
+                    .iter()
+                    .all(|word| text.contains(word)),
+                "{text}"
+            );
             let (angle, shift) = errors(found(at), unit);
             assert!(
-                angle < 10.0 && shift < 0.1,
+                angle < 2.0 && shift < 0.02,
                 "{source} to {target}, unit {unit}: {angle} deg, {shift}"
             );
 

@@ -35,6 +35,7 @@ mod detect;
 mod floats;
 mod integers;
 mod nearest;
+mod neighbours;
 mod peak;
 mod portable;
 mod search;
@@ -52,6 +53,7 @@ mod x86_bytes256;
 mod x86_vnni;
 
 pub use nearest::Queries;
+pub use neighbours::{BATCH, Batch, Moments};
 pub use peak::Arithmetic;
 pub use search::{CODES, Codes, GROUPS, pack_codes, padded_codes};
 

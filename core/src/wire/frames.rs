@@ -3,8 +3,8 @@
 use super::CloudView;
 use crate::error::Error;
 use crate::golden::GoldenActions;
-use crate::register::Verdict;
 use crate::steps::Action;
+use crate::verdict::Verdict;
 use crate::weights;
 use core::fmt;
 use serde::{Deserialize, Serialize};

@@ -1,6 +1,6 @@
 use super::*;
-use crate::register::Verdict;
 use crate::steps::Action;
+use crate::verdict::Verdict;
 use proptest::prelude::*;
 use std::vec;
 use std::vec::Vec;

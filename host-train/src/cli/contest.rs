@@ -6,7 +6,9 @@ use crate::env::Accumulation;
 use crate::eval::{Contestant, Method};
 use crate::export::{ExportError, WeightFile};
 use crate::nn::{Parameters, Shape};
+use crate::refine::Mode;
 use clap::{Args, ValueEnum};
+use reagent_core::Policy;
 use reagent_core::dims::STEPS;
 use std::path::{Path, PathBuf};
 
@@ -38,6 +40,18 @@ enum MethodName {
     /// "policy", then point-to-plane ICP; reported as NAME+icp
     #[value(name = "policy+icp")]
     PolicyIcp,
+    /// "policy", then core's robust refinement by closest points; reported as NAME+polish
+    #[value(name = "policy+polish")]
+    PolicyPolish,
+    /// The same, compared with other poses where it does not fit; reported as NAME+verify
+    #[value(name = "policy+verify")]
+    PolicyVerify,
+    /// Core's refinement without a policy
+    #[value(name = "init+polish")]
+    InitPolish,
+    /// Core's refinement and comparison with other poses, without a policy
+    #[value(name = "init+verify")]
+    InitVerify,
     /// Point-to-point ICP
     Icp,
     /// Point-to-plane ICP
@@ -96,10 +110,10 @@ impl Weights {
         }
     }
 
-    /// Refined by ICP; nothing for what only the trainer runs.
-    fn refined(&self) -> Option<Method<'_>> {
+    /// The policy and what follows; nothing for what only the trainer runs.
+    fn followed<'w>(&'w self, by: fn(Policy<'w>) -> Method<'w>) -> Option<Method<'w>> {
         match self {
-            Weights::File(file) => Some(Method::PolicyIcp(file.policy())),
+            Weights::File(file) => Some(by(file.policy())),
             Weights::Trained(..) => None,
         }
     }
@@ -108,7 +122,10 @@ impl Weights {
 impl ContestArgs {
     /// Reads the weight files. Ends the process as `command` does on bad usage where they are given in vain.
     pub(super) fn policies(&self, command: &str) -> Result<Policies, ExportError> {
-        let uses_policy = |name| matches!(name, &MethodName::Policy | &MethodName::PolicyIcp);
+        let uses_policy = |name: &MethodName| {
+            use MethodName::*;
+            matches!(name, Policy | PolicyIcp | PolicyPolish | PolicyVerify)
+        };
         if !self.weights.is_empty() && !self.names().iter().any(uses_policy) {
             bad_usage(
                 command,
@@ -139,7 +156,21 @@ impl ContestArgs {
         let contestants = |&name: &MethodName| -> Vec<Contestant<'w>> {
             let method = match name {
                 MethodName::Policy => return of_policies("", |weights| Some(weights.method())),
-                MethodName::PolicyIcp => return of_policies("+icp", Weights::refined),
+                MethodName::PolicyIcp => {
+                    return of_policies("+icp", |w| w.followed(Method::PolicyIcp));
+                }
+                MethodName::PolicyPolish => {
+                    return of_policies("+polish", |w| {
+                        w.followed(|policy| Method::PolicyRefined(policy, Mode::Polish))
+                    });
+                }
+                MethodName::PolicyVerify => {
+                    return of_policies("+verify", |w| {
+                        w.followed(|policy| Method::PolicyRefined(policy, Mode::Verify))
+                    });
+                }
+                MethodName::InitPolish => Method::InitRefined(Mode::Polish),
+                MethodName::InitVerify => Method::InitRefined(Mode::Verify),
                 MethodName::Icp => Method::Icp,
                 MethodName::IcpPlane => Method::IcpPlane,
                 MethodName::IcpTrimmed => Method::IcpTrimmed,

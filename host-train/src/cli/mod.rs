@@ -6,6 +6,7 @@
 mod bench;
 mod bop_eval;
 mod bop_synth;
+mod calibrate;
 mod contest;
 mod eval;
 mod export;
@@ -55,6 +56,7 @@ enum Command {
     Import(import::ImportArgs),
     Keygen(keygen::KeygenArgs),
     Publish(PublishArgs),
+    Calibrate(calibrate::CalibrateArgs),
     Report(report::ReportArgs),
 }
 
@@ -76,6 +78,7 @@ impl Cli {
             Command::Export(args) => args.run(seed),
             Command::Import(args) => args.run(),
             Command::Keygen(args) => args.run(),
+            Command::Calibrate(args) => args.run(seed),
             Command::Report(args) => args.run(),
             Command::Publish(args) => {
                 let runtime =

@@ -5,11 +5,13 @@ use super::source;
 use crate::dataset::Point;
 use crate::dataset::cloud_file::{check_output, read_cloud, write_cloud};
 use crate::export::WeightFile;
+use crate::refine::{Mode, Refinement};
 use crate::register::{Registered, SUBSAMPLE, register, within_capacity};
 use crate::trace::{self, Header, Traced};
 use anyhow::{Context, bail};
 use clap::Args;
 use reagent_core::dims::{MAX_POINTS, STEPS};
+use reagent_core::polish::Refined;
 use reagent_core::{Frame, Pose};
 use serde::Serialize;
 use std::fs::File;
@@ -43,6 +45,9 @@ pub(super) struct RegisterArgs {
     /// Refinement steps at most
     #[arg(long, value_name = "N", default_value_t = STEPS, value_parser = source::positive())]
     steps: usize,
+    /// What follows the policy's steps
+    #[arg(long, value_enum, value_name = "MODE", default_value_t = Mode::Verify)]
+    mode: Mode,
     /// Write the source, moved onto the target: .ply .pcd .npy (with normals where it has them) or .xyz
     #[arg(long, value_name = "ALIGNED.ply")]
     out: Option<PathBuf>,
@@ -129,14 +134,21 @@ impl RegisterArgs {
         note_units(&source, &target);
 
         let start = Instant::now();
-        let found = register(weights.policy(), &source, &target, initial, self.steps)
-            .with_context(|| {
-                format!(
-                    "cannot register {} to {}",
-                    self.source.display(),
-                    self.target.display()
-                )
-            })?;
+        let found = register(
+            weights.policy(),
+            &source,
+            &target,
+            initial,
+            self.steps,
+            self.mode,
+        )
+        .with_context(|| {
+            format!(
+                "cannot register {} to {}",
+                self.source.display(),
+                self.target.display()
+            )
+        })?;
         let ms = start.elapsed().as_secs_f64() * 1e3;
         let pose = found.target_from_source;
 
@@ -163,6 +175,7 @@ impl RegisterArgs {
                 target_from_source: pose.to_rows(),
                 verdict: found.verdict.to_string(),
                 steps: found.trace.len(),
+                stages: Stages::of(&found),
                 ms,
                 source_points: source.len(),
                 target_points: target.len(),
@@ -192,9 +205,65 @@ struct Document {
     target_from_source: [[f32; 4]; 3],
     verdict: String,
     steps: usize,
+    #[serde(flatten)]
+    stages: Stages,
     ms: f64,
     source_points: usize,
     target_points: usize,
+}
+
+/// What the stages found.
+#[derive(Serialize)]
+struct Stages {
+    policy: PolicyStage,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    polish: Option<RefinedStage>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    verify: Option<RefinedStage>,
+    /// That the pose is within 5 degrees and .05 target radii.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    probability: Option<f32>,
+}
+
+#[derive(Serialize)]
+struct PolicyStage {
+    target_from_source: [[f32; 4]; 3],
+    verdict: String,
+}
+
+#[derive(Serialize)]
+struct RefinedStage {
+    target_from_source: [[f32; 4]; 3],
+    /// Of the source's points to the target, and of the target's to the source.
+    residual: [f32; 2],
+    iterations: usize,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    hypotheses: Option<usize>,
+}
+
+impl Stages {
+    fn of(found: &Registered) -> Stages {
+        let (verdict, pose) = found.policy;
+        let stage = |refined: &Refined, hypotheses| RefinedStage {
+            target_from_source: refined.target_from_source.to_rows(),
+            residual: [refined.residual.source, refined.residual.target],
+            iterations: refined.iterations,
+            hypotheses,
+        };
+        let refinement = found.refinement.as_ref();
+        Stages {
+            policy: PolicyStage {
+                target_from_source: pose.to_rows(),
+                verdict: verdict.to_string(),
+            },
+            polish: refinement.map(|r| stage(&r.polished, None)),
+            verify: refinement.and_then(|r| {
+                r.hypotheses
+                    .map(|hypotheses| stage(&r.refined, Some(hypotheses)))
+            }),
+            probability: refinement.map(|r| r.evidence.probability()),
+        }
+    }
 }
 
 /// The cloud within the core's capacity; says so where points are left out.
@@ -226,11 +295,49 @@ fn report(found: &Registered, ms: f64) -> String {
         text += &row.map(|x| format!("{x:12.6}")).join(" ");
         text += "\n";
     }
-    text + &format!(
-        "{} after {} steps, {ms:.1} ms\n",
-        found.verdict,
+    text += &format!(
+        "policy: {} after {} steps\n",
+        found.policy.0,
         found.trace.len()
-    )
+    );
+    if let Some(refinement) = &found.refinement {
+        text += &refinement_report(refinement);
+    }
+    text + &format!("{}, {ms:.1} ms\n", found.verdict)
+}
+
+/// A line a stage.
+fn refinement_report(found: &Refinement) -> String {
+    let residual = |r: &Refined| {
+        format!(
+            "residual {:.3} (source {:.3}, target {:.3})",
+            r.residual.mean(),
+            r.residual.source,
+            r.residual.target
+        )
+    };
+    let mut text = format!(
+        "polish: {} after {} iterations\n",
+        residual(&found.polished),
+        found.polished.iterations
+    );
+    match found.hypotheses {
+        None => {}
+        Some(0) => text += "verify: explained by how the clouds are sampled\n",
+        Some(tried) => {
+            let kept = if found.refined == found.polished {
+                "kept"
+            } else {
+                "replaced"
+            };
+            text += &format!(
+                "verify: {kept} against {tried} other poses, {}\n",
+                residual(&found.refined)
+            );
+        }
+    }
+    let percent = 100.0 * found.evidence.probability();
+    text + &format!("right within 5 degrees and .05 target radii: {percent:.0} %\n")
 }
 
 #[cfg(test)]

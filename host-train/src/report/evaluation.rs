@@ -3,6 +3,7 @@
 use super::chart::{Axis, BoxStats, Boxes, Chart, Line, Marks, palette, slug};
 use super::input::Evaluation;
 use super::metric::{Metric, sort};
+use super::reliability;
 use super::section::{Block, Section};
 use super::table::{Rows, Table};
 use super::value::Fields;
@@ -51,6 +52,8 @@ pub(super) fn section(evaluation: &Evaluation) -> Section {
     let mut errors = recall_curves(evaluation);
     errors.extend(box_plots(evaluation));
     charts(&mut blocks, "Errors over the pairs", errors);
+    let verdicts = reliability::charts(evaluation, |name| colour(evaluation, name));
+    charts(&mut blocks, "How far verdicts can be trusted", verdicts);
     let mut steps = step_charts(evaluation);
     steps.extend(time_chart(evaluation));
     charts(&mut blocks, "Errors by step and time", steps);

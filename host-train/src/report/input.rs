@@ -58,6 +58,8 @@ pub(crate) struct Evaluation {
     pub methods: Vec<(String, Fields)>,
     pub per_step: Vec<(String, Vec<Fields>)>,
     pub errors: Vec<(String, BTreeMap<String, Vec<f64>>)>,
+    /// Probabilities that methods gave their poses.
+    pub probability: BTreeMap<String, Vec<f64>>,
     /// Tables by object: labels of a row, its numbers.
     pub objects: Vec<(Vec<String>, Fields)>,
 }

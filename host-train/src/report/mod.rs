@@ -10,6 +10,7 @@ mod evaluation;
 mod input;
 mod metric;
 mod page;
+mod reliability;
 mod run;
 mod section;
 mod sweep;

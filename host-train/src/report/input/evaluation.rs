@@ -35,6 +35,7 @@ pub(super) fn read_evaluation(top: &At<'_>, name: String) -> Result<Evaluation, 
             errors.push((method, at.lists()?));
         }
     }
+    let probability = top.get("probability").map(|at| at.lists()).transpose()?;
     let mut objects = Vec::new();
     if let Some(at) = top.get("objects") {
         rows(&at, &mut Vec::new(), &mut objects);
@@ -48,6 +49,7 @@ pub(super) fn read_evaluation(top: &At<'_>, name: String) -> Result<Evaluation, 
         methods,
         per_step,
         errors,
+        probability: probability.unwrap_or_default(),
         objects,
     })
 }

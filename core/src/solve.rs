@@ -1,0 +1,214 @@
+//! Small solvers: normal equations of a rigid motion, and the axes along which points spread.
+
+#![allow(clippy::indexing_slicing, reason = "loops over six unknowns")]
+
+use crate::pose::Pose;
+use crate::turn::Turn;
+use glam::{Mat3, Vec3};
+
+/// Second moments `[xx, yy, zz, xy, xz, yz]`.
+pub(crate) type Spread = [f32; 6];
+
+/// Unit vector along which a positive semidefinite spread is smallest, zero where there is no single one.
+pub(crate) fn smallest_direction(spread: Spread) -> Vec3 {
+    least(spread).0
+}
+
+/// [`smallest_direction`], and the spread along it as a share of the spread along all axes.
+pub(crate) fn least([xx, yy, zz, xy, xz, yz]: Spread) -> (Vec3, f32) {
+    let trace = xx + yy + zz;
+    if trace.is_nan() || trace <= 1e-30 {
+        return (Vec3::ZERO, 0.0);
+    }
+    let f = 1.0 / trace;
+    let [xx, yy, zz, xy, xz, yz] = [xx, yy, zz, xy, xz, yz].map(|x| x * f);
+    // p(λ) = λ³ - λ² + c λ - d has three roots in [0, 1]; Newton's method climbs to the lowest from 0.
+    let c = xx * yy + xx * zz + yy * zz - xy * xy - xz * xz - yz * yz;
+    let d = xx * (yy * zz - yz * yz) - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz);
+    let mut root = 0.0f32;
+    for _ in 0..8 {
+        let value = ((root - 1.0) * root + c) * root - d;
+        let slope = (3.0 * root - 2.0) * root + c;
+        if slope > 1e-9 && value < 0.0 {
+            root -= value / slope;
+        }
+    }
+    let a = Vec3::new(xx - root, xy, xz);
+    let b = Vec3::new(xy, yy - root, yz);
+    let e = Vec3::new(xz, yz, zz - root);
+    let candidates = [a.cross(b), a.cross(e), b.cross(e)];
+    let mut best = (1e-9f32, Vec3::ZERO);
+    for v in candidates {
+        let squared = v.length_squared();
+        if squared > best.0 {
+            best = (squared, v * (1.0 / libm::sqrtf(squared)));
+        }
+    }
+    (best.1, root)
+}
+
+/// Principal axes of a spread as the columns of a rotation, the last along the smallest spread.
+pub(crate) fn principal_axes(spread: Spread) -> Mat3 {
+    let last = smallest_direction(spread);
+    let last = if last == Vec3::ZERO { Vec3::Z } else { last };
+    let (u, v) = last.any_orthonormal_pair();
+    // Within the plane of the other two the axes are found in closed form.
+    let [xx, yy, zz, xy, xz, yz] = spread;
+    let rows = Mat3::from_cols(
+        Vec3::new(xx, xy, xz),
+        Vec3::new(xy, yy, yz),
+        Vec3::new(xz, yz, zz),
+    );
+    let (uu, uv, vv) = (u.dot(rows * u), u.dot(rows * v), v.dot(rows * v));
+    let (sine, cosine) = libm::sincosf(0.5 * libm::atan2f(2.0 * uv, uu - vv));
+    let first = u * cosine + v * sine;
+    Mat3::from_cols(first, last.cross(first), last)
+}
+
+/// Normal equations of a small rigid motion `x -> x + ω × x + v`, unknowns `ω` then `v`.
+#[derive(Clone, Debug)]
+pub(crate) struct Motion {
+    /// Lower triangle by rows.
+    a: [f64; 21],
+    b: [f64; 6],
+}
+
+impl Motion {
+    /// No equations.
+    pub(crate) const ZERO: Motion = Motion {
+        a: [0.0; 21],
+        b: [0.0; 6],
+    };
+
+    /// Asks that the point `at` move by `-residual` along `direction`.
+    #[inline(always)]
+    pub(crate) fn add(&mut self, at: Vec3, direction: Vec3, residual: f32, weight: f32) {
+        let [a, b, c] = at.cross(direction).to_array();
+        let [d, e, f] = direction.to_array();
+        let row = [a, b, c, d, e, f];
+        let mut k = 0;
+        for i in 0..6 {
+            let weighted = weight * row[i];
+            for y in &row[..=i] {
+                self.a[k] += f64::from(weighted * y);
+                k += 1;
+            }
+            self.b[i] -= f64::from(weighted * residual);
+        }
+    }
+
+    /// Asks that the point `at` move by `-residual`.
+    #[inline(always)]
+    pub(crate) fn add_point(&mut self, at: Vec3, residual: Vec3, weight: f32) {
+        let weighted = at * weight;
+        let [xx, yy, zz] = (weighted * at).to_array();
+        let (xy, xz, yz) = (weighted.x * at.y, weighted.x * at.z, weighted.y * at.z);
+        let [x, y, z] = weighted.to_array();
+        let turning = weighted.cross(residual);
+        let moving = residual * weight;
+        let blocks = [
+            (0, yy + zz),
+            (1, -xy),
+            (2, xx + zz),
+            (3, -xz),
+            (4, -yz),
+            (5, xx + yy),
+            (7, -z),
+            (8, y),
+            (9, weight),
+            (10, z),
+            (12, -x),
+            (14, weight),
+            (15, -y),
+            (16, x),
+            (20, weight),
+        ];
+        for (k, value) in blocks {
+            self.a[k] += f64::from(value);
+        }
+        let right = [
+            turning.x, turning.y, turning.z, moving.x, moving.y, moving.z,
+        ];
+        for (b, value) in self.b.iter_mut().zip(right) {
+            *b -= f64::from(value);
+        }
+    }
+
+    /// What the equations say of turns alone.
+    pub(crate) fn turning(&self) -> Spread {
+        [0, 2, 5, 1, 3, 4].map(|k| self.a[k] as f32)
+    }
+
+    /// Turn and shift that solve the equations, damped by a share of their trace: none where nothing asks
+    /// for any.
+    pub(crate) fn solve(&self, damping: f64) -> (Vec3, Vec3) {
+        let mut l = [[0.0f64; 6]; 6];
+        let mut k = 0;
+        for (i, row) in l.iter_mut().enumerate() {
+            row[..=i].copy_from_slice(&self.a[k..=k + i]);
+            k += i + 1;
+        }
+        let trace: f64 = (0..6).map(|i| l[i][i]).sum();
+        if trace.is_nan() || trace <= 0.0 {
+            return (Vec3::ZERO, Vec3::ZERO);
+        }
+        let ridge = trace * damping;
+        // Cholesky's factor in place, then both substitutions.
+        for i in 0..6 {
+            for j in 0..=i {
+                let done: f64 = (0..j).map(|k| l[i][k] * l[j][k]).sum();
+                let rest = l[i][j] - done;
+                l[i][j] = if i == j {
+                    libm::sqrt((rest + ridge).max(ridge))
+                } else {
+                    rest / l[j][j]
+                };
+            }
+        }
+        let mut x = self.b;
+        for i in 0..6 {
+            let done: f64 = (0..i).map(|k| l[i][k] * x[k]).sum();
+            x[i] = (x[i] - done) / l[i][i];
+        }
+        for i in (0..6).rev() {
+            let done: f64 = (i + 1..6).map(|k| l[k][i] * x[k]).sum();
+            x[i] = (x[i] - done) / l[i][i];
+        }
+        let [a, b, c, d, e, f] = x.map(|x| x as f32);
+        (Vec3::new(a, b, c), Vec3::new(d, e, f))
+    }
+}
+
+/// A rotation in a form that stays one, and a translation: `x' = R x + t`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Rigid {
+    pub(crate) turn: Turn,
+    pub(crate) shift: Vec3,
+}
+
+impl Rigid {
+    pub(crate) fn new(rotation: Mat3, shift: Vec3) -> Rigid {
+        Rigid {
+            turn: Turn::of(&rotation),
+            shift,
+        }
+    }
+
+    pub(crate) fn pose(&self) -> Pose {
+        Pose {
+            rotation: self.turn.matrix(),
+            translation: self.shift,
+        }
+    }
+
+    /// After a small turn (of that rotation vector to first order, at most half a radian) and shift (at most half
+    /// a unit).
+    pub(crate) fn moved(&self, turn: Vec3, shift: Vec3) -> Rigid {
+        let (turn, shift) = (turn.clamp_length_max(0.5), shift.clamp_length_max(0.5));
+        let turn = Turn::new(turn * 0.5, 1.0);
+        Rigid {
+            turn: turn.after(self.turn),
+            shift: turn.matrix() * self.shift + shift,
+        }
+    }
+}

@@ -1,0 +1,324 @@
+//! A cloud as a sampled surface: points in spatial order, boxes around runs of them, and normals.
+
+use crate::dims::SURFACE_POINTS;
+use crate::kernels::{BATCH, Batch, Isa, Moments};
+use crate::pose::Pose;
+use crate::solve::smallest_direction;
+use glam::Vec3;
+
+/// Points of one box.
+const BLOCK: usize = 32;
+const BLOCKS: usize = SURFACE_POINTS / BLOCK;
+/// Bits of a point's index in a sort key.
+const INDEX_BITS: u32 = 12;
+/// Points of a neighbourhood, in the median: what [`Surface::radius`] holds.
+const NEIGHBOURS: usize = 24;
+/// Radius within which a normal is estimated, in radii of a neighbourhood.
+const NORMAL_RADIUS: f32 = 0.85;
+
+/// An axis-parallel box.
+#[derive(Clone, Copy, Debug)]
+struct Bounds {
+    low: [f32; 3],
+    high: [f32; 3],
+}
+
+impl Bounds {
+    const EMPTY: Bounds = Bounds {
+        low: [f32::INFINITY; 3],
+        high: [f32::NEG_INFINITY; 3],
+    };
+
+    fn add(&mut self, p: [f32; 3]) {
+        for ((low, high), x) in self.low.iter_mut().zip(&mut self.high).zip(p) {
+            *low = low.min(x);
+            *high = high.max(x);
+        }
+    }
+
+    /// Squared distance between boxes.
+    fn gap(&self, other: &Bounds) -> f32 {
+        let axes = self
+            .low
+            .iter()
+            .zip(&self.high)
+            .zip(other.low.iter().zip(&other.high));
+        axes.map(|((&l, &h), (&ol, &oh))| {
+            let d = (ol - h).max(l - oh).max(0.0);
+            d * d
+        })
+        .sum()
+    }
+}
+
+/// A point's nearest point of the other surface.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Match {
+    /// Place of the point.
+    pub(crate) of: usize,
+    /// Place of the nearest point of the other surface.
+    pub(crate) to: usize,
+    /// Squared distance between them.
+    pub(crate) squared: f32,
+}
+
+/// See the module. Lengths are in a frame of the caller's.
+#[derive(Clone, Debug)]
+pub(crate) struct Surface {
+    len: usize,
+    points: [[f32; 3]; SURFACE_POINTS],
+    normals: [[f32; 3]; SURFACE_POINTS],
+    boxes: [Bounds; BLOCKS],
+    /// Radius about a point that holds [`NEIGHBOURS`] others, in the median.
+    pub(crate) radius: f32,
+    /// Sort keys while the surface is filled, then what a median is selected from.
+    keys: [u32; SURFACE_POINTS],
+    /// Matches of every `every`-th point.
+    every: usize,
+    place: [u16; SURFACE_POINTS],
+    squared: [f32; SURFACE_POINTS],
+}
+
+impl Surface {
+    /// Without points.
+    pub(crate) const EMPTY: Surface = Surface {
+        len: 0,
+        points: [[0.0; 3]; SURFACE_POINTS],
+        normals: [[0.0; 3]; SURFACE_POINTS],
+        boxes: [Bounds::EMPTY; BLOCKS],
+        radius: 0.0,
+        keys: [0; SURFACE_POINTS],
+        every: 1,
+        place: [0; SURFACE_POINTS],
+        squared: [0.0; SURFACE_POINTS],
+    };
+
+    /// The points, in spatial order.
+    pub(crate) fn points(&self) -> &[[f32; 3]] {
+        self.points.get(..self.len).unwrap_or(&[])
+    }
+
+    /// Point and normal at a place, zero where there is none.
+    pub(crate) fn at(&self, place: usize) -> (Vec3, Vec3) {
+        let get = |of: &[[f32; 3]]| Vec3::from_array(of.get(place).copied().unwrap_or_default());
+        (get(&self.points), get(&self.normals))
+    }
+
+    /// Takes `(cloud - centre) * factor`, evenly thinned to the capacity, and estimates normals.
+    pub(crate) fn fill(&mut self, isa: Isa, cloud: &[[f32; 3]], centre: Vec3, factor: f32) {
+        let n = cloud.len().min(SURFACE_POINTS);
+        let seen = |i: usize| {
+            let p = cloud.get(i * cloud.len() / n.max(1)).copied();
+            (Vec3::from_array(p.unwrap_or_default()) - centre) * factor
+        };
+        self.len = n;
+        self.every = 1;
+        let mut around = Bounds::EMPTY;
+        (0..n).for_each(|i| around.add(seen(i).to_array()));
+        let low = Vec3::from_array(around.low);
+        let extent = (Vec3::from_array(around.high) - low).max_element();
+        let cells = if extent > 0.0 { 63.999 / extent } else { 0.0 };
+        for (i, key) in self.keys.iter_mut().enumerate().take(n) {
+            let cell = ((seen(i) - low) * cells).to_array();
+            let [x, y, z] = cell.map(|x| spread(x as u32 & 63));
+            *key = (x | y << 1 | z << 2) << INDEX_BITS | i as u32;
+        }
+        if let Some(keys) = self.keys.get_mut(..n) {
+            keys.sort_unstable();
+        }
+        self.boxes = [Bounds::EMPTY; BLOCKS];
+        for (place, (point, key)) in self.points.iter_mut().zip(&self.keys).enumerate().take(n) {
+            *point = seen((key & ((1 << INDEX_BITS) - 1)) as usize).to_array();
+            if let Some(bounds) = self.boxes.get_mut(place / BLOCK) {
+                bounds.add(*point);
+            }
+        }
+        self.radius = self.neighbourhood();
+        self.estimate_normals(isa);
+    }
+
+    /// Finds the nearest point of `other` to every `every`-th point, seen under `pose`.
+    pub(crate) fn match_to(&mut self, isa: Isa, other: &Surface, pose: Pose, every: usize) {
+        self.every = every.max(1);
+        let sampled = self.points.iter().take(self.len).step_by(self.every);
+        let mut seen = sampled.map(|&p| pose.apply(Vec3::from_array(p)));
+        let (places, _) = self.place.as_chunks_mut::<BATCH>();
+        let (squared, _) = self.squared.as_chunks_mut::<BATCH>();
+        let mut batch = Batch::EMPTY;
+        for (places, squared) in places.iter_mut().zip(squared) {
+            if load(&mut batch, &mut seen) == 0 {
+                return;
+            }
+            other.nearest(isa, &mut batch);
+            *places = batch.place.map(|place| place as u16);
+            *squared = batch.nearest;
+        }
+    }
+
+    /// What [`Self::match_to`] found.
+    pub(crate) fn matches(&self) -> impl Iterator<Item = Match> {
+        let found = self.place.iter().zip(&self.squared).enumerate();
+        let count = self.len.div_ceil(self.every);
+        found.take(count).map(|(k, (&to, &squared))| Match {
+            of: k * self.every,
+            to: usize::from(to),
+            squared,
+        })
+    }
+
+    /// Median squared distance of the matches.
+    pub(crate) fn median_squared(&mut self) -> f32 {
+        let count = self.len.div_ceil(self.every);
+        for (key, squared) in self.keys.iter_mut().zip(&self.squared).take(count) {
+            *key = squared.to_bits(); // in the order of the distances: they are not negative
+        }
+        self.select(count, count / 2)
+    }
+
+    /// The `k`-th smallest of the first `count` keys, as what it stands for.
+    fn select(&mut self, count: usize, k: usize) -> f32 {
+        match self.keys.get_mut(..count) {
+            Some(keys) if k < count => f32::from_bits(*keys.select_nth_unstable(k).1),
+            _ => 0.0,
+        }
+    }
+
+    /// Blocks and their boxes.
+    fn blocks(&self) -> impl Iterator<Item = (usize, &Bounds, &[[f32; 3]])> {
+        self.points()
+            .chunks(BLOCK)
+            .zip(&self.boxes)
+            .enumerate()
+            .map(|(i, (points, bounds))| (i * BLOCK, bounds, points))
+    }
+
+    /// Nearest points to a batch, all of whose lanes are set.
+    fn nearest(&self, isa: Isa, batch: &mut Batch) {
+        batch.nearest = [f32::INFINITY; BATCH];
+        let around = bounds_of(batch);
+        let mut gaps = [f32::INFINITY; BLOCKS];
+        let mut first = (f32::INFINITY, 0);
+        for (gap, (start, bounds, _)) in gaps.iter_mut().zip(self.blocks()) {
+            *gap = bounds.gap(&around);
+            if *gap < first.0 {
+                first = (*gap, start);
+            }
+        }
+        let nearest_block = first.1;
+        if let Some(points) = self.points().get(nearest_block..) {
+            let points = points.get(..BLOCK).unwrap_or(points);
+            isa.show(batch, points, nearest_block as u32);
+        }
+        let mut worst = largest(&batch.nearest);
+        for (&gap, (start, _, points)) in gaps.iter().zip(self.blocks()) {
+            if gap < worst && start != nearest_block {
+                isa.show(batch, points, start as u32);
+                worst = largest(&batch.nearest);
+            }
+        }
+    }
+
+    /// See [`Self::radius`]; of some of the points.
+    fn neighbourhood(&mut self) -> f32 {
+        const SAMPLES: usize = 32;
+        let n = self.len;
+        let mut found = [0.0f32; SAMPLES];
+        for (s, found) in found.iter_mut().enumerate() {
+            let (q, _) = self.at((2 * s + 1) * n / (2 * SAMPLES));
+            for (key, &p) in self.keys.iter_mut().zip(&self.points).take(n) {
+                *key = (Vec3::from_array(p) - q).length_squared().to_bits();
+            }
+            *found = self.select(n, NEIGHBOURS.min(n.saturating_sub(1)));
+        }
+        found.sort_unstable_by(f32::total_cmp);
+        libm::sqrtf(found.get(SAMPLES / 2).copied().unwrap_or(0.0))
+    }
+
+    /// Estimates all normals.
+    fn estimate_normals(&mut self, isa: Isa) {
+        let radius = NORMAL_RADIUS * self.radius;
+        let squared = radius * radius;
+        let share = if squared > 0.0 { 1.0 / squared } else { 0.0 };
+        for start in (0..self.len).step_by(BATCH) {
+            let mut batch = Batch::EMPTY;
+            let points = self.points().get(start..).unwrap_or(&[]);
+            load(&mut batch, &mut points.iter().map(|&p| Vec3::from_array(p)));
+            let around = bounds_of(&batch);
+            let mut sums = Moments::ZERO;
+            for (_, bounds, points) in self.blocks() {
+                if bounds.gap(&around) < squared {
+                    isa.moments(&batch.at, points, share, &mut sums);
+                }
+            }
+            let end = self.len.min(start + BATCH);
+            for (lane, normal) in self.normals.iter_mut().take(end).skip(start).enumerate() {
+                let m = sums
+                    .0
+                    .each_ref()
+                    .map(|row| row.get(lane).copied().unwrap_or(0.0));
+                *normal = normal_of(m);
+            }
+        }
+    }
+}
+
+fn normal_of([w, x, y, z, xx, yy, zz, xy, xz, yz]: [f32; 10]) -> [f32; 3] {
+    if w <= 0.0 {
+        return [0.0; 3];
+    }
+    let f = 1.0 / w;
+    let (x, y, z) = (x * f, y * f, z * f);
+    smallest_direction([
+        xx * f - x * x,
+        yy * f - y * y,
+        zz * f - z * z,
+        xy * f - x * y,
+        xz * f - x * z,
+        yz * f - y * z,
+    ])
+    .to_array()
+}
+
+/// Sets all lanes of a batch: to the next points, then to the last of them. Says how many there were.
+fn load(batch: &mut Batch, points: &mut impl Iterator<Item = Vec3>) -> usize {
+    let mut count = 0;
+    let mut last = Vec3::ZERO;
+    let [xs, ys, zs] = &mut batch.at;
+    for ((x, y), z) in xs.iter_mut().zip(ys).zip(zs) {
+        if let Some(p) = points.next() {
+            last = p;
+            count += 1;
+        }
+        [*x, *y, *z] = last.to_array();
+    }
+    count
+}
+
+fn bounds_of(batch: &Batch) -> Bounds {
+    let negated = batch.at.map(|row| row.map(|x| -x));
+    Bounds {
+        low: negated.each_ref().map(|row| -largest(row)),
+        high: batch.at.each_ref().map(largest),
+    }
+}
+
+/// The largest of some numbers, in lanes.
+fn largest(values: &[f32; BATCH]) -> f32 {
+    let (chunks, _) = values.as_chunks::<8>();
+    let mut lanes = [f32::NEG_INFINITY; 8];
+    for chunk in chunks {
+        for (most, &x) in lanes.iter_mut().zip(chunk) {
+            *most = if x > *most { x } else { *most };
+        }
+    }
+    lanes
+        .iter()
+        .fold(f32::NEG_INFINITY, |m, &x| if x > m { x } else { m })
+}
+
+/// Two zero bits between the six lowest bits.
+fn spread(x: u32) -> u32 {
+    let x = (x | x << 8) & 0x0300_f00f;
+    let x = (x | x << 4) & 0x030c_30c3;
+    (x | x << 2) & 0x0924_9249
+}

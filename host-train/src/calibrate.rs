@@ -1,0 +1,294 @@
+//! Fits the probability that a verdict gives ([`reagent_core::verdict`]): a logistic model of a few values, on
+//! pairs of training models drawn as they are, in parts, without noise, and with the target of another mesh.
+
+use crate::dataset::Model;
+use crate::dataset::pairs::PairSet;
+use crate::metrics::{GroundTruth, PairMetrics};
+use crate::protocol::{Conditions, Protocol, draw, draw_under};
+use crate::refine::{Mode, Refinement, refine};
+use nalgebra::{SMatrix, SVector};
+use rayon::prelude::*;
+use reagent_core::dims::STEPS;
+use reagent_core::net::Scratch;
+use reagent_core::polish::Workspace;
+use reagent_core::verdict::FEATURES;
+use reagent_core::{Error, Frame, Policy, Pose, Registrar};
+use serde::Serialize;
+
+/// Rotation error below which a pose is right, degrees.
+const RIGHT_R_DEG: f64 = 5.0;
+/// Translation error below which a pose is right.
+const RIGHT_T: f64 = 0.05;
+/// Newton steps of the fit.
+const NEWTON: usize = 30;
+/// Weight of the squared weights in the fit.
+const RIDGE: f64 = 0.1;
+/// Bins of a reliability diagram.
+const BINS: usize = 10;
+
+/// One refined registration.
+#[derive(Clone, Copy, Debug)]
+pub struct Row {
+    /// What the model weighs.
+    pub features: [f32; FEATURES],
+    /// Whether the pose was right.
+    pub right: bool,
+    /// Probability by the weights built into the core.
+    pub probability: f32,
+}
+
+/// How the pairs of a set were drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Kind {
+    /// The noisy protocol.
+    Noisy,
+    /// The noisy protocol with half as many points, fewer of them in both clouds.
+    Sparse,
+    /// Equal clouds without noise.
+    Clean,
+    /// Sources of which a plane cuts off three tenths.
+    Part,
+    /// Targets of another mesh.
+    Wrong,
+}
+
+impl Kind {
+    /// All of them.
+    pub const ALL: [Kind; 5] = [
+        Kind::Noisy,
+        Kind::Sparse,
+        Kind::Clean,
+        Kind::Part,
+        Kind::Wrong,
+    ];
+
+    /// Draws `count` pairs.
+    fn draw(self, models: &[Model], count: usize, seed: u64) -> PairSet {
+        let noisy = Conditions::of(Protocol::M40Models).expect("it samples independently");
+        match self {
+            Kind::Noisy => draw(models, Protocol::M40Models, count, seed),
+            Kind::Clean => draw(models, Protocol::M40Clean, count, seed),
+            Kind::Sparse => draw_under(
+                models,
+                &Conditions {
+                    points: 512,
+                    ..noisy
+                },
+                count,
+                seed,
+            ),
+            Kind::Part => draw_under(
+                models,
+                &Conditions {
+                    overlap: 0.7,
+                    ..noisy
+                },
+                count,
+                seed,
+            ),
+            Kind::Wrong => {
+                let mut set = draw(models, Protocol::M40Models, count, seed);
+                let shift = 1.min(set.target.len());
+                set.target.rotate_left(shift);
+                set
+            }
+        }
+    }
+}
+
+/// Registers `count` pairs of each kind, with polishing and with verification: rows by kind and mode.
+///
+/// # Errors
+/// Clouds that the core refuses.
+pub fn collect(
+    policy: Policy<'_>,
+    models: &[Model],
+    count: usize,
+    seed: u64,
+) -> Result<Vec<(Kind, Mode, Vec<Row>)>, Error> {
+    let mut all = Vec::new();
+    for (number, kind) in (0..).zip(Kind::ALL) {
+        let set = kind.draw(models, count, seed + number);
+        let pairs: Result<Vec<[Row; 2]>, Error> = (0..set.source.len())
+            .into_par_iter()
+            .map_init(
+                || Box::new((Scratch::new(), Workspace::new())),
+                |memory, i| rows(policy, &set, i, kind, memory),
+            )
+            .collect();
+        let pairs = pairs?;
+        for (k, mode) in [Mode::Polish, Mode::Verify].into_iter().enumerate() {
+            all.push((kind, mode, pairs.iter().map(|rows| rows[k]).collect()));
+        }
+    }
+    Ok(all)
+}
+
+/// A pair polished and verified, from where the policy ends.
+fn rows(
+    policy: Policy<'_>,
+    set: &PairSet,
+    i: usize,
+    kind: Kind,
+    memory: &mut (Scratch, Workspace),
+) -> Result<[Row; 2], Error> {
+    let (source, target) = (&set.source[i], &set.target[i]);
+    let mut registrar = Registrar::new(policy, &mut memory.0);
+    let mut registration = registrar.start(source, target, Frame::IDENTITY, Pose::IDENTITY)?;
+    for _ in 0..STEPS {
+        registrar.step(&mut registration);
+    }
+    let initial = registration.target_from_source();
+    let truth = GroundTruth::new(source, target, None, set.target_from_source[i])?;
+    let is_right = |m: PairMetrics| m.r_iso_deg < RIGHT_R_DEG && m.t_iso < RIGHT_T;
+    let mut row = |mode| -> Result<Row, Error> {
+        let found = refine(source, target, initial, mode, &mut memory.1)?;
+        let Refinement {
+            refined, evidence, ..
+        } = found.expect("neither mode is fast");
+        Ok(Row {
+            features: evidence.features(),
+            right: kind != Kind::Wrong && is_right(truth.measure(refined.target_from_source)),
+            probability: evidence.probability(),
+        })
+    };
+    Ok([row(Mode::Polish)?, row(Mode::Verify)?])
+}
+
+/// Weights that make the rows most likely.
+pub fn fit<'a>(rows: impl Iterator<Item = &'a Row> + Clone) -> [f64; FEATURES] {
+    let mut weights = SVector::<f64, FEATURES>::zeros();
+    for _ in 0..NEWTON {
+        let mut hessian = SMatrix::<f64, FEATURES, FEATURES>::identity() * RIDGE;
+        let mut gradient = -weights * RIDGE;
+        for row in rows.clone() {
+            let x = SVector::<f64, FEATURES>::from_fn(|k, _| f64::from(row.features[k]));
+            let p = logistic(weights.dot(&x));
+            gradient += x * (f64::from(u8::from(row.right)) - p);
+            hessian += x * x.transpose() * (p * (1.0 - p));
+        }
+        let Some(factor) = hessian.cholesky() else {
+            break;
+        };
+        weights += factor.solve(&gradient);
+    }
+    weights.into()
+}
+
+fn logistic(x: f64) -> f64 {
+    1.0 / (1.0 + (-x).exp())
+}
+
+/// Probability of a row by given weights.
+pub fn probability(row: &Row, weights: &[f64; FEATURES]) -> f64 {
+    let terms = row.features.iter().zip(weights);
+    logistic(terms.map(|(&x, w)| f64::from(x) * w).sum())
+}
+
+/// How well probabilities tell right from wrong.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Quality {
+    /// Registrations.
+    pub count: usize,
+    /// Share of them that were right.
+    pub right: f64,
+    /// Probability that a right one is held more probable than a wrong one: area under the ROC curve; NaN where all
+    /// are right or none.
+    pub auc: f64,
+    /// Mean squared difference between probability and outcome (Brier's score).
+    pub brier: f64,
+    /// Mean, over all coverages, of the share of wrong ones among the most probable: area under the
+    /// risk-coverage curve.
+    pub risk_coverage: f64,
+    /// Mean probability, share right and count in ten bins of probability.
+    pub bins: Vec<[f64; 3]>,
+}
+
+impl Quality {
+    /// Of `(probability, right)`.
+    pub fn of(mut outcomes: Vec<(f64, bool)>) -> Quality {
+        outcomes.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let count = outcomes.len();
+        let right = outcomes.iter().filter(|o| o.1).count();
+        let (mut area, mut risk, mut wrong) = (0.0, 0.0, 0usize);
+        // Ties count half in the area; in the curve they are taken in the order of the pairs.
+        let mut start = 0;
+        while start < count {
+            let tied = |o: &&(f64, bool)| o.0 == outcomes[start].0;
+            let length = outcomes[start..].iter().take_while(tied).count();
+            let group = &outcomes[start..start + length];
+            let wrong_here = group.iter().filter(|o| !o.1).count();
+            let right_here = length - wrong_here;
+            area += right_here as f64 * ((count - right - wrong) as f64 - 0.5 * wrong_here as f64);
+            start += length;
+            wrong += wrong_here;
+        }
+        wrong = 0;
+        for (k, outcome) in outcomes.iter().enumerate() {
+            wrong += usize::from(!outcome.1);
+            risk += wrong as f64 / (k + 1) as f64;
+        }
+        let squared = |o: &(f64, bool)| (o.0 - f64::from(u8::from(o.1))).powi(2);
+        let mut bins = vec![[0.0; 3]; BINS];
+        for &(p, right) in &outcomes {
+            let bin = &mut bins[((p * BINS as f64) as usize).min(BINS - 1)];
+            bin[0] += p;
+            bin[1] += f64::from(u8::from(right));
+            bin[2] += 1.0;
+        }
+        for [p, right, count] in &mut bins {
+            let per = 1.0 / count.max(1.0);
+            (*p, *right) = (*p * per, *right * per);
+        }
+        Quality {
+            count,
+            right: right as f64 / count as f64,
+            auc: area / (right * (count - right)) as f64,
+            brier: outcomes.iter().map(squared).sum::<f64>() / count as f64,
+            risk_coverage: risk / count as f64,
+            bins,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quality_is_what_its_definitions_say() {
+        let quality = |outcomes: &[(f64, bool)]| Quality::of(outcomes.to_vec());
+        let perfect = quality(&[(0.9, true), (0.2, false), (0.8, true)]);
+        assert_eq!((perfect.auc, perfect.count), (1.0, 3));
+        assert!((perfect.risk_coverage - 1.0 / 9.0).abs() < 1e-12);
+        assert_eq!(quality(&[(0.9, false), (0.2, true)]).auc, 0.0);
+        let tied = quality(&[(0.5, false), (0.5, true), (0.5, true)]);
+        assert_eq!(tied.auc, 0.5);
+        assert!((tied.brier - 0.25).abs() < 1e-12);
+        assert_eq!(tied.bins[5], [0.5, 2.0 / 3.0, 3.0]);
+    }
+
+    #[test]
+    fn the_fit_recovers_the_model_that_drew_the_rows() {
+        // Rows repeated as often as the model says they are right.
+        let mut rows = Vec::new();
+        for k in 0..21 {
+            let x = k as f32 / 10.0 - 1.0;
+            let p = logistic(f64::from(3.0 * x - 1.0));
+            let mut features = [0.0; FEATURES];
+            (features[0], features[1]) = (1.0, x);
+            for n in 0..1000 {
+                rows.push(Row {
+                    features,
+                    right: (f64::from(n) + 0.5) / 1000.0 < p,
+                    probability: 0.5,
+                });
+            }
+        }
+        let weights = fit(rows.iter());
+        assert!((weights[0] + 1.0).abs() < 0.02 && (weights[1] - 3.0).abs() < 0.02);
+        assert!(weights[2..].iter().all(|w| w.abs() < 1e-9));
+        assert!((probability(&rows[0], &weights) - logistic(-4.0)).abs() < 0.002);
+    }
+}

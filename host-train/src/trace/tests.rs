@@ -1,6 +1,7 @@
 use super::*;
 use crate::export::WeightFile;
 use crate::nn::{Parameters, Shape};
+use crate::refine::Mode;
 use crate::random::{Purpose, stream};
 use proptest::prelude::*;
 use rand::RngExt;
@@ -16,7 +17,7 @@ fn traced(name: &str) -> Traced {
             .collect()
     };
     let (source, target) = (cloud(), cloud());
-    let found = crate::register::register(file.policy(), &source, &target, Pose::IDENTITY, 3)
+    let found = crate::register::register(file.policy(), &source, &target, Pose::IDENTITY, 3, Mode::Fast)
         .expect("valid");
     Traced {
         header: Header {

@@ -59,9 +59,30 @@ pub const fn padded(outputs: usize) -> usize {
 pub const MACS_PER_POINT: usize = 3 * EMBED[0] + EMBED[0] * EMBED[1] + EMBED[1] * EMBED[2];
 /// Multiply-adds of both heads for one state.
 pub const MACS_HEADS: usize = 2 * (STATE * HEAD[0] + HEAD[0] * HEAD[1] + HEAD[1] * LOGITS);
+/// Multiply-adds of one step of a registration: the heads' first layers see the target once only.
+pub const MACS_HEADS_STEP: usize = MACS_HEADS - 2 * FEATURES * HEAD[0];
 /// RAM of [`crate::net::Scratch`], bytes.
 pub const SCRATCH_BYTES: usize = core::mem::size_of::<crate::net::Scratch>();
+/// RAM of [`crate::register::Registration`], bytes.
+pub const REGISTRATION_BYTES: usize = core::mem::size_of::<crate::register::Registration<'_>>();
+/// RAM of two clouds of the paper's 1024 points, bytes.
+pub const CLOUD_BYTES: usize = 2 * 1024 * 3 * core::mem::size_of::<f32>();
+/// Flash of a policy in 8-bit integers, bytes.
+pub const POLICY_BYTES: usize = crate::weights::FILE_LEN_INT8;
+
+/// Most RAM beyond the policy for two clouds of 1024 points on a microcontroller, stack included, bytes.
+pub const RAM_BUDGET: usize = 48 * 1024;
+/// Of it, what is left for frames on the line and the rest of the stack.
+pub const RAM_REST: usize = 6 * 1024;
+/// Most flash of a policy in 8-bit integers, bytes.
+pub const FLASH_BUDGET: usize = 2_700_000;
 
 const _: () = assert!(FEATURES.is_multiple_of(PANEL) && HEAD[0].is_multiple_of(PANEL));
 const _: () = assert!(MACS_PER_POINT * 1024 == 142_802_944);
 const _: () = assert!(SCRATCH_BYTES < 96 * 1024);
+const _: () = assert!(POLICY_BYTES <= FLASH_BUDGET);
+// The tiles of hosts are larger.
+const _: () = assert!(
+    !cfg!(target_os = "none")
+        || SCRATCH_BYTES + REGISTRATION_BYTES + CLOUD_BYTES + RAM_REST <= RAM_BUDGET
+);

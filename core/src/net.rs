@@ -4,7 +4,7 @@ use crate::dims::{EMBED, FEATURES, HEAD, LOGITS, TILE, padded};
 use crate::kernels::{Codes, Isa};
 use crate::pose::Pose;
 use crate::quant::QuantScratch;
-use crate::weights::{Dense, Embedding, FloatNetwork, Head};
+use crate::weights::{Dense, Embedding, FloatNetwork, Head, Network};
 use glam::Vec3;
 
 /// A global feature vector, one value a channel.
@@ -19,11 +19,9 @@ pub struct Tiles {
     hidden2: [f32; TILE * EMBED[1]],
 }
 
-/// Working memory of one network evaluation; the caller owns it.
+/// Working memory of a network in f32.
 #[derive(Clone, Debug)]
-pub struct Scratch {
-    /// For a network in integers.
-    pub(crate) quant: QuantScratch,
+pub struct FloatScratch {
     /// For the embedding.
     pub(crate) tiles: Tiles,
     /// Global feature of the cloud embedded last.
@@ -34,11 +32,47 @@ pub struct Scratch {
     head2: [f32; HEAD[1]],
 }
 
+/// Working memory by number format: one of them at a time, in the same place.
+#[derive(Clone, Debug)]
+#[allow(
+    clippy::large_enum_variant,
+    reason = "the caller's memory holds either"
+)]
+pub(crate) enum Memory {
+    /// 8-bit integers.
+    Int8(QuantScratch),
+    /// 32-bit floating point.
+    F32(FloatScratch),
+}
+
+/// Working memory of one network evaluation; the caller owns it.
+#[derive(Clone, Debug)]
+pub struct Scratch {
+    pub(crate) memory: Memory,
+}
+
 impl Scratch {
     /// Zeroed working memory.
     pub const fn new() -> Self {
         Scratch {
-            quant: QuantScratch::ZERO,
+            memory: Memory::Int8(QuantScratch::ZERO),
+        }
+    }
+
+    /// Makes the memory that of a number format.
+    pub(crate) fn fit(&mut self, network: &Network<'_>) {
+        match (network, &self.memory) {
+            (Network::F32(_), Memory::Int8(_)) => self.become_f32(),
+            (Network::Int8(_), Memory::F32(_)) => self.become_int8(),
+            _ => {}
+        }
+    }
+
+    // Out of line, so that their copies of the memory are on nobody's stack who does not call them.
+    #[cold]
+    #[inline(never)]
+    fn become_f32(&mut self) {
+        self.memory = Memory::F32(FloatScratch {
             tiles: Tiles {
                 hidden1: [0.0; TILE * EMBED[0]],
                 hidden2: [0.0; TILE * EMBED[1]],
@@ -46,7 +80,13 @@ impl Scratch {
             feature: [0.0; FEATURES],
             head1: [0.0; HEAD[0]],
             head2: [0.0; HEAD[1]],
-        }
+        });
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn become_int8(&mut self) {
+        self.memory = Memory::Int8(QuantScratch::ZERO);
     }
 }
 
@@ -258,13 +298,19 @@ fn embed_tiles(
 pub type TargetHalf = [f32; HEAD[0]];
 
 /// First half of the heads for a target: `b + W[:, 1024..] φ(Y)` for both heads.
-pub fn target_halves(isa: Isa, network: &FloatNetwork<'_>, target: &Feature) -> [TargetHalf; 2] {
-    [&network.translation, &network.rotation].map(|head| {
+pub fn target_halves(
+    isa: Isa,
+    network: &FloatNetwork<'_>,
+    target: &Feature,
+    halves: &mut [TargetHalf; 2],
+) {
+    for (head, half) in [&network.translation, &network.rotation]
+        .into_iter()
+        .zip(halves)
+    {
         let [fc1, _, _] = &head.layers;
-        let mut half = [0.0; HEAD[0]];
-        isa.gemv(fc1, fc1.bias, FEATURES, target, &mut half);
-        half
-    })
+        isa.gemv(fc1, fc1.bias, FEATURES, target, half);
+    }
 }
 
 /// Logits of one head, `[33]`, axis-major, for the source feature in `scratch`.
@@ -272,7 +318,7 @@ pub fn logits(
     isa: Isa,
     head: &Head<'_>,
     target_half: &TargetHalf,
-    scratch: &mut Scratch,
+    scratch: &mut FloatScratch,
 ) -> [f32; LOGITS] {
     let [fc1, fc2, out] = &head.layers;
     isa.gemv(fc1, target_half, 0, &scratch.feature, &mut scratch.head1);

@@ -302,13 +302,14 @@ pub fn target_sums(
     isa: Isa,
     network: &QuantNetwork<'_>,
     scratch: &QuantScratch,
-) -> [TargetSums; 2] {
-    network.heads.each_ref().map(|[fc1, _, _]| {
-        let mut sums = [0; HEAD[0]];
-        sums.copy_from_slice(fc1.bias.get(..HEAD[0]).unwrap_or(&[0; HEAD[0]]));
-        isa.gemv_codes(&fc1.codes, FEATURES, scratch.feature.planes(), &mut sums);
-        sums
-    })
+    sums: &mut [TargetSums; 2],
+) {
+    for ([fc1, _, _], sums) in network.heads.iter().zip(sums) {
+        for (sum, &bias) in sums.iter_mut().zip(fc1.bias) {
+            *sum = bias;
+        }
+        isa.gemv_codes(&fc1.codes, FEATURES, scratch.feature.planes(), sums);
+    }
 }
 
 /// Logits of one head for the source embedded last.
@@ -318,26 +319,34 @@ pub fn logits(
     target: &TargetSums,
     scratch: &mut QuantScratch,
 ) -> [f32; LOGITS] {
-    let mut sums = *target;
-    isa.gemv_codes(&fc1.codes, 0, scratch.feature.planes(), &mut sums);
-    let codes = sums
-        .iter()
-        .zip(fc1.requantise)
-        .map(|(&s, &r)| Requantise(r).apply(s));
-    scratch.head1.set(codes);
-
-    let mut sums = [0; HEAD[1]];
-    isa.gemv_codes(&fc2.codes, 0, scratch.head1.planes(), &mut sums);
-    let biased = sums.iter().zip(fc2.bias).zip(fc2.requantise);
-    let codes = biased.map(|((s, b), &r)| Requantise(r).apply(s + b));
-    scratch.head2.set(codes);
-
-    let mut sums = [0; padded(LOGITS)];
-    isa.gemv_codes(&out.codes, 0, scratch.head2.planes(), &mut sums);
+    let QuantScratch {
+        max,
+        feature,
+        head1,
+        head2,
+        ..
+    } = scratch;
     let mut logits = [0.0; LOGITS];
-    let biased = sums.iter().zip(out.bias).zip(out.requantise);
-    for (logit, ((s, b), scale)) in logits.iter_mut().zip(biased) {
-        *logit = (s + b) as f32 * f32::from_bits(*scale);
+    // The maxima have become the feature: their place is free for sums, and the stack stays small.
+    if let Some(sums) = max.first_chunk_mut::<{ HEAD[0] }>() {
+        *sums = *target;
+        isa.gemv_codes(&fc1.codes, 0, feature.planes(), sums);
+        let codes = sums.iter().zip(fc1.requantise);
+        head1.set(codes.map(|(&s, &r)| Requantise(r).apply(s)));
+    }
+    if let Some(sums) = max.first_chunk_mut::<{ HEAD[1] }>() {
+        sums.fill(0);
+        isa.gemv_codes(&fc2.codes, 0, head1.planes(), sums);
+        let biased = sums.iter().zip(fc2.bias).zip(fc2.requantise);
+        head2.set(biased.map(|((s, b), &r)| Requantise(r).apply(s + b)));
+    }
+    if let Some(sums) = max.first_chunk_mut::<{ padded(LOGITS) }>() {
+        sums.fill(0);
+        isa.gemv_codes(&out.codes, 0, head2.planes(), sums);
+        let biased = sums.iter().zip(out.bias).zip(out.requantise);
+        for (logit, ((s, b), scale)) in logits.iter_mut().zip(biased) {
+            *logit = (s + b) as f32 * f32::from_bits(*scale);
+        }
     }
     logits
 }

@@ -1,9 +1,9 @@
 //! One registration: observe, embed, arg-max, accumulate, verdict.
 
-use crate::dims::{AXES, LOGITS, MAX_POINTS, MIN_POINTS, STEP_SIZES};
+use crate::dims::{AXES, HEAD, LOGITS, MAX_POINTS, MIN_POINTS, STEP_SIZES};
 use crate::error::Error;
 use crate::kernels::Isa;
-use crate::net::{self, Scratch, TargetHalf, View};
+use crate::net::{self, FloatScratch, Memory, Scratch, TargetHalf, View};
 use crate::pose::{Pose, centroid};
 use crate::quant::{self, TargetSums};
 use crate::steps::Action;
@@ -126,7 +126,44 @@ pub struct Registration<'c> {
     last: Action,
 }
 
+impl TargetState {
+    /// Makes it that of a number format.
+    fn fit(&mut self, network: &Network<'_>) {
+        match (network, &*self) {
+            (Network::F32(_), TargetState::Int8(_)) => self.become_f32(),
+            (Network::Int8(_), TargetState::F32(_)) => self.become_int8(),
+            _ => {}
+        }
+    }
+
+    // Out of line, so that their copies are on nobody's stack who does not call them.
+    #[cold]
+    #[inline(never)]
+    fn become_f32(&mut self) {
+        *self = TargetState::F32([[0.0; HEAD[0]]; 2]);
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn become_int8(&mut self) {
+        *self = TargetState::Int8([[0; HEAD[0]]; 2]);
+    }
+}
+
 impl Registration<'_> {
+    /// A place for a registration, of no points: see [`Registrar::start_in`].
+    pub const fn new() -> Self {
+        Registration {
+            source: &[],
+            centroid: Vec3::ZERO,
+            frame: Frame::IDENTITY,
+            accumulated: Pose::IDENTITY,
+            target: TargetState::Int8([[0; HEAD[0]]; 2]),
+            steps: 0,
+            last: Action::STOP,
+        }
+    }
+
     /// The pose so far as a plain rigid transform in the clouds' own units (to-global).
     pub fn target_from_source(&self) -> Pose {
         Pose {
@@ -164,6 +201,12 @@ impl Registration<'_> {
     }
 }
 
+impl Default for Registration<'_> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 /// Runs registrations with one policy on caller-owned working memory.
 #[derive(Debug)]
 pub struct Registrar<'w, 's> {
@@ -180,6 +223,7 @@ impl<'w, 's> Registrar<'w, 's> {
 
     /// A registrar on given kernels.
     pub fn with_isa(isa: Isa, policy: Policy<'w>, scratch: &'s mut Scratch) -> Self {
+        scratch.fit(&policy.network);
         Registrar {
             isa,
             policy,
@@ -200,6 +244,24 @@ impl<'w, 's> Registrar<'w, 's> {
         frame: Frame,
         initial: Pose,
     ) -> Result<Registration<'c>, Error> {
+        let mut registration = Registration::new();
+        self.start_in(&mut registration, source, target, frame, initial)?;
+        Ok(registration)
+    }
+
+    /// As [`Registrar::start`], in place: four of a registration's kilobytes need not be moved. A
+    /// registration whose start was refused is as it was.
+    ///
+    /// # Errors
+    /// As [`Registrar::start`].
+    pub fn start_in<'c>(
+        &mut self,
+        registration: &mut Registration<'c>,
+        source: &'c [[f32; 3]],
+        target: &[[f32; 3]],
+        frame: Frame,
+        initial: Pose,
+    ) -> Result<(), Error> {
         check_cloud(source)?;
         check_cloud(target)?;
         let centroid = centroid(source);
@@ -212,27 +274,33 @@ impl<'w, 's> Registrar<'w, 's> {
             },
         };
         self.embed(target, &target_view);
-        let target = match &self.policy.network {
-            Network::F32(network) => {
-                let feature = &self.scratch.feature;
-                TargetState::F32(net::target_halves(self.isa, network, feature))
-            }
-            Network::Int8(network) => {
-                TargetState::Int8(quant::target_sums(self.isa, network, &self.scratch.quant))
-            }
+        registration.source = source;
+        registration.centroid = centroid;
+        registration.frame = frame;
+        registration.accumulated = Pose {
+            rotation: initial.rotation,
+            translation: initial.translation / frame.scale,
         };
-        Ok(Registration {
-            source,
-            centroid,
-            frame,
-            accumulated: Pose {
-                rotation: initial.rotation,
-                translation: initial.translation / frame.scale,
-            },
-            target,
-            steps: 0,
-            last: Action::STOP,
-        })
+        registration.steps = 0;
+        registration.last = Action::STOP;
+        registration.target.fit(&self.policy.network);
+        self.read_target(&mut registration.target);
+        Ok(())
+    }
+
+    /// What the target embedded last contributes to both heads.
+    fn read_target(&self, target: &mut TargetState) {
+        let isa = self.isa;
+        match (&self.policy.network, &self.scratch.memory, target) {
+            (Network::F32(network), Memory::F32(scratch), TargetState::F32(halves)) => {
+                net::target_halves(isa, network, &scratch.feature, halves);
+            }
+            (Network::Int8(network), Memory::Int8(scratch), TargetState::Int8(sums)) => {
+                quant::target_sums(isa, network, scratch, sums);
+            }
+            // The memory was made that of the network's format, and stays so.
+            _ => {}
+        }
     }
 
     /// One step: observe the source under the current pose, take the arg-max action, accumulate.
@@ -278,17 +346,21 @@ impl<'w, 's> Registrar<'w, 's> {
 
     /// Translation and rotation logits for the source embedded last.
     fn logits(&mut self, target: &TargetState) -> [[f32; LOGITS]; 2] {
-        let (isa, scratch) = (self.isa, &mut *self.scratch);
-        match (&self.policy.network, target) {
-            (Network::F32(network), TargetState::F32([half_t, half_r])) => [
+        let isa = self.isa;
+        match (&self.policy.network, &mut self.scratch.memory, target) {
+            (Network::F32(network), Memory::F32(scratch), TargetState::F32([half_t, half_r])) => [
                 net::logits(isa, &network.translation, half_t, scratch),
                 net::logits(isa, &network.rotation, half_r, scratch),
             ],
-            (Network::Int8(network), TargetState::Int8([sums_t, sums_r])) => {
+            (
+                Network::Int8(network),
+                Memory::Int8(scratch),
+                TargetState::Int8([sums_t, sums_r]),
+            ) => {
                 let [translation, rotation] = &network.heads;
                 [
-                    quant::logits(isa, translation, sums_t, &mut scratch.quant),
-                    quant::logits(isa, rotation, sums_r, &mut scratch.quant),
+                    quant::logits(isa, translation, sums_t, scratch),
+                    quant::logits(isa, rotation, sums_r, scratch),
                 ]
             }
             // A registration that another registrar started with another number format: no step.
@@ -297,17 +369,16 @@ impl<'w, 's> Registrar<'w, 's> {
     }
 
     fn embed(&mut self, points: &[[f32; 3]], view: &View) {
-        let Scratch {
-            quant,
-            tiles,
-            feature,
-            ..
-        } = &mut *self.scratch;
-        match &self.policy.network {
-            Network::F32(network) => {
+        match (&self.policy.network, &mut self.scratch.memory) {
+            (Network::F32(network), Memory::F32(scratch)) => {
+                let FloatScratch { tiles, feature, .. } = scratch;
                 net::embed(self.isa, &network.embedding, points, view, tiles, feature);
             }
-            Network::Int8(network) => quant::embed(self.isa, network, points, view, quant),
+            (Network::Int8(network), Memory::Int8(scratch)) => {
+                quant::embed(self.isa, network, points, view, scratch);
+            }
+            // The memory was made that of the network's format, and stays so.
+            _ => {}
         }
     }
 }

@@ -12,18 +12,26 @@
 //! | 3 | [`RefineReply`] | its reply |
 //! | 4 | [`Refusal`] | its error reply |
 //! | 5 | [`Status`] | `…/robot/<id>/status`, published and answered |
+//! | 6 | [`Message::Ask`] | serial line: how is the board, answered by a status and a [`Board`] |
+//! | 7 | [`Board`] | serial line: what the board has and uses |
+//! | 8 | [`StepTaken`] | serial line: after each step, before the reply |
+//! | 9 | [`Chunk`] | serial line: a part of the policy whose manifest came before, answered by a status |
 //!
 //! The signature itself is checked by whoever holds the keys, not here.
 
 mod cloud;
 mod frames;
 pub mod keys;
+pub mod serial;
+mod taken;
 
 pub use cloud::CloudView;
 pub use frames::{
-    Cloud, Manifest, PolicyId, PolicyName, Reason, RefineReply, RefineRequest, Refusal,
-    SignedManifest, Status,
+    Board, Chunk, Cloud, Manifest, PolicyId, PolicyName, Reason, RefineReply, RefineRequest,
+    Refusal, SignedManifest, Status, StepTaken,
 };
+
+pub use taken::{TakenRequest, refuse_beginning, take_request};
 
 use crate::dims::MAX_POINTS;
 use crate::error::Error;
@@ -37,6 +45,9 @@ pub const CHUNK_BYTES: usize = 32 * 1024;
 pub const SMALL_FRAME_BYTES: usize = 512;
 /// Bytes of a refine request beside the points' own: version, kind, numbers, pose, lengths.
 pub const REQUEST_OVERHEAD_BYTES: usize = 80;
+/// Bytes before the policy file in a board's flash: length of the manifest's frame (u32, little-endian),
+/// the frame, and whatever is left.
+pub const FLASH_HEADER_BYTES: usize = 512;
 /// Most bytes of a refine request that can be served.
 pub const REQUEST_BYTES: usize = REQUEST_OVERHEAD_BYTES + 2 * MAX_POINTS * cloud::POINT_BYTES;
 
@@ -56,6 +67,14 @@ pub enum Message<'a> {
     Refusal(Refusal),
     /// How a robot is doing.
     Status(Status),
+    /// How is the board?
+    Ask,
+    /// What a board has and uses.
+    Board(Board),
+    /// A step that a registration has taken.
+    StepTaken(StepTaken),
+    /// A part of a policy file.
+    Chunk(Chunk<'a>),
 }
 
 /// Writes a frame to the front of `buffer` and returns it.

@@ -7,8 +7,8 @@ use thiserror::Error as ThisError;
 use zenoh::Session;
 use zenoh::query::{QueryTarget, Reply, ReplyError};
 
-/// A request that takes longer is an error.
-pub const TIMEOUT: Duration = Duration::from_secs(10);
+/// A request that takes longer is an error. Simulated boards need tens of seconds.
+pub const TIMEOUT: Duration = Duration::from_secs(100);
 
 /// Why there is no pose.
 #[derive(Debug, ThisError)]

@@ -2,8 +2,11 @@
 //! `reagent_core`, and the client that asks.
 //!
 //! A policy flows `session -> node -> policy (signature) -> fetch (chunks) -> store (flash) -> policy (hash,
-//! parse, self-test) -> service`; a request flows `client -> node (queue) -> service -> client`.
+//! parse, self-test) -> service`; a request flows `client -> node (queue) -> service -> client`. Where
+//! the node has a board, `bridge` takes the place of `service`, and both flow on over the line to it.
 
+pub mod board;
+mod bridge;
 pub mod client;
 #[cfg(feature = "demo")]
 pub mod demo;

@@ -2,6 +2,7 @@
 
 use clap::{Parser, Subcommand};
 use ed25519_dalek::VerifyingKey;
+use firmware_sim::board::{Board, Kind, Simulation, build_image, check_simulator};
 use firmware_sim::node::{Node, NodeConfig};
 use firmware_sim::session::{SessionArgs, open};
 use std::io::IsTerminal;
@@ -41,12 +42,17 @@ struct NodeArgs {
     /// Directory that keeps the policy, so that it is there after a restart [default: none]
     #[arg(long, value_name = "DIR")]
     state: Option<PathBuf>,
+    /// Let a simulated microcontroller do the work: its image is built and run in QEMU, and takes policies
+    /// in int8 and clouds of at most 1024 points [default: this program does it]
+    #[arg(long, value_enum, value_name = "BOARD")]
+    board: Option<Kind>,
     #[command(flatten)]
     session: SessionArgs,
 }
 
 impl NodeArgs {
     async fn run(self) -> anyhow::Result<()> {
+        let board = self.board.map(start_board).transpose()?;
         let session = open(&self.session).await?;
         let config = NodeConfig {
             fleet: self.fleet,
@@ -55,9 +61,23 @@ impl NodeArgs {
             state: self.state,
         };
         tracing::info!("robot {} of fleet {}", config.robot, config.fleet);
-        let _node = Node::start(session, config).await?;
+        let _node = Node::start_with(session, config, board).await?;
         Ok(tokio::signal::ctrl_c().await?)
     }
+}
+
+fn start_board(kind: Kind) -> anyhow::Result<Board> {
+    check_simulator()?;
+    tracing::info!("building the image for {}", kind.target());
+    let image = build_image(kind)?;
+    let mut board = Board::start(kind, &image, Simulation::default())?;
+    let (_, report) = board.status_and_report()?;
+    tracing::info!(
+        "the board runs: {} bytes of program, {} bytes of RAM beside the stack",
+        report.program_bytes,
+        report.static_bytes
+    );
+    Ok(board)
 }
 
 fn public_key(hex: &str) -> Result<VerifyingKey, String> {

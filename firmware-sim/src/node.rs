@@ -1,5 +1,7 @@
 //! A simulated robot: fetches the fleet's policy, keeps it, and answers refine requests with it.
 
+use crate::board::Board;
+use crate::bridge;
 use crate::policy::UpdateError;
 use crate::service::{read_request, send_refusal, serve, small_frame};
 use crate::updates::Updates;
@@ -76,6 +78,18 @@ impl Node {
     /// # Errors
     /// See [`NodeError`]; a damaged policy in the state directory is only logged.
     pub async fn start(session: Session, config: NodeConfig) -> Result<Node, NodeError> {
+        Node::start_with(session, config, None).await
+    }
+
+    /// As [`Node::start`], with a board that does the work.
+    ///
+    /// # Errors
+    /// As [`Node::start`].
+    pub async fn start_with(
+        session: Session,
+        config: NodeConfig,
+        board: Option<Board>,
+    ) -> Result<Node, NodeError> {
         let NodeConfig { fleet, robot, .. } = &config;
         if robot == ANY {
             return Err(NodeError::Reserved);
@@ -99,7 +113,10 @@ impl Node {
         let (queue, requests) = mpsc::channel(QUEUE);
         let (policies, worker_view) = (updates.policies(), view.clone());
         let reply_key = refine_key.clone();
-        tokio::task::spawn_blocking(move || serve(requests, policies, &reply_key, &worker_view));
+        tokio::task::spawn_blocking(move || match board {
+            Some(board) => bridge::serve(board, requests, policies, &reply_key, &worker_view),
+            None => serve(requests, policies, &reply_key, &worker_view),
+        });
         let queue_view = view.clone();
         let refine = session
             .declare_queryable(refine_key.as_str())

@@ -1,5 +1,6 @@
 //! A policy on a robot: from signed manifest and fetched bytes to one that may be run.
 
+use crate::board::BoardError;
 use crate::flash::FlashError;
 use ed25519_dalek::{Signature, VerifyingKey};
 use reagent_core::net::Scratch;
@@ -64,6 +65,9 @@ pub enum UpdateError {
     /// The right bytes are not a policy that this robot can run.
     #[error("policy file: {0}")]
     Policy(Error),
+    /// The node's board did not take it.
+    #[error("board: {0}")]
+    Board(BoardError),
     /// This build cannot run such a file.
     #[error(
         "manifest: file version {file_version}, number format {number_format}, shape {shape:?}: this robot runs others"

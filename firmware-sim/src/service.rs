@@ -130,7 +130,8 @@ fn taken<'c>(
     points.map_err(|error| Reason::of(error, cloud))
 }
 
-fn send_reply(query: &Query, key: &str, reply: RefineReply) {
+/// Answers a query with a pose.
+pub(crate) fn send_reply(query: &Query, key: &str, reply: RefineReply) {
     let frame = small_frame(&Message::RefineReply(reply));
     if let Err(error) = query.reply(key, frame).wait() {
         tracing::warn!("reply {} was not sent: {error}", reply.id);

@@ -102,6 +102,26 @@ fn a_bad_configuration_file_is_named() {
     assert!(failure(&node).contains("zenoh.json5"));
 }
 
+#[test]
+fn a_board_without_its_simulator_says_how_to_get_it() {
+    let output = Command::new(env!("CARGO_BIN_EXE_firmware-sim"))
+        .args([
+            "node",
+            "--fleet",
+            "f",
+            "--robot",
+            "r",
+            "--board",
+            "cortex-m7",
+        ])
+        .env("PATH", "")
+        .output()
+        .expect("the program runs");
+    let error = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{error}");
+    assert!(error.contains("apt-get install qemu-system-arm"), "{error}");
+}
+
 /// A child process that does not outlive the test.
 struct Running(Child);
 

@@ -5,17 +5,15 @@ use crate::dataset::pairs::PairSet;
 use crate::dataset::procedural;
 use crate::export::{ExportError, WeightFile};
 use crate::protocol::{self, Protocol};
-use reagent_core::dims::{HEAD, LOGITS, MACS_PER_POINT, SCRATCH_BYTES, STATE, STEPS};
+use reagent_core::dims::{MACS_HEADS_STEP, MACS_PER_POINT, SCRATCH_BYTES, STEPS};
 use reagent_core::kernels::{Arithmetic, Isa};
 use reagent_core::net::Scratch;
 use reagent_core::{Frame, Policy, Pose, Registrar};
 use serde::Serialize;
 use std::time::Instant;
 
-/// Multiply-adds of the heads in one step; the target's half of the first layer is done once.
-const MACS_STEP: usize = 2 * (STATE / 2 * HEAD[0] + HEAD[0] * HEAD[1] + HEAD[1] * LOGITS);
 /// Models that ranges of the 8-bit network are measured on.
-const CALIBRATION: usize = 32;
+pub(crate) const CALIBRATION: usize = 32;
 
 /// Speed of one configuration.
 #[derive(Clone, Debug, Serialize)]
@@ -150,7 +148,7 @@ fn run(
     let (mut times, processor): (Vec<f64>, Vec<f64>) = measured.into_iter().unzip();
     times.sort_by(f64::total_cmp);
     let points = pairs.source.first().map_or(0, Vec::len);
-    let macs = (STEPS + 1) * points * MACS_PER_POINT + STEPS * MACS_STEP;
+    let macs = (STEPS + 1) * points * MACS_PER_POINT + STEPS * MACS_HEADS_STEP;
     Latency {
         format,
         points,

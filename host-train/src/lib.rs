@@ -10,6 +10,9 @@ pub mod agent;
 pub mod augment;
 pub mod baselines;
 pub mod batch;
+// Compiled in, not linked: robots do not see the trainer, and the trainer does not see robots.
+#[path = "../../firmware-sim/src/board.rs"]
+pub mod board;
 pub mod bop;
 pub mod buffer;
 pub mod checkpoint;
@@ -25,6 +28,7 @@ pub mod import;
 pub mod latency;
 pub mod loss;
 pub mod matmul;
+pub mod mcu;
 pub mod metrics;
 pub mod neighbours;
 pub mod nn;

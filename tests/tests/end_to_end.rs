@@ -27,7 +27,7 @@ async fn a_trained_policy_reaches_a_robot_and_gives_the_pose_it_gives_here() {
         steps: 4,
         mini_batch: 8,
     };
-    run(&config, false, &AtomicBool::new(false)).expect("a short run");
+    run(&config, false, &AtomicBool::new(false), &|_| {}).expect("a short run");
     let path = directory.path().join("policy.rgw");
     let parameters = parameters_of(&run_directory).expect("the run left a checkpoint");
     let file = WeightFile::from_parameters(&parameters).expect("deployable");

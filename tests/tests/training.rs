@@ -28,7 +28,7 @@ fn config(out: &Path, epochs: u32) -> TrainConfig {
 }
 
 fn train(config: &TrainConfig, resume: bool) -> Result<(), TrainError> {
-    run(config, resume, &AtomicBool::new(false))
+    run(config, resume, &AtomicBool::new(false), &|_| {})
 }
 
 #[test]
@@ -103,7 +103,13 @@ fn a_killed_run_goes_on_as_if_nothing_had_happened() {
 #[test]
 fn a_run_asked_to_stop_leaves_a_checkpoint() {
     let folder = tempfile::tempdir().expect("a temporary directory");
-    run(&config(folder.path(), 2), false, &AtomicBool::new(true)).expect("stopped at once");
+    run(
+        &config(folder.path(), 2),
+        false,
+        &AtomicBool::new(true),
+        &|_| {},
+    )
+    .expect("stopped at once");
     let checkpoint = Checkpoint::load(&folder.path().join(LAST)).expect("a checkpoint");
     assert_eq!(checkpoint.progress.updates, 0);
 }

@@ -2,6 +2,7 @@
 
 use crate::error::Error;
 use core::fmt;
+use core::ops::Range;
 use serde::de::{self, Deserialize, Deserializer, Visitor};
 use serde::{Serialize, Serializer};
 
@@ -43,6 +44,16 @@ impl<'a> CloudView<'a> {
         self.bytes
             .chunks_exact(POINT_BYTES)
             .map(bytemuck::pod_read_unaligned)
+    }
+
+    /// Where in `frame`, which they are borrowed from, the points lie.
+    pub(crate) fn range_in(&self, frame: &[u8]) -> Range<usize> {
+        let start = self
+            .bytes
+            .as_ptr()
+            .addr()
+            .saturating_sub(frame.as_ptr().addr());
+        start..start + self.bytes.len()
     }
 
     /// Copies the points to the front of `points` and returns how many they are.

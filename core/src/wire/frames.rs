@@ -4,6 +4,7 @@ use super::CloudView;
 use crate::error::Error;
 use crate::golden::GoldenActions;
 use crate::register::Verdict;
+use crate::steps::Action;
 use crate::weights;
 use core::fmt;
 use serde::{Deserialize, Serialize};
@@ -189,6 +190,47 @@ pub struct Status {
     pub refused: u64,
     /// Requests running or waiting now.
     pub in_hand: u16,
+}
+
+/// What a board has and uses; bytes, and ticks of its own counter.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Board {
+    /// Program and its constants in flash, without the policy.
+    pub program_bytes: u32,
+    /// RAM of everything that is not the stack: clouds, working memory, serial line.
+    pub static_bytes: u32,
+    /// RAM that the stack has reached at its highest since the start.
+    pub stack_bytes: u32,
+    /// RAM left for the stack.
+    pub stack_capacity: u32,
+    /// Most points of each cloud in a request.
+    pub points: u32,
+    /// Ticks that the last request's target took, checks included.
+    pub target_ticks: u32,
+    /// Ticks that its last step took.
+    pub step_ticks: u32,
+    /// Ticks a second.
+    pub hertz: u32,
+}
+
+/// A step that a registration has taken.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct StepTaken {
+    /// The request's.
+    pub id: u64,
+    /// The action.
+    pub action: Action,
+    /// The pose after it, as rows of `[R | t]`, in the clouds' units.
+    pub target_from_source: [[f32; 4]; 3],
+}
+
+/// A part of the policy file whose manifest came before it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Chunk<'a> {
+    /// Its number, from 0; parts come in order.
+    pub index: u32,
+    /// Its bytes.
+    pub bytes: &'a [u8],
 }
 
 impl fmt::Display for Cloud {

@@ -116,6 +116,85 @@ fn refusal_and_status_are_these_bytes() {
 }
 
 #[test]
+fn frames_of_boards_are_these_bytes() {
+    assert_eq!(bytes_of(&Message::Ask), [2, 6]);
+    let board = Board {
+        program_bytes: 300,
+        points: 2,
+        hertz: 1,
+        ..Board::default()
+    };
+    let expected = [2, 7, 0xac, 0x02, 0, 0, 0, 2, 0, 0, 1];
+    assert_eq!(bytes_of(&Message::Board(board)), expected);
+    let step = StepTaken {
+        id: 9,
+        action: Action {
+            translation: [0, 1, 2],
+            rotation: [3, 4, 5],
+        },
+        target_from_source: [[1.0; 4]; 3],
+    };
+    let mut expected = vec![2, 8, 9, 0, 1, 2, 3, 4, 5];
+    expected.extend([0, 0, 0x80, 0x3f].repeat(12));
+    assert_eq!(bytes_of(&Message::StepTaken(step)), expected);
+    let chunk = Chunk {
+        index: 3,
+        bytes: &[7, 8],
+    };
+    assert_eq!(bytes_of(&Message::Chunk(chunk)), [2, 9, 3, 2, 7, 8]);
+}
+
+#[test]
+fn requests_are_taken_where_they_lie() {
+    let (source, target) = ([[1.0, 2.0, 3.0]; 5], [[0.5, f32::MIN, 4.0]; 4]);
+    let request = RefineRequest {
+        id: u64::MAX,
+        max_steps: 7,
+        initial: Some([[0.25; 4]; 3]),
+        source: CloudView::of(&source),
+        target: CloudView::of(&target),
+    };
+    let bytes = bytes_of(&Message::RefineRequest(request));
+    let mut space = [0u32; 64];
+    bytemuck::cast_slice_mut(&mut space)[..bytes.len()].copy_from_slice(&bytes);
+    let taken = take_request(&mut space, bytes.len()).expect("a request");
+    assert_eq!((taken.id, taken.max_steps), (u64::MAX, 7));
+    assert_eq!(taken.initial, Some([[0.25; 4]; 3]));
+    assert_eq!((taken.source, taken.target), (&source[..], &target[..]));
+    assert!(take_request(&mut [0; 64], bytes.len()).is_err());
+    assert!(take_request(&mut [0; 2], 9).is_err());
+}
+
+#[test]
+fn requests_are_refused_by_their_beginning() {
+    let (source, target) = ([[1.0; 3]; 30], [[2.0; 3]; 40]);
+    let request = RefineRequest {
+        id: 300,
+        max_steps: 7,
+        initial: None,
+        source: CloudView::of(&source),
+        target: CloudView::of(&target),
+    };
+    let bytes = bytes_of(&Message::RefineRequest(request));
+    let refused = |points, busy| refuse_beginning(&bytes[..60], bytes.len(), points, busy);
+    let because = |reason| Refusal { id: 300, reason };
+    let source = Reason::TooManyPoints(Cloud::Source, 30);
+    let target = Reason::TooManyPoints(Cloud::Target, 40);
+    assert_eq!(refused(29, false), because(source));
+    assert_eq!(refused(35, false), because(target));
+    assert_eq!(refused(35, true), because(Reason::Busy));
+    let malformed = Refusal {
+        id: 0,
+        reason: Reason::Malformed,
+    };
+    for beginning in [&[][..], &[2], &[1, 2, 5, 10, 0, 12], &[2, 3, 5, 10, 0, 12]] {
+        assert_eq!(refuse_beginning(beginning, 600, 10, false), malformed);
+        let busy = refuse_beginning(beginning, 600, 10, true);
+        assert_eq!((busy.id, busy.reason), (0, Reason::Busy));
+    }
+}
+
+#[test]
 fn what_is_written_is_read_back() {
     let (source, target) = ([[1.0, 2.0, 3.0]; 3], [[0.5, f32::MIN, 4.0]; 4]);
     let request = Message::RefineRequest(RefineRequest {
@@ -216,7 +295,7 @@ proptest! {
     }
 
     #[test]
-    fn no_body_makes_decode_panic(kind in 0u8..8, body in proptest::collection::vec(any::<u8>(), 0..400)) {
+    fn no_body_makes_decode_panic(kind in 0u8..12, body in proptest::collection::vec(any::<u8>(), 0..400)) {
         let frame = [&[VERSION, kind][..], &body].concat();
         if let Ok(Message::RefineRequest(request)) = decode(&frame) {
             prop_assert_eq!(request.source.iter().count(), request.source.len());

@@ -2,9 +2,12 @@
 
 use super::output::write_json;
 use super::source::{DataSource, positive};
+use crate::board::Kind;
 use crate::export::WeightFile;
 use crate::latency;
+use crate::mcu::{self, Budget};
 use crate::train::{self, Stage, TrainConfig};
+use anyhow::Context;
 use clap::Args;
 use clap::builder::RangedU64ValueParser;
 use reagent_core::dims::{MAX_POINTS, MIN_POINTS};
@@ -28,12 +31,19 @@ fn kernels(name: &str) -> Result<Isa, String> {
 ///
 /// Registers clouds of 1024 and 2048 points in f32 and in 8-bit integers, on one thread and on two, and
 /// compares with the core's arithmetic peak. With --train: runs a few updates of the stages pretrain and ilrl with the paper's settings, after one of each to warm
-/// up, and says where the time goes. Nothing is written but FILE.
+/// up, and says where the time goes. With --mcu: runs the policy in 8-bit integers on simulated
+/// microcontrollers (QEMU) and says what they need: flash, RAM, instructions. Nothing is written but FILE.
 #[derive(Debug, Args)]
 pub(super) struct BenchArgs {
     /// Measure training instead: observations a second
     #[arg(long)]
     train: bool,
+    /// Measure microcontrollers instead, in QEMU: bytes, and simulated instructions (not cycles)
+    #[arg(long, conflicts_with = "train")]
+    mcu: bool,
+    /// With --mcu: fail where a number is worse by more than 5 % than in this file of an earlier --json
+    #[arg(long, value_name = "FILE", requires = "mcu")]
+    expect: Option<PathBuf>,
     /// Policy to register with, in f32 [default: the bundled one]
     #[arg(long, value_name = "FILE.rgw")]
     weights: Option<PathBuf>,
@@ -64,6 +74,8 @@ impl BenchArgs {
     pub(super) fn run(self, seed: u64) -> anyhow::Result<()> {
         if self.train {
             self.training(seed)
+        } else if self.mcu {
+            self.microcontrollers(seed)
         } else {
             self.registration(seed)
         }
@@ -102,6 +114,60 @@ impl BenchArgs {
         );
         if let Some(path) = &self.json {
             write_json(path, &serde_json::json!({ "registration": report }))?;
+        }
+        Ok(())
+    }
+
+    fn microcontrollers(self, seed: u64) -> anyhow::Result<()> {
+        let file = WeightFile::load_or_pretrained(self.weights.as_deref())?;
+        println!(
+            "registration of 1024 + 1024 points, 10 steps, int8; instructions as QEMU counts them"
+        );
+        println!(
+            "board      policy   program  clouds  all static  stack   RAM     multiply-adds  instructions  per multiply-add"
+        );
+        let mut budgets = Vec::new();
+        for kind in Kind::ALL {
+            let budget = mcu::measure(kind, &file, seed)?;
+            println!(
+                "{:<9}  {:>7}  {:>7}  {:>6}  {:>10}  {:>5}  {:>5}  {:>13.3} G  {:>10.3} G  {:>16.2}",
+                budget.board,
+                budget.policy_bytes,
+                budget.program_bytes,
+                budget.cloud_bytes,
+                budget.static_bytes,
+                budget.stack_bytes,
+                budget.static_bytes + budget.stack_bytes,
+                budget.multiply_adds as f64 / 1e9,
+                budget.instructions as f64 / 1e9,
+                budget.instructions_per_multiply_add,
+            );
+            budgets.push(budget);
+        }
+        if let Some(path) = &self.json {
+            write_json(path, &budgets)?;
+        }
+        if let Some(path) = &self.expect {
+            let text =
+                std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
+            let before: Vec<Budget> = serde_json::from_slice(&text)
+                .with_context(|| format!("{} is no file of bench --mcu --json", path.display()))?;
+            let worse: Vec<String> = budgets
+                .iter()
+                .flat_map(|now| {
+                    let before = before.iter().find(|before| before.board == now.board);
+                    let worse = before.map_or(vec![], |before| mcu::regressions(now, before));
+                    worse
+                        .into_iter()
+                        .map(|line| format!("{}: {line}", now.board))
+                })
+                .collect();
+            anyhow::ensure!(
+                worse.is_empty(),
+                "worse than {}: {}",
+                path.display(),
+                worse.join("; ")
+            );
         }
         Ok(())
     }

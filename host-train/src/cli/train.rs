@@ -4,17 +4,18 @@ use super::source::{DataSource, positive};
 use crate::env::Accumulation;
 use crate::expert::Expert;
 use crate::nn::Search;
+use crate::report::Report;
 use crate::train::record::RunRecord;
 use crate::train::{self, Anneal, Categories, Follow, Network, Stage, TrainConfig};
 use anyhow::{Context, bail};
 use clap::{ArgAction, Args};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Train a policy
 ///
-/// Writes RUN_DIR/config.json, metrics.jsonl, checkpoints and best/. Ctrl-C or SIGTERM writes a checkpoint
+/// Writes RUN_DIR/config.json, metrics.jsonl, plots/, checkpoints and best/. Ctrl-C or SIGTERM writes a checkpoint
 /// first; --resume goes on exactly from there, with the options of the run. The model that is kept is the
 /// best on a validation split carved out of the training split by mesh. Without options it is the paper's
 /// method: stages pretrain (imitation, clean clouds), then il (imitation, noisy clouds) or ilrl (with
@@ -146,6 +147,14 @@ struct OptimiserOptions {
     mini_batch: Option<usize>,
 }
 
+/// Draws the curves so far into RUN_DIR/plots. Training goes on where they cannot be drawn.
+fn draw(run: &Path) {
+    let drawn = Report::read(&[run.to_owned()]).and_then(|r| r.write_plots(&run.join("plots")));
+    if let Err(error) = drawn {
+        eprintln!("no plots: {error}");
+    }
+}
+
 /// Puts the value of an option in its place, where it was given.
 fn set<T>(place: &mut T, given: Option<T>) {
     if let Some(value) = given {
@@ -158,7 +167,7 @@ impl TrainArgs {
         let resume = self.resume;
         let config = self.config(seed)?;
         let stop = stop_on_signal()?;
-        train::run(&config, resume, &stop)?;
+        train::run(&config, resume, &stop, &draw)?;
         if stop.load(Ordering::Relaxed) {
             bail!(
                 "interrupted: {} holds a checkpoint, go on with --resume",

@@ -145,7 +145,7 @@ pub struct TrainConfig {
     /// Share of the training meshes held back to choose the best checkpoint (ours; the authors' code
     /// chooses on the test split).
     pub validation: f64,
-    /// Most pairs that one validation registers.
+    /// Pairs that one validation registers, of the meshes held back in turn.
     pub validation_pairs: usize,
     /// Minutes between checkpoints within an epoch; 0 writes one after every update.
     pub checkpoint_minutes: f64,

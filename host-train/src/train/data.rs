@@ -67,7 +67,7 @@ pub(super) fn load(config: &TrainConfig) -> Result<(TrainingData, PairSet), Trai
         training.extend(train);
         held_back.extend(validation);
     }
-    let count = held_back.len().min(config.validation_pairs);
+    let count = config.validation_pairs;
     let mut pairs = protocol::draw(&held_back, Protocol::M40Models, count, config.seed);
     pairs.extend(poses);
     let data = TrainingData {

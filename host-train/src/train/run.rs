@@ -16,7 +16,7 @@ use crate::nn::{Parameters, Shape};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
 use std::io::IsTerminal;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
@@ -139,12 +139,19 @@ impl TrainError {
 }
 
 /// Runs a stage of training to its end, or to `stop`. What it writes is in the table of
-/// [`super::record`].
+/// [`super::record`]; `after_epoch` is called when the log has an epoch more.
 ///
 /// # Errors
 /// See [`TrainError`]; what was checkpointed before stays.
-pub fn run(config: &TrainConfig, resume: bool, stop: &AtomicBool) -> Result<(), TrainError> {
-    on_threads(config.threads, || run_here(config, resume, stop))
+pub fn run(
+    config: &TrainConfig,
+    resume: bool,
+    stop: &AtomicBool,
+    after_epoch: &(dyn Fn(&Path) + Sync),
+) -> Result<(), TrainError> {
+    on_threads(config.threads, || {
+        run_here(config, resume, stop, after_epoch)
+    })
 }
 
 /// Works on so many threads; 0 takes all cores.
@@ -159,7 +166,12 @@ pub(super) fn on_threads<T: Send>(
     pool.install(work)
 }
 
-fn run_here(config: &TrainConfig, resume: bool, stop: &AtomicBool) -> Result<(), TrainError> {
+fn run_here(
+    config: &TrainConfig,
+    resume: bool,
+    stop: &AtomicBool,
+    after_epoch: &(dyn Fn(&Path) + Sync),
+) -> Result<(), TrainError> {
     config.check()?;
     let kept = [LAST, PREVIOUS].map(|name| config.out.join(name));
     if !resume && kept.iter().any(|path| path.exists()) {
@@ -264,6 +276,7 @@ fn run_here(config: &TrainConfig, resume: bool, stop: &AtomicBool) -> Result<(),
             } else {
                 bar.println(report);
             }
+            after_epoch(&config.out);
             epoch_clock = Pace::start(trainer.updates);
         } else if saved.elapsed().as_secs_f64() >= 60.0 * config.checkpoint_minutes {
             checkpoint(config, &trainer, &progress).save_newest(&config.out)?;

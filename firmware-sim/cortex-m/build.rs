@@ -1,0 +1,30 @@
+//! The memory of the two boards. RAM is what the budget allows, not what the board has.
+
+use std::{env, fs, path::PathBuf};
+
+/// RAM for everything: clouds, working memory, stack.
+const RAM: usize = 48 * 1024;
+
+fn main() {
+    let target = env::var("TARGET").expect("set by cargo");
+    // Program in tightly coupled or fast RAM that stands for flash, then the policy's flash, then RAM.
+    let (board, flash, policy, ram) = match target.as_str() {
+        "thumbv7em-none-eabihf" => ("an500", 0x0000_0000, 0x0010_0000, 0x2000_0000),
+        "thumbv8m.main-none-eabihf" => ("an547", 0x1000_0000, 0x6000_0000, 0x3000_0000),
+        _ => panic!("build for thumbv7em-none-eabihf or thumbv8m.main-none-eabihf"),
+    };
+    let memory = format!(
+        "MEMORY {{
+            FLASH : ORIGIN = {flash:#x}, LENGTH = 256K
+            POLICY : ORIGIN = {policy:#x}, LENGTH = 3M
+            RAM : ORIGIN = {ram:#x}, LENGTH = {RAM}
+        }}
+        _policy_flash = ORIGIN(POLICY);"
+    );
+    let out = PathBuf::from(env::var_os("OUT_DIR").expect("set by cargo"));
+    fs::write(out.join("memory.x"), memory).expect("cargo's folder is writable");
+    println!("cargo:rustc-link-search={}", out.display());
+    println!("cargo:rustc-check-cfg=cfg(board, values(\"an500\", \"an547\"))");
+    println!("cargo:rustc-cfg=board=\"{board}\"");
+    println!("cargo:rerun-if-changed=build.rs");
+}

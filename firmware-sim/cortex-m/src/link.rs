@@ -1,0 +1,90 @@
+//! Frames in and out of the serial line. While a registration runs its clouds fill the large buffer;
+//! what comes then goes into a small one, just to be answered.
+
+use crate::POINTS;
+use crate::hardware::Uart;
+use reagent_core::wire::serial::{self, CHECK_BYTES, Decoder, Line};
+use reagent_core::wire::{self, Message, Refusal, SMALL_FRAME_BYTES, refuse_beginning};
+
+/// The serial line.
+pub(crate) struct Link {
+    uart: Uart,
+    decoder: Decoder,
+    small: [u8; SMALL_FRAME_BYTES + CHECK_BYTES],
+    /// The frame under way goes into the small buffer.
+    skim: bool,
+    /// Requests refused.
+    pub(crate) refused: u64,
+}
+
+impl Link {
+    pub(crate) fn new(uart: Uart) -> Link {
+        Link {
+            uart,
+            decoder: Decoder::new(),
+            small: [0; SMALL_FRAME_BYTES + CHECK_BYTES],
+            skim: false,
+            refused: 0,
+        }
+    }
+
+    /// Waits for a frame in `space`, and gives its length. What is none is answered with a refusal.
+    pub(crate) fn receive(&mut self, space: &mut [u8]) -> usize {
+        loop {
+            let Some(byte) = self.uart.receive() else {
+                self.uart.wait();
+                continue;
+            };
+            if self.decoder.is_idle() {
+                self.skim = false;
+            }
+            if self.skim {
+                self.skim(byte);
+                continue;
+            }
+            match self.decoder.push(byte, space) {
+                None => {}
+                Some(Line::Frame(length)) => return length,
+                Some(Line::Overlong(length)) => {
+                    self.refuse(refuse_beginning(space, length, POINTS, false));
+                }
+                Some(Line::Broken) => self.refuse(refuse_beginning(&[], 0, POINTS, false)),
+            }
+        }
+    }
+
+    /// Answers what has come meanwhile: the board is busy.
+    pub(crate) fn glance(&mut self) {
+        while let Some(byte) = self.uart.receive() {
+            if self.decoder.is_idle() {
+                self.skim = true;
+            }
+            self.skim(byte);
+        }
+    }
+
+    fn skim(&mut self, byte: u8) {
+        let refusal = match self.decoder.push(byte, &mut self.small) {
+            None => return,
+            Some(Line::Frame(length) | Line::Overlong(length)) => {
+                refuse_beginning(&self.small, length, POINTS, true)
+            }
+            Some(Line::Broken) => refuse_beginning(&[], 0, POINTS, false),
+        };
+        self.refuse(refusal);
+    }
+
+    /// Sends a refusal and counts it.
+    pub(crate) fn refuse(&mut self, refusal: Refusal) {
+        self.refused += 1;
+        self.send(&Message::Refusal(refusal));
+    }
+
+    /// Sends any message that is no request.
+    pub(crate) fn send(&mut self, message: &Message<'_>) {
+        let mut buffer = [0; SMALL_FRAME_BYTES];
+        if let Ok(frame) = wire::encode(message, &mut buffer) {
+            serial::write(frame, |byte| self.uart.send(byte));
+        }
+    }
+}

@@ -1,0 +1,93 @@
+//! The refinement service of a node whose controller is a board: frames go over its line as they come,
+//! and so does the policy.
+
+use crate::board::{Board, BoardError};
+use crate::policy::{LoadedPolicy, UpdateError};
+use crate::service::{read_request, send_refusal, send_reply};
+use crate::view::View;
+use reagent_core::wire::{Manifest, Reason, RefineReply, Refusal};
+use std::sync::Arc;
+use tokio::runtime::Handle;
+use tokio::sync::{mpsc, watch};
+use zenoh::query::Query;
+
+/// Hands requests to the board until the queue is closed, and every new policy, between requests.
+pub(crate) fn serve(
+    mut board: Board,
+    mut requests: mpsc::Receiver<Query>,
+    mut policies: watch::Receiver<Option<Arc<LoadedPolicy>>>,
+    reply_key: &str,
+    view: &watch::Sender<View>,
+) {
+    let mut in_flash = None;
+    policies.mark_changed();
+    loop {
+        let query = Handle::current().block_on(async {
+            tokio::select! {
+                biased;
+                changed = policies.changed() => changed.is_err().then_some(None),
+                query = requests.recv() => Some(query),
+            }
+        });
+        match query {
+            None => {
+                let loaded = policies.borrow_and_update().clone();
+                if let Some(loaded) = loaded {
+                    load(&mut board, &mut in_flash, &loaded, view);
+                }
+            }
+            Some(Some(query)) => {
+                let payload = query.payload().map(|p| p.to_bytes()).unwrap_or_default();
+                let answer = answer(&mut board, &payload);
+                view.send_modify(|view| match answer {
+                    Ok(_) => view.count_served(),
+                    Err(_) => view.count_refused(),
+                });
+                match answer {
+                    Ok(reply) => send_reply(&query, reply_key, reply),
+                    Err(refusal) => send_refusal(&query, refusal),
+                }
+            }
+            Some(None) => return,
+        }
+    }
+}
+
+/// Writes a policy into the board's flash. What the board refuses, the node does not claim to have.
+fn load(
+    board: &mut Board,
+    in_flash: &mut Option<Manifest>,
+    loaded: &LoadedPolicy,
+    view: &watch::Sender<View>,
+) {
+    let manifest = loaded.manifest();
+    let version = manifest.version;
+    match board.load(manifest, loaded.bytes()) {
+        Ok(()) => {
+            tracing::info!("policy version {version} is in the board's flash");
+            *in_flash = Some(manifest.clone());
+        }
+        Err(error) => {
+            tracing::warn!("policy version {version} is not in the board's flash: {error}");
+            let kept = board.ask().ok().and_then(|(status, _)| status.policy);
+            in_flash.take_if(|last| kept.is_none_or(|kept| kept.sha256 != last.sha256));
+            view.send_modify(|view| {
+                view.policy = in_flash.clone();
+                view.updates_refused += 1;
+                view.last_refusal = Some(Arc::new(UpdateError::Board(error)));
+            });
+        }
+    }
+}
+
+fn answer(board: &mut Board, payload: &[u8]) -> Result<RefineReply, Refusal> {
+    board.refine(payload, |_| {}).unwrap_or_else(|error| {
+        tracing::error!("{error}");
+        let id = read_request(payload).map_or(0, |request| request.id);
+        let reason = match error {
+            BoardError::Silent => Reason::Busy,
+            _ => Reason::Internal,
+        };
+        Err(Refusal { id, reason })
+    })
+}

@@ -1,0 +1,157 @@
+//! What a registration costs on microcontrollers, as counted in QEMU: flash, RAM, instructions. Simulated
+//! instructions are not cycles of silicon: memory, caches and dual issue are not in them.
+
+use crate::board::{
+    Board, BoardError, Kind, Simulation, build_image, check_simulator, flash_content,
+};
+use crate::dataset::procedural;
+use crate::export::{ExportError, WeightFile};
+use crate::latency::CALIBRATION;
+use crate::protocol::{self, Protocol};
+use crate::publish;
+use reagent_core::dims::{
+    CLOUD_BYTES, FEATURES, HEAD, MACS_HEADS_STEP, MACS_PER_POINT, POLICY_BYTES, STEPS,
+};
+use reagent_core::wire::{self, CloudView, Message, REQUEST_OVERHEAD_BYTES, RefineRequest};
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// Points of each cloud.
+const POINTS: usize = 1024;
+
+/// Why nothing could be measured.
+#[derive(Debug, thiserror::Error)]
+pub enum McuError {
+    /// The board.
+    #[error(transparent)]
+    Board(#[from] BoardError),
+    /// The policy.
+    #[error(transparent)]
+    Export(#[from] ExportError),
+    /// The flash's file.
+    #[error("cannot write {path}: {reason}")]
+    Flash {
+        /// The file.
+        path: String,
+        /// What the system said.
+        reason: std::io::Error,
+    },
+    /// The board's answer.
+    #[error("the board refused: {0}")]
+    Refused(wire::Reason),
+}
+
+/// What one board needs for a registration of 1024 points in ten steps.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Budget {
+    /// Its name.
+    pub board: String,
+    /// Flash of the policy.
+    pub policy_bytes: usize,
+    /// Flash of the program, this library and its constants included.
+    pub program_bytes: usize,
+    /// RAM of both clouds.
+    pub cloud_bytes: usize,
+    /// RAM of everything but the stack, clouds included.
+    pub static_bytes: usize,
+    /// RAM that the stack has reached.
+    pub stack_bytes: usize,
+    /// Multiply-adds.
+    pub multiply_adds: u64,
+    /// Instructions, simulated.
+    pub instructions: u64,
+    /// Instructions of the target's embedding by its multiply-adds.
+    pub instructions_per_multiply_add: f64,
+}
+
+/// Runs a registration of the policy in 8 bits on a simulated board that counts instructions.
+///
+/// # Errors
+/// See [`McuError`].
+pub fn measure(kind: Kind, file: &WeightFile, seed: u64) -> Result<Budget, McuError> {
+    check_simulator()?;
+    let models = procedural::models(seed, CALIBRATION);
+    let pairs = protocol::draw(&models, Protocol::M40Models, CALIBRATION, seed);
+    let policy = match file.parameters(seed) {
+        Ok(parameters) => &WeightFile::from_parameters_int8(&parameters, &pairs)?,
+        Err(ExportError::Integers) => file,
+        Err(error) => return Err(error.into()),
+    };
+    let manifest = publish::manifest(1, "", policy).expect("no name is short enough");
+    let image = build_image(kind)?;
+    let flash = std::env::temp_dir().join(format!("reagent-{}-{kind:?}", std::process::id()));
+    let written = std::fs::write(&flash, flash_content(&manifest, policy.bytes()));
+    written.map_err(|reason| McuError::Flash {
+        path: flash.display().to_string(),
+        reason,
+    })?;
+    let report = run(kind, &image, &flash, &pairs.source[0], &pairs.target[0]);
+    std::fs::remove_file(&flash).ok();
+    let report = report?;
+
+    let instructions = |ticks: u32| u64::from(ticks) * 1_000_000_000 / u64::from(report.hertz);
+    let embedding = (POINTS * MACS_PER_POINT) as u64;
+    let target = embedding + 2 * (FEATURES * HEAD[0]) as u64;
+    let steps = STEPS as u64;
+    let total = instructions(report.target_ticks) + steps * instructions(report.step_ticks);
+    Ok(Budget {
+        board: format!("{kind:?}"),
+        policy_bytes: POLICY_BYTES,
+        program_bytes: report.program_bytes as usize,
+        cloud_bytes: CLOUD_BYTES,
+        static_bytes: report.static_bytes as usize,
+        stack_bytes: report.stack_bytes as usize,
+        multiply_adds: target + steps * (embedding + MACS_HEADS_STEP as u64),
+        instructions: total,
+        instructions_per_multiply_add: instructions(report.target_ticks) as f64 / target as f64,
+    })
+}
+
+/// Two steps: the others are alike.
+fn run(
+    kind: Kind,
+    image: &Path,
+    flash: &Path,
+    source: &[[f32; 3]],
+    target: &[[f32; 3]],
+) -> Result<wire::Board, McuError> {
+    let simulation = Simulation {
+        flash: Some(flash),
+        count_instructions: true,
+    };
+    let request = RefineRequest {
+        id: 1,
+        max_steps: 2,
+        initial: None,
+        source: CloudView::of(source),
+        target: CloudView::of(target),
+    };
+    let mut buffer = vec![0; REQUEST_OVERHEAD_BYTES + CLOUD_BYTES];
+    let frame = wire::encode(&Message::RefineRequest(request), &mut buffer)
+        .expect("drawn clouds have 1024 points");
+    let mut board = Board::start(kind, image, simulation)?;
+    board.status_and_report()?;
+    board
+        .refine(frame, |_| {})?
+        .map_err(|refusal| McuError::Refused(refusal.reason))?;
+    Ok(board.ask()?.1)
+}
+
+/// What has become worse than `before` by more than a twentieth, a line each.
+pub fn regressions(now: &Budget, before: &Budget) -> Vec<String> {
+    let bytes = |what: fn(&Budget) -> usize| (what(now) as f64, what(before) as f64);
+    let numbers = [
+        ("program bytes", bytes(|b| b.program_bytes)),
+        ("static bytes", bytes(|b| b.static_bytes)),
+        ("stack bytes", bytes(|b| b.stack_bytes)),
+        (
+            "instructions",
+            (now.instructions as f64, before.instructions as f64),
+        ),
+    ];
+    numbers
+        .into_iter()
+        .filter(|(_, (now, before))| *now > *before * 1.05)
+        .map(|(what, (now, before))| format!("{what}: {now} where {before} were committed"))
+        .collect()
+}

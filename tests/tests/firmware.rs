@@ -1,0 +1,589 @@
+//! The image for microcontrollers, in QEMU: the same bits as here, and no byte on its line stops it.
+
+mod support;
+
+use firmware_sim::board::{
+    Board, BoardError, Kind, Simulation, build_image, check_simulator, flash_content,
+};
+use firmware_sim::client::{self, RefineError};
+use firmware_sim::node::{Node, NodeConfig};
+use host_train::dataset::pairs::PairSet;
+use host_train::dataset::procedural;
+use host_train::export::WeightFile;
+use host_train::protocol::{self, Protocol};
+use host_train::publish;
+use host_train::random::{Purpose, Rng, stream};
+use rand::RngExt;
+use reagent_core::kernels::Isa;
+use reagent_core::net::Scratch;
+use reagent_core::wire::serial::{self, line_bytes};
+use reagent_core::wire::{
+    self, Chunk, Cloud, CloudView, Manifest, Message, Reason, RefineRequest, Refusal, StepTaken,
+};
+use reagent_core::{Action, Frame, Pose, Registrar, Verdict};
+use reagent_tests::shared;
+use std::ffi::OsStr;
+use std::fmt::Write;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::LazyLock;
+use std::thread;
+use support::{FLEET, Network, publisher, request as request_to, until};
+
+/// The bundled policy in 8-bit integers.
+static POLICY: LazyLock<WeightFile> = LazyLock::new(|| {
+    let parameters = WeightFile::pretrained().parameters(0).expect("f32");
+    let models = procedural::models(1, 24);
+    let calibration = protocol::draw(&models, Protocol::M40Models, 24, 1);
+    WeightFile::from_parameters_int8(&parameters, &calibration).expect("deployable")
+});
+
+fn manifest(version: u64) -> Manifest {
+    Manifest {
+        version,
+        ..MANIFEST.clone()
+    }
+}
+
+static MANIFEST: LazyLock<Manifest> =
+    LazyLock::new(|| publish::manifest(1, "test", &POLICY).expect("a short name"));
+
+/// Images that can be built here, all at once; says why others cannot.
+fn images() -> Vec<(Kind, PathBuf)> {
+    let build = |kind| match build_image(kind) {
+        Ok(image) => Some((kind, image)),
+        Err(error @ BoardError::NoTarget { .. }) => {
+            eprintln!("skipped: {error}");
+            None
+        }
+        Err(error) => panic!("{error}"),
+    };
+    Kind::ALL.into_iter().filter_map(build).collect()
+}
+
+/// Runs `test` on each board with the policy in flash, side by side.
+fn on_boards(with_policy: bool, test: impl Fn(Kind, Board) + Sync) {
+    let directory = tempfile::tempdir().expect("a temporary directory");
+    let flash = directory.path().join("flash");
+    std::fs::write(&flash, flash_content(&manifest(5), POLICY.bytes())).expect("it is writable");
+    thread::scope(|scope| {
+        for (kind, image) in images() {
+            let (test, flash) = (&test, &flash);
+            scope.spawn(move || {
+                let simulation = Simulation {
+                    flash: with_policy.then_some(flash),
+                    ..Simulation::default()
+                };
+                match Board::start(kind, &image, simulation) {
+                    Err(error @ BoardError::NoQemu) => eprintln!("skipped: {error}"),
+                    board => test(kind, board.expect("QEMU starts")),
+                }
+            });
+        }
+    });
+}
+
+fn request(id: u64, max_steps: u8, source: &[[f32; 3]], target: &[[f32; 3]]) -> Vec<u8> {
+    let request = RefineRequest {
+        id,
+        max_steps,
+        initial: None,
+        source: CloudView::of(source),
+        target: CloudView::of(target),
+    };
+    let mut buffer = vec![0; wire::REQUEST_OVERHEAD_BYTES + 12 * (source.len() + target.len())];
+    let frame = wire::encode(&Message::RefineRequest(request), &mut buffer);
+    frame.expect("it fits").to_vec()
+}
+
+fn line(frame: &[u8]) -> Vec<u8> {
+    let mut bytes = Vec::with_capacity(line_bytes(frame.len()));
+    serial::write(frame, |byte| bytes.push(byte));
+    bytes
+}
+
+/// Actions and bits of the poses after them.
+type Trajectory = Vec<(Action, [[u32; 4]; 3])>;
+
+fn bits(rows: [[f32; 4]; 3]) -> [[u32; 4]; 3] {
+    rows.map(|row| row.map(f32::to_bits))
+}
+
+fn trajectory(isa: Isa, source: &[[f32; 3]], target: &[[f32; 3]]) -> Trajectory {
+    let mut scratch = Box::new(Scratch::new());
+    let mut registrar = Registrar::with_isa(isa, POLICY.policy(), &mut scratch);
+    let frame = Frame::of(target).expect("a cloud");
+    let mut registration = registrar
+        .start(source, target, frame, Pose::IDENTITY)
+        .expect("sound clouds");
+    let mut steps = Vec::new();
+    while steps.len() < 10 && registration.verdict() != Verdict::Converged {
+        let action = registrar.step(&mut registration).action;
+        let pose = registration.target_from_source().to_rows();
+        steps.push((action, bits(pose)));
+    }
+    steps
+}
+
+/// Twenty pairs, of few points for time, since Helium is slow to simulate; real ones where there are any.
+fn pairs() -> Vec<[Vec<[f32; 3]>; 2]> {
+    let drawn = protocol::draw(&procedural::models(7, 20), Protocol::M40Models, 20, 7);
+    let real =
+        shared("data/pairs_models.h5").map(|path| PairSet::load(&path).expect("it is readable"));
+    let pair = |i: usize| {
+        let set = real
+            .as_ref()
+            .filter(|set| i % 2 == 0 && i < set.source.len());
+        let set = set.unwrap_or(&drawn);
+        let points = if i == 0 { 256 } else { 30 + i };
+        [&set.source[i], &set.target[i]].map(|cloud| cloud.iter().copied().take(points).collect())
+    };
+    (0..20).map(pair).collect()
+}
+
+#[test]
+fn boards_take_the_same_steps_to_the_same_bits() {
+    let pairs = pairs();
+    let expected: Vec<Trajectory> = pairs
+        .iter()
+        .map(|[source, target]| {
+            let expected = trajectory(Isa::PORTABLE, source, target);
+            for isa in Isa::all() {
+                assert_eq!(trajectory(isa, source, target), expected, "{}", isa.name());
+            }
+            expected
+        })
+        .collect();
+    on_boards(true, |kind, mut board| {
+        let (status, report) = board.status_and_report().expect("it runs");
+        assert_eq!(status.policy.map(|policy| policy.version), Some(5));
+        assert_eq!(report.points, 1024);
+        for (i, ([source, target], expected)) in pairs.iter().zip(&expected).enumerate() {
+            let mut found = Trajectory::new();
+            let step =
+                |taken: StepTaken| found.push((taken.action, bits(taken.target_from_source)));
+            let frame = request(i as u64, 10, source, target);
+            let reply = board
+                .refine(&frame, step)
+                .expect("it runs")
+                .expect("a pose");
+            assert_eq!(&found, expected, "{kind:?}, pair {i}");
+            let last = expected.last().expect("steps").1;
+            assert_eq!(bits(reply.target_from_source), last);
+            assert_eq!((reply.id, reply.policy_version), (i as u64, 5));
+            assert_eq!(usize::from(reply.steps), expected.len());
+        }
+        let (status, report) = board.ask().expect("it runs");
+        assert_eq!((status.served, status.refused), (20, 0));
+        let ram = report.static_bytes + report.stack_bytes;
+        assert!(ram <= 48 * 1024, "{ram} bytes of RAM");
+    });
+}
+
+fn cloud(rng: &mut Rng, points: usize) -> Vec<[f32; 3]> {
+    let point = |_| [(); 3].map(|()| rng.random_range(-1.0f32..1.0));
+    (0..points).map(point).collect()
+}
+
+fn refusal(board: &mut Board) -> Refusal {
+    let pick = |message: Message<'_>| match message {
+        Message::Refusal(refusal) => Some(refusal),
+        Message::RefineReply(_) => panic!("a reply where a refusal was expected"),
+        _ => None,
+    };
+    board.wait_for(pick).expect("it runs")
+}
+
+/// A request that must be answered with these steps, whatever came before.
+fn still_answers(board: &mut Board, id: u64) {
+    let mut rng: Rng = stream(id, Purpose::Shape, 0);
+    let (source, target) = (cloud(&mut rng, 12), cloud(&mut rng, 9));
+    let frame = request(id, 2, &source, &target);
+    board.send_frame(&frame).expect("it runs");
+    let reply = board
+        .wait_for(|message| match message {
+            Message::RefineReply(reply) if reply.id == id => Some(reply),
+            _ => None,
+        })
+        .expect("it answers");
+    let expected = &trajectory(Isa::best(), &source, &target)[1.min(usize::from(reply.steps) - 1)];
+    assert_eq!(bits(reply.target_from_source), expected.1);
+}
+
+#[test]
+fn bad_requests_are_refused_by_name() {
+    on_boards(true, |_, mut board| {
+        board.status_and_report().expect("it runs");
+        let mut rng: Rng = stream(3, Purpose::Shape, 0);
+        let good = cloud(&mut rng, 8);
+        let mut infinite = good.clone();
+        infinite[3][1] = f32::INFINITY;
+        let large = cloud(&mut rng, 3000);
+        let cases = [
+            (request(1, 2, &[], &good), Reason::EmptyCloud(Cloud::Source)),
+            (
+                request(2, 2, &good, &good[..2]),
+                Reason::TooFewPoints(Cloud::Target, 2),
+            ),
+            (
+                request(3, 2, &infinite, &good),
+                Reason::NotFinite(Cloud::Source, 3),
+            ),
+            (request(4, 2, &good, &[[1.0; 3]; 5]), Reason::BadCloud),
+            (
+                request(5, 2, &large, &good),
+                Reason::TooManyPoints(Cloud::Source, 3000),
+            ),
+            (
+                request(6, 2, &good, &large),
+                Reason::TooManyPoints(Cloud::Target, 3000),
+            ),
+        ];
+        for (i, (frame, reason)) in cases.iter().enumerate() {
+            board.send_frame(frame).expect("it runs");
+            let expected = Refusal {
+                id: 1 + i as u64,
+                reason: *reason,
+            };
+            assert_eq!(refusal(&mut board), expected);
+        }
+        let malformed = |reason| Refusal { id: 0, reason };
+        let whole = request(7, 2, &good, &good);
+        for frame in [
+            &whole[..40],
+            &[wire::VERSION, 99],
+            &[wire::VERSION, 5, 0, 3, 1, 2],
+            &[],
+        ] {
+            board.send_frame(frame).expect("it runs");
+            assert_eq!(refusal(&mut board), malformed(Reason::Malformed));
+        }
+        board.send_frame(&[9, 9]).expect("it runs");
+        let spoken = wire::VERSION;
+        assert_eq!(
+            refusal(&mut board),
+            malformed(Reason::WrongVersion { spoken })
+        );
+
+        // A line that loses its end, and one that another is put into.
+        let bytes = line(&whole);
+        board
+            .send_bytes(&bytes[..bytes.len() / 2])
+            .expect("it runs");
+        board.send_bytes(&[0]).expect("it runs");
+        assert_eq!(refusal(&mut board), malformed(Reason::Malformed));
+        let inner = line(&request(8, 1, &good, &[]));
+        board.send_bytes(&bytes[..30]).expect("it runs");
+        board
+            .send_bytes(&[&[0][..], &inner, &bytes[30..]].concat())
+            .expect("it runs");
+        assert_eq!(refusal(&mut board), malformed(Reason::Malformed));
+        let empty = Reason::EmptyCloud(Cloud::Target);
+        assert_eq!(
+            refusal(&mut board),
+            Refusal {
+                id: 8,
+                reason: empty
+            }
+        );
+        assert_eq!(refusal(&mut board), malformed(Reason::Malformed));
+
+        // While it works, a second request is refused with its own id; the third may come too late for that.
+        let requests = [
+            request(20, 2, &large[..200], &large[..200]),
+            request(21, 1, &good, &good),
+            request(22, 1, &large, &large),
+        ];
+        let lines = requests.map(|frame| line(&frame)).concat();
+        board.send_bytes(&lines).expect("it runs");
+        for id in [21, 22] {
+            let refused = |message: Message<'_>| match message {
+                Message::Refusal(refusal) => Some(refusal),
+                _ => None,
+            };
+            let refused = board.wait_for(refused).expect("it runs");
+            let reason = refused.reason;
+            assert_eq!(refused.id, id);
+            let large = Reason::TooManyPoints(Cloud::Source, 3000);
+            assert!(reason == Reason::Busy || id == 22 && reason == large);
+        }
+        still_answers(&mut board, 30);
+    });
+}
+
+#[test]
+fn a_million_random_bytes_leave_it_answering() {
+    const BYTES: usize = 1_000_000;
+    on_boards(true, |kind, mut board| {
+        board.status_and_report().expect("it runs");
+        let mut rng: Rng = stream(kind as u64, Purpose::Shape, 1);
+        let mut sent = 0;
+        while sent < BYTES {
+            // Runs without zeros too, so that long frames come as well as short ones.
+            let low = u8::from(rng.random_bool(0.3));
+            let length = rng.random_range(1..40_000).min(BYTES - sent);
+            let bytes: Vec<u8> = (0..length).map(|_| rng.random_range(low..=255)).collect();
+            board.send_bytes(&bytes).expect("it runs");
+            sent += length;
+        }
+        board.send_bytes(&[0]).expect("it runs");
+        still_answers(&mut board, 40);
+        let (status, _) = board.ask().expect("it runs");
+        assert_eq!(
+            (status.served, status.policy.map(|p| p.version)),
+            (1, Some(5))
+        );
+        assert!(status.refused > 100, "{}", status.refused);
+    });
+}
+
+#[test]
+fn a_policy_comes_over_the_line_and_counts_when_it_is_whole() {
+    on_boards(false, |_, mut board| {
+        let (status, _) = board.status_and_report().expect("it runs");
+        assert_eq!(status.policy, None);
+        let target = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        let frame = request(1, 1, &target, &target);
+        let refused = board.refine(&frame, |_| {}).expect("it runs");
+        let reason = Reason::NoPolicy;
+        assert_eq!(refused, Err(Refusal { id: 1, reason }));
+
+        // One bit of the file is wrong, or one chunk is missing, or the file is too large.
+        let mut damaged = POLICY.bytes().to_vec();
+        damaged[1_000_000] ^= 1;
+        assert!(matches!(
+            board.load(&manifest(6), &damaged),
+            Err(BoardError::PolicyRefused { .. })
+        ));
+        board
+            .send(&Message::Manifest(manifest(6)))
+            .expect("it runs");
+        let bytes = &POLICY.bytes()[16 * 1024..][..16 * 1024];
+        board
+            .send(&Message::Chunk(Chunk { index: 1, bytes }))
+            .expect("it runs");
+        assert_eq!(refusal(&mut board).reason, Reason::Malformed);
+        let float = WeightFile::pretrained();
+        let large = publish::manifest(6, "f32", &float).expect("a short name");
+        assert!(board.load(&large, float.bytes()).is_err());
+
+        board
+            .load(&manifest(7), POLICY.bytes())
+            .expect("it is whole");
+        let (status, _) = board.ask().expect("it runs");
+        let policy = status.policy.expect("it counts");
+        assert_eq!((policy.version, policy.sha256), (7, POLICY.sha256()));
+        still_answers(&mut board, 50);
+    });
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_board_serves_a_fleet() {
+    if let Err(error) = check_simulator() {
+        return eprintln!("skipped: {error}");
+    }
+    let Some((kind, image)) = images().into_iter().next() else {
+        return;
+    };
+    let board = Board::start(kind, &image, Simulation::default()).expect("QEMU starts");
+    let network = Network::start().await;
+    let config = NodeConfig {
+        fleet: FLEET.into(),
+        robot: "board".into(),
+        trusted: vec![],
+        state: None,
+    };
+    let node = Node::start_with(network.join().await, config, Some(board));
+    let node = node.await.expect("good names");
+    let client = network.join().await;
+    let mut rng: Rng = stream(5, Purpose::Shape, 0);
+    let (source, target) = (cloud(&mut rng, 20), cloud(&mut rng, 30));
+    let request = request_to(&source, &target);
+    let early = client::refine(&client, FLEET, "board", &request).await;
+    let no_policy = Reason::NoPolicy;
+    assert!(
+        matches!(early, Err(RefineError::Refused { refusal, .. }) if refusal.reason == no_policy)
+    );
+
+    let mut publisher = publisher(&network).await;
+    let published = publisher.publish(3, "int8", POLICY.clone());
+    published.await.expect("it is announced");
+    until(&node, |view| view.policy.is_some()).await;
+    let reply = client::refine(&client, FLEET, "board", &request).await;
+    let reply = reply.expect("a pose");
+    let expected = trajectory(Isa::best(), &source, &target);
+    let last = expected.last().expect("steps").1;
+    assert_eq!(
+        (bits(reply.target_from_source), reply.policy_version),
+        (last, 3)
+    );
+
+    // A policy that its flash has no room for: it keeps the one it has, and says why.
+    let float = publisher.publish(4, "f32", WeightFile::pretrained());
+    float.await.expect("it is announced");
+    let view = until(&node, |view| view.updates_refused == 1).await;
+    let refusal = view.last_refusal.expect("there is a reason").to_string();
+    assert!(refusal.contains("--format int8"), "{refusal}");
+    assert_eq!(view.policy.map(|policy| policy.version), Some(3));
+}
+
+/// A file of the C interface.
+fn capi(path: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../core/capi")
+        .join(path)
+}
+
+/// Builds the static library and gives its path.
+fn library(target: Option<&str>) -> Option<PathBuf> {
+    let directory = capi("../../target/capi");
+    let mut build = Command::new(env!("CARGO"));
+    build
+        .args(["build", "--release", "--locked", "-p", "reagent-capi"])
+        .args(target.iter().flat_map(|target| ["--target", target]))
+        .arg("--target-dir")
+        .arg(&directory)
+        .current_dir(capi("."));
+    let output = build.output().expect("cargo runs");
+    let text = String::from_utf8_lossy(&output.stderr);
+    if text.contains("can't find crate for `core`") {
+        eprintln!("skipped: the compiler has no core library for {target:?}");
+        return None;
+    }
+    assert!(output.status.success(), "{text}");
+    let folder = target.map_or(directory.clone(), |target| directory.join(target));
+    Some(folder.join("release/libreagent.a"))
+}
+
+/// Output of a program that must succeed; `None`, with a word, where it is not installed.
+fn output(program: &str, arguments: &[&OsStr]) -> Option<String> {
+    match Command::new(program).args(arguments).output() {
+        Err(error) if error.kind() == ErrorKind::NotFound => {
+            eprintln!("skipped: {program} is not installed");
+            None
+        }
+        output => {
+            let output = output.expect("it runs");
+            let error = String::from_utf8_lossy(&output.stderr);
+            assert!(output.status.success(), "{program}: {error}");
+            Some(String::from_utf8(output.stdout).expect("text"))
+        }
+    }
+}
+
+/// What `core/capi/examples/register.c` prints, from Rust.
+fn lines_of_the_c_example() -> String {
+    let mut random = 1u32;
+    let mut draw = || {
+        random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (random >> 8) as f32 / 8_388_608.0 - 1.0
+    };
+    let target: Vec<[f32; 3]> = (0..200).map(|_| [draw(), draw(), draw()]).collect();
+    let source: Vec<[f32; 3]> = target.iter().map(|&[x, y, z]| [x + 0.125, y, z]).collect();
+    let mut lines = String::new();
+    for (action, pose) in trajectory(Isa::best(), &source, &target) {
+        let ids = action.translation.into_iter().chain(action.rotation);
+        for word in ids.map(u32::from).chain(pose.into_iter().flatten()) {
+            write!(lines, "{word:08x} ").expect("memory");
+        }
+        lines.push('\n');
+    }
+    lines
+}
+
+#[test]
+fn c_takes_the_same_steps_on_the_host_and_on_the_board() {
+    let directory = tempfile::tempdir().expect("a temporary directory");
+    let path = |name: &str| directory.path().join(name);
+    let (policy, host, board) = (path("policy.rgw"), path("host"), path("board"));
+    POLICY.save(&policy).expect("it is writable");
+    let include = capi("include");
+    let [example, host_c, mps2_c, mps2_ld] =
+        ["register.c", "host.c", "mps2.c", "mps2.ld"].map(|name| capi("examples").join(name));
+    let strict = ["-std=c11", "-O2", "-Wall", "-Wextra", "-Werror", "-I"].map(OsStr::new);
+    let expected = lines_of_the_c_example();
+    assert!(expected.lines().count() > 1);
+
+    let library_here = library(None).expect("this machine's own target");
+    let files = [&include, &example, &host_c, &library_here].map(|path| path.as_os_str());
+    let end = ["-lpthread", "-ldl", "-lm", "-o"].map(OsStr::new);
+    if output(
+        "cc",
+        &[&strict[..], &files, &end, &[host.as_os_str()]].concat(),
+    )
+    .is_some()
+    {
+        let text = host.to_str().expect("a plain path");
+        assert_eq!(output(text, &[policy.as_os_str()]), Some(expected.clone()));
+    }
+
+    let Some(library) = library(Some(Kind::CortexM7.target())) else {
+        return;
+    };
+    let processor = [
+        "-mcpu=cortex-m7",
+        "-mfpu=fpv5-d16",
+        "-mfloat-abi=hard",
+        "-mthumb",
+    ];
+    let bare = ["-ffreestanding", "-nostdlib", "-Wl,--gc-sections", "-T"].map(OsStr::new);
+    let files = [&include, &example, &mps2_c, &library].map(|path| path.as_os_str());
+    let arguments = [
+        &processor.map(OsStr::new)[..],
+        &strict,
+        &files,
+        &bare,
+        &[
+            mps2_ld.as_os_str(),
+            "-lgcc".as_ref(),
+            "-o".as_ref(),
+            board.as_os_str(),
+        ],
+    ];
+    if output("arm-none-eabi-gcc", &arguments.concat()).is_none() {
+        return;
+    }
+    let weights = format!(
+        "loader,file={},addr=0x00100000,force-raw=on",
+        policy.display()
+    );
+    let simulator = [
+        "-machine",
+        "mps2-an500",
+        "-display",
+        "none",
+        "-monitor",
+        "none",
+        "-serial",
+        "stdio",
+        "-semihosting-config",
+        "enable=on,target=native",
+        "-device",
+        &weights,
+        "-kernel",
+    ];
+    let simulator = simulator.map(OsStr::new);
+    let printed = output(
+        "qemu-system-arm",
+        &[&simulator[..], &[board.as_os_str()]].concat(),
+    );
+    if let Some(printed) = printed {
+        assert_eq!(printed, expected);
+    }
+}
+
+#[test]
+fn the_c_header_is_what_cbindgen_makes() {
+    let config = capi("cbindgen.toml");
+    let arguments = ["--quiet", "--config"].map(OsStr::new);
+    let source = capi("src/lib.rs");
+    let arguments = [&arguments[..], &[config.as_os_str(), source.as_os_str()]].concat();
+    if let Some(made) = output("cbindgen", &arguments) {
+        let checked_in = std::fs::read_to_string(capi("include/reagent.h")).expect("a header");
+        assert_eq!(
+            checked_in, made,
+            "cbindgen --config cbindgen.toml src/lib.rs > include/reagent.h"
+        );
+    }
+}

@@ -1,4 +1,4 @@
-//! Integer layers with NEON, 16 outputs by 4 points, written once for two dot products of four bytes:
+//! Integer layers with NEON, 16 outputs by 4 or 2 points, written once for two dot products of four bytes:
 //! `sdot` of Armv8.2, and one that plain NEON puts together from products of 16 bits.
 //!
 //! Both multiply signed bytes only, so activation codes are taken less 128, and `128 Σ w`, one value an
@@ -30,22 +30,38 @@ fn dot_sdot<const LANE: i32>(mut sum: int32x4_t, w: int8x16_t, x: int8x16_t) -> 
     sum
 }
 
+/// Sums of plain NEON, two halves of each: of the first two outputs of a register, then of the others.
+type Halves = [int32x4_t; 2];
+
+/// As [`dot_sdot`].
 #[inline(always)]
-fn dot_plain<const LANE: i32>(sum: int32x4_t, w: int8x16_t, x: int8x16_t) -> int32x4_t {
+fn dot_plain<const LANE: i32>([first, others]: Halves, w: int8x16_t, x: int8x16_t) -> Halves {
     // SAFETY: NEON is part of the target.
     unsafe {
         let x = vreinterpretq_s8_s32(vdupq_laneq_s32::<LANE>(vreinterpretq_s32_s8(x)));
-        let low = vmull_s8(vget_low_s8(w), vget_low_s8(x));
-        let high = vmull_high_s8(w, x);
-        vaddq_s32(sum, vpaddq_s32(vpaddlq_s16(low), vpaddlq_s16(high)))
+        [
+            vpadalq_s16(first, vmull_s8(vget_low_s8(w), vget_low_s8(x))),
+            vpadalq_s16(others, vmull_high_s8(w, x)),
+        ]
     }
 }
 
+#[inline(always)]
+fn total_sdot(sum: int32x4_t) -> int32x4_t {
+    sum
+}
+
+#[inline(always)]
+fn total_plain([first, others]: Halves) -> int32x4_t {
+    // SAFETY: NEON is part of the target.
+    unsafe { vpaddq_s32(first, others) }
+}
+
 macro_rules! kernels {
-    ($module:ident, $dot:ident) => {
+    ($module:ident, $dot:ident, $total:ident, $zero:expr, $points:literal) => {
         pub(super) mod $module {
             use super::super::search::Codes;
-            use super::$dot;
+            use super::{$dot, $total};
             use crate::dims::PANEL;
             use core::arch::aarch64::*;
             use core::ops::Range;
@@ -57,16 +73,10 @@ macro_rules! kernels {
             /// Registers of one panel.
             const QUARTERS: usize = PANEL / LANES;
             /// Points of one block.
-            const POINTS: usize = 4;
+            const POINTS: usize = $points;
 
             /// Sums of one panel.
             type Sums = [int32x4_t; QUARTERS];
-
-            #[inline(always)]
-            unsafe fn zero() -> Sums {
-                // SAFETY: NEON is part of the target.
-                [unsafe { vdupq_n_s32(0) }; QUARTERS]
-            }
 
             /// Sixteen codes as signed bytes: less 128 where `LESS_128`.
             #[inline(always)]
@@ -86,7 +96,8 @@ macro_rules! kernels {
                 // SAFETY: the caller guarantees `inputs` columns of a panel at `weights` and as many
                 // codes of each row, and a multiple of four inputs.
                 unsafe {
-                    let mut sum = [zero(); N];
+                    let zero = vdupq_n_s32(0);
+                    let mut sum = [[$zero(zero); QUARTERS]; N];
                     let whole = inputs / 16 * 16;
                     for k in (0..whole).step_by(16) {
                         let x: [int8x16_t; N] =
@@ -117,7 +128,7 @@ macro_rules! kernels {
                             }
                         }
                     }
-                    sum
+                    sum.map(|row| row.map($total))
                 }
             }
 
@@ -133,14 +144,15 @@ macro_rules! kernels {
             unsafe fn excess(inputs: usize, weights: *const i8) -> Sums {
                 // SAFETY: as for `sums`.
                 unsafe {
-                    let mut sum = zero();
+                    let zero = vdupq_n_s32(0);
+                    let mut sum = [$zero(zero); QUARTERS];
                     for k in 0..inputs / 4 {
                         for q in 0..QUARTERS {
                             let w = vld1q_s8(weights.add(k * QUAD + q * 16));
                             sum[q] = $dot::<0>(sum[q], w, vdupq_n_s8(-128));
                         }
                     }
-                    sum
+                    sum.map($total)
                 }
             }
 
@@ -283,5 +295,5 @@ macro_rules! kernels {
     };
 }
 
-kernels!(plain, dot_plain);
-kernels!(dot, dot_sdot);
+kernels!(plain, dot_plain, total_plain, |zero| [zero; 2], 2);
+kernels!(dot, dot_sdot, total_sdot, |zero| zero, 4);

@@ -4,7 +4,7 @@
 //! Codes of a block of points are spread to 16 bits once, in pairs as `sxtb16` gives those of weights,
 //! and meet all outputs; four weights are loaded and spread for four points at a time. That makes 13
 //! instructions for 16 products, besides a loop over inputs that is unrolled four times.
-#![allow(unsafe_code, clippy::indexing_slicing)]
+#![allow(unsafe_code, clippy::indexing_slicing, clippy::needless_range_loop)]
 
 use super::bytes;
 use super::search::{Codes, QUAD};

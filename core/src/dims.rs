@@ -29,7 +29,7 @@ pub const SURFACE_POINTS: usize = 2048;
 pub const PANEL: usize = 16;
 /// Points whose hidden activations are held at once: the tile stays in the L1 cache of a host and in
 /// the few KiB of a microcontroller.
-pub const TILE: usize = if HOST { 48 } else { 8 };
+pub const TILE: usize = if HOST { 48 } else { 4 };
 
 /// Points whose 8-bit codes are held at once.
 pub const QUANT_TILE: usize = if HOST { 192 } else { 8 };
@@ -76,7 +76,7 @@ pub const POLICY_BYTES: usize = crate::weights::FILE_LEN_INT8;
 /// Most RAM beyond the policy for two clouds of 1024 points on a microcontroller, stack included, bytes.
 pub const RAM_BUDGET: usize = 48 * 1024;
 /// Of it, what is left for frames on the line and the rest of the stack.
-pub const RAM_REST: usize = 6 * 1024;
+pub const RAM_REST: usize = 9 * 1024;
 /// Most flash of a policy in 8-bit integers, bytes.
 pub const FLASH_BUDGET: usize = 2_700_000;
 

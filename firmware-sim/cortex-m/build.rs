@@ -4,6 +4,8 @@ use std::{env, fs, path::PathBuf};
 
 /// RAM for everything: clouds, working memory, stack.
 const RAM: usize = 48 * 1024;
+/// The stack's part of it, at its low end: what is deeper faults instead of overwriting statics.
+const STACK: usize = 13 * 1024 + 512;
 
 fn main() {
     let target = env::var("TARGET").expect("set by cargo");
@@ -17,8 +19,10 @@ fn main() {
         "MEMORY {{
             FLASH : ORIGIN = {flash:#x}, LENGTH = 256K
             POLICY : ORIGIN = {policy:#x}, LENGTH = 3M
-            RAM : ORIGIN = {ram:#x}, LENGTH = {RAM}
+            RAM : ORIGIN = {ram:#x} + {STACK}, LENGTH = {RAM} - {STACK}
         }}
+        _stack_start = ORIGIN(RAM);
+        _stack_end = ORIGIN(RAM) - {STACK};
         _policy_flash = ORIGIN(POLICY);"
     );
     let out = PathBuf::from(env::var_os("OUT_DIR").expect("set by cargo"));

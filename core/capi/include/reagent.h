@@ -20,7 +20,7 @@
 
 #if !(defined(__x86_64__) || defined(__aarch64__))
 // Words of a ReagentMemory.
-#define REAGENT_MEMORY_WORDS 2304
+#define REAGENT_MEMORY_WORDS 1920
 #endif
 
 // What came of a call. Whatever is not OK has changed nothing.

@@ -22,7 +22,7 @@ fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
 pub const REAGENT_MEMORY_WORDS: usize = 6400;
 /// Words of a ReagentMemory.
 #[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
-pub const REAGENT_MEMORY_WORDS: usize = 2304;
+pub const REAGENT_MEMORY_WORDS: usize = 1920;
 
 /// Memory of one registrar: the caller's, of any content, where it likes. It must not be moved or
 /// copied between calls.

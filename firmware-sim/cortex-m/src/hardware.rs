@@ -28,6 +28,7 @@ unsafe extern "C" {
     static __sidata: u8;
     static __sdata: u8;
     static __edata: u8;
+    static __sheap: u8;
     static _stack_end: u32;
     static _stack_start: u32;
 }
@@ -131,9 +132,9 @@ impl Flash {
 pub(crate) fn program_and_static_bytes() -> (u32, u32) {
     let [start, end] = [addr_of!(__vector_table).addr(), addr_of!(__sidata).addr()];
     let [data, data_end] = [addr_of!(__sdata).addr(), addr_of!(__edata).addr()];
-    let stack_end = addr_of!(_stack_end).addr();
+    let statics_end = addr_of!(__sheap).addr();
     let program = end - start + (data_end - data);
-    (program as u32, (stack_end - data) as u32)
+    (program as u32, (statics_end - data) as u32)
 }
 
 /// Bytes of the stack that were used at the highest, and all of them: `Reset` has painted it.

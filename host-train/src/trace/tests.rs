@@ -1,8 +1,8 @@
 use super::*;
 use crate::export::WeightFile;
 use crate::nn::{Parameters, Shape};
-use crate::refine::Mode;
 use crate::random::{Purpose, stream};
+use crate::refine::Mode;
 use proptest::prelude::*;
 use rand::RngExt;
 use std::sync::LazyLock;
@@ -17,8 +17,15 @@ fn traced(name: &str) -> Traced {
             .collect()
     };
     let (source, target) = (cloud(), cloud());
-    let found = crate::register::register(file.policy(), &source, &target, Pose::IDENTITY, 3, Mode::Fast)
-        .expect("valid");
+    let found = crate::register::register(
+        file.policy(),
+        &source,
+        &target,
+        Pose::IDENTITY,
+        3,
+        Mode::Fast,
+    )
+    .expect("valid");
     Traced {
         header: Header {
             name: name.into(),

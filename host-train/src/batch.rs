@@ -43,8 +43,15 @@ pub fn for_each<M, T: Send>(
     (0..count)
         .into_par_iter()
         .with_max_len(1)
-        .map_init(|| Box::new(memory()), |memory, i| f(memory, i))
+        .map_init(|| boxed(&memory), |memory, i| f(memory, i))
         .collect()
+}
+
+/// Not inlined: working memory passes over the stack here, which must not be a part of every level at which
+/// rayon splits the work.
+#[inline(never)]
+fn boxed<M>(memory: impl Fn() -> M) -> Box<M> {
+    Box::new(memory())
 }
 
 #[cfg(test)]

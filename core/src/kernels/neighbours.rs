@@ -5,7 +5,9 @@
 
 #![allow(unsafe_code)]
 
-use super::{Isa, Kind};
+use super::Isa;
+#[cfg(target_arch = "x86_64")]
+use super::Kind;
 
 /// Queries of a [`Batch`].
 pub const BATCH: usize = 32;
@@ -143,7 +145,6 @@ impl Isa {
     /// Shows `points`, whose places count from `first`, to a batch. The same bits on every kernel.
     pub fn show(self, batch: &mut Batch, points: &[[f32; 3]], first: u32) {
         match self.0 {
-            Kind::Portable => nearest::<8>(batch, points, first),
             // SAFETY: the instruction set was detected.
             #[cfg(target_arch = "x86_64")]
             Kind::Avx2 | Kind::AvxVnni => unsafe { nearest_avx2(batch, points, first) },
@@ -152,6 +153,7 @@ impl Isa {
             Kind::Avx512 | Kind::Avx512Vnni | Kind::Amx => unsafe {
                 nearest_avx512(batch, points, first);
             },
+            _ => nearest::<8>(batch, points, first),
         }
     }
 
@@ -165,7 +167,6 @@ impl Isa {
         sums: &mut Moments,
     ) {
         match self.0 {
-            Kind::Portable => moments::<8>(at, points, per_squared_radius, sums),
             // SAFETY: the instruction set was detected.
             #[cfg(target_arch = "x86_64")]
             Kind::Avx2 | Kind::AvxVnni => unsafe {
@@ -176,6 +177,7 @@ impl Isa {
             Kind::Avx512 | Kind::Avx512Vnni | Kind::Amx => unsafe {
                 moments_avx512(at, points, per_squared_radius, sums);
             },
+            _ => moments::<8>(at, points, per_squared_radius, sums),
         }
     }
 }

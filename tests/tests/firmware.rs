@@ -134,7 +134,7 @@ fn pairs() -> Vec<[Vec<[f32; 3]>; 2]> {
     let pair = |i: usize| {
         let set = real
             .as_ref()
-            .filter(|set| i % 2 == 0 && i < set.source.len());
+            .filter(|set| i.is_multiple_of(2) && i < set.source.len());
         let set = set.unwrap_or(&drawn);
         let points = if i == 0 { 256 } else { 30 + i };
         [&set.source[i], &set.target[i]].map(|cloud| cloud.iter().copied().take(points).collect())

@@ -214,7 +214,7 @@ async fn a_restarted_robot_has_its_policy_without_a_host() {
     let view = until(&node, |_| true).await;
     assert_eq!((view.policy, view.updates_refused), (None, 1));
     let second = Node::start(network.join().await, config()).await;
-    let error = second.err().expect("the first holds the flash").to_string();
+    let error = second.expect_err("the first holds the flash").to_string();
     assert!(
         error.contains("another robot uses this state directory"),
         "{error}"

@@ -3,17 +3,20 @@
 mod key;
 mod session;
 
+use key::bytes_from_hex;
 pub use key::{KeyError, keygen, read_key};
 pub use session::{SessionArgs, SessionError, open as open_session};
 
 use crate::export::{ExportError, WeightFile};
+use crate::train::TrainError;
+use crate::train::record::RunRecord;
 use ed25519_dalek::{Signer, SigningKey};
 use reagent_core::net::Scratch;
 use reagent_core::wire::keys::Hex;
 use reagent_core::wire::{self, Manifest, Message, PolicyName, SignedManifest, keys};
 use reagent_core::{Error, Registrar, weights};
 use sha2::{Digest, Sha256};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 use std::time::SystemTime;
 use thiserror::Error;
@@ -47,6 +50,17 @@ pub enum PublishError {
         given: u64,
         /// The newest so far.
         announced: u64,
+    },
+    /// The run that the policy came from has no record.
+    #[error(transparent)]
+    Run(#[from] TrainError),
+    /// The record of the evaluation, or the hash in a run's record, cannot be read.
+    #[error("{path}: {reason}")]
+    Record {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        reason: String,
     },
     /// The session failed.
     #[error("zenoh: {0}")]
@@ -143,6 +157,32 @@ impl Publisher {
     }
 }
 
+impl Provenance {
+    /// Of a policy from this run, whose evaluation is recorded in this file.
+    ///
+    /// # Errors
+    /// `Run`, `Record`.
+    pub fn read(run: Option<&Path>, evaluation: Option<&Path>) -> Result<Self, PublishError> {
+        let mut provenance = Provenance::default();
+        if let Some(run) = run {
+            let hash = RunRecord::load(run)?.data_sha256;
+            provenance.training =
+                bytes_from_hex(hash.as_bytes()).ok_or_else(|| PublishError::Record {
+                    path: run.to_owned(),
+                    reason: "its record holds no SHA-256 of the training data".into(),
+                })?;
+        }
+        if let Some(path) = evaluation {
+            let bytes = std::fs::read(path).map_err(|error| PublishError::Record {
+                path: path.to_owned(),
+                reason: error.to_string(),
+            })?;
+            provenance.evaluation = Sha256::digest(bytes).into();
+        }
+        Ok(provenance)
+    }
+}
+
 /// SHA-256 of each chunk of a policy file.
 pub fn chunk_table(file: &[u8]) -> Vec<[u8; 32]> {
     let chunks = file.chunks(wire::CHUNK_BYTES);
@@ -236,6 +276,12 @@ pub struct PublishArgs {
     /// Version of the policy; robots take only newer ones. Default: the time, in seconds since 1970.
     #[arg(long, value_name = "N")]
     pub policy_version: Option<u64>,
+    /// Run that the policy came from; the SHA-256 of its training data goes into the manifest.
+    #[arg(long, value_name = "RUN_DIR")]
+    pub run: Option<PathBuf>,
+    /// Record of the policy's evaluation, such as the JSON of `eval`; its SHA-256 goes into the manifest.
+    #[arg(long, value_name = "FILE")]
+    pub evaluation: Option<PathBuf>,
     /// The network.
     #[command(flatten)]
     pub session: SessionArgs,
@@ -254,9 +300,11 @@ pub async fn run(args: PublishArgs) -> Result<(), PublishError> {
         let since_1970 = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
         since_1970.map_or(1, |time| time.as_secs())
     });
+    let provenance = Provenance::read(args.run.as_deref(), args.evaluation.as_deref())?;
     let session = open_session(&args.session).await?;
     let public_key = key.verifying_key().to_bytes();
     let mut publisher = Publisher::new(session, &args.fleet, key)?;
+    publisher.provenance = provenance;
     let manifest = publisher.publish(version, &name, file).await?;
     println!(
         "serving policy {name:?} version {version} ({} bytes, SHA-256 {}) to fleet {:?}; Ctrl-C ends it",
@@ -270,4 +318,31 @@ pub async fn run(args: PublishArgs) -> Result<(), PublishError> {
     );
     tokio::signal::ctrl_c().await.map_err(zenoh::Error::from)?;
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn provenance_is_read_from_runs_and_records() {
+        assert_eq!(
+            Provenance::read(None, None).expect("nothing"),
+            Provenance::default()
+        );
+        let folder = tempfile::tempdir().expect("a temporary directory");
+        let record = folder.path().join("eval.json");
+        std::fs::write(&record, "{}").expect("writable");
+        let read = Provenance::read(None, Some(&record)).expect("readable");
+        let expected: [u8; 32] = Sha256::digest("{}").into();
+        assert_eq!((read.evaluation, read.training), (expected, [0; 32]));
+        let missing = folder.path().join("missing");
+        let error = Provenance::read(None, Some(&missing));
+        assert!(
+            matches!(error, Err(PublishError::Record { .. })),
+            "{error:?}"
+        );
+        let error = Provenance::read(Some(&missing), None);
+        assert!(matches!(error, Err(PublishError::Run(_))), "{error:?}");
+    }
 }

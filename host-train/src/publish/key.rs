@@ -64,13 +64,14 @@ pub fn keygen(path: &Path) -> Result<VerifyingKey, KeyError> {
 /// `Missing`, `Format`, `Io`.
 pub fn read_key(path: &Path) -> Result<SigningKey, KeyError> {
     let text = std::fs::read(path).map_err(|error| failed(path, error))?;
-    let seed = seed_from_hex(text.trim_ascii()).ok_or_else(|| KeyError::Format {
+    let seed = bytes_from_hex(text.trim_ascii()).ok_or_else(|| KeyError::Format {
         path: path.display().to_string(),
     })?;
     Ok(SigningKey::from_bytes(&seed))
 }
 
-fn seed_from_hex(digits: &[u8]) -> Option<[u8; 32]> {
+/// 32 bytes as 64 hexadecimal digits.
+pub(super) fn bytes_from_hex(digits: &[u8]) -> Option<[u8; 32]> {
     let digit = |byte: u8| char::from(byte).to_digit(16);
     let mut seed = [0; 32];
     let pairs = digits.chunks_exact(2);

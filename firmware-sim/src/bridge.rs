@@ -3,7 +3,7 @@
 
 use crate::board::{Board, BoardError};
 use crate::policy::{LoadedPolicy, UpdateError};
-use crate::service::{read_request, send_refusal, send_reply};
+use crate::service::{read_request, settle};
 use crate::view::View;
 use reagent_core::wire::{Manifest, Reason, RefineReply, Refusal};
 use std::sync::Arc;
@@ -39,14 +39,7 @@ pub(crate) fn serve(
             Some(Some(query)) => {
                 let payload = query.payload().map(|p| p.to_bytes()).unwrap_or_default();
                 let answer = answer(&mut board, &payload);
-                view.send_modify(|view| match answer {
-                    Ok(_) => view.count_served(),
-                    Err(_) => view.count_refused(),
-                });
-                match answer {
-                    Ok(reply) => send_reply(&query, reply_key, reply),
-                    Err(refusal) => send_refusal(&query, refusal),
-                }
+                settle(&query, reply_key, answer, view);
             }
             Some(None) => return,
         }

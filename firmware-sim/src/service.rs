@@ -43,14 +43,7 @@ pub(crate) fn serve(
             }
             let payload = query.payload().map(|p| p.to_bytes()).unwrap_or_default();
             let answer = answer(engine.as_mut(), &mut clouds, &payload);
-            view.send_modify(|view| match answer {
-                Ok(_) => view.count_served(),
-                Err(_) => view.count_refused(),
-            });
-            match answer {
-                Ok(reply) => send_reply(&query, reply_key, reply),
-                Err(refusal) => send_refusal(&query, refusal),
-            }
+            settle(&query, reply_key, answer, view);
         }
     }
 }
@@ -130,8 +123,25 @@ fn taken<'c>(
     points.map_err(|error| Reason::of(error, cloud))
 }
 
+/// Counts the answer to a query and sends it.
+pub(crate) fn settle(
+    query: &Query,
+    reply_key: &str,
+    answer: Result<RefineReply, Refusal>,
+    view: &watch::Sender<View>,
+) {
+    view.send_modify(|view| match answer {
+        Ok(_) => view.count_served(),
+        Err(_) => view.count_refused(),
+    });
+    match answer {
+        Ok(reply) => send_reply(query, reply_key, reply),
+        Err(refusal) => send_refusal(query, refusal),
+    }
+}
+
 /// Answers a query with a pose.
-pub(crate) fn send_reply(query: &Query, key: &str, reply: RefineReply) {
+fn send_reply(query: &Query, key: &str, reply: RefineReply) {
     let frame = small_frame(&Message::RefineReply(reply));
     if let Err(error) = query.reply(key, frame).wait() {
         tracing::warn!("reply {} was not sent: {error}", reply.id);

@@ -7,7 +7,7 @@ use crate::quant::QuantScratch;
 use crate::weights::{Dense, Embedding, FloatNetwork, Head, Network};
 use glam::Vec3;
 
-/// A global feature vector, one value a channel.
+/// A global feature vector, one value a channel; as many as the network has features.
 pub type Feature = [f32; FEATURES];
 
 /// Hidden activations of the points embedded together.
@@ -125,7 +125,8 @@ impl View {
 /// The global feature: max over points of the pointwise embedding (no ReLU on the last layer).
 ///
 /// # Shapes
-/// `points [N, 3]`, `feature [1024]`. An empty cloud gives -infinity everywhere.
+/// `points [N, 3]`, `feature [1024]` or as many as the embedding gives, the rest left alone. An empty
+/// cloud gives -infinity everywhere.
 pub fn embed(
     isa: Isa,
     embedding: &Embedding<'_>,
@@ -134,6 +135,10 @@ pub fn embed(
     tiles: &mut Tiles,
     feature: &mut Feature,
 ) {
+    let [_, _, last] = &embedding.layers;
+    let Some(feature) = feature.get_mut(..last.outputs) else {
+        return;
+    };
     feature.fill(f32::NEG_INFINITY);
     let Tiles { hidden1, hidden2 } = tiles;
     embed_tiles(
@@ -294,7 +299,7 @@ fn embed_tiles(
 }
 
 /// The part of a head's first layer that the target's feature determines, bias included: constant
-/// over a registration.
+/// over a registration; as much of it as the layer has outputs.
 pub type TargetHalf = [f32; HEAD[0]];
 
 /// First half of the heads for a target: `b + W[:, 1024..] φ(Y)` for both heads.
@@ -309,7 +314,10 @@ pub fn target_halves(
         .zip(halves)
     {
         let [fc1, _, _] = &head.layers;
-        isa.gemv(fc1, fc1.bias, FEATURES, target, half);
+        let features = fc1.inputs / 2;
+        if let Some(target) = target.get(..features) {
+            isa.gemv(fc1, fc1.bias, features, target, half);
+        }
     }
 }
 
@@ -321,12 +329,18 @@ pub fn logits(
     scratch: &mut FloatScratch,
 ) -> [f32; LOGITS] {
     let [fc1, fc2, out] = &head.layers;
-    isa.gemv(fc1, target_half, 0, &scratch.feature, &mut scratch.head1);
-    relu(&mut scratch.head1);
-    isa.gemv(fc2, fc2.bias, 0, &scratch.head1, &mut scratch.head2);
-    relu(&mut scratch.head2);
     let mut padded_logits = [0.0; padded(LOGITS)];
-    isa.gemv(out, out.bias, 0, &scratch.head2, &mut padded_logits);
+    if let (Some(feature), Some(hidden1), Some(hidden2)) = (
+        scratch.feature.get(..fc1.inputs / 2),
+        scratch.head1.get_mut(..fc1.outputs),
+        scratch.head2.get_mut(..fc2.outputs),
+    ) {
+        isa.gemv(fc1, target_half, 0, feature, hidden1);
+        relu(hidden1);
+        isa.gemv(fc2, fc2.bias, 0, hidden1, hidden2);
+        relu(hidden2);
+        isa.gemv(out, out.bias, 0, hidden2, &mut padded_logits);
+    }
     core::array::from_fn(|i| padded_logits.get(i).copied().unwrap_or(0.0))
 }
 

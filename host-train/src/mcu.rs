@@ -9,9 +9,7 @@ use crate::export::{ExportError, WeightFile};
 use crate::latency::CALIBRATION;
 use crate::protocol::{self, Protocol};
 use crate::publish;
-use reagent_core::dims::{
-    CLOUD_BYTES, FEATURES, HEAD, MACS_HEADS_STEP, MACS_PER_POINT, POLICY_BYTES, STEPS,
-};
+use reagent_core::dims::{CLOUD_BYTES, STEPS};
 use reagent_core::wire::{self, CloudView, Message, REQUEST_OVERHEAD_BYTES, RefineRequest};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -90,18 +88,19 @@ pub fn measure(kind: Kind, file: &WeightFile, seed: u64) -> Result<Budget, McuEr
     let report = report?;
 
     let instructions = |ticks: u32| u64::from(ticks) * 1_000_000_000 / u64::from(report.hertz);
-    let embedding = (POINTS * MACS_PER_POINT) as u64;
-    let target = embedding + 2 * (FEATURES * HEAD[0]) as u64;
+    let shape = policy.policy().shape;
+    let embedding = (POINTS * shape.macs_per_point()) as u64;
+    let target = embedding + shape.macs_half() as u64;
     let steps = STEPS as u64;
     let total = instructions(report.target_ticks) + steps * instructions(report.step_ticks);
     Ok(Budget {
         board: format!("{kind:?}"),
-        policy_bytes: POLICY_BYTES,
+        policy_bytes: policy.bytes().len(),
         program_bytes: report.program_bytes as usize,
         cloud_bytes: CLOUD_BYTES,
         static_bytes: report.static_bytes as usize,
         stack_bytes: report.stack_bytes as usize,
-        multiply_adds: target + steps * (embedding + MACS_HEADS_STEP as u64),
+        multiply_adds: target + steps * (embedding + shape.macs_step() as u64),
         instructions: total,
         instructions_per_multiply_add: instructions(report.target_ticks) as f64 / target as f64,
     })

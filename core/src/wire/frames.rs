@@ -3,6 +3,7 @@
 use super::CloudView;
 use crate::error::Error;
 use crate::golden::GoldenActions;
+use crate::shape::Shape;
 use crate::steps::Action;
 use crate::verdict::Verdict;
 use crate::weights;
@@ -29,7 +30,7 @@ pub struct Manifest {
     pub file_version: u16,
     /// How the file stores numbers, as its header says ([`crate::weights::FORMAT_F32`]).
     pub number_format: u16,
-    /// Shape of the network, as its header says ([`crate::weights::SHAPE`]).
+    /// Shape of the network, as its header says ([`crate::shape::Shape`]).
     pub shape: [u16; 8],
     /// A name for people.
     pub name: PolicyName,
@@ -47,7 +48,7 @@ impl Manifest {
         let formats = [weights::FORMAT_F32, weights::FORMAT_INT8];
         self.file_version == weights::VERSION
             && formats.contains(&self.number_format)
-            && self.shape == weights::SHAPE
+            && Shape::from_header(self.shape).is_some()
     }
 
     /// Number of chunks, and `None` for a chunk length that is not allowed.

@@ -11,6 +11,8 @@ use crate::verdict::Verdict;
 use crate::weights::{Network, Policy};
 use glam::Vec3;
 
+mod slices;
+
 /// The normalised frame in which the policy works: `x_n = (x - centre) / scale`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Frame {
@@ -98,6 +100,11 @@ enum TargetState {
 #[derive(Clone, Debug)]
 pub struct Registration<'c> {
     source: &'c [[f32; 3]],
+    /// Of the target, what is still to be embedded; nothing afterwards.
+    unseen: &'c [[f32; 3]],
+    /// Points embedded of the cloud under way, if the scratch still says that it is this one's turn.
+    seen: usize,
+    turn: u32,
     /// Centroid `μ` of the observed source, own units.
     centroid: Vec3,
     frame: Frame,
@@ -139,6 +146,9 @@ impl Registration<'_> {
     pub const fn new() -> Self {
         Registration {
             source: &[],
+            unseen: &[],
+            seen: 0,
+            turn: 0,
             centroid: Vec3::ZERO,
             frame: Frame::IDENTITY,
             accumulated: Pose::IDENTITY,
@@ -171,6 +181,17 @@ impl Registration<'_> {
         Verdict::of_actions(self.before, self.last)
     }
 
+    /// How the policy sees the target: `(x - centre)/s`.
+    fn target_view(&self) -> View {
+        View {
+            origin: self.frame.centre,
+            map: Pose {
+                rotation: Pose::IDENTITY.rotation * (1.0 / self.frame.scale),
+                translation: Vec3::ZERO,
+            },
+        }
+    }
+
     /// How the policy sees the source now: `R (x - μ)/s + (μ - centre)/s + t`.
     fn view(&self) -> View {
         let scale = 1.0 / self.frame.scale;
@@ -182,6 +203,35 @@ impl Registration<'_> {
                     + self.accumulated.translation,
             },
         }
+    }
+}
+
+impl<'c> Registration<'c> {
+    /// Checks everything and begins: no step taken, no target embedded.
+    fn begin(
+        &mut self,
+        source: &'c [[f32; 3]],
+        target: &[[f32; 3]],
+        frame: Frame,
+        initial: Pose,
+    ) -> Result<(), Error> {
+        check_cloud(source)?;
+        check_cloud(target)?;
+        let centroid = centroid(source);
+        let initial = initial.checked()?.to_disentangled(centroid);
+        self.source = source;
+        self.unseen = &[];
+        self.seen = 0;
+        self.centroid = centroid;
+        self.frame = frame;
+        self.accumulated = Pose {
+            rotation: initial.rotation,
+            translation: initial.translation / frame.scale,
+        };
+        self.steps = 0;
+        self.before = Action::STOP;
+        self.last = Action::STOP;
+        Ok(())
     }
 }
 
@@ -246,30 +296,11 @@ impl<'w, 's> Registrar<'w, 's> {
         frame: Frame,
         initial: Pose,
     ) -> Result<(), Error> {
-        check_cloud(source)?;
-        check_cloud(target)?;
-        let centroid = centroid(source);
-        let initial = initial.checked()?.to_disentangled(centroid);
-        let target_view = View {
-            origin: frame.centre,
-            map: Pose {
-                rotation: Pose::IDENTITY.rotation * (1.0 / frame.scale),
-                translation: Vec3::ZERO,
-            },
-        };
-        self.embed(target, &target_view);
-        registration.source = source;
-        registration.centroid = centroid;
-        registration.frame = frame;
-        registration.accumulated = Pose {
-            rotation: initial.rotation,
-            translation: initial.translation / frame.scale,
-        };
-        registration.steps = 0;
-        registration.before = Action::STOP;
-        registration.last = Action::STOP;
-        registration.target.fit(&self.policy.network);
-        self.read_target(&mut registration.target);
+        registration.begin(source, target, frame, initial)?;
+        let view = registration.target_view();
+        self.scratch.begin();
+        self.embed(target, &view);
+        self.finish_target(registration);
         Ok(())
     }
 
@@ -290,7 +321,23 @@ impl<'w, 's> Registrar<'w, 's> {
 
     /// One step: observe the source under the current pose, take the arg-max action, accumulate.
     pub fn step(&mut self, registration: &mut Registration<'_>) -> Step {
-        self.embed(registration.source, &registration.view());
+        loop {
+            if let Some(step) = self.advance(registration, usize::MAX) {
+                return step;
+            }
+        }
+    }
+
+    /// Keeps what the target that is embedded contributes to every step.
+    fn finish_target(&mut self, registration: &mut Registration<'_>) {
+        self.finish();
+        registration.target.fit(&self.policy.network);
+        self.read_target(&mut registration.target);
+    }
+
+    /// Acts on the source that is embedded.
+    fn act(&mut self, registration: &mut Registration<'_>) -> Step {
+        self.finish();
         let [logits_t, logits_r] = self.logits(&registration.target);
         let action = Action {
             translation: arg_max(&logits_t),
@@ -353,6 +400,16 @@ impl<'w, 's> Registrar<'w, 's> {
         }
     }
 
+    /// Makes what was embedded a feature.
+    fn finish(&mut self) {
+        if let (Network::Int8(network), Memory::Int8(scratch)) =
+            (&self.policy.network, &mut self.scratch.memory)
+        {
+            quant::finish(network, scratch);
+        }
+    }
+
+    /// Embeds points of the cloud under way.
     fn embed(&mut self, points: &[[f32; 3]], view: &View) {
         match (&self.policy.network, &mut self.scratch.memory) {
             (Network::F32(network), Memory::F32(scratch)) => {

@@ -137,11 +137,9 @@ fn run(
         count_instructions: true,
     };
     let request = RefineRequest {
-        id: 1,
         max_steps: 2,
-        initial: None,
-        source: CloudView::of(source),
-        target: CloudView::of(target),
+        budget_ms: u32::MAX,
+        ..RefineRequest::new(1, CloudView::of(source), CloudView::of(target))
     };
     let mut buffer = vec![0; REQUEST_OVERHEAD_BYTES + CLOUD_BYTES];
     let frame = wire::encode(&Message::RefineRequest(request), &mut buffer)

@@ -86,11 +86,9 @@ fn on_boards(with_policy: bool, test: impl Fn(Kind, Board) + Sync) {
 
 fn request(id: u64, max_steps: u8, source: &[[f32; 3]], target: &[[f32; 3]]) -> Vec<u8> {
     let request = RefineRequest {
-        id,
         max_steps,
-        initial: None,
-        source: CloudView::of(source),
-        target: CloudView::of(target),
+        budget_ms: u32::MAX,
+        ..RefineRequest::new(id, CloudView::of(source), CloudView::of(target))
     };
     let mut buffer = vec![0; wire::REQUEST_OVERHEAD_BYTES + 12 * (source.len() + target.len())];
     let frame = wire::encode(&Message::RefineRequest(request), &mut buffer);

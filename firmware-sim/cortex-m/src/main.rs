@@ -18,8 +18,8 @@ use reagent_core::net::Scratch;
 use reagent_core::register::check_cloud;
 use reagent_core::wire::serial::CHECK_BYTES;
 use reagent_core::wire::{
-    self, Board, Cloud, Manifest, Message, PolicyId, REQUEST_OVERHEAD_BYTES, Reason, RefineReply,
-    Refusal, Status, StepTaken, take_request,
+    self, Board, Cloud, Manifest, Message, Mode, PolicyId, REQUEST_OVERHEAD_BYTES, Reason,
+    RefineReply, Refusal, Status, StepTaken, take_request,
 };
 use reagent_core::{Error, Frame, Policy, Pose, Registrar, Registration, Verdict};
 
@@ -104,6 +104,9 @@ fn refine(
         |cloud, points| check_cloud(points).map_err(|error| refused(Reason::of(error, cloud)));
     checked(Cloud::Source, request.source)?;
     checked(Cloud::Target, request.target)?;
+    if !matches!(request.mode, Mode::Fast | Mode::Best) {
+        return Err(refused(Reason::NoSuchMode(request.mode)));
+    }
     let (Some(registrar), Some(policy)) = (registrar, report.policy) else {
         return Err(refused(Reason::NoPolicy));
     };
@@ -125,6 +128,9 @@ fn refine(
     // After a stop on every axis each further step would see the same and stop again.
     while steps < request.max_steps && registration.verdict() != Verdict::Converged {
         let before = hardware::ticks();
+        if before.wrapping_sub(started) / (HERTZ / 1000) > request.budget_ms {
+            return Err(refused(Reason::Deadline));
+        }
         let action = registrar.step(&mut registration).action;
         report.step_ticks = hardware::ticks().wrapping_sub(before);
         steps += 1;
@@ -140,7 +146,10 @@ fn refine(
         id,
         target_from_source: registration.target_from_source().to_rows(),
         steps,
+        mode: Mode::Fast,
         verdict: registration.verdict(),
+        probability: None,
+        waited_micros: 0,
         micros: ticks / (HERTZ / 1_000_000),
         policy_version: policy.version,
     })
@@ -194,7 +203,7 @@ impl Report {
             policy: self.policy,
             served: self.served,
             refused: link.refused,
-            in_hand: 0,
+            ..Status::default()
         }));
     }
 

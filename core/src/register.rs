@@ -173,6 +173,11 @@ impl Registration<'_> {
         self.steps
     }
 
+    /// Whether slices still embed the target ([`Registrar::advance`]).
+    pub fn is_at_target(&self) -> bool {
+        !self.unseen.is_empty()
+    }
+
     /// Verdict if no further step is taken.
     pub fn verdict(&self) -> Verdict {
         if self.steps == 0 {

@@ -69,6 +69,8 @@ pub struct Budget {
     pub multiply_adds: u64,
     /// Instructions, simulated.
     pub instructions: u64,
+    /// Instructions of the longest slice of the work, simulated: nothing else runs for as long.
+    pub slice_instructions: u64,
     /// Instructions of the target's embedding by its multiply-adds.
     pub instructions_per_multiply_add: f64,
 }
@@ -120,6 +122,7 @@ pub fn measure(kind: Kind, file: &WeightFile, seed: u64) -> Result<Budget, McuEr
         stack_bytes: report.stack_bytes as usize,
         multiply_adds: target + steps * (embedding + shape.macs_step() as u64),
         instructions: total,
+        slice_instructions: instructions(report.slice_ticks),
         instructions_per_multiply_add: instructions(report.target_ticks) as f64 / target as f64,
     })
 }
@@ -164,6 +167,13 @@ pub fn regressions(now: &Budget, before: &Budget) -> Vec<String> {
             "instructions",
             (now.instructions as f64, before.instructions as f64),
         ),
+        (
+            "instructions of a slice",
+            (
+                now.slice_instructions as f64,
+                before.slice_instructions as f64,
+            ),
+        ),
     ];
     numbers
         .into_iter()
@@ -188,11 +198,12 @@ type Row = (&'static str, fn(&Budget) -> String);
 
 /// A table in Markdown, a column for each board.
 fn table(budgets: &[Budget]) -> String {
-    let rows: [Row; 9] = [
+    let rows: [Row; 10] = [
         ("flash, policy", |b| grouped(b.policy_bytes)),
-        ("flash, library: a program that registers and nothing else", |b| {
-            grouped(b.library_bytes)
-        }),
+        (
+            "flash, library: a program that registers and nothing else",
+            |b| grouped(b.library_bytes),
+        ),
         ("flash, the simulated board's whole program", |b| {
             grouped(b.program_bytes)
         }),
@@ -201,11 +212,12 @@ fn table(budgets: &[Budget]) -> String {
             grouped(b.static_bytes)
         }),
         ("RAM, stack at its highest", |b| grouped(b.stack_bytes)),
-        ("RAM, together", |b| {
-            grouped(b.static_bytes + b.stack_bytes)
-        }),
+        ("RAM, together", |b| grouped(b.static_bytes + b.stack_bytes)),
         ("multiply-adds", |b| millions(b.multiply_adds)),
         ("instructions, simulated", |b| millions(b.instructions)),
+        ("instructions of the longest slice", |b| {
+            millions(b.slice_instructions)
+        }),
     ];
     let line = |cells: Vec<String>| format!("| {} |\n", cells.join(" | "));
     let row = |(what, cell): &Row| {

@@ -108,8 +108,26 @@ pub struct Board {
     pub target_ticks: u32,
     /// Ticks that its last step took.
     pub step_ticks: u32,
+    /// Ticks that the longest slice of work took since the start: nothing else ran for as long.
+    pub slice_ticks: u32,
     /// Ticks a second.
     pub hertz: u32,
+    /// What it makes of the policy in its flash.
+    pub flash: FlashCheck,
+}
+
+/// What a board makes of the policy in its flash, at its start and after each update.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum FlashCheck {
+    /// There is none: nothing was ever written, or an update was cut off.
+    #[default]
+    Empty,
+    /// It is whole, and did in the self-test what its manifest says.
+    Passed,
+    /// It is cut or damaged, or of a format or shape that the board does not run.
+    Damaged,
+    /// It is whole, but does something else here than its manifest says.
+    FailedSelfTest,
 }
 
 /// A part of the policy file whose manifest came before it.

@@ -127,13 +127,13 @@ impl BenchArgs {
             "registration of 1024 + 1024 points, 10 steps, int8; instructions as QEMU counts them"
         );
         println!(
-            "board      policy   library  program  clouds  all static  stack   RAM     multiply-adds  instructions  per multiply-add"
+            "board      policy   library  program  clouds  all static  stack   RAM     multiply-adds  instructions  per multiply-add  slice"
         );
         let mut budgets = Vec::new();
         for kind in Kind::ALL {
             let budget = mcu::measure(kind, &file, seed)?;
             println!(
-                "{:<9}  {:>7}  {:>7}  {:>7}  {:>6}  {:>10}  {:>5}  {:>5}  {:>13.3} G  {:>10.3} G  {:>16.2}",
+                "{:<9}  {:>7}  {:>7}  {:>7}  {:>6}  {:>10}  {:>5}  {:>5}  {:>13.3} G  {:>10.3} G  {:>16.2}  {:.2} M",
                 budget.board,
                 budget.policy_bytes,
                 budget.library_bytes,
@@ -145,6 +145,7 @@ impl BenchArgs {
                 budget.multiply_adds as f64 / 1e9,
                 budget.instructions as f64 / 1e9,
                 budget.instructions_per_multiply_add,
+                budget.slice_instructions as f64 / 1e6,
             );
             budgets.push(budget);
         }

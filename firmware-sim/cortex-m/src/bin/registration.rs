@@ -35,5 +35,7 @@ fn main() -> ! {
             black_box(registration.verdict());
         }
     }
-    loop {}
+    loop {
+        core::hint::spin_loop();
+    }
 }

@@ -118,6 +118,7 @@ fn check<'f, 's>(
 }
 
 /// Takes the chunks of a policy into flash. Whatever else comes ends it.
+#[inline(never)]
 fn update(
     manifest: Manifest,
     flash: &mut Flash,

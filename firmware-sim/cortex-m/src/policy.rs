@@ -18,6 +18,7 @@ pub(crate) struct Loaded<'f> {
 }
 
 /// The policy in flash, if there is one and it is sound.
+#[inline(never)]
 pub(crate) fn load(flash: &Flash) -> Result<Loaded<'_>, FlashCheck> {
     let bytes = flash.bytes();
     let (header, file) = bytes
@@ -37,6 +38,7 @@ pub(crate) fn load(flash: &Flash) -> Result<Loaded<'_>, FlashCheck> {
 }
 
 /// The manifest at the beginning of the flash.
+#[inline(never)]
 fn manifest(header: &[u8]) -> Option<Manifest> {
     let (length, rest) = header.split_first_chunk::<4>()?;
     let frame = rest.get(..u32::from_le_bytes(*length) as usize)?;
@@ -49,6 +51,8 @@ fn manifest(header: &[u8]) -> Option<Manifest> {
 impl Loaded<'_> {
     /// Whether it does here what it did where it was made, in slices like any registration. `space` is for two
     /// small clouds.
+    // Out of line, like the functions below and requests, so that their memory is not on the stack together.
+    #[inline(never)]
     pub(crate) fn test(
         &self,
         registrar: &mut Registrar<'_, '_>,
@@ -80,11 +84,12 @@ impl Loaded<'_> {
 }
 
 /// The clouds of the self-test in `space`.
+#[inline(never)]
 fn test_clouds(space: &mut [u32]) -> Option<[&[[f32; 3]]; 2]> {
     let points = bytemuck::cast_slice_mut(space).as_chunks_mut::<3>().0;
     let (source, rest) = points.split_first_chunk_mut::<{ golden::POINTS }>()?;
     let target = rest.first_chunk_mut::<{ golden::POINTS }>()?;
-    [*source, *target] = golden::clouds();
+    golden::clouds_in(source, target);
     Some([source, target])
 }
 

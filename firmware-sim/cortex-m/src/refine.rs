@@ -37,6 +37,7 @@ impl Clock {
 
 /// Registers the clouds of a request, slice by slice; between two of them the control loop would have its
 /// turn, and here the line is served.
+#[inline(never)]
 pub(crate) fn refine(
     registrar: Option<&mut Registrar<'_, '_>>,
     space: &mut [u32],

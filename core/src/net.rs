@@ -4,7 +4,7 @@ use crate::dims::{EMBED, FEATURES, HEAD, LOGITS, TILE, padded};
 use crate::kernels::{Codes, Isa};
 use crate::pose::Pose;
 use crate::quant::QuantScratch;
-use crate::weights::{Dense, Embedding, FloatNetwork, Head, Network};
+use crate::weights::{Dense, Embedding, Head, Network};
 use glam::Vec3;
 
 /// A global feature vector, one value a channel; as many as the network has features.
@@ -316,22 +316,12 @@ fn embed_tiles(
 /// over a registration; as much of it as the layer has outputs.
 pub type TargetHalf = [f32; HEAD[0]];
 
-/// First half of the heads for a target: `b + W[:, 1024..] φ(Y)` for both heads.
-pub fn target_halves(
-    isa: Isa,
-    network: &FloatNetwork<'_>,
-    target: &Feature,
-    halves: &mut [TargetHalf; 2],
-) {
-    for (head, half) in [&network.translation, &network.rotation]
-        .into_iter()
-        .zip(halves)
-    {
-        let [fc1, _, _] = &head.layers;
-        let features = fc1.inputs / 2;
-        if let Some(target) = target.get(..features) {
-            isa.gemv(fc1, fc1.bias, features, target, half);
-        }
+/// What a target adds to a head: `b + W[:, 1024..] φ(Y)`.
+pub fn target_half(isa: Isa, head: &Head<'_>, target: &Feature, half: &mut TargetHalf) {
+    let [fc1, _, _] = &head.layers;
+    let features = fc1.inputs / 2;
+    if let Some(target) = target.get(..features) {
+        isa.gemv(fc1, fc1.bias, features, target, half);
     }
 }
 

@@ -314,23 +314,21 @@ pub fn finish(network: &QuantNetwork<'_>, scratch: &mut QuantScratch) {
 /// has outputs.
 pub type TargetSums = [i32; HEAD[0]];
 
-/// First half of the heads for the target embedded last.
+/// What the target embedded last adds to the first layer of a head.
 pub fn target_sums(
     isa: Isa,
-    network: &QuantNetwork<'_>,
+    [fc1, _, _]: &[QuantLayer<'_>; 3],
     scratch: &QuantScratch,
-    sums: &mut [TargetSums; 2],
+    sums: &mut TargetSums,
 ) {
-    for ([fc1, _, _], sums) in network.heads.iter().zip(sums) {
-        let features = fc1.codes.inputs / 2;
-        let Some(sums) = sums.get_mut(..fc1.codes.outputs) else {
-            return;
-        };
-        for (sum, &bias) in sums.iter_mut().zip(fc1.bias) {
-            *sum = bias;
-        }
-        isa.gemv_codes(&fc1.codes, features, scratch.feature.planes(features), sums);
+    let features = fc1.codes.inputs / 2;
+    let Some(sums) = sums.get_mut(..fc1.codes.outputs) else {
+        return;
+    };
+    for (sum, &bias) in sums.iter_mut().zip(fc1.bias) {
+        *sum = bias;
     }
+    isa.gemv_codes(&fc1.codes, features, scratch.feature.planes(features), sums);
 }
 
 /// Logits of one head for the source embedded last.

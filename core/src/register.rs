@@ -105,6 +105,9 @@ pub struct Registration<'c> {
     /// Points embedded of the cloud under way, if the scratch still says that it is this one's turn.
     seen: usize,
     turn: u32,
+    /// Heads that have taken its feature in, and what the first of them says.
+    heads: usize,
+    logits_t: [f32; LOGITS],
     /// Centroid `μ` of the observed source, own units.
     centroid: Vec3,
     frame: Frame,
@@ -149,6 +152,8 @@ impl Registration<'_> {
             unseen: &[],
             seen: 0,
             turn: 0,
+            heads: 0,
+            logits_t: [0.0; LOGITS],
             centroid: Vec3::ZERO,
             frame: Frame::IDENTITY,
             accumulated: Pose::IDENTITY,
@@ -227,6 +232,7 @@ impl<'c> Registration<'c> {
         self.source = source;
         self.unseen = &[];
         self.seen = 0;
+        self.heads = 0;
         self.centroid = centroid;
         self.frame = frame;
         self.accumulated = Pose {
@@ -237,6 +243,24 @@ impl<'c> Registration<'c> {
         self.before = Action::STOP;
         self.last = Action::STOP;
         Ok(())
+    }
+}
+
+impl Registration<'_> {
+    /// Takes the arg-max action of both heads' logits.
+    fn act(&mut self, logits_t: [f32; LOGITS], logits_r: [f32; LOGITS]) -> Step {
+        let action = Action {
+            translation: arg_max(&logits_t),
+            rotation: arg_max(&logits_r),
+        };
+        self.accumulated = self.accumulated.accumulate(action.update());
+        self.steps += 1;
+        self.before = core::mem::replace(&mut self.last, action);
+        Step {
+            action,
+            logits_t,
+            logits_r,
+        }
     }
 }
 
@@ -305,19 +329,28 @@ impl<'w, 's> Registrar<'w, 's> {
         let view = registration.target_view();
         self.scratch.begin();
         self.embed(target, &view);
-        self.finish_target(registration);
+        self.finish();
+        self.read_target(registration, 0);
+        self.read_target(registration, 1);
         Ok(())
     }
 
-    /// What the target embedded last contributes to both heads.
-    fn read_target(&self, target: &mut TargetState) {
+    /// What the target that is embedded contributes to a head, translation or rotation.
+    fn read_target(&self, registration: &mut Registration<'_>, head: usize) {
         let isa = self.isa;
+        let target = &mut registration.target;
+        target.fit(&self.policy.network);
         match (&self.policy.network, &self.scratch.memory, target) {
             (Network::F32(network), Memory::F32(scratch), TargetState::F32(halves)) => {
-                net::target_halves(isa, network, &scratch.feature, halves);
+                let heads = [&network.translation, &network.rotation];
+                if let Some((head, half)) = heads.get(head).zip(halves.get_mut(head)) {
+                    net::target_half(isa, head, &scratch.feature, half);
+                }
             }
             (Network::Int8(network), Memory::Int8(scratch), TargetState::Int8(sums)) => {
-                quant::target_sums(isa, network, scratch, sums);
+                if let Some((head, sums)) = network.heads.get(head).zip(sums.get_mut(head)) {
+                    quant::target_sums(isa, head, scratch, sums);
+                }
             }
             // The memory was made that of the network's format, and stays so.
             _ => {}
@@ -330,31 +363,6 @@ impl<'w, 's> Registrar<'w, 's> {
             if let Some(step) = self.advance(registration, usize::MAX) {
                 return step;
             }
-        }
-    }
-
-    /// Keeps what the target that is embedded contributes to every step.
-    fn finish_target(&mut self, registration: &mut Registration<'_>) {
-        self.finish();
-        registration.target.fit(&self.policy.network);
-        self.read_target(&mut registration.target);
-    }
-
-    /// Acts on the source that is embedded.
-    fn act(&mut self, registration: &mut Registration<'_>) -> Step {
-        self.finish();
-        let [logits_t, logits_r] = self.logits(&registration.target);
-        let action = Action {
-            translation: arg_max(&logits_t),
-            rotation: arg_max(&logits_r),
-        };
-        registration.accumulated = registration.accumulated.accumulate(action.update());
-        registration.steps += 1;
-        registration.before = core::mem::replace(&mut registration.last, action);
-        Step {
-            action,
-            logits_t,
-            logits_r,
         }
     }
 
@@ -381,28 +389,23 @@ impl<'w, 's> Registrar<'w, 's> {
         })
     }
 
-    /// Translation and rotation logits for the source embedded last.
-    fn logits(&mut self, target: &TargetState) -> [[f32; LOGITS]; 2] {
+    /// Logits of a head, translation or rotation, for the source that is embedded.
+    fn logits(&mut self, target: &TargetState, head: usize) -> [f32; LOGITS] {
         let isa = self.isa;
-        match (&self.policy.network, &mut self.scratch.memory, target) {
-            (Network::F32(network), Memory::F32(scratch), TargetState::F32([half_t, half_r])) => [
-                net::logits(isa, &network.translation, half_t, scratch),
-                net::logits(isa, &network.rotation, half_r, scratch),
-            ],
-            (
-                Network::Int8(network),
-                Memory::Int8(scratch),
-                TargetState::Int8([sums_t, sums_r]),
-            ) => {
-                let [translation, rotation] = &network.heads;
-                [
-                    quant::logits(isa, translation, sums_t, scratch),
-                    quant::logits(isa, rotation, sums_r, scratch),
-                ]
+        let logits = match (&self.policy.network, &mut self.scratch.memory, target) {
+            (Network::F32(network), Memory::F32(scratch), TargetState::F32(halves)) => {
+                let heads = [&network.translation, &network.rotation];
+                let found = heads.get(head).zip(halves.get(head));
+                found.map(|(head, half)| net::logits(isa, head, half, scratch))
+            }
+            (Network::Int8(network), Memory::Int8(scratch), TargetState::Int8(sums)) => {
+                let found = network.heads.get(head).zip(sums.get(head));
+                found.map(|(head, sums)| quant::logits(isa, head, sums, scratch))
             }
             // A registration that another registrar started with another number format: no step.
-            _ => [[0.0; LOGITS]; 2],
-        }
+            _ => None,
+        };
+        logits.unwrap_or([0.0; LOGITS])
     }
 
     /// Makes what was embedded a feature.

@@ -11,7 +11,7 @@
 //! let mut registration = Registration::new();
 //! registrar.begin_in(&mut registration, seen, model, Frame::of(model)?, Pose::IDENTITY)?;
 //! while registration.steps() < 10 {
-//!     registrar.advance(&mut registration, 16); // 16 points of either cloud, or the heads
+//!     registrar.advance(&mut registration, 16); // 16 points of either cloud, or a head
 //!     control(); // what cannot wait
 //! }
 //! # Ok(registration.target_from_source())
@@ -42,8 +42,8 @@ impl Registrar<'_, '_> {
     }
 
     /// The next slice of work: embeds at most `points` points (but at least one) of the target and then, in each
-    /// step, of the source; when all were seen, the heads are asked, which takes as long as about 10 points.
-    /// `Some` when that was a step.
+    /// step, of the source; when all were seen, one of the two heads takes them in, which is as much work as
+    /// about five points are, and about 20 where a processor has kernels for rows only. `Some` when that was a step.
     ///
     /// If another registration used the registrar meanwhile, the cloud under way is embedded anew.
     pub fn advance(&mut self, registration: &mut Registration<'_>, points: usize) -> Option<Step> {
@@ -53,24 +53,40 @@ impl Registrar<'_, '_> {
         } else {
             (registration.source, registration.view())
         };
-        if registration.seen == 0 || registration.turn != self.scratch.turn {
+        let begins = registration.seen == 0 && registration.heads == 0;
+        if begins || registration.turn != self.scratch.turn {
             registration.seen = 0;
+            registration.heads = 0;
             registration.turn = self.scratch.begin();
         }
         let rest = cloud.get(registration.seen..).unwrap_or(&[]);
         let next = rest.get(..points.max(1)).unwrap_or(rest);
-        self.embed(next, &view);
-        registration.seen += next.len();
         if !next.is_empty() {
+            self.embed(next, &view);
+            registration.seen += next.len();
             return None;
         }
-        registration.seen = 0;
+        let head = registration.heads;
+        if head == 0 {
+            self.finish();
+        }
+        registration.heads = 1 - head.min(1);
+        if head > 0 {
+            registration.seen = 0;
+        }
         if of_target {
-            registration.unseen = &[];
-            self.finish_target(registration);
+            self.read_target(registration, head);
+            if head > 0 {
+                registration.unseen = &[];
+            }
             return None;
         }
-        Some(self.act(registration))
+        let logits = self.logits(&registration.target, head);
+        if head == 0 {
+            registration.logits_t = logits;
+            return None;
+        }
+        Some(registration.act(registration.logits_t, logits))
     }
 }
 

@@ -55,6 +55,7 @@ pub mod chamfer;
 pub mod dims;
 pub mod error;
 pub mod golden;
+pub mod grid;
 pub mod kernels;
 pub mod net;
 pub mod polish;
@@ -74,6 +75,7 @@ pub mod weights;
 pub mod wire;
 
 pub use error::Error;
+pub use grid::Grid;
 pub use pose::Pose;
 pub use register::{Frame, Registrar, Registration};
 pub use shape::Shape;

@@ -4,7 +4,7 @@ use crate::dims::{EMBED, FEATURES, HEAD, LOGITS, TILE, padded};
 use crate::kernels::{Codes, Isa};
 use crate::pose::Pose;
 use crate::quant::QuantScratch;
-use crate::weights::{Dense, Embedding, FloatNetwork, Head, Network};
+use crate::weights::{Dense, Embedding, Head, Network};
 use glam::Vec3;
 
 /// A global feature vector, one value a channel; as many as the network has features.
@@ -49,6 +49,8 @@ pub(crate) enum Memory {
 #[derive(Clone, Debug)]
 pub struct Scratch {
     pub(crate) memory: Memory,
+    /// Counts the clouds whose embedding has begun here: the memory belongs to the last one.
+    pub(crate) turn: u32,
 }
 
 impl Scratch {
@@ -56,7 +58,18 @@ impl Scratch {
     pub const fn new() -> Self {
         Scratch {
             memory: Memory::Int8(QuantScratch::ZERO),
+            turn: 0,
         }
+    }
+
+    /// Makes it ready for the first points of a cloud, and says whose turn it is from now on.
+    pub(crate) fn begin(&mut self) -> u32 {
+        match &mut self.memory {
+            Memory::Int8(scratch) => scratch.begin(),
+            Memory::F32(scratch) => scratch.feature.fill(f32::NEG_INFINITY),
+        }
+        self.turn = self.turn.wrapping_add(1);
+        self.turn
     }
 
     /// Makes the memory that of a number format.
@@ -72,6 +85,7 @@ impl Scratch {
     #[cold]
     #[inline(never)]
     fn become_f32(&mut self) {
+        self.turn = self.turn.wrapping_add(1);
         self.memory = Memory::F32(FloatScratch {
             tiles: Tiles {
                 hidden1: [0.0; TILE * EMBED[0]],
@@ -86,6 +100,7 @@ impl Scratch {
     #[cold]
     #[inline(never)]
     fn become_int8(&mut self) {
+        self.turn = self.turn.wrapping_add(1);
         self.memory = Memory::Int8(QuantScratch::ZERO);
     }
 }
@@ -122,11 +137,11 @@ impl View {
     }
 }
 
-/// The global feature: max over points of the pointwise embedding (no ReLU on the last layer).
+/// Takes points into the global feature: max over points of the pointwise embedding (no ReLU on the last
+/// layer). Before the first points of a cloud, the feature is -infinity everywhere.
 ///
 /// # Shapes
-/// `points [N, 3]`, `feature [1024]` or as many as the embedding gives, the rest left alone. An empty
-/// cloud gives -infinity everywhere.
+/// `points [N, 3]`, `feature [1024]` or as many as the embedding gives, the rest left alone.
 pub fn embed(
     isa: Isa,
     embedding: &Embedding<'_>,
@@ -139,7 +154,6 @@ pub fn embed(
     let Some(feature) = feature.get_mut(..last.outputs) else {
         return;
     };
-    feature.fill(f32::NEG_INFINITY);
     let Tiles { hidden1, hidden2 } = tiles;
     let split = embedding.split.filter(|_| isa.has_fast_splits());
     embed_tiles(
@@ -306,22 +320,12 @@ fn embed_tiles(
 /// over a registration; as much of it as the layer has outputs.
 pub type TargetHalf = [f32; HEAD[0]];
 
-/// First half of the heads for a target: `b + W[:, 1024..] φ(Y)` for both heads.
-pub fn target_halves(
-    isa: Isa,
-    network: &FloatNetwork<'_>,
-    target: &Feature,
-    halves: &mut [TargetHalf; 2],
-) {
-    for (head, half) in [&network.translation, &network.rotation]
-        .into_iter()
-        .zip(halves)
-    {
-        let [fc1, _, _] = &head.layers;
-        let features = fc1.inputs / 2;
-        if let Some(target) = target.get(..features) {
-            isa.gemv(fc1, fc1.bias, features, target, half);
-        }
+/// What a target adds to a head: `b + W[:, 1024..] φ(Y)`.
+pub fn target_half(isa: Isa, head: &Head<'_>, target: &Feature, half: &mut TargetHalf) {
+    let [fc1, _, _] = &head.layers;
+    let features = fc1.inputs / 2;
+    if let Some(target) = target.get(..features) {
+        isa.gemv(fc1, fc1.bias, features, target, half);
     }
 }
 

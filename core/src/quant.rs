@@ -263,7 +263,14 @@ impl QuantScratch {
     };
 }
 
-/// Embeds a cloud into `scratch`.
+impl QuantScratch {
+    /// Before the first points of a cloud.
+    pub(crate) fn begin(&mut self) {
+        self.max.fill(i32::MIN);
+    }
+}
+
+/// Takes points into the maxima of the cloud under way.
 pub fn embed(
     isa: Isa,
     network: &QuantNetwork<'_>,
@@ -275,7 +282,6 @@ pub fn embed(
     let Some(max) = scratch.max.get_mut(..l3.codes.outputs) else {
         return;
     };
-    max.fill(i32::MIN);
     let mut tile = [[0.0; 3]; QUANT_TILE];
     for chunk in points.chunks(QUANT_TILE) {
         let n = chunk.len();
@@ -293,7 +299,12 @@ pub fn embed(
         isa.dense_codes(l2, hidden1, hidden2);
         isa.dense_codes_max(&l3.codes, hidden2, max);
     }
-    let sums = max.iter().zip(l3.bias).zip(l3.requantise);
+}
+
+/// Makes the maxima the feature of the cloud, once all its points are in.
+pub fn finish(network: &QuantNetwork<'_>, scratch: &mut QuantScratch) {
+    let [_, l3] = &network.embedding;
+    let sums = scratch.max.iter().zip(l3.bias).zip(l3.requantise);
     let codes = sums
         .map(|((&max, &bias), &r)| FEATURE_ZERO + Requantise(r).apply(max.saturating_add(bias)));
     scratch.feature.set(codes);
@@ -303,23 +314,21 @@ pub fn embed(
 /// has outputs.
 pub type TargetSums = [i32; HEAD[0]];
 
-/// First half of the heads for the target embedded last.
+/// What the target embedded last adds to the first layer of a head.
 pub fn target_sums(
     isa: Isa,
-    network: &QuantNetwork<'_>,
+    [fc1, _, _]: &[QuantLayer<'_>; 3],
     scratch: &QuantScratch,
-    sums: &mut [TargetSums; 2],
+    sums: &mut TargetSums,
 ) {
-    for ([fc1, _, _], sums) in network.heads.iter().zip(sums) {
-        let features = fc1.codes.inputs / 2;
-        let Some(sums) = sums.get_mut(..fc1.codes.outputs) else {
-            return;
-        };
-        for (sum, &bias) in sums.iter_mut().zip(fc1.bias) {
-            *sum = bias;
-        }
-        isa.gemv_codes(&fc1.codes, features, scratch.feature.planes(features), sums);
+    let features = fc1.codes.inputs / 2;
+    let Some(sums) = sums.get_mut(..fc1.codes.outputs) else {
+        return;
+    };
+    for (sum, &bias) in sums.iter_mut().zip(fc1.bias) {
+        *sum = bias;
     }
+    isa.gemv_codes(&fc1.codes, features, scratch.feature.planes(features), sums);
 }
 
 /// Logits of one head for the source embedded last.

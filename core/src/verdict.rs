@@ -6,6 +6,9 @@ use crate::steps::{Action, STOP};
 use crate::verify::Verified;
 use core::fmt;
 
+/// How many kinds of [`Verdict`] there are.
+pub const VERDICTS: usize = Verdict::PoorFit as usize + 1;
+
 /// What can be said about a pose.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum Verdict {
@@ -35,6 +38,15 @@ impl fmt::Display for Verdict {
 }
 
 impl Verdict {
+    /// Every one, in the order of [`crate::wire::Status::verdicts`].
+    pub const ALL: [Verdict; VERDICTS] = [
+        Verdict::Converged,
+        Verdict::StepLimit,
+        Verdict::Oscillating,
+        Verdict::OutOfRange,
+        Verdict::PoorFit,
+    ];
+
     /// Of a policy, from its last two actions.
     pub(crate) fn of_actions(before: Action, last: Action) -> Verdict {
         let ids = |a: Action| a.translation.into_iter().chain(a.rotation);

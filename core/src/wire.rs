@@ -16,35 +16,42 @@
 //! | 7 | [`Board`] | serial line: what the board has and uses |
 //! | 8 | [`StepTaken`] | serial line: after each step, before the reply |
 //! | 9 | [`Chunk`] | serial line: a part of the policy whose manifest came before, answered by a status |
+//! | 10 | [`Trace`] | `…/robot/<id>/trace`, published after an answer whose request wants it |
+//! | 11 | [`Cancel`] | `…/robot/<id>/cancel`, published by a client that no longer waits |
+//!
+//! Version 3 brought time budgets, modes, clients and clouds on a grid ([`crate::grid`]) into requests, and what
+//! goes with them into replies and status.
 //!
 //! The signature itself is checked by whoever holds the keys, not here.
 
 mod cloud;
 mod frames;
 pub mod keys;
+mod refine;
 pub mod serial;
 mod taken;
+mod trace;
 
 pub use cloud::CloudView;
 pub use frames::{
-    Board, Chunk, Cloud, Manifest, PolicyId, PolicyName, Reason, RefineReply, RefineRequest,
-    Refusal, SignedManifest, Status, StepTaken,
+    Board, Chunk, FlashCheck, Manifest, PolicyId, PolicyName, SignedManifest, Status,
 };
-
+pub use refine::{BUDGET_MS, Cancel, Cloud, Mode, Reason, RefineReply, RefineRequest, Refusal};
 pub use taken::{TakenRequest, refuse_beginning, take_request};
+pub use trace::{KernelName, STEP_BYTES, StepTaken, StepsView, Trace, step_bytes};
 
 use crate::dims::MAX_POINTS;
 use crate::error::Error;
 use serde::{Deserialize, Serialize};
 
 /// Version of the frames; the first byte of each.
-pub const VERSION: u8 = 2;
+pub const VERSION: u8 = 3;
 /// Most bytes of one policy chunk.
 pub const CHUNK_BYTES: usize = 32 * 1024;
-/// Most bytes of every frame but a refine request.
+/// Most bytes of every frame but a refine request, a chunk and a trace.
 pub const SMALL_FRAME_BYTES: usize = 512;
-/// Bytes of a refine request beside the points' own: version, kind, numbers, pose, lengths.
-pub const REQUEST_OVERHEAD_BYTES: usize = 80;
+/// Bytes of a refine request beside the points' own: version, kind, numbers, pose, grids, lengths.
+pub const REQUEST_OVERHEAD_BYTES: usize = 128;
 /// Bytes before the policy file in a board's flash: length of the manifest's frame (u32, little-endian),
 /// the frame, and whatever is left.
 pub const FLASH_HEADER_BYTES: usize = 512;
@@ -75,13 +82,18 @@ pub enum Message<'a> {
     StepTaken(StepTaken),
     /// A part of a policy file.
     Chunk(Chunk<'a>),
+    /// What a registration did.
+    Trace(Trace<'a>),
+    /// Nobody waits for an answer any more.
+    Cancel(Cancel),
 }
 
 /// Writes a frame to the front of `buffer` and returns it.
 ///
 /// # Errors
 /// [`Error::FrameBuffer`] if it does not fit: [`SMALL_FRAME_BYTES`] hold every message but a request,
-/// which takes [`REQUEST_OVERHEAD_BYTES`] and 12 bytes a point.
+/// which takes [`REQUEST_OVERHEAD_BYTES`] and 12 bytes a point (6 on a grid), a chunk, and a trace, which takes
+/// [`SMALL_FRAME_BYTES`], its request and [`STEP_BYTES`] a step.
 pub fn encode<'b>(message: &Message<'_>, buffer: &'b mut [u8]) -> Result<&'b [u8], Error> {
     let [version, body @ ..] = &mut *buffer else {
         return Err(Error::FrameBuffer);

@@ -3,43 +3,56 @@
 
 use crate::board::{Board, BoardError};
 use crate::policy::{LoadedPolicy, UpdateError};
-use crate::service::{read_request, settle};
+use crate::queue::{Queue, Stop};
+use crate::service::{Outlet, read_request};
 use crate::view::View;
 use reagent_core::wire::{Manifest, Reason, RefineReply, Refusal};
 use std::sync::Arc;
 use tokio::runtime::Handle;
-use tokio::sync::{mpsc, watch};
-use zenoh::query::Query;
+use tokio::sync::watch;
 
 /// Hands requests to the board until the queue is closed, and every new policy, between requests.
 pub(crate) fn serve(
     mut board: Board,
-    mut requests: mpsc::Receiver<Query>,
+    queue: &Queue,
     mut policies: watch::Receiver<Option<Arc<LoadedPolicy>>>,
-    reply_key: &str,
-    view: &watch::Sender<View>,
+    outlet: &Outlet,
 ) {
     let mut in_flash = None;
     policies.mark_changed();
     loop {
-        let query = Handle::current().block_on(async {
+        let job = Handle::current().block_on(async {
             tokio::select! {
                 biased;
                 changed = policies.changed() => changed.is_err().then_some(None),
-                query = requests.recv() => Some(query),
+                job = queue.next() => Some(job),
             }
         });
-        match query {
+        match job {
             None => {
                 let loaded = policies.borrow_and_update().clone();
                 if let Some(loaded) = loaded {
-                    load(&mut board, &mut in_flash, &loaded, view);
+                    load(&mut board, &mut in_flash, &loaded, &outlet.view);
                 }
             }
-            Some(Some(query)) => {
-                let payload = query.payload().map(|p| p.to_bytes()).unwrap_or_default();
-                let answer = answer(&mut board, &payload);
-                settle(&query, reply_key, answer, view);
+            Some(Some(job)) => {
+                let payload = job.query.payload().map(|p| p.to_bytes());
+                let payload = payload.unwrap_or_default();
+                let answer = match job.check() {
+                    Ok(()) => {
+                        let answer = board.refine(&payload, |_| {});
+                        if let Err(BoardError::Restarted) = answer {
+                            policies.mark_changed();
+                        }
+                        answer.unwrap_or_else(|error| failed(&error, &payload))
+                    }
+                    Err(Stop::Deadline) => refusal(&payload, Reason::Deadline),
+                    Err(Stop::TakenBack) => {
+                        outlet.view.send_modify(View::count_taken_back);
+                        continue;
+                    }
+                };
+                outlet.settle(&job.query, answer);
             }
             Some(None) => return,
         }
@@ -73,14 +86,16 @@ fn load(
     }
 }
 
-fn answer(board: &mut Board, payload: &[u8]) -> Result<RefineReply, Refusal> {
-    board.refine(payload, |_| {}).unwrap_or_else(|error| {
-        tracing::error!("{error}");
-        let id = read_request(payload).map_or(0, |request| request.id);
-        let reason = match error {
-            BoardError::Silent => Reason::Busy,
-            _ => Reason::Internal,
-        };
-        Err(Refusal { id, reason })
-    })
+fn failed(error: &BoardError, payload: &[u8]) -> Result<RefineReply, Refusal> {
+    tracing::error!("{error}");
+    let reason = match error {
+        BoardError::Silent | BoardError::Restarted => Reason::Busy,
+        _ => Reason::Internal,
+    };
+    refusal(payload, reason)
+}
+
+fn refusal(payload: &[u8], reason: Reason) -> Result<RefineReply, Refusal> {
+    let id = read_request(payload).map_or(0, |request| request.id);
+    Err(Refusal { id, reason })
 }

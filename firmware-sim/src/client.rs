@@ -1,14 +1,21 @@
 //! Asking a robot for a pose.
 
+mod fleet;
+
+pub use fleet::Client;
+
 use reagent_core::Error;
 use reagent_core::wire::{self, Message, RefineReply, RefineRequest, Refusal, Status, keys};
 use std::time::Duration;
 use thiserror::Error as ThisError;
 use zenoh::Session;
-use zenoh::query::{QueryTarget, Reply, ReplyError};
+use zenoh::query::{QueryTarget, ReplyError};
+use zenoh::sample::Sample;
 
-/// A request that takes longer is an error. Simulated boards need tens of seconds.
-pub const TIMEOUT: Duration = Duration::from_secs(100);
+/// How much longer than a request's own time its client waits: the answer's way over the network.
+pub const MARGIN: Duration = Duration::from_secs(1);
+/// Robots that are there answer for their status within this time.
+const STATUS_TIME: Duration = Duration::from_secs(2);
 
 /// Why there is no pose.
 #[derive(Debug, ThisError)]
@@ -38,6 +45,16 @@ pub enum RefineError {
         /// What is wrong with it.
         reason: String,
     },
+    /// Neither an answer nor its absence came in time.
+    #[error(
+        "no answer from {key} within {waited:.1?}; give more time, or see whether the robot and its link work"
+    )]
+    Deadline {
+        /// The key asked.
+        key: String,
+        /// How long.
+        waited: Duration,
+    },
     /// The session failed.
     #[error("zenoh: {0}")]
     Zenoh(#[from] zenoh::Error),
@@ -46,7 +63,7 @@ pub enum RefineError {
 /// Sends a request to a robot and waits for its pose.
 ///
 /// # Errors
-/// See [`RefineError`]; every one comes at once, or at the latest after [`TIMEOUT`].
+/// See [`RefineError`]; every one comes at the latest [`MARGIN`] after the request's own time.
 pub async fn refine(
     session: &Session,
     fleet: &str,
@@ -60,7 +77,8 @@ pub async fn refine(
         .map_err(RefineError::Request)?
         .len();
     frame.truncate(length);
-    let reply = ask(session, &key, robot, frame).await?;
+    let budget = Duration::from_millis(request.budget_ms.into());
+    let reply = ask(session, &key, robot, frame, budget + MARGIN).await?;
     if reply.id == request.id {
         Ok(reply)
     } else {
@@ -74,23 +92,30 @@ pub async fn refine(
 /// Sends a frame to a robot's refine key and reads the answer, whatever the frame is.
 ///
 /// # Errors
-/// As [`refine`].
+/// As [`refine`], at the latest after `time`.
 pub async fn ask(
     session: &Session,
     key: &keys::Key,
     robot: &str,
     frame: Vec<u8>,
+    time: Duration,
 ) -> Result<RefineReply, RefineError> {
-    let replies = session
-        .get(key.as_str())
-        .payload(frame)
-        .timeout(TIMEOUT)
-        .await?;
+    let late = || RefineError::Deadline {
+        key: key.to_string(),
+        waited: time,
+    };
+    let answer = async {
+        // A congested link may hold the request up, too.
+        let replies = session.get(key.as_str()).payload(frame).timeout(time);
+        zenoh::Result::Ok(replies.await?.recv_async().await)
+    };
+    let answer = tokio::time::timeout(time, answer).await;
+    let reply = answer.map_err(|_| late())??;
     let unusable = |reason: String| RefineError::Answer {
         key: key.to_string(),
         reason,
     };
-    let Ok(reply) = replies.recv_async().await else {
+    let Ok(reply) = reply else {
         let key = key.to_string();
         return Err(RefineError::NoRobot { key });
     };
@@ -105,6 +130,8 @@ pub async fn ask(
                 robot: robot.into(),
                 refusal,
             },
+            // Zenoh's word for a time that has passed.
+            Err(text) if text == "Timeout" => late(),
             Err(text) => unusable(text),
         }),
     }
@@ -128,41 +155,22 @@ pub async fn robots(session: &Session, fleet: &str) -> Result<Vec<(String, Statu
     let replies = session
         .get(key.as_str())
         .target(QueryTarget::All)
-        .timeout(TIMEOUT)
+        .timeout(STATUS_TIME)
         .await?;
     let mut robots = Vec::new();
     while let Ok(reply) = replies.recv_async().await {
-        robots.extend(read_status(&reply));
+        let read = reply.result().ok().and_then(read_status);
+        robots.extend(read.map(|(robot, status)| (robot.to_owned(), status)));
     }
     robots.sort_by(|(a, _), (b, _)| a.cmp(b));
     Ok(robots)
 }
 
-fn read_status(reply: &Reply) -> Option<(String, Status)> {
-    let sample = reply.result().ok()?;
+/// A status, and whose it is.
+fn read_status(sample: &Sample) -> Option<(&str, Status)> {
     let robot = keys::robot_of(sample.key_expr().as_str())?;
     match wire::decode(&sample.payload().to_bytes()) {
-        Ok(Message::Status(status)) => Some((robot.into(), status)),
+        Ok(Message::Status(status)) => Some((robot, status)),
         _ => None,
-    }
-}
-
-/// The robot to ask when any will do: one with a policy, the fewest requests in hand, the fewest
-/// served so far.
-///
-/// # Errors
-/// `NoRobot` where none answers; as [`robots`].
-pub async fn any_robot(session: &Session, fleet: &str) -> Result<String, RefineError> {
-    let robots = robots(session, fleet).await?;
-    let load = |status: &Status| (status.policy.is_none(), status.in_hand, status.served);
-    let least = robots.into_iter().min_by_key(|(_, status)| load(status));
-    match least {
-        Some((robot, _)) => Ok(robot),
-        None => {
-            let key = keys::all_status(fleet).map_err(RefineError::Request)?;
-            Err(RefineError::NoRobot {
-                key: key.to_string(),
-            })
-        }
     }
 }

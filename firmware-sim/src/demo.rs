@@ -2,6 +2,7 @@
 
 mod scene;
 
+use crate::client::Client;
 use crate::node::{Node, NodeConfig};
 use crate::refine::{Row, ask, errors};
 use crate::session::{SessionArgs, open};
@@ -11,9 +12,8 @@ use host_train::export::WeightFile;
 use host_train::metrics::PairMetrics;
 use host_train::publish::Publisher;
 use host_train::train::fine_tune;
-use reagent_core::dims::STEPS;
 use reagent_core::wire::keys::Hex;
-use reagent_core::wire::{CHUNK_BYTES, Manifest};
+use reagent_core::wire::{CHUNK_BYTES, CloudView, Manifest, Mode, RefineRequest};
 use scene::Scene;
 use serde_json::json;
 use std::net::TcpListener;
@@ -80,7 +80,7 @@ impl DemoArgs {
             ..SessionArgs::default()
         })
         .await?;
-        let operator = join(&endpoint).await?;
+        let operator = Client::new(join(&endpoint).await?, FLEET).await?;
         let mut robots = Vec::new();
         let key = SigningKey::from_bytes(&rand_seed(self.seed));
         for robot in ROBOTS {
@@ -176,7 +176,7 @@ async fn ship(
 }
 
 /// Has every robot refine its share of the pairs, one after the other.
-async fn refine_all(operator: &Session, scene: &Scene, version: u64) -> anyhow::Result<Vec<Round>> {
+async fn refine_all(operator: &Client, scene: &Scene, version: u64) -> anyhow::Result<Vec<Round>> {
     let mut rounds = Vec::new();
     let share = scene.pairs.source.len() / ROBOTS.len();
     for (number, robot) in ROBOTS.iter().enumerate() {
@@ -188,8 +188,11 @@ async fn refine_all(operator: &Session, scene: &Scene, version: u64) -> anyhow::
         for index in number * share..(number + 1) * share {
             let (source, target) = (&scene.pairs.source[index], &scene.pairs.target[index]);
             let id = version * 1_000_000 + index as u64;
-            let steps = STEPS as u8;
-            let answer = ask(operator, FLEET, (*robot).into(), id, steps, source, target).await?;
+            let request = RefineRequest {
+                mode: Mode::Fast,
+                ..RefineRequest::new(id, CloudView::of(source), CloudView::of(target))
+            };
+            let answer = ask(operator, robot, &request).await?;
             if answer.reply.policy_version != version {
                 let used = answer.reply.policy_version;
                 bail!("robot {robot} answered with policy {used}, not {version}");

@@ -5,6 +5,12 @@
 //! parse, self-test) -> service`; a request flows `client -> node (queue) -> service -> client`. Where
 //! the node has a board, `bridge` takes the place of `service`, and both flow on over the line to it.
 
+// Compiled in, not linked, as below.
+#[macro_use]
+#[allow(unused_macros, reason = "not every build prints")]
+#[path = "../../host-train/src/print.rs"]
+mod print;
+
 pub mod board;
 mod bridge;
 pub mod client;
@@ -14,6 +20,8 @@ mod fetch;
 pub mod flash;
 pub mod node;
 pub mod policy;
+mod presence;
+mod queue;
 #[cfg(feature = "demo")]
 pub mod refine;
 mod service;

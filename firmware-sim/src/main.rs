@@ -5,7 +5,7 @@ use ed25519_dalek::VerifyingKey;
 use firmware_sim::board::{Board, Kind, Simulation, build_image, check_simulator};
 use firmware_sim::node::{Node, NodeConfig};
 use firmware_sim::session::{SessionArgs, open};
-use std::io::IsTerminal;
+use std::io::{IsTerminal, Write};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use tracing_subscriber::EnvFilter;
@@ -105,6 +105,7 @@ fn main() -> ExitCode {
         .with_env_filter(filter)
         .with_writer(std::io::stderr)
         .with_ansi(std::io::stderr().is_terminal())
+        .log_internal_errors(false)
         .init();
     let outcome = tokio::runtime::Runtime::new()
         .map_err(anyhow::Error::from)
@@ -116,7 +117,8 @@ fn main() -> ExitCode {
                 .split_whitespace()
                 .collect::<Vec<_>>()
                 .join(" ");
-            eprintln!("error: {text}");
+            // Whoever closed the other end of stderr does not want to know.
+            let _ = writeln!(std::io::stderr(), "error: {text}");
             ExitCode::FAILURE
         }
     }

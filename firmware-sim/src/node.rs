@@ -3,26 +3,30 @@
 use crate::board::Board;
 use crate::bridge;
 use crate::policy::UpdateError;
-use crate::service::{read_request, send_refusal, serve, small_frame};
+use crate::presence::{draw_instance, follow_clients, instances, watch_for_duplicates};
+pub use crate::queue::QUEUE;
+use crate::queue::Queue;
+use crate::service::{Outlet, serve, small_frame};
 use crate::updates::Updates;
 use crate::view::View;
 use ed25519_dalek::VerifyingKey;
-use reagent_core::wire::{Message, Reason, Refusal, keys};
+use reagent_core::wire::{Message, keys};
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::time::Duration;
 use thiserror::Error;
-use tokio::sync::mpsc::error::TrySendError;
-use tokio::sync::{mpsc, watch};
+use tokio::sync::watch;
 use tokio::task::JoinHandle;
 use zenoh::handlers::RingChannel;
 use zenoh::liveliness::LivelinessToken;
-use zenoh::query::{Query, Queryable};
+use zenoh::pubsub::Subscriber;
+use zenoh::query::Queryable;
 use zenoh::{Session, Wait};
 
-/// Requests that wait while one runs; one more is refused as busy.
-pub const QUEUE: usize = 4;
 /// The robot id that `refine` takes for "whichever is there".
 pub const ANY: &str = "any";
+/// Time between two publications of the status, at least.
+const STATUS_INTERVAL: Duration = Duration::from_millis(20);
 
 /// What a node is told at its start.
 #[derive(Clone, Debug)]
@@ -53,6 +57,14 @@ pub enum NodeError {
     /// The name is the one that means every robot.
     #[error("a robot cannot be called {ANY:?}: clients use it for whichever robot is there")]
     Reserved,
+    /// A robot of this name answers already.
+    #[error("robot {robot:?} of fleet {fleet:?} is there already; give each robot its own name")]
+    Duplicate {
+        /// As given.
+        fleet: String,
+        /// As given.
+        robot: String,
+    },
     /// The state directory cannot be used.
     #[error(transparent)]
     Store(#[from] UpdateError),
@@ -65,9 +77,11 @@ pub enum NodeError {
 #[derive(Debug)]
 pub struct Node {
     view: watch::Receiver<View>,
-    tasks: [JoinHandle<()>; 2],
+    tasks: [JoinHandle<()>; 3],
+    _queue: Closing,
     _refine: Queryable<()>,
     _status: Queryable<()>,
+    _listening: [Subscriber<()>; 3],
     _alive: LivelinessToken,
 }
 
@@ -99,31 +113,27 @@ impl Node {
             robot: robot.clone(),
             reason,
         };
+        let duplicate = || NodeError::Duplicate {
+            fleet: fleet.clone(),
+            robot: robot.clone(),
+        };
         let refine_key = keys::refine(fleet, robot).map_err(name)?;
         let status_key = keys::status(fleet, robot).map_err(name)?;
         let alive_key = keys::alive(fleet, robot).map_err(name)?;
+        let trace_key = keys::trace(fleet, robot).map_err(name)?;
         if config.trusted.is_empty() {
             tracing::warn!("no trusted keys: a policy signed by any key is taken (see --trust)");
         }
+        if !instances(&session, &status_key).await?.is_empty() {
+            return Err(duplicate());
+        }
 
-        let (view, seen) = watch::channel(View::default());
-        let view = Arc::new(view);
-        let updates = Updates::new(session.clone(), config.clone(), view.clone()).await?;
-
-        let (queue, requests) = mpsc::channel(QUEUE);
-        let (policies, worker_view) = (updates.policies(), view.clone());
-        let reply_key = refine_key.clone();
-        tokio::task::spawn_blocking(move || match board {
-            Some(board) => bridge::serve(board, requests, policies, &reply_key, &worker_view),
-            None => serve(requests, policies, &reply_key, &worker_view),
+        let instance = draw_instance();
+        let (view, seen) = watch::channel(View {
+            instance,
+            ..View::default()
         });
-        let queue_view = view.clone();
-        let refine = session
-            .declare_queryable(refine_key.as_str())
-            .complete(true)
-            .callback(move |query| enqueue(query, &queue, &queue_view))
-            .await?;
-
+        let view = Arc::new(view);
         let (answered, reply_key) = (seen.clone(), status_key.clone());
         let status = session
             .declare_queryable(status_key.as_str())
@@ -135,6 +145,33 @@ impl Node {
                 }
             })
             .await?;
+        // Of two that start at the same moment, the lower number stays.
+        let others = instances(&session, &status_key).await?;
+        if others.iter().any(|&other| other < instance) {
+            return Err(duplicate());
+        }
+        let updates = Updates::new(session.clone(), config.clone(), view.clone()).await?;
+
+        let queue = Closing(Arc::new(Queue::new(view.clone())));
+        let (jobs, policies) = (queue.0.clone(), updates.policies());
+        let outlet = Outlet {
+            session: session.clone(),
+            reply_key: refine_key.clone(),
+            trace_key,
+            view: view.clone(),
+        };
+        tokio::task::spawn_blocking(move || match board {
+            Some(board) => bridge::serve(board, &jobs, policies, &outlet),
+            None => serve(&jobs, policies, &outlet),
+        });
+        let (expiring, offered) = (queue.0.clone(), queue.0.clone());
+        let refine = session
+            .declare_queryable(refine_key.as_str())
+            .complete(true)
+            .callback(move |query| offered.offer(query))
+            .await?;
+        let [cancelled, gone] = follow_clients(&session, fleet, robot, queue.0.clone()).await?;
+        let duplicates = watch_for_duplicates(&session, &status_key, instance, view).await?;
         let publishing = publish_status(session.clone(), status_key, seen.clone());
 
         let manifest_key = keys::manifest(fleet).map_err(name)?;
@@ -151,9 +188,12 @@ impl Node {
             tasks: [
                 tokio::spawn(publishing),
                 tokio::spawn(updates.follow(manifest_key, announced)),
+                tokio::spawn(async move { expiring.expire().await }),
             ],
+            _queue: queue,
             _refine: refine,
             _status: status,
+            _listening: [cancelled, gone, duplicates],
             _alive: alive,
         })
     }
@@ -179,18 +219,14 @@ impl Drop for Node {
     }
 }
 
-/// Puts a request into the queue, or refuses it as busy.
-fn enqueue(query: Query, queue: &mpsc::Sender<Query>, view: &watch::Sender<View>) {
-    view.send_modify(|view| view.in_hand = view.in_hand.saturating_add(1));
-    let (query, reason) = match queue.try_send(query) {
-        Ok(()) => return,
-        Err(TrySendError::Full(query)) => (query, Reason::Busy),
-        Err(TrySendError::Closed(query)) => (query, Reason::Internal),
-    };
-    view.send_modify(View::count_refused);
-    let payload = query.payload().map(|p| p.to_bytes()).unwrap_or_default();
-    let id = read_request(&payload).map_or(0, |request| request.id);
-    send_refusal(&query, Refusal { id, reason });
+/// Ends the work of whoever serves the queue.
+#[derive(Debug)]
+struct Closing(Arc<Queue>);
+
+impl Drop for Closing {
+    fn drop(&mut self) {
+        self.0.close();
+    }
 }
 
 /// Publishes the status whenever it has changed; changes in quick succession are one publication.
@@ -200,6 +236,7 @@ async fn publish_status(session: Session, key: keys::Key, mut seen: watch::Recei
         if let Err(error) = session.put(key.as_str(), frame).await {
             tracing::warn!("status was not published: {error}");
         }
+        tokio::time::sleep(STATUS_INTERVAL).await;
         if seen.changed().await.is_err() {
             return;
         }

@@ -1,26 +1,32 @@
 //! `firmware-sim refine`: asks robots to register clouds from files.
 
-use crate::client;
+use crate::client::{Client, MARGIN, RefineError};
 use crate::node::ANY;
 use crate::session::{SessionArgs, open};
 use anyhow::{Context, bail};
+use host_train::cli::Initial;
 use host_train::dataset::Point;
 use host_train::dataset::cloud_file::read_cloud;
 use host_train::dataset::pairs::PairSet;
 use host_train::metrics::{GroundTruth, PairMetrics, Summary};
+use host_train::refine;
 use host_train::register::within_capacity;
-use reagent_core::Pose;
 use reagent_core::dims::STEPS;
-use reagent_core::wire::{CloudView, RefineReply, RefineRequest};
+use reagent_core::wire::{
+    self, CloudView, Message, Mode, RefineReply, RefineRequest, keys, serial,
+};
+use reagent_core::{Grid, Pose};
 use serde_json::json;
 use std::path::PathBuf;
-use std::time::Instant;
-use zenoh::Session;
+use std::time::{Duration, Instant};
+use zenoh::handlers::FifoChannelHandler;
+use zenoh::pubsub::Subscriber;
+use zenoh::sample::Sample;
 
 /// Ask a robot for the pose that maps a source cloud onto a target cloud
 ///
 /// Poses are in the clouds' own units. Clouds with more points than a robot takes are subsampled.
-#[derive(clap::Args, Debug)]
+#[derive(clap::Args, Clone, Debug)]
 pub struct RefineArgs {
     /// Fleet to ask (a-z A-Z 0-9 _ -)
     #[arg(long, value_name = "NAME")]
@@ -39,6 +45,22 @@ pub struct RefineArgs {
     /// Refinement steps at most
     #[arg(long, value_name = "N", default_value_t = STEPS as u8)]
     pub steps: u8,
+    /// What follows the steps [default: verify, or the most that the robot can do]
+    #[arg(long, value_enum, value_name = "MODE")]
+    pub mode: Option<refine::Mode>,
+    /// Estimate of target_from_source to start from: 12 numbers, the rows of [R | t], separated by commas, or a
+    /// file with them [default: identity]
+    #[arg(long, value_name = "POSE")]
+    pub init: Option<Initial>,
+    /// Time that the robot has for each answer, seconds; boards in a simulator need a minute and more
+    #[arg(long, value_name = "SECONDS", default_value = "10", value_parser = seconds)]
+    pub deadline: Duration,
+    /// How coordinates are sent: i16 halves the bytes, and rounds to 1/65534 of a cloud's longest side
+    #[arg(long, value_enum, value_name = "FORMAT", default_value_t = CloudFormat::F32)]
+    pub cloud_format: CloudFormat,
+    /// Write what the robot did step by step, for `host-train replay`
+    #[arg(long, value_name = "FILE")]
+    pub trace: Option<PathBuf>,
     /// Seed of the subsampling
     #[arg(long, value_name = "S", default_value_t = 42)]
     pub seed: u64,
@@ -48,6 +70,27 @@ pub struct RefineArgs {
     /// The network.
     #[command(flatten)]
     pub session: SessionArgs,
+}
+
+/// How coordinates are sent.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum CloudFormat {
+    /// As they are
+    F32,
+    /// As codes on a grid
+    I16,
+}
+
+/// A time in seconds, from a millisecond on.
+fn seconds(text: &str) -> Result<Duration, String> {
+    let number: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
+    let time = Duration::try_from_secs_f64(number).map_err(|error| error.to_string())?;
+    let allowed = Duration::from_millis(1)..=Duration::from_secs(3600);
+    if allowed.contains(&time) {
+        Ok(time)
+    } else {
+        Err("give .001 to 3600 seconds".into())
+    }
 }
 
 /// A robot's answer and how long it took from here.
@@ -67,12 +110,23 @@ impl Answer {
             "robot": self.robot,
             "target_from_source": self.reply.target_from_source,
             "verdict": self.reply.verdict.to_string(),
+            "probability": self.reply.probability,
+            "mode": self.reply.mode.to_string(),
             "steps": self.reply.steps,
+            "ms_queue": f64::from(self.reply.waited_micros) / 1e3,
             "ms_robot": f64::from(self.reply.micros) / 1e3,
             "ms_round_trip": self.round_trip_ms,
             "policy_version": self.reply.policy_version,
         })
     }
+}
+
+/// A client and what it asks with.
+struct Asking {
+    client: Client,
+    args: RefineArgs,
+    initial: Option<[[f32; 4]; 3]>,
+    traces: Option<Traces>,
 }
 
 impl RefineArgs {
@@ -81,11 +135,10 @@ impl RefineArgs {
     /// # Errors
     /// Files that cannot be read, no session, and the first request without a pose.
     pub async fn run(self) -> anyhow::Result<()> {
-        let document = match (&self.pairs, &self.source, &self.target) {
+        match (&self.pairs, &self.source, &self.target) {
             (Some(path), ..) => {
                 let pairs = PairSet::load(path)?;
-                let session = open(&self.session).await?;
-                self.refine_pairs(&session, &pairs).await?
+                self.start().await?.refine_pairs(&pairs).await
             }
             (None, Some(source), Some(target)) => {
                 let clouds = [(0, source), (1, target)].map(|(index, path)| {
@@ -94,46 +147,86 @@ impl RefineArgs {
                 });
                 let [source, target] = clouds;
                 let (source, target) = (source?, target?);
-                let session = open(&self.session).await?;
-                self.refine_one(&session, &source, &target).await?
+                self.start().await?.refine_one(&source, &target).await
             }
             _ => bail!("give --pairs FILE.h5, or SOURCE and TARGET"),
+        }
+    }
+
+    async fn start(&self) -> anyhow::Result<Asking> {
+        let initial = self.init.clone().map(Initial::load).transpose()?;
+        let client = Client::new(open(&self.session).await?, &self.fleet).await?;
+        let traces = match &self.trace {
+            Some(path) => Some(Traces::start(&client, &self.fleet, path).await?),
+            None => None,
         };
+        Ok(Asking {
+            client,
+            args: self.clone(),
+            initial: initial.map(|pose| pose.to_rows()),
+            traces,
+        })
+    }
+
+    fn write(&self, document: &serde_json::Value) -> anyhow::Result<()> {
         if let Some(path) = &self.json {
-            let text = serde_json::to_string_pretty(&document)?;
+            let text = serde_json::to_string_pretty(document)?;
             std::fs::write(path, text + "\n")
                 .with_context(|| format!("cannot write {}", path.display()))?;
         }
         Ok(())
     }
+}
 
-    async fn ask(
-        &self,
-        session: &Session,
-        id: u64,
-        source: &[Point],
-        target: &[Point],
-    ) -> anyhow::Result<Answer> {
-        let robot = match self.robot.as_str() {
-            ANY => client::any_robot(session, &self.fleet).await?,
-            robot => robot.to_owned(),
+impl Asking {
+    async fn ask(&mut self, id: u64, source: &[Point], target: &[Point]) -> anyhow::Result<Answer> {
+        let codes = |cloud: &[Point]| {
+            let grid = Grid::of(cloud)?;
+            let codes: Vec<_> = cloud.iter().map(|&point| grid.encode(point)).collect();
+            anyhow::Ok((grid, codes))
         };
-        Ok(ask(session, &self.fleet, robot, id, self.steps, source, target).await?)
+        let grids = match self.args.cloud_format {
+            CloudFormat::F32 => None,
+            CloudFormat::I16 => Some([codes(source)?, codes(target)?]),
+        };
+        let [source, target] = match &grids {
+            None => [CloudView::of(source), CloudView::of(target)],
+            Some(grids) => grids
+                .each_ref()
+                .map(|(grid, codes)| CloudView::on_grid(*grid, codes)),
+        };
+        let request = RefineRequest {
+            budget_ms: u32::try_from(self.args.deadline.as_millis()).unwrap_or(u32::MAX),
+            mode: match self.args.mode {
+                None => Mode::Best,
+                Some(refine::Mode::Fast) => Mode::Fast,
+                Some(refine::Mode::Polish) => Mode::Polish,
+                Some(refine::Mode::Verify) => Mode::Verify,
+            },
+            max_steps: self.args.steps,
+            trace: self.traces.is_some(),
+            initial: self.initial,
+            ..RefineRequest::new(id, source, target)
+        };
+        let answer = ask(&self.client, &self.args.robot, &request).await?;
+        if let Some(traces) = &mut self.traces {
+            traces.take(&answer.robot, id).await?;
+        }
+        Ok(answer)
     }
 
-    async fn refine_one(
-        &self,
-        session: &Session,
-        source: &[Point],
-        target: &[Point],
-    ) -> anyhow::Result<serde_json::Value> {
-        let answer = self.ask(session, 1, source, target).await?;
+    async fn refine_one(&mut self, source: &[Point], target: &[Point]) -> anyhow::Result<()> {
+        let answer = self.ask(1, source, target).await?;
         let reply = &answer.reply;
         for row in reply.target_from_source {
             println!("{}", row.map(|x| format!("{x:12.6}")).join(" "));
         }
+        let refined = reply.probability.map_or(String::new(), |probability| {
+            let probability = 100.0 * probability;
+            format!(" (right with {probability:.0} %, mode {})", reply.mode)
+        });
         println!(
-            "{} after {} steps, {:.1} ms on robot {} (policy version {}), {:.1} ms with the network",
+            "{}{refined} after {} steps, {:.1} ms on robot {} (policy version {}), {:.1} ms with the network",
             reply.verdict,
             reply.steps,
             f64::from(reply.micros) / 1e3,
@@ -141,21 +234,18 @@ impl RefineArgs {
             reply.policy_version,
             answer.round_trip_ms,
         );
-        Ok(answer.json())
+        self.args.write(&answer.json())
     }
 
-    async fn refine_pairs(
-        &self,
-        session: &Session,
-        pairs: &PairSet,
-    ) -> anyhow::Result<serde_json::Value> {
+    async fn refine_pairs(&mut self, pairs: &PairSet) -> anyhow::Result<()> {
         let (mut answers, mut before, mut after) = (Vec::new(), Vec::new(), Vec::new());
         for index in 0..pairs.source.len() {
+            let seed = self.args.seed;
             let cloud = |clouds: &[Vec<Point>], number: u64| {
-                within_capacity(clouds[index].clone(), self.seed, 2 * index as u64 + number)
+                within_capacity(clouds[index].clone(), seed, 2 * index as u64 + number)
             };
             let (source, target) = (cloud(&pairs.source, 0), cloud(&pairs.target, 1));
-            let answer = self.ask(session, index as u64 + 1, &source, &target).await;
+            let answer = self.ask(index as u64 + 1, &source, &target).await;
             let answer = answer.with_context(|| format!("pair {index}"))?;
             let [initial, refined] = errors(pairs, index, &answer.reply)?;
             before.push(initial);
@@ -165,37 +255,79 @@ impl RefineArgs {
         println!("{}", Row::HEADER);
         println!("{}", Row::new("initial", &before));
         println!("{}", Row::new("refined", &after));
-        Ok(json!({ "pairs": answers }))
+        self.args.write(&json!({ "pairs": answers }))
     }
 }
 
-/// Asks one robot for one pose.
+/// Asks one robot, or any, for one pose.
 ///
 /// # Errors
-/// As [`client::refine`].
+/// As [`Client::refine`] and [`Client::refine_any`].
 pub async fn ask(
-    session: &Session,
-    fleet: &str,
-    robot: String,
-    id: u64,
-    max_steps: u8,
-    source: &[Point],
-    target: &[Point],
-) -> Result<Answer, client::RefineError> {
-    let request = RefineRequest {
-        id,
-        max_steps,
-        initial: None,
-        source: CloudView::of(source),
-        target: CloudView::of(target),
-    };
+    client: &Client,
+    robot: &str,
+    request: &RefineRequest<'_>,
+) -> Result<Answer, RefineError> {
     let asked = Instant::now();
-    let reply = client::refine(session, fleet, &robot, &request).await?;
+    let (robot, reply) = match robot {
+        ANY => client.refine_any(request).await?,
+        robot => (robot.to_owned(), client.refine(robot, request).await?),
+    };
     Ok(Answer {
         robot,
         reply,
         round_trip_ms: asked.elapsed().as_secs_f64() * 1e3,
     })
+}
+
+/// Traces as they come, and the file that they go to: frames as on a serial line.
+struct Traces {
+    published: Subscriber<FifoChannelHandler<Sample>>,
+    path: PathBuf,
+    lines: Vec<u8>,
+}
+
+impl Traces {
+    async fn start(client: &Client, fleet: &str, path: &std::path::Path) -> anyhow::Result<Traces> {
+        let key = keys::all_traces(fleet).map_err(RefineError::Request)?;
+        let published = client.session().declare_subscriber(key.as_str()).await;
+        let mut traces = Traces {
+            published: published.map_err(RefineError::Zenoh)?,
+            path: path.into(),
+            lines: Vec::new(),
+        };
+        // A file that cannot be written is known before anybody is asked.
+        traces.write()?;
+        Ok(traces)
+    }
+
+    /// Waits for the trace of an answer, and adds it to the file.
+    async fn take(&mut self, robot: &str, id: u64) -> anyhow::Result<()> {
+        let published = async {
+            loop {
+                let sample = self.published.recv_async().await;
+                let sample = sample.map_err(RefineError::Zenoh)?;
+                if keys::robot_of(sample.key_expr().as_str()) != Some(robot) {
+                    continue;
+                }
+                let frame = sample.payload().to_bytes();
+                if let Ok(Message::Trace(trace)) = wire::decode(&frame)
+                    && trace.reply.id == id
+                {
+                    return anyhow::Ok(frame.into_owned());
+                }
+            }
+        };
+        let frame = tokio::time::timeout(MARGIN, published).await;
+        let frame = frame.with_context(|| format!("robot {robot} published no trace"))??;
+        serial::write(&frame, |byte| self.lines.push(byte));
+        self.write()
+    }
+
+    fn write(&mut self) -> anyhow::Result<()> {
+        std::fs::write(&self.path, &self.lines)
+            .with_context(|| format!("cannot write {}", self.path.display()))
+    }
 }
 
 /// Errors of a pair before and after a robot's answer.

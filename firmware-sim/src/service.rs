@@ -1,103 +1,204 @@
 //! The refinement service: request frame in, pose or refusal out, one at a time.
 
 use crate::policy::LoadedPolicy;
+use crate::queue::{Job, Queue, Stop};
 use crate::view::View;
 use reagent_core::dims::MAX_POINTS;
+use reagent_core::kernels::Isa;
 use reagent_core::net::Scratch;
+use reagent_core::polish::{Refiner, Workspace};
 use reagent_core::register::check_cloud;
+use reagent_core::verdict::Evidence;
 use reagent_core::wire::{
-    self, Cloud, CloudView, Message, Reason, RefineReply, RefineRequest, Refusal,
+    self, Cloud, CloudView, KernelName, Message, Mode, PolicyId, Reason, RefineReply,
+    RefineRequest, Refusal, StepsView, Trace, keys, step_bytes,
 };
 use reagent_core::{Frame, Policy, Pose, Registrar, Verdict};
 use std::sync::Arc;
-use std::time::Instant;
-use tokio::sync::{mpsc, watch};
-use zenoh::Wait;
+use std::time::{Duration, Instant};
+use tokio::runtime::Handle;
+use tokio::sync::watch;
+use zenoh::qos::CongestionControl;
 use zenoh::query::Query;
+use zenoh::{Session, Wait};
+
+/// Where a robot's answers and traces go.
+pub(crate) struct Outlet {
+    pub(crate) session: Session,
+    pub(crate) reply_key: keys::Key,
+    pub(crate) trace_key: keys::Key,
+    pub(crate) view: Arc<watch::Sender<View>>,
+}
 
 /// Answers queued requests until the queue is closed, always with the newest policy. A policy that
 /// arrives while a request runs is used from the next request on.
 pub(crate) fn serve(
-    mut requests: mpsc::Receiver<Query>,
+    queue: &Queue,
     mut policies: watch::Receiver<Option<Arc<LoadedPolicy>>>,
-    reply_key: &str,
-    view: &watch::Sender<View>,
+    outlet: &Outlet,
 ) {
     let mut scratch = Box::new(Scratch::new());
-    let mut clouds = Clouds::new();
+    let mut buffers = Buffers::new();
     let mut waiting = None;
     loop {
         let loaded = policies.borrow_and_update().clone();
         let mut engine = loaded.as_deref().and_then(|loaded| {
             let policy = Policy::parse(loaded.bytes()).ok()?;
-            let registrar = Registrar::new(policy, &mut scratch);
-            Some((registrar, loaded.manifest().version))
+            let manifest = loaded.manifest();
+            Some(Engine {
+                registrar: Registrar::new(policy, &mut scratch),
+                policy: PolicyId {
+                    version: manifest.version,
+                    sha256: manifest.sha256,
+                },
+            })
         });
         loop {
-            let Some(query) = waiting.take().or_else(|| requests.blocking_recv()) else {
+            let next = || Handle::current().block_on(queue.next());
+            let Some(job) = waiting.take().or_else(next) else {
                 return;
             };
             if policies.has_changed().unwrap_or(false) {
-                waiting = Some(query);
+                waiting = Some(job);
                 break;
             }
-            let payload = query.payload().map(|p| p.to_bytes()).unwrap_or_default();
-            let answer = answer(engine.as_mut(), &mut clouds, &payload);
-            settle(&query, reply_key, answer, view);
+            let payload = job.query.payload().map(|p| p.to_bytes());
+            let payload = payload.unwrap_or_default();
+            match answer(engine.as_mut(), &mut buffers, &payload, &job) {
+                Ok((reply, trace)) => {
+                    outlet.settle(&job.query, Ok(reply));
+                    if let Some(trace) = trace {
+                        outlet.publish_trace(trace);
+                    }
+                }
+                Err(Ended::Refused(refusal)) => outlet.settle(&job.query, Err(refusal)),
+                Err(Ended::TakenBack) => {
+                    outlet.view.send_modify(View::count_taken_back);
+                }
+            }
         }
     }
 }
 
-/// Buffers of the clouds being registered, in the alignment that the kernels read.
-struct Clouds {
+/// A policy at work.
+struct Engine<'w, 's> {
+    registrar: Registrar<'w, 's>,
+    policy: PolicyId,
+}
+
+/// Working memory of registrations, in the alignment that the kernels read.
+struct Buffers {
     source: Box<[[f32; 3]]>,
     target: Box<[[f32; 3]]>,
+    workspace: Box<Workspace>,
 }
 
-impl Clouds {
+impl Buffers {
     fn new() -> Self {
         let empty = || vec![[0.0; 3]; MAX_POINTS].into_boxed_slice();
-        Clouds {
+        Buffers {
             source: empty(),
             target: empty(),
+            workspace: Box::new(Workspace::new()),
         }
     }
 }
 
+/// Why there is no pose.
+enum Ended {
+    Refused(Refusal),
+    TakenBack,
+}
+
+/// Registers the clouds of a request; its trace too, where it wants one.
 fn answer(
-    engine: Option<&mut (Registrar<'_, '_>, u64)>,
-    clouds: &mut Clouds,
+    engine: Option<&mut Engine<'_, '_>>,
+    buffers: &mut Buffers,
     payload: &[u8],
-) -> Result<RefineReply, Refusal> {
-    let request = read_request(payload)?;
-    let refused = |reason| Refusal {
-        id: request.id,
-        reason,
+    job: &Job,
+) -> Result<(RefineReply, Option<Vec<u8>>), Ended> {
+    let request = read_request(payload).map_err(Ended::Refused)?;
+    let id = request.id;
+    let refused = |reason| Ended::Refused(Refusal { id, reason });
+    let check = || {
+        job.check().map_err(|stop| match stop {
+            Stop::Deadline => refused(Reason::Deadline),
+            Stop::TakenBack => Ended::TakenBack,
+        })
     };
-    let Some((registrar, policy_version)) = engine else {
+    check()?;
+    let Some(Engine { registrar, policy }) = engine else {
         return Err(refused(Reason::NoPolicy));
     };
-    let source = taken(Cloud::Source, &request.source, &mut clouds.source).map_err(refused)?;
-    let target = taken(Cloud::Target, &request.target, &mut clouds.target).map_err(refused)?;
-    let initial = request.initial.map_or(Pose::IDENTITY, Pose::from_rows);
     let started = Instant::now();
+    let source = taken(Cloud::Source, &request.source, &mut buffers.source).map_err(refused)?;
+    let target = taken(Cloud::Target, &request.target, &mut buffers.target).map_err(refused)?;
+    let initial = request.initial.map_or(Pose::IDENTITY, Pose::from_rows);
+    let failed = |error| refused(Reason::of(error, Cloud::Target));
     let mut registration = Frame::of(target)
         .and_then(|frame| registrar.start(source, target, frame, initial))
-        .map_err(|error| refused(Reason::of(error, Cloud::Target)))?;
-    let mut steps = 0;
+        .map_err(failed)?;
+    let mut steps = Vec::new();
+    let mut taken = 0;
     // After a stop on every axis each further step would see the same and stop again.
-    while steps < request.max_steps && registration.verdict() != Verdict::Converged {
-        registrar.step(&mut registration);
-        steps += 1;
+    while taken < request.max_steps && registration.verdict() != Verdict::Converged {
+        check()?;
+        let action = registrar.step(&mut registration).action;
+        taken += 1;
+        if request.trace {
+            let pose = registration.target_from_source();
+            steps.push(step_bytes(action, pose.to_rows()));
+        }
     }
-    Ok(RefineReply {
-        id: request.id,
+    let mut reply = RefineReply {
+        id,
         target_from_source: registration.target_from_source().to_rows(),
-        steps,
+        steps: taken,
+        mode: match request.mode {
+            Mode::Best => Mode::Verify,
+            mode => mode,
+        },
         verdict: registration.verdict(),
-        micros: u32::try_from(started.elapsed().as_micros()).unwrap_or(u32::MAX),
-        policy_version: *policy_version,
-    })
+        probability: None,
+        waited_micros: micros(started.duration_since(job.arrived)),
+        micros: 0,
+        policy_version: policy.version,
+    };
+    if reply.mode != Mode::Fast {
+        check()?;
+        let pose = registration.target_from_source();
+        let mut refiner = Refiner::new(source, target, &mut buffers.workspace).map_err(failed)?;
+        let (pose, evidence) = if reply.mode == Mode::Polish {
+            let found = refiner.polish(pose).map_err(failed)?;
+            (found.target_from_source, Evidence::polished(&found))
+        } else {
+            let found = refiner.verify(pose).map_err(failed)?;
+            (found.best.target_from_source, Evidence::verified(&found))
+        };
+        reply.target_from_source = pose.to_rows();
+        reply.verdict = Verdict::of_probability(evidence.probability());
+        reply.probability = Some(evidence.probability());
+    }
+    reply.micros = micros(started.elapsed());
+    let trace = request.trace.then(|| {
+        let trace = Trace {
+            policy: *policy,
+            kernels: KernelName::try_from(Isa::best().name()).unwrap_or_default(),
+            request: payload,
+            steps: StepsView::of(&steps),
+            reply,
+        };
+        let mut frame =
+            vec![0; wire::SMALL_FRAME_BYTES + payload.len() + steps.as_flattened().len()];
+        let length = wire::encode(&Message::Trace(trace), &mut frame).map_or(0, <[u8]>::len);
+        frame.truncate(length);
+        frame
+    });
+    Ok((reply, trace))
+}
+
+fn micros(time: Duration) -> u32 {
+    u32::try_from(time.as_micros()).unwrap_or(u32::MAX)
 }
 
 /// The request in a payload; a refusal without id where there is none.
@@ -123,28 +224,31 @@ fn taken<'c>(
     points.map_err(|error| Reason::of(error, cloud))
 }
 
-/// Counts the answer to a query and sends it.
-pub(crate) fn settle(
-    query: &Query,
-    reply_key: &str,
-    answer: Result<RefineReply, Refusal>,
-    view: &watch::Sender<View>,
-) {
-    view.send_modify(|view| match answer {
-        Ok(_) => view.count_served(),
-        Err(_) => view.count_refused(),
-    });
-    match answer {
-        Ok(reply) => send_reply(query, reply_key, reply),
-        Err(refusal) => send_refusal(query, refusal),
+impl Outlet {
+    /// Counts the answer to a query and sends it.
+    pub(crate) fn settle(&self, query: &Query, answer: Result<RefineReply, Refusal>) {
+        self.view.send_modify(|view| match answer {
+            Ok(reply) => view.count_served(reply.verdict),
+            Err(_) => view.count_refused(),
+        });
+        let reply = match answer {
+            Ok(reply) => reply,
+            Err(refusal) => return send_refusal(query, refusal),
+        };
+        let frame = small_frame(&Message::RefineReply(reply));
+        if let Err(error) = query.reply(self.reply_key.as_str(), frame).wait() {
+            tracing::warn!("reply {} was not sent: {error}", reply.id);
+        }
     }
-}
 
-/// Answers a query with a pose.
-fn send_reply(query: &Query, key: &str, reply: RefineReply) {
-    let frame = small_frame(&Message::RefineReply(reply));
-    if let Err(error) = query.reply(key, frame).wait() {
-        tracing::warn!("reply {} was not sent: {error}", reply.id);
+    fn publish_trace(&self, frame: Vec<u8>) {
+        let sent = self
+            .session
+            .put(self.trace_key.as_str(), frame)
+            .congestion_control(CongestionControl::Block);
+        if let Err(error) = sent.wait() {
+            tracing::warn!("a trace was not published: {error}");
+        }
     }
 }
 

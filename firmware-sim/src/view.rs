@@ -1,6 +1,8 @@
 //! What can be seen of a node from outside.
 
 use crate::policy::UpdateError;
+use reagent_core::Verdict;
+use reagent_core::verdict::VERDICTS;
 use reagent_core::wire::{Manifest, PolicyId, Status};
 use std::sync::Arc;
 
@@ -19,6 +21,14 @@ pub struct View {
     pub refused: u64,
     /// Requests running or waiting.
     pub in_hand: u16,
+    /// Requests that their clients took back, or left.
+    pub taken_back: u64,
+    /// Poses by verdict, in the order of [`Verdict::ALL`].
+    pub verdicts: [u32; VERDICTS],
+    /// Drawn at the node's start.
+    pub instance: u32,
+    /// Whether another robot of the same name has been seen.
+    pub duplicate: bool,
 }
 
 impl View {
@@ -32,11 +42,20 @@ impl View {
             served: self.served,
             refused: self.refused,
             in_hand: self.in_hand,
+            instance: self.instance,
+            verdicts: self.verdicts,
         }
     }
 
-    pub(crate) fn count_served(&mut self) {
+    pub(crate) fn count_served(&mut self, verdict: Verdict) {
         self.served += 1;
+        let of_kind = self.verdicts.get_mut(verdict as usize);
+        of_kind.into_iter().for_each(|count| *count += 1);
+        self.in_hand = self.in_hand.saturating_sub(1);
+    }
+
+    pub(crate) fn count_taken_back(&mut self) {
+        self.taken_back += 1;
         self.in_hand = self.in_hand.saturating_sub(1);
     }
 

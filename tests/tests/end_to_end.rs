@@ -8,7 +8,7 @@ use host_train::export::{WeightFile, parameters_of};
 use host_train::publish::{Publisher, keygen, read_key};
 use host_train::train::{DataSource, RollOut, Stage, TrainConfig, run};
 use reagent_core::net::Scratch;
-use reagent_core::wire::{CloudView, RefineRequest};
+use reagent_core::wire::{CloudView, Mode, RefineRequest};
 use reagent_core::{Frame, Pose, Registrar};
 use std::sync::atomic::AtomicBool;
 use support::{Network, until};
@@ -50,11 +50,8 @@ async fn a_trained_policy_reaches_a_robot_and_gives_the_pose_it_gives_here() {
     let moved = |p: &[f32; 3]| [30.0 + 2.0 * p[0], -2.0 * p[2], 2.0 * p[1] - 5.0];
     let source: Vec<_> = target.iter().map(moved).collect();
     let request = RefineRequest {
-        id: 1,
-        max_steps: 10,
-        initial: None,
-        source: CloudView::of(&source),
-        target: CloudView::of(&target),
+        mode: Mode::Fast,
+        ..RefineRequest::new(1, CloudView::of(&source), CloudView::of(&target))
     };
     let client = network.join().await;
     let reply = client::refine(&client, "e2e", "r1", &request).await;

@@ -213,7 +213,11 @@ async fn a_restarted_robot_has_its_policy_without_a_host() {
         .expect("it starts all the same");
     let view = until(&node, |_| true).await;
     assert_eq!((view.policy, view.updates_refused), (None, 1));
-    let second = Node::start(network.join().await, config()).await;
+    let other_name = NodeConfig {
+        robot: "r2".into(),
+        ..config()
+    };
+    let second = Node::start(network.join().await, other_name).await;
     let error = second.expect_err("the first holds the flash").to_string();
     assert!(
         error.contains("another robot uses this state directory"),

@@ -5,14 +5,22 @@ mod support;
 use firmware_sim::client::{self, RefineError};
 use firmware_sim::node::{Node, NodeConfig, NodeError, QUEUE};
 use firmware_sim::session::{SessionArgs, open};
-use reagent_core::Pose;
-use reagent_core::wire::{self, Cloud, Message, Reason, RefineReply, RefineRequest, Refusal, keys};
+use host_train::refine;
+use host_train::register::register;
+use reagent_core::wire::{
+    self, Cloud, CloudView, Message, Mode, Reason, RefineReply, RefineRequest, Refusal, keys,
+};
+use reagent_core::{Grid, Pose};
 use std::sync::Arc;
+use std::time::Duration;
 use support::{
     FLEET, Network, local_pose, publisher, random_cloud, random_policy, request, until,
     unused_endpoint,
 };
 use zenoh::Session;
+
+/// Longer than anything here takes.
+const PATIENCE: Duration = Duration::from_secs(60);
 
 type Points<'a> = &'a [[f32; 3]];
 
@@ -110,7 +118,7 @@ async fn every_bad_request_is_refused_with_its_reason() {
         ),
     ];
     for (frame, reason) in frames {
-        match client::ask(&session, &refine_key, "r1", frame.to_vec()).await {
+        match client::ask(&session, &refine_key, "r1", frame.to_vec(), PATIENCE).await {
             Err(RefineError::Refused { refusal, .. }) => {
                 assert_eq!(refusal, Refusal { id: 0, reason });
             }
@@ -163,46 +171,90 @@ async fn a_full_queue_is_refused_and_every_request_answered() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn any_robot_is_one_that_is_there_with_the_least_to_do() {
+async fn clouds_on_a_grid_and_refining_modes_are_served_bit_for_bit() {
     let network = Network::start().await;
-    let session = network.join().await;
-    let nobody = client::any_robot(&session, FLEET).await;
-    assert!(
-        matches!(nobody, Err(RefineError::NoRobot { .. })),
-        "{nobody:?}"
-    );
-
-    let (first, second) = (
-        network.node(FLEET, "a").await,
-        network.node(FLEET, "b").await,
-    );
+    let node = network.node(FLEET, "r1").await;
     let mut publisher = publisher(&network).await;
-    publisher
-        .publish(1, "first", random_policy(1))
-        .await
-        .expect("a good policy");
-    for node in [&first, &second] {
-        until(node, |view| view.policy.is_some()).await;
+    let policy = random_policy(1);
+    let shipped = publisher.publish(1, "first", policy.clone());
+    shipped.await.expect("a good policy");
+    until(&node, |view| view.policy.is_some()).await;
+    let session = network.join().await;
+
+    let (source, target) = (random_cloud(1, 301), random_cloud(2, 400));
+    let grid = Grid::of(&source).expect("a good cloud");
+    let codes: Vec<_> = source.iter().map(|&p| grid.encode(p)).collect();
+    let decoded: Vec<_> = codes.iter().map(|&c| grid.decode(c)).collect();
+    assert_ne!(decoded, source);
+    let mut on_grid = request(&source, &target);
+    on_grid.source = CloudView::on_grid(grid, &codes);
+    let reply = client::refine(&session, FLEET, "r1", &on_grid).await;
+    let expected = local_pose(&policy, &decoded, &target, Pose::IDENTITY);
+    let reply = reply.expect("a pose");
+    assert_eq!(reply.target_from_source, expected.to_rows());
+    assert_eq!((reply.mode, reply.probability), (Mode::Fast, None));
+
+    let modes = [
+        (Mode::Polish, refine::Mode::Polish),
+        (Mode::Verify, refine::Mode::Verify),
+        (Mode::Best, refine::Mode::Verify),
+    ];
+    for (asked, here) in modes {
+        let mut request = request(&source, &target);
+        request.mode = asked;
+        let reply = client::refine(&session, FLEET, "r1", &request).await;
+        let reply = reply.expect("a pose");
+        let start = Pose::IDENTITY;
+        let expected = register(policy.policy(), &source, &target, start, 10, here);
+        let expected = expected.expect("good clouds");
+        let rows = expected.target_from_source.to_rows();
+        assert_eq!(reply.target_from_source, rows, "{asked}");
+        let refined = expected.refinement.expect("it was refined");
+        assert_eq!(reply.probability, Some(refined.evidence.probability()));
+        assert_eq!(reply.verdict, expected.verdict);
+        let done = if asked == Mode::Polish {
+            asked
+        } else {
+            Mode::Verify
+        };
+        assert_eq!((reply.mode, reply.steps), (done, 10));
     }
-    let cloud = random_cloud(1, 10);
-    assert_eq!(client::any_robot(&session, FLEET).await.expect("two"), "a");
-    let status_key = keys::status(FLEET, "a").expect("good names");
-    let published = session.declare_subscriber(status_key.as_str());
-    let published = published.await.expect("an open session");
-    let reply = client::refine(&session, FLEET, "a", &request(&cloud, &cloud)).await;
-    assert!(reply.is_ok(), "{reply:?}");
-    loop {
-        let sample = published.recv_async().await.expect("an open session");
-        match wire::decode(&sample.payload().to_bytes()) {
-            Ok(Message::Status(status)) if status.served == 1 => break,
-            Ok(Message::Status(_)) => {}
-            other => panic!("no status: {other:?}"),
-        }
-    }
-    assert_eq!(client::any_robot(&session, FLEET).await.expect("two"), "b");
-    let robots = client::robots(&session, FLEET).await.expect("two");
-    let served: Vec<_> = robots.iter().map(|(r, s)| (r.as_str(), s.served)).collect();
-    assert_eq!(served, [("a", 1), ("b", 0)]);
+    let view = until(&node, |view| view.served == 4).await;
+    assert_eq!(view.verdicts.iter().sum::<u32>(), 4);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_second_robot_of_the_same_name_is_noticed() {
+    let network = Network::start().await;
+    let node = network.node(FLEET, "r1").await;
+    let config = || NodeConfig {
+        fleet: FLEET.into(),
+        robot: "r1".into(),
+        trusted: vec![],
+        state: None,
+    };
+    let second = Node::start(network.join().await, config()).await;
+    let error = second.expect_err("the name is taken");
+    assert!(matches!(error, NodeError::Duplicate { .. }), "{error}");
+    assert!(error.to_string().contains("r1"), "{error}");
+
+    // One that was out of reach when it started.
+    let foreign = wire::Status {
+        instance: 1,
+        ..wire::Status::default()
+    };
+    let mut frame = [0; wire::SMALL_FRAME_BYTES];
+    let frame = wire::encode(&Message::Status(foreign), &mut frame).expect("fits");
+    let key = keys::status(FLEET, "r1").expect("good names");
+    assert!(!node.watch().borrow().duplicate);
+    let session = network.join().await;
+    let put = session.put(key.as_str(), frame.to_vec()).await;
+    put.expect("an open session");
+    until(&node, |view| view.duplicate).await;
+
+    node.stop().await;
+    let after = Node::start(network.join().await, config()).await;
+    assert!(after.is_ok(), "{after:?}");
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -220,7 +272,7 @@ async fn nobody_at_the_key_is_said_at_once() {
             error.contains(&format!("no robot answered at {key}")),
             "{error}"
         );
-        assert!(asked.elapsed() < client::TIMEOUT / 4);
+        assert!(asked.elapsed() < PATIENCE / 2);
     }
     drop(node);
     let gone = client::refine(&session, FLEET, "r1", &request(&cloud, &cloud)).await;

@@ -1,23 +1,29 @@
-//! A cloud inside a frame: little-endian f32 triples, viewed where they lie.
+//! A cloud inside a frame: little-endian triples of f32, or of 16-bit codes on a grid, viewed where they lie.
 
 use crate::error::Error;
-use core::fmt;
+use crate::grid::Grid;
 use core::ops::Range;
-use serde::de::{self, Deserialize, Deserializer, Visitor};
+use serde::de::{self, Deserialize, Deserializer};
 use serde::{Serialize, Serializer};
 
-/// Bytes of one point on the wire: x, y, z as little-endian f32.
+/// Bytes of a point as f32.
 pub(crate) const POINT_BYTES: usize = 12;
+/// Bytes of a point as codes.
+const CODE_BYTES: usize = 6;
 
 #[cfg(target_endian = "big")]
 compile_error!(
-    "clouds are viewed in place as little-endian f32; big-endian targets are not supported"
+    "clouds are viewed in place as little-endian numbers; big-endian targets are not supported"
 );
 
 /// Points borrowed from a frame or from a slice, in the order given. Coordinates are not checked.
+///
+/// In a frame: 0 and bytes, 12 a point; or 1, the [`Grid`], and bytes, 6 a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CloudView<'a> {
-    /// A multiple of [`POINT_BYTES`] bytes, of any alignment.
+    /// Where codes lie in space; `None`: coordinates as they are.
+    grid: Option<Grid>,
+    /// A multiple of [`Self::point_bytes`] bytes, of any alignment.
     bytes: &'a [u8],
 }
 
@@ -25,13 +31,35 @@ impl<'a> CloudView<'a> {
     /// The view that puts `points` into a frame.
     pub fn of(points: &'a [[f32; 3]]) -> CloudView<'a> {
         CloudView {
+            grid: None,
             bytes: bytemuck::cast_slice(points),
+        }
+    }
+
+    /// The view that puts points on a grid into a frame, by their codes.
+    pub fn on_grid(grid: Grid, codes: &'a [[i16; 3]]) -> CloudView<'a> {
+        CloudView {
+            grid: Some(grid),
+            bytes: bytemuck::cast_slice(codes),
+        }
+    }
+
+    /// The grid, if the points are codes.
+    pub fn grid(&self) -> Option<Grid> {
+        self.grid
+    }
+
+    /// Bytes of a point.
+    fn point_bytes(&self) -> usize {
+        match self.grid {
+            None => POINT_BYTES,
+            Some(_) => CODE_BYTES,
         }
     }
 
     /// Number of points.
     pub fn len(&self) -> usize {
-        self.bytes.len() / POINT_BYTES
+        self.bytes.len() / self.point_bytes()
     }
 
     /// Whether there are none.
@@ -41,9 +69,13 @@ impl<'a> CloudView<'a> {
 
     /// The points in order.
     pub fn iter(&self) -> impl ExactSizeIterator<Item = [f32; 3]> + use<'a> {
+        let grid = self.grid;
         self.bytes
-            .chunks_exact(POINT_BYTES)
-            .map(bytemuck::pod_read_unaligned)
+            .chunks_exact(self.point_bytes())
+            .map(move |point| match grid {
+                None => bytemuck::pod_read_unaligned(point),
+                Some(grid) => grid.decode(bytemuck::pod_read_unaligned(point)),
+            })
     }
 
     /// Where in `frame`, which they are borrowed from, the points lie.
@@ -75,30 +107,30 @@ impl<'a> CloudView<'a> {
 
 impl Serialize for CloudView<'_> {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.serialize_bytes(self.bytes)
+        (self.grid, Bytes(self.bytes)).serialize(serializer)
     }
 }
 
 impl<'de: 'a, 'a> Deserialize<'de> for CloudView<'a> {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        deserializer.deserialize_bytes(PointBytes)
+        let (grid, bytes) = <(Option<Grid>, &'de [u8])>::deserialize(deserializer)?;
+        let view = CloudView { grid, bytes };
+        if bytes.len().is_multiple_of(view.point_bytes()) {
+            Ok(view)
+        } else {
+            Err(de::Error::invalid_length(
+                bytes.len(),
+                &"a whole number of points",
+            ))
+        }
     }
 }
 
-struct PointBytes;
+/// Bytes that are written as one piece.
+pub(super) struct Bytes<'a>(pub(super) &'a [u8]);
 
-impl<'de> Visitor<'de> for PointBytes {
-    type Value = CloudView<'de>;
-
-    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("a multiple of 12 bytes")
-    }
-
-    fn visit_borrowed_bytes<E: de::Error>(self, bytes: &'de [u8]) -> Result<Self::Value, E> {
-        if bytes.len().is_multiple_of(POINT_BYTES) {
-            Ok(CloudView { bytes })
-        } else {
-            Err(E::invalid_length(bytes.len(), &self))
-        }
+impl Serialize for Bytes<'_> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_bytes(self.0)
     }
 }

@@ -1,13 +1,9 @@
-//! The messages, field by field.
+//! What robots and policies are, field by field.
 
-use super::CloudView;
-use crate::error::Error;
 use crate::golden::GoldenActions;
 use crate::shape::Shape;
-use crate::steps::Action;
-use crate::verdict::Verdict;
+use crate::verdict::VERDICTS;
 use crate::weights;
-use core::fmt;
 use serde::{Deserialize, Serialize};
 
 /// A policy's name for people.
@@ -69,108 +65,6 @@ pub struct SignedManifest<'a> {
     pub signature: [[u8; 32]; 2],
 }
 
-/// Two clouds to register.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct RefineRequest<'a> {
-    /// Chosen by the client, returned with the answer.
-    pub id: u64,
-    /// Most steps to take, 10 in the paper; a stop on every axis ends earlier.
-    pub max_steps: u8,
-    /// Estimate of target_from_source as rows of `[R | t]`, in the clouds' units; none: identity.
-    pub initial: Option<[[f32; 4]; 3]>,
-    /// The observed cloud, any units.
-    #[serde(borrow)]
-    pub source: CloudView<'a>,
-    /// The model or reference cloud, same units.
-    #[serde(borrow)]
-    pub target: CloudView<'a>,
-}
-
-/// The pose found.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct RefineReply {
-    /// The request's.
-    pub id: u64,
-    /// Plain rigid transform as rows of `[R | t]`, in the clouds' units.
-    pub target_from_source: [[f32; 4]; 3],
-    /// Steps taken.
-    pub steps: u8,
-    /// How they ended.
-    pub verdict: Verdict,
-    /// Time the registration took on the robot, microseconds.
-    pub micros: u32,
-    /// Version of the policy that answered.
-    pub policy_version: u64,
-}
-
-/// Why there is no pose.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Refusal {
-    /// The request's, 0 where none could be read.
-    pub id: u64,
-    /// What was wrong.
-    pub reason: Reason,
-}
-
-/// Which cloud of a request.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Cloud {
-    /// The observed one.
-    Source,
-    /// The reference.
-    Target,
-}
-
-/// What is wrong with a request, or why the robot cannot serve it now.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Reason {
-    /// The robot's queue is full.
-    Busy,
-    /// The robot has no policy yet.
-    NoPolicy,
-    /// The frame has another version.
-    WrongVersion {
-        /// Version the robot speaks.
-        spoken: u8,
-    },
-    /// The payload is not a refine request.
-    Malformed,
-    /// A cloud has no points.
-    EmptyCloud(Cloud),
-    /// A cloud has fewer points than fix a rigid transform.
-    TooFewPoints(Cloud, u32),
-    /// A cloud has more points than the robot takes.
-    TooManyPoints(Cloud, u32),
-    /// The point of this index has a NaN or infinite coordinate.
-    NotFinite(Cloud, u32),
-    /// All points of the target coincide.
-    BadCloud,
-    /// The initial pose is not a finite rigid transform.
-    BadPose,
-    /// The robot failed in a way that is not the request's fault.
-    Internal,
-}
-
-impl Reason {
-    /// The reason for an error met with this cloud in hand.
-    pub fn of(error: Error, cloud: Cloud) -> Reason {
-        let count = |n: usize| u32::try_from(n).unwrap_or(u32::MAX);
-        match error {
-            Error::EmptyCloud => Reason::EmptyCloud(cloud),
-            Error::TooFewPoints { points } => Reason::TooFewPoints(cloud, count(points)),
-            Error::TooManyPoints { points, .. } => Reason::TooManyPoints(cloud, count(points)),
-            Error::NotFinite { index } => Reason::NotFinite(cloud, count(index)),
-            Error::NoExtent => Reason::BadCloud,
-            Error::BadPose => Reason::BadPose,
-            Error::Frame => Reason::Malformed,
-            Error::FrameVersion { .. } => Reason::WrongVersion {
-                spoken: super::VERSION,
-            },
-            _ => Reason::Internal,
-        }
-    }
-}
-
 /// Which policy a robot runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PolicyId {
@@ -191,6 +85,10 @@ pub struct Status {
     pub refused: u64,
     /// Requests running or waiting now.
     pub in_hand: u16,
+    /// Drawn anew at each start of the robot: two that are there at once are two robots of one name.
+    pub instance: u32,
+    /// Poses by verdict, in the order of [`crate::Verdict`].
+    pub verdicts: [u32; VERDICTS],
 }
 
 /// What a board has and uses; bytes, and ticks of its own counter.
@@ -210,19 +108,26 @@ pub struct Board {
     pub target_ticks: u32,
     /// Ticks that its last step took.
     pub step_ticks: u32,
+    /// Ticks that the longest slice of work took since the start: nothing else ran for as long.
+    pub slice_ticks: u32,
     /// Ticks a second.
     pub hertz: u32,
+    /// What it makes of the policy in its flash.
+    pub flash: FlashCheck,
 }
 
-/// A step that a registration has taken.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct StepTaken {
-    /// The request's.
-    pub id: u64,
-    /// The action.
-    pub action: Action,
-    /// The pose after it, as rows of `[R | t]`, in the clouds' units.
-    pub target_from_source: [[f32; 4]; 3],
+/// What a board makes of the policy in its flash, at its start and after each update.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum FlashCheck {
+    /// There is none: nothing was ever written, or an update was cut off.
+    #[default]
+    Empty,
+    /// It is whole, and did in the self-test what its manifest says.
+    Passed,
+    /// It is cut or damaged, or of a format or shape that the board does not run.
+    Damaged,
+    /// It is whole, but does something else here than its manifest says.
+    FailedSelfTest,
 }
 
 /// A part of the policy file whose manifest came before it.
@@ -232,43 +137,4 @@ pub struct Chunk<'a> {
     pub index: u32,
     /// Its bytes.
     pub bytes: &'a [u8],
-}
-
-impl fmt::Display for Cloud {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Cloud::Source => "source",
-            Cloud::Target => "target",
-        })
-    }
-}
-
-impl fmt::Display for Reason {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        use crate::dims::{MAX_POINTS, MIN_POINTS};
-        match self {
-            Reason::Busy => write!(f, "busy: its queue is full; ask another robot or later"),
-            Reason::NoPolicy => write!(f, "it has no policy yet; publish one to its fleet"),
-            Reason::WrongVersion { spoken } => {
-                write!(f, "it speaks frame version {spoken}; update the older side")
-            }
-            Reason::Malformed => write!(f, "the payload is not a refine request"),
-            Reason::EmptyCloud(cloud) => write!(f, "the {cloud} cloud is empty"),
-            Reason::TooFewPoints(cloud, points) => write!(
-                f,
-                "the {cloud} cloud has {points} point(s), at least {MIN_POINTS} are needed"
-            ),
-            Reason::TooManyPoints(cloud, points) => write!(
-                f,
-                "the {cloud} cloud has {points} points, at most {MAX_POINTS} fit; subsample it"
-            ),
-            Reason::NotFinite(cloud, index) => write!(
-                f,
-                "point {index} of the {cloud} cloud has a NaN or infinite coordinate"
-            ),
-            Reason::BadCloud => write!(f, "all points of the target cloud coincide"),
-            Reason::BadPose => write!(f, "the initial pose is not a finite rigid transform"),
-            Reason::Internal => write!(f, "it failed; see its log"),
-        }
-    }
 }

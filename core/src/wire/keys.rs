@@ -7,6 +7,9 @@
 //! reagent/v1/<fleet>/robot/<id>/refine
 //! reagent/v1/<fleet>/robot/<id>/status
 //! reagent/v1/<fleet>/robot/<id>/alive
+//! reagent/v1/<fleet>/robot/<id>/trace
+//! reagent/v1/<fleet>/robot/<id>/cancel
+//! reagent/v1/<fleet>/client/<number>/alive
 //! ```
 
 use crate::error::Error;
@@ -61,9 +64,47 @@ pub fn alive(fleet: &str, robot: &str) -> Result<Key, Error> {
     of_robot(fleet, robot, "alive")
 }
 
+/// Where a robot publishes traces of the registrations that it is asked to trace.
+pub fn trace(fleet: &str, robot: &str) -> Result<Key, Error> {
+    of_robot(fleet, robot, "trace")
+}
+
+/// The traces of every robot of the fleet.
+pub fn all_traces(fleet: &str) -> Result<Key, Error> {
+    key(format_args!("{}/robot/*/trace", Fleet::new(fleet)?))
+}
+
+/// Where a robot listens for requests that are taken back.
+pub fn cancel(fleet: &str, robot: &str) -> Result<Key, Error> {
+    of_robot(fleet, robot, "cancel")
+}
+
+/// Liveliness token of a client.
+pub fn client_alive(fleet: &str, client: u64) -> Result<Key, Error> {
+    let fleet = Fleet::new(fleet)?;
+    key(format_args!("{fleet}/client/{client:016x}/alive"))
+}
+
+/// The liveliness tokens of every client of the fleet.
+pub fn all_clients_alive(fleet: &str) -> Result<Key, Error> {
+    key(format_args!("{}/client/*/alive", Fleet::new(fleet)?))
+}
+
+/// The client whose key this is.
+pub fn client_of(key: &str) -> Option<u64> {
+    let mut parts = key.split('/').skip(3);
+    let number = (parts.next() == Some("client")).then(|| parts.next())??;
+    u64::from_str_radix(number, 16).ok()
+}
+
 /// The status of every robot of the fleet.
 pub fn all_status(fleet: &str) -> Result<Key, Error> {
     key(format_args!("{}/robot/*/status", Fleet::new(fleet)?))
+}
+
+/// The liveliness tokens of every robot of the fleet.
+pub fn all_alive(fleet: &str) -> Result<Key, Error> {
+    key(format_args!("{}/robot/*/alive", Fleet::new(fleet)?))
 }
 
 /// The robot whose key this is.
@@ -153,6 +194,14 @@ mod tests {
         assert_eq!(text(status("dock-7", "r1")), expected("robot/r1/status"));
         assert_eq!(text(alive("dock-7", "r1")), expected("robot/r1/alive"));
         assert_eq!(text(all_status("dock-7")), expected("robot/*/status"));
+        assert_eq!(text(trace("dock-7", "r1")), expected("robot/r1/trace"));
+        assert_eq!(text(all_traces("dock-7")), expected("robot/*/trace"));
+        assert_eq!(text(cancel("dock-7", "r1")), expected("robot/r1/cancel"));
+        assert_eq!(text(all_alive("dock-7")), expected("robot/*/alive"));
+        let client = expected("client/00000000000000ff/alive");
+        assert_eq!(text(client_alive("dock-7", 255)), client);
+        let clients = expected("client/*/alive");
+        assert_eq!(text(all_clients_alive("dock-7")), clients);
     }
 
     #[test]
@@ -177,6 +226,9 @@ mod tests {
         assert_eq!(robot_of(&key), Some("arm_2"));
         assert_eq!(robot_of("reagent/v1/f/policy/manifest"), None);
         assert_eq!(robot_of(""), None);
+        let client = client_alive("f", u64::MAX).expect("the name is good");
+        assert_eq!(client_of(&client), Some(u64::MAX));
+        assert_eq!(client_of(&key), None);
         assert_eq!(chunk_index("reagent/v1/f/policy/00/77"), Some(77));
         assert_eq!(chunk_index("reagent/v1/f/policy/00/*"), None);
         assert_eq!(chunk_index("7"), None);

@@ -1,4 +1,5 @@
 use super::*;
+use crate::grid::Grid;
 use crate::steps::Action;
 use crate::verdict::Verdict;
 use proptest::prelude::*;
@@ -36,7 +37,7 @@ fn golden() -> Action {
 
 #[test]
 fn manifest_is_these_bytes() {
-    let mut expected = vec![2, 0];
+    let mut expected = vec![3, 0];
     expected.extend([0xab; 32]);
     expected.extend([0xac, 0x02]); // 300 as a varint
     expected.extend([0x80, 0x01]); // 128
@@ -53,11 +54,11 @@ fn manifest_is_these_bytes() {
 #[test]
 fn signed_manifest_is_these_bytes() {
     let signed = SignedManifest {
-        manifest: &[2, 0, 9],
+        manifest: &[3, 0, 9],
         public_key: [7; 32],
         signature: [[8; 32], [9; 32]],
     };
-    let mut expected = vec![2, 1, 3, 2, 0, 9];
+    let mut expected = vec![3, 1, 3, 3, 0, 9];
     expected.extend([[7; 32], [8; 32], [9; 32]].concat());
     let bytes = bytes_of(&Message::SignedManifest(signed));
     assert_eq!(bytes, expected);
@@ -67,17 +68,38 @@ fn signed_manifest_is_these_bytes() {
 #[test]
 fn request_is_these_bytes() {
     let (source, target) = ([[1.0, -2.0, 0.5]], []);
-    let request = RefineRequest {
-        id: 5,
-        max_steps: 10,
-        initial: None,
-        source: CloudView::of(&source),
-        target: CloudView::of(&target),
-    };
-    let expected = [
-        2, 2, 5, 10, 0, 12, 0, 0, 0x80, 0x3f, 0, 0, 0, 0xc0, 0, 0, 0, 0x3f, 0,
-    ];
+    let mut request = RefineRequest::new(5, CloudView::of(&source), CloudView::of(&target));
+    let mut expected = vec![3, 2, 5, 0, 0x90, 0x4e, 3, 10, 0, 0];
+    let cloud = [0, 12, 0, 0, 0x80, 0x3f, 0, 0, 0, 0xc0, 0, 0, 0, 0x3f];
+    expected.extend(cloud);
+    expected.extend([0, 0]);
     assert_eq!(bytes_of(&Message::RefineRequest(request)), expected);
+
+    request.client = 300;
+    request.budget_ms = 20;
+    request.mode = Mode::Verify;
+    request.trace = true;
+    request.initial = Some([[1.0; 4]; 3]);
+    let grid = Grid {
+        origin: [0.5, 0.0, 1.0],
+        step: 0.125,
+    };
+    request.target = CloudView::on_grid(grid, &[[1, -2, 300]]);
+    let mut expected = vec![3, 2, 5, 0xac, 2, 20, 2, 10, 1, 1];
+    expected.extend([0, 0, 0x80, 0x3f].repeat(12));
+    expected.extend(cloud);
+    expected.extend([
+        1, 0, 0, 0, 0x3f, 0, 0, 0, 0, 0, 0, 0x80, 0x3f, 0, 0, 0, 0x3e,
+    ]);
+    expected.extend([6, 1, 0, 0xfe, 0xff, 0x2c, 0x01]);
+    let bytes = bytes_of(&Message::RefineRequest(request));
+    assert_eq!(bytes, expected);
+    let Ok(Message::RefineRequest(read)) = decode(&bytes) else {
+        panic!("it is a request");
+    };
+    assert_eq!(read, request);
+    let points: Vec<_> = read.target.iter().collect();
+    assert_eq!(points, [[0.625, -0.25, 38.5]]);
 }
 
 #[test]
@@ -85,15 +107,62 @@ fn reply_is_these_bytes() {
     let reply = RefineReply {
         id: 1,
         target_from_source: [[1.0; 4]; 3],
+        ..reply()
+    };
+    let mut expected = vec![3, 3, 1];
+    expected.extend([0, 0, 0x80, 0x3f].repeat(12));
+    expected.extend([10, 2, 1, 1, 0, 0, 0, 0x3f, 0xac, 0x02, 0xc8, 0x01, 3]);
+    assert_eq!(bytes_of(&Message::RefineReply(reply)), expected);
+}
+
+fn reply() -> RefineReply {
+    RefineReply {
+        id: 7,
+        target_from_source: [[0.5; 4]; 3],
         steps: 10,
+        mode: Mode::Verify,
         verdict: Verdict::StepLimit,
+        probability: Some(0.5),
+        waited_micros: 300,
         micros: 200,
         policy_version: 3,
+    }
+}
+
+#[test]
+fn a_trace_and_a_cancellation_are_these_bytes() {
+    let step = step_bytes(golden(), [[1.0; 4]; 3]);
+    let steps = [step, step_bytes(Action::STOP, [[-2.0; 4]; 3])];
+    let trace = Trace {
+        policy: PolicyId {
+            version: 9,
+            sha256: [1; 32],
+        },
+        kernels: KernelName::try_from("avx2").expect("fits"),
+        request: &[3, 2],
+        steps: StepsView::of(&steps),
+        reply: reply(),
     };
-    let mut expected = vec![2, 3, 1];
+    let bytes = bytes_of(&Message::Trace(trace.clone()));
+    let mut expected = vec![3, 10, 9];
+    expected.extend([1; 32]);
+    expected.extend([4, b'a', b'v', b'x', b'2', 2, 3, 2, 108, 0, 1, 2, 8, 9, 10]);
     expected.extend([0, 0, 0x80, 0x3f].repeat(12));
-    expected.extend([10, 1, 0xc8, 0x01, 3]);
-    assert_eq!(bytes_of(&Message::RefineReply(reply)), expected);
+    expected.extend([5; 6]);
+    expected.extend([0, 0, 0, 0xc0].repeat(12));
+    expected.extend(&bytes_of(&Message::RefineReply(reply()))[2..]);
+    assert_eq!(bytes, expected);
+    assert_eq!(decode(&bytes), Ok(Message::Trace(trace)));
+    let read: Vec<_> = StepsView::of(&steps).iter().collect();
+    let expected = [(golden(), [[1.0; 4]; 3]), (Action::STOP, [[-2.0; 4]; 3])];
+    assert_eq!(read, expected);
+    // A byte less is no whole number of steps.
+    let mut short = bytes;
+    short[42] = 107;
+    assert_eq!(decode(&short), Err(Error::Frame));
+
+    let cancel = Cancel { client: 300, id: 5 };
+    assert_eq!(bytes_of(&Message::Cancel(cancel)), [3, 11, 0xac, 0x02, 5]);
 }
 
 #[test]
@@ -104,27 +173,36 @@ fn refusal_and_status_are_these_bytes() {
     };
     assert_eq!(
         bytes_of(&Message::Refusal(refusal)),
-        [2, 4, 4, 6, 1, 0x88, 0x27]
+        [3, 4, 4, 6, 1, 0x88, 0x27]
     );
     let status = Status {
         policy: None,
         served: 3,
         refused: 1,
         in_hand: 2,
+        instance: 300,
+        verdicts: [1, 2, 3, 4, 5],
     };
-    assert_eq!(bytes_of(&Message::Status(status)), [2, 5, 0, 3, 1, 2]);
+    let expected = [3, 5, 0, 3, 1, 2, 0xac, 0x02, 1, 2, 3, 4, 5];
+    assert_eq!(bytes_of(&Message::Status(status)), expected);
+    let refusal = |reason| bytes_of(&Message::Refusal(Refusal { id: 4, reason }));
+    assert_eq!(refusal(Reason::Deadline), [3, 4, 4, 11]);
+    let no_such_mode = Reason::NoSuchMode(Mode::Verify);
+    assert_eq!(refusal(no_such_mode), [3, 4, 4, 12, 2]);
 }
 
 #[test]
 fn frames_of_boards_are_these_bytes() {
-    assert_eq!(bytes_of(&Message::Ask), [2, 6]);
+    assert_eq!(bytes_of(&Message::Ask), [3, 6]);
     let board = Board {
         program_bytes: 300,
         points: 2,
+        slice_ticks: 4,
         hertz: 1,
+        flash: FlashCheck::FailedSelfTest,
         ..Board::default()
     };
-    let expected = [2, 7, 0xac, 0x02, 0, 0, 0, 2, 0, 0, 1];
+    let expected = [3, 7, 0xac, 0x02, 0, 0, 0, 2, 0, 0, 4, 1, 3];
     assert_eq!(bytes_of(&Message::Board(board)), expected);
     let step = StepTaken {
         id: 9,
@@ -134,31 +212,32 @@ fn frames_of_boards_are_these_bytes() {
         },
         target_from_source: [[1.0; 4]; 3],
     };
-    let mut expected = vec![2, 8, 9, 0, 1, 2, 3, 4, 5];
+    let mut expected = vec![3, 8, 9, 0, 1, 2, 3, 4, 5];
     expected.extend([0, 0, 0x80, 0x3f].repeat(12));
     assert_eq!(bytes_of(&Message::StepTaken(step)), expected);
     let chunk = Chunk {
         index: 3,
         bytes: &[7, 8],
     };
-    assert_eq!(bytes_of(&Message::Chunk(chunk)), [2, 9, 3, 2, 7, 8]);
+    assert_eq!(bytes_of(&Message::Chunk(chunk)), [3, 9, 3, 2, 7, 8]);
 }
 
 #[test]
 fn requests_are_taken_where_they_lie() {
     let (source, target) = ([[1.0, 2.0, 3.0]; 5], [[0.5, f32::MIN, 4.0]; 4]);
     let request = RefineRequest {
-        id: u64::MAX,
         max_steps: 7,
+        mode: Mode::Fast,
+        budget_ms: 33,
         initial: Some([[0.25; 4]; 3]),
-        source: CloudView::of(&source),
-        target: CloudView::of(&target),
+        ..RefineRequest::new(u64::MAX, CloudView::of(&source), CloudView::of(&target))
     };
     let bytes = bytes_of(&Message::RefineRequest(request));
     let mut space = [0u32; 64];
     bytemuck::cast_slice_mut(&mut space)[..bytes.len()].copy_from_slice(&bytes);
     let taken = take_request(&mut space, bytes.len()).expect("a request");
     assert_eq!((taken.id, taken.max_steps), (u64::MAX, 7));
+    assert_eq!((taken.mode, taken.budget_ms), (Mode::Fast, 33));
     assert_eq!(taken.initial, Some([[0.25; 4]; 3]));
     assert_eq!((taken.source, taken.target), (&source[..], &target[..]));
     assert!(take_request(&mut [0; 64], bytes.len()).is_err());
@@ -167,27 +246,34 @@ fn requests_are_taken_where_they_lie() {
 
 #[test]
 fn requests_are_refused_by_their_beginning() {
-    let (source, target) = ([[1.0; 3]; 30], [[2.0; 3]; 40]);
-    let request = RefineRequest {
-        id: 300,
-        max_steps: 7,
-        initial: None,
-        source: CloudView::of(&source),
-        target: CloudView::of(&target),
-    };
-    let bytes = bytes_of(&Message::RefineRequest(request));
-    let refused = |points, busy| refuse_beginning(&bytes[..60], bytes.len(), points, busy);
-    let because = |reason| Refusal { id: 300, reason };
-    let source = Reason::TooManyPoints(Cloud::Source, 30);
-    let target = Reason::TooManyPoints(Cloud::Target, 40);
-    assert_eq!(refused(29, false), because(source));
-    assert_eq!(refused(35, false), because(target));
-    assert_eq!(refused(35, true), because(Reason::Busy));
     let malformed = Refusal {
         id: 0,
         reason: Reason::Malformed,
     };
-    for beginning in [&[][..], &[2], &[1, 2, 5, 10, 0, 12], &[2, 3, 5, 10, 0, 12]] {
+    let (source, target) = ([[1.0; 3]; 30], [[2.0; 3]; 40]);
+    let grid = Grid::of(&source).expect("a good cloud");
+    let requests = [
+        (CloudView::of(&source), CloudView::of(&target)),
+        (
+            CloudView::on_grid(grid, &[[1; 3]; 30]),
+            CloudView::on_grid(grid, &[[1; 3]; 43]),
+        ),
+    ];
+    for (source, target) in requests {
+        let request = RefineRequest::new(300, source, target);
+        let bytes = bytes_of(&Message::RefineRequest(request));
+        let refused = |points, busy| refuse_beginning(&bytes[..60], bytes.len(), points, busy);
+        let because = |reason| Refusal { id: 300, reason };
+        let large = Reason::TooManyPoints(Cloud::Source, 30);
+        assert_eq!(refused(29, false), because(large));
+        // The target's grid is counted as points.
+        let found = if source.grid().is_some() { 46 } else { 40 };
+        let large = Reason::TooManyPoints(Cloud::Target, found);
+        assert_eq!(refused(35, false), because(large));
+        assert_eq!(refused(35, true), because(Reason::Busy));
+    }
+    let others = [&[][..], &[3], &[1, 2, 5, 10, 0, 12], &[3, 3, 5, 10, 0, 12]];
+    for beginning in others {
         assert_eq!(refuse_beginning(beginning, 600, 10, false), malformed);
         let busy = refuse_beginning(beginning, 600, 10, true);
         assert_eq!((busy.id, busy.reason), (0, Reason::Busy));
@@ -197,16 +283,28 @@ fn requests_are_refused_by_their_beginning() {
 #[test]
 fn what_is_written_is_read_back() {
     let (source, target) = ([[1.0, 2.0, 3.0]; 3], [[0.5, f32::MIN, 4.0]; 4]);
-    let request = Message::RefineRequest(RefineRequest {
-        id: u64::MAX,
-        max_steps: 255,
-        initial: Some([[0.25; 4]; 3]),
-        source: CloudView::of(&source),
-        target: CloudView::of(&target),
-    });
-    let bytes = bytes_of(&request);
-    assert_eq!(decode(&bytes), Ok(request.clone()));
-    let overhead = bytes.len() - 12 * 7;
+    let grid = Grid {
+        origin: [1e30, 0.0, -0.0],
+        step: f32::MIN_POSITIVE,
+    };
+    let codes = [[i16::MIN, 0, i16::MAX]; 9];
+    let source = CloudView::of(&source);
+    let request = |target| {
+        Message::RefineRequest(RefineRequest {
+            client: u64::MAX,
+            budget_ms: u32::MAX,
+            max_steps: 255,
+            initial: Some([[0.25; 4]; 3]),
+            ..RefineRequest::new(u64::MAX, source, target)
+        })
+    };
+    for target in [CloudView::of(&target), CloudView::on_grid(grid, &codes)] {
+        let bytes = bytes_of(&request(target));
+        assert_eq!(decode(&bytes), Ok(request(target)));
+    }
+    let bytes = bytes_of(&request(CloudView::on_grid(grid, &codes)));
+    // The source could have a grid too, and more points than fit a byte.
+    let overhead = bytes.len() - 12 * 3 - 6 * 9 + 16 + 2 * 2;
     assert!(overhead <= REQUEST_OVERHEAD_BYTES, "{overhead}");
     assert_eq!(
         decode(&bytes_of(&Message::Manifest(manifest()))),
@@ -245,7 +343,7 @@ fn another_version_and_damage_are_told_apart() {
     longer.push(0);
     assert_eq!(decode(&longer), Err(Error::Frame));
     // A cloud of 13 bytes is no whole number of points.
-    let ragged = [&[2, 2, 5, 10, 0, 13][..], &[0; 13], &[0]].concat();
+    let ragged = [&[3, 2, 5, 0, 1, 0, 10, 0, 0, 0, 13][..], &[0; 13], &[0, 0]].concat();
     assert_eq!(decode(&ragged), Err(Error::Frame));
 }
 
@@ -295,10 +393,49 @@ proptest! {
     }
 
     #[test]
-    fn no_body_makes_decode_panic(kind in 0u8..12, body in proptest::collection::vec(any::<u8>(), 0..400)) {
+    fn no_body_makes_decode_panic(kind in 0u8..14, body in proptest::collection::vec(any::<u8>(), 0..400)) {
         let frame = [&[VERSION, kind][..], &body].concat();
         if let Ok(Message::RefineRequest(request)) = decode(&frame) {
             prop_assert_eq!(request.source.iter().count(), request.source.len());
+        }
+        let mut space = [0u32; 200];
+        bytemuck::cast_slice_mut(&mut space)[..frame.len()].copy_from_slice(&frame);
+        let _ = take_request(&mut space, frame.len());
+    }
+
+    #[test]
+    fn clouds_in_any_format_are_taken_from_the_smallest_space(
+        clouds in proptest::array::uniform2((any::<bool>(), 0usize..30)),
+        seed in any::<u32>(),
+    ) {
+        let grid = Grid { origin: [1.0, -2.0, 3.0], step: 0.25 };
+        let mut state = seed;
+        let mut draw = || {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 16) as i16
+        };
+        let codes = clouds.map(|(_, points)| {
+            (0..points).map(|_| [draw(), draw(), draw()]).collect::<Vec<_>>()
+        });
+        let points = codes.each_ref().map(|codes| {
+            codes.iter().map(|&c| grid.decode(c)).collect::<Vec<_>>()
+        });
+        let view = |i: usize| match clouds[i].0 {
+            true => CloudView::on_grid(grid, &codes[i]),
+            false => CloudView::of(&points[i]),
+        };
+        let request = RefineRequest::new(1, view(0), view(1));
+        let bytes = bytes_of(&Message::RefineRequest(request));
+        let needed = (12 * (points[0].len() + points[1].len())).max(bytes.len()).div_ceil(4);
+        let mut space = vec![u32::MAX; needed];
+        bytemuck::cast_slice_mut(&mut space)[..bytes.len()].copy_from_slice(&bytes);
+        let taken = take_request(&mut space, bytes.len()).expect("it fits");
+        prop_assert_eq!([taken.source, taken.target], [&points[0][..], &points[1][..]]);
+        let mut space = vec![u32::MAX; bytes.len().div_ceil(4)];
+        bytemuck::cast_slice_mut(&mut space)[..bytes.len()].copy_from_slice(&bytes);
+        let taken = take_request(&mut space, bytes.len());
+        if needed > bytes.len().div_ceil(4) {
+            prop_assert!(matches!(taken, Err(Error::TooManyPoints { .. })), "{:?}", taken);
         }
     }
 }

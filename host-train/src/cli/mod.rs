@@ -22,6 +22,8 @@ mod sweep;
 mod table;
 mod train;
 
+pub use register::Initial;
+
 use crate::publish::{self, PublishArgs};
 use anyhow::Context;
 use clap::{Parser, Subcommand};

@@ -62,8 +62,10 @@ pub(super) struct RegisterArgs {
 
 /// A pose on the command line, or the file that holds it.
 #[derive(Clone, Debug, PartialEq)]
-enum Initial {
+pub enum Initial {
+    /// On the command line.
     Pose(Pose),
+    /// In this file.
     File(PathBuf),
 }
 
@@ -80,7 +82,11 @@ impl FromStr for Initial {
 }
 
 impl Initial {
-    fn load(self) -> anyhow::Result<Pose> {
+    /// The pose.
+    ///
+    /// # Errors
+    /// A file that cannot be read, or holds no pose.
+    pub fn load(self) -> anyhow::Result<Pose> {
         match self {
             Initial::Pose(pose) => Ok(pose),
             Initial::File(path) => {

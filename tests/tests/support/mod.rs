@@ -11,7 +11,7 @@ use host_train::publish::{Publisher, chunk_table, sign};
 use host_train::random::{Purpose, Rng, stream};
 use rand::RngExt;
 use reagent_core::net::Scratch;
-use reagent_core::wire::{self, CloudView, Manifest, RefineRequest, keys};
+use reagent_core::wire::{self, CloudView, Manifest, Mode, RefineRequest, keys};
 use reagent_core::{Frame, Pose, Registrar};
 use std::net::TcpListener;
 use std::sync::Arc;
@@ -181,14 +181,12 @@ pub(crate) async fn put_manifest(session: &Session, frame: Vec<u8>) {
     publisher.put(frame).await.expect("an open session");
 }
 
-/// A request for ten steps.
+/// A request for ten steps of the policy, with time enough on a busy machine.
 pub(crate) fn request<'a>(source: &'a [[f32; 3]], target: &'a [[f32; 3]]) -> RefineRequest<'a> {
     RefineRequest {
-        id: 77,
-        max_steps: 10,
-        initial: None,
-        source: CloudView::of(source),
-        target: CloudView::of(target),
+        mode: Mode::Fast,
+        budget_ms: 60_000,
+        ..RefineRequest::new(77, CloudView::of(source), CloudView::of(target))
     }
 }
 

@@ -1,0 +1,104 @@
+//! Who else is there: robots of the same name, and clients that go away.
+
+use crate::queue::Queue;
+use crate::view::View;
+use reagent_core::Error;
+use reagent_core::wire::{self, Message, Status, keys};
+use std::hash::{BuildHasher, Hasher, RandomState};
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::sync::watch;
+use zenoh::Session;
+use zenoh::pubsub::Subscriber;
+use zenoh::query::QueryTarget;
+use zenoh::sample::SampleKind;
+
+/// A robot of this name that is there answers within this time. One whose link has just died does not, and
+/// its successor need not wait for longer.
+const ANSWER_TIME: Duration = Duration::from_secs(1);
+
+/// A number that no other start of a robot has, but for chance.
+pub(crate) fn draw_instance() -> u32 {
+    let [a, b, c, d, ..] = RandomState::new().build_hasher().finish().to_le_bytes();
+    u32::from_le_bytes([a, b, c, d])
+}
+
+/// The instances that answer at a status key now.
+pub(crate) async fn instances(
+    session: &Session,
+    status_key: &keys::Key,
+) -> zenoh::Result<Vec<u32>> {
+    let replies = session
+        .get(status_key.as_str())
+        .target(QueryTarget::All)
+        .timeout(ANSWER_TIME)
+        .await?;
+    let mut found = Vec::new();
+    while let Ok(reply) = replies.recv_async().await {
+        let sample = reply.result().ok();
+        found.extend(sample.and_then(|s| read_status(&s.payload().to_bytes())));
+    }
+    Ok(found.into_iter().map(|status| status.instance).collect())
+}
+
+fn read_status(payload: &[u8]) -> Option<Status> {
+    match wire::decode(payload) {
+        Ok(Message::Status(status)) => Some(status),
+        _ => None,
+    }
+}
+
+/// Watches what is published as this robot's status, and says where another robot publishes it.
+pub(crate) async fn watch_for_duplicates(
+    session: &Session,
+    status_key: &keys::Key,
+    instance: u32,
+    view: Arc<watch::Sender<View>>,
+) -> zenoh::Result<Subscriber<()>> {
+    let key = status_key.clone();
+    session
+        .declare_subscriber(status_key.as_str())
+        .callback(move |sample| {
+            let foreign = |status: Status| status.instance != instance;
+            let duplicate = read_status(&sample.payload().to_bytes()).is_some_and(foreign);
+            view.send_if_modified(|view| {
+                let new = duplicate && !view.duplicate;
+                if new {
+                    tracing::error!("another robot publishes at {key}: give each its own name");
+                    view.duplicate = true;
+                }
+                new
+            });
+        })
+        .await
+}
+
+/// Takes requests back: those whose clients say so, and those whose clients are gone.
+pub(crate) async fn follow_clients(
+    session: &Session,
+    fleet: &str,
+    robot: &str,
+    queue: Arc<Queue>,
+) -> zenoh::Result<[Subscriber<()>; 2]> {
+    let named = |key: Result<keys::Key, Error>| key.map_err(|error| error.to_string());
+    let cancelled = queue.clone();
+    let cancel = session
+        .declare_subscriber(named(keys::cancel(fleet, robot))?.as_str())
+        .callback(move |sample| {
+            if let Ok(Message::Cancel(request)) = wire::decode(&sample.payload().to_bytes()) {
+                cancelled.take_back(request);
+            }
+        })
+        .await?;
+    let gone = session
+        .liveliness()
+        .declare_subscriber(named(keys::all_clients_alive(fleet))?.as_str())
+        .callback(move |sample| {
+            let client = keys::client_of(sample.key_expr().as_str());
+            if let (SampleKind::Delete, Some(client)) = (sample.kind(), client) {
+                queue.client_gone(client);
+            }
+        })
+        .await?;
+    Ok([cancel, gone])
+}

@@ -1,0 +1,227 @@
+//! Requests that wait for a robot: bounded, each with a deadline, each answered once by whoever owns it.
+
+use crate::service::{read_request, send_refusal};
+use crate::view::View;
+use reagent_core::dims::MAX_POINTS;
+use reagent_core::wire::{self, Cancel, Reason, Refusal, refuse_beginning};
+use std::collections::VecDeque;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard};
+use std::time::{Duration, Instant};
+use tokio::sync::{Notify, watch};
+use zenoh::query::Query;
+
+/// Requests that wait while one runs; one more is refused as busy.
+pub const QUEUE: usize = 4;
+/// Longest time that a request holds its place, whatever it asks for.
+const LONGEST_BUDGET: Duration = Duration::from_secs(600);
+
+/// A request on its way through the robot. Whoever holds it answers it, or drops it where nobody waits.
+#[derive(Debug)]
+pub(crate) struct Job {
+    pub(crate) query: Query,
+    pub(crate) arrived: Instant,
+    asked: Cancel,
+    deadline: Instant,
+    taken_back: Arc<AtomicBool>,
+}
+
+/// Why work on a job should end.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Stop {
+    /// Its time has passed.
+    Deadline,
+    /// Nobody waits for it any more.
+    TakenBack,
+}
+
+impl Job {
+    /// Checked between two steps.
+    pub(crate) fn check(&self) -> Result<(), Stop> {
+        if self.taken_back.load(Ordering::Relaxed) {
+            Err(Stop::TakenBack)
+        } else if Instant::now() >= self.deadline {
+            Err(Stop::Deadline)
+        } else {
+            Ok(())
+        }
+    }
+
+    fn refuse(self, reason: Reason) {
+        let id = self.asked.id;
+        send_refusal(&self.query, Refusal { id, reason });
+    }
+}
+
+/// The queue of one robot.
+#[derive(Debug)]
+pub(crate) struct Queue {
+    state: Mutex<State>,
+    /// Something to do for the worker.
+    arrived: Notify,
+    /// A deadline that may be earlier than the others.
+    earlier: Notify,
+    view: Arc<watch::Sender<View>>,
+}
+
+#[derive(Debug, Default)]
+struct State {
+    waiting: VecDeque<Job>,
+    /// The job at work, and how to tell that it has been taken back.
+    running: Option<(Cancel, Arc<AtomicBool>)>,
+    closed: bool,
+}
+
+impl Queue {
+    pub(crate) fn new(view: Arc<watch::Sender<View>>) -> Queue {
+        Queue {
+            state: Mutex::default(),
+            arrived: Notify::new(),
+            earlier: Notify::new(),
+            view,
+        }
+    }
+
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().expect("no holder panics")
+    }
+
+    /// Puts a query into the queue, or refuses it at once: what is no request, and one too many.
+    pub(crate) fn offer(&self, query: Query) {
+        let arrived = Instant::now();
+        let payload = query.payload().map(|p| p.to_bytes()).unwrap_or_default();
+        let read = if payload.len() > wire::REQUEST_BYTES {
+            let beginning = &payload[..wire::REQUEST_OVERHEAD_BYTES];
+            Err(refuse_beginning(
+                beginning,
+                payload.len(),
+                MAX_POINTS,
+                false,
+            ))
+        } else {
+            read_request(&payload).map(|request| {
+                let budget = Duration::from_millis(request.budget_ms.into());
+                (Cancel::of(&request), budget.min(LONGEST_BUDGET))
+            })
+        };
+        drop(payload);
+        let (asked, budget) = match read {
+            Ok(read) => read,
+            Err(refusal) => {
+                self.view.send_modify(|view| view.refused += 1);
+                return send_refusal(&query, refusal);
+            }
+        };
+        let job = Job {
+            query,
+            arrived,
+            asked,
+            deadline: arrived + budget,
+            taken_back: Arc::default(),
+        };
+        let mut state = self.state();
+        if state.closed || state.waiting.len() >= QUEUE {
+            drop(state);
+            self.view.send_modify(|view| view.refused += 1);
+            return job.refuse(Reason::Busy);
+        }
+        // Counted before the worker can answer it.
+        self.view
+            .send_modify(|view| view.in_hand = view.in_hand.saturating_add(1));
+        state.waiting.push_back(job);
+        drop(state);
+        self.arrived.notify_one();
+        self.earlier.notify_one();
+    }
+
+    /// The next job for the worker; `None` when the queue is closed.
+    pub(crate) async fn next(&self) -> Option<Job> {
+        loop {
+            {
+                let mut state = self.state();
+                state.running = None;
+                if state.closed {
+                    return None;
+                }
+                if let Some(job) = state.waiting.pop_front() {
+                    state.running = Some((job.asked, job.taken_back.clone()));
+                    return Some(job);
+                }
+            }
+            self.arrived.notified().await;
+        }
+    }
+
+    /// Refuses jobs whose time passes while they wait, until the queue is closed.
+    pub(crate) async fn expire(&self) {
+        loop {
+            let now = Instant::now();
+            let late = self.remove(|job| job.deadline <= now);
+            self.view.send_modify(|view| {
+                late.iter().for_each(|_| view.count_refused());
+            });
+            late.into_iter()
+                .for_each(|job| job.refuse(Reason::Deadline));
+            let (next, closed) = {
+                let state = self.state();
+                let next = state.waiting.iter().map(|job| job.deadline).min();
+                (next, state.closed)
+            };
+            if closed {
+                return;
+            }
+            let deadline = async {
+                match next {
+                    Some(next) => tokio::time::sleep_until(next.into()).await,
+                    None => std::future::pending().await,
+                }
+            };
+            tokio::select! {
+                () = deadline => {}
+                () = self.earlier.notified() => {}
+            }
+        }
+    }
+
+    /// Takes back one request.
+    pub(crate) fn take_back(&self, request: Cancel) {
+        if request.client != 0 {
+            self.take_back_where(|asked| asked == request);
+        }
+    }
+
+    /// Takes back every request of a client that has gone.
+    pub(crate) fn client_gone(&self, client: u64) {
+        self.take_back_where(|asked| asked.client == client);
+    }
+
+    fn take_back_where(&self, gone: impl Fn(Cancel) -> bool) {
+        if let Some((asked, taken_back)) = &self.state().running
+            && gone(*asked)
+        {
+            taken_back.store(true, Ordering::Relaxed);
+        }
+        let dropped = self.remove(|job| gone(job.asked));
+        if !dropped.is_empty() {
+            self.view
+                .send_modify(|view| dropped.iter().for_each(|_| view.count_taken_back()));
+        }
+    }
+
+    /// Takes jobs out of the queue.
+    fn remove(&self, which: impl Fn(&Job) -> bool) -> Vec<Job> {
+        let mut state = self.state();
+        let (out, kept) = state.waiting.drain(..).partition(which);
+        state.waiting = kept;
+        Vec::from(out)
+    }
+
+    /// Ends the work: the job under way is taken back, and those that wait are dropped, which tells their
+    /// clients at once that nobody answers.
+    pub(crate) fn close(&self) {
+        self.state().closed = true;
+        self.take_back_where(|_| true);
+        self.arrived.notify_one();
+        self.earlier.notify_one();
+    }
+}

@@ -1,0 +1,201 @@
+//! Requests that run out of time, are taken back, or go to whoever has the least to do.
+
+mod support;
+
+use firmware_sim::client::{self, Client, RefineError};
+use firmware_sim::node::Node;
+use reagent_core::wire;
+use reagent_core::wire::{Message, Reason, RefineReply, RefineRequest, keys};
+use std::sync::Arc;
+use support::{FLEET, Network, publisher, random_cloud, random_policy, request, until};
+use tokio::task::JoinHandle;
+use zenoh::Wait;
+
+type Answer = Result<RefineReply, RefineError>;
+
+/// A fleet of these robots, with a policy.
+async fn fleet(network: &Network, robots: &[&str]) -> Vec<Node> {
+    let mut publisher = publisher(network).await;
+    let published = publisher.publish(1, "first", random_policy(1)).await;
+    published.expect("a good policy");
+    let mut nodes = Vec::new();
+    for robot in robots {
+        let node = network.node(FLEET, robot).await;
+        until(&node, |view| view.policy.is_some()).await;
+        nodes.push(node);
+    }
+    nodes
+}
+
+async fn client(network: &Network) -> Arc<Client> {
+    let client = Client::new(network.join().await, FLEET).await;
+    Arc::new(client.expect("a good name"))
+}
+
+/// A request that keeps a robot at work for seconds.
+fn long(cloud: &[[f32; 3]]) -> RefineRequest<'_> {
+    RefineRequest {
+        max_steps: 255,
+        ..request(cloud, cloud)
+    }
+}
+
+/// Asks a robot for something long.
+fn occupy(client: &Arc<Client>, robot: &'static str, id: u64) -> JoinHandle<Answer> {
+    let client = client.clone();
+    tokio::spawn(async move {
+        let cloud = random_cloud(1, 4096);
+        let request = RefineRequest { id, ..long(&cloud) };
+        client.refine(robot, &request).await
+    })
+}
+
+fn is_refused(answer: &Answer, reason: Reason) -> bool {
+    matches!(answer, Err(RefineError::Refused { refusal, .. }) if refusal.reason == reason)
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn deadlines_hold_at_work_and_in_the_queue() {
+    let network = Network::start().await;
+    let nodes = fleet(&network, &["r1"]).await;
+    let client = client(&network).await;
+    let cloud = random_cloud(1, 4096);
+    let short = RefineRequest {
+        budget_ms: 100,
+        ..long(&cloud)
+    };
+    let answer = client.refine("r1", &short).await;
+    assert!(is_refused(&answer, Reason::Deadline), "{answer:?}");
+    let none = RefineRequest {
+        budget_ms: 0,
+        ..long(&cloud)
+    };
+    let answer = client.refine("r1", &none).await;
+    assert!(is_refused(&answer, Reason::Deadline), "{answer:?}");
+
+    // Behind a request that takes long: answered in time all the same, while the first goes on.
+    let first = occupy(&client, "r1", 1);
+    until(&nodes[0], |view| view.in_hand == 1).await;
+    let waiting = RefineRequest {
+        budget_ms: 50,
+        ..request(&cloud[..20], &cloud[..20])
+    };
+    let answer = client.refine("r1", &waiting).await;
+    assert!(is_refused(&answer, Reason::Deadline), "{answer:?}");
+    let view = until(&nodes[0], |view| view.refused == 3).await;
+    assert_eq!((view.in_hand, view.served), (1, 0));
+    first.abort();
+    until(&nodes[0], |view| view.taken_back == 1).await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn requests_that_nobody_waits_for_free_their_places() {
+    let network = Network::start().await;
+    let nodes = fleet(&network, &["r1"]).await;
+    let (leaving, staying) = (client(&network).await, client(&network).await);
+    let cloud = random_cloud(1, 20);
+
+    // One at work and one in the queue are given up by a client that stays.
+    let asked: Vec<_> = (1..=2).map(|id| occupy(&leaving, "r1", id)).collect();
+    until(&nodes[0], |view| view.in_hand == 2).await;
+    asked.iter().for_each(JoinHandle::abort);
+    let view = until(&nodes[0], |view| view.in_hand == 0).await;
+    assert_eq!((view.taken_back, view.served, view.refused), (2, 0, 0));
+
+    // A client dies with its session.
+    for id in 3..=5 {
+        occupy(&leaving, "r1", id);
+    }
+    until(&nodes[0], |view| view.in_hand == 3).await;
+    leaving.session().close().await.expect("an open session");
+    let view = until(&nodes[0], |view| view.in_hand == 0).await;
+    assert_eq!((view.taken_back, view.served), (5, 0));
+    let answer = staying.refine("r1", &request(&cloud, &cloud)).await;
+    assert!(answer.is_ok(), "{answer:?}");
+
+    // A cancellation of something else changes nothing, and neither does rubbish.
+    let last = occupy(&staying, "r1", 6);
+    until(&nodes[0], |view| view.in_hand == 1).await;
+    let key = keys::cancel(FLEET, "r1").expect("good names");
+    let mut frame = [0; wire::SMALL_FRAME_BYTES];
+    let cancel = wire::Cancel { client: 5, id: 6 };
+    let frame = wire::encode(&Message::Cancel(cancel), &mut frame).expect("fits");
+    for payload in [frame, &[1, 2, 3]] {
+        let put = staying.session().put(key.as_str(), payload.to_vec()).await;
+        put.expect("an open session");
+    }
+    last.abort();
+    let view = until(&nodes[0], |view| view.in_hand == 0).await;
+    assert_eq!((view.taken_back, view.served), (6, 1));
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_robot_that_never_answers_costs_the_deadline_and_no_more() {
+    let network = Network::start().await;
+    let session = network.join().await;
+    let key = keys::refine(FLEET, "deaf").expect("good names");
+    let queries = session.declare_queryable(key.as_str()).await;
+    let queries = queries.expect("an open session");
+    let cloud = random_cloud(1, 20);
+    let mut request = request(&cloud, &cloud);
+    request.budget_ms = 1;
+    let answer = client::refine(&session, FLEET, "deaf", &request).await;
+    assert!(
+        matches!(answer, Err(RefineError::Deadline { .. })),
+        "{answer:?}"
+    );
+    assert!(queries.try_recv().expect("an open session").is_some());
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn any_robot_is_the_one_with_the_least_to_do() {
+    let network = Network::start().await;
+    let operator = client(&network).await;
+    let cloud = random_cloud(1, 20);
+    let small = request(&cloud, &cloud);
+    let nobody = operator.refine_any(&small).await;
+    assert!(
+        matches!(nobody, Err(RefineError::NoRobot { .. })),
+        "{nobody:?}"
+    );
+
+    let nodes = fleet(&network, &["a", "b"]).await;
+    let least = async || {
+        let newcomer = client(&network).await;
+        let (robot, _) = newcomer.refine_any(&small).await.expect("a pose");
+        robot
+    };
+    // Nobody has anything to do: whoever has served less.
+    assert_eq!(least().await, "a");
+    until(&nodes[0], |view| view.served == 1).await;
+    assert_eq!(least().await, "b");
+    until(&nodes[1], |view| view.served == 1).await;
+    // One is at work.
+    let busy = occupy(&operator, "a", 1);
+    until(&nodes[0], |view| view.in_hand == 1).await;
+    assert_eq!(least().await, "b");
+
+    // One that claims to have nothing to do, and is not there: the next one is asked.
+    let idle = nodes[1].watch().borrow().status();
+    let idle = wire::Status { served: 0, ..idle };
+    let mut frame = [0; wire::SMALL_FRAME_BYTES];
+    let frame = wire::encode(&Message::Status(idle), &mut frame).expect("fits");
+    let (frame, key) = (
+        frame.to_vec(),
+        keys::status(FLEET, "0").expect("good names"),
+    );
+    let ghost = client(&network).await;
+    let claim = ghost.session().declare_queryable(key.as_str());
+    let answered = key.clone();
+    let claim = claim.callback(move |query| {
+        query
+            .reply(answered.as_str(), frame.clone())
+            .wait()
+            .expect("an open session");
+    });
+    let claim = claim.await.expect("an open session");
+    let (robot, _) = ghost.refine_any(&small).await.expect("a pose");
+    assert_eq!(robot, "b");
+    drop(claim);
+    busy.abort();
+}

@@ -34,6 +34,9 @@ pub const PANEL: usize = 16;
 /// the few KiB of a microcontroller.
 pub const TILE: usize = if HOST { 48 } else { 4 };
 
+/// Panels of a head's layer that several registrations in step take at a time: half a MiB in f32.
+pub(crate) const PANELS_TOGETHER: usize = 8;
+
 /// Points whose 8-bit codes are held at once.
 pub const QUANT_TILE: usize = if HOST { 192 } else { 8 };
 

@@ -58,9 +58,9 @@ async fn a_node_killed_half_way_goes_on_where_it_was() {
     let view = until(&node, |view| view.policy.is_some()).await;
     assert_eq!(view.policy.as_ref(), Some(&new));
     let rest = new.chunks().expect("chunks") - 100;
-    // Of the four under way when the node was killed, some had come.
+    // Of the eight under way when the node was killed, some had come.
     assert!(
-        (rest..=rest + 4).contains(&host.asked()),
+        (rest..=rest + 8).contains(&host.asked()),
         "{} of {rest}",
         host.asked()
     );

@@ -18,6 +18,8 @@ pub mod client;
 pub mod demo;
 mod fetch;
 pub mod flash;
+#[cfg(feature = "demo")]
+pub mod fleet;
 pub mod node;
 pub mod policy;
 mod presence;

@@ -128,9 +128,11 @@ impl FleetArgs {
         drawing.abort();
         say(format!("{} at once: {loaded}", self.in_flight));
         table.lock().expect("no holder panics").draw(&client);
+        // The router last: whoever leaves tells it.
+        drop((publisher, client, robots));
         if let Some(path) = &self.json {
             let document = json!({
-                "robots": robots.len(),
+                "robots": self.robots,
                 "update_bytes": bytes,
                 "update": updates.json(),
                 "alone": alone.json(),

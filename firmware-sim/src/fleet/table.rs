@@ -60,7 +60,7 @@ fn text(robots: &[(String, Status)]) -> String {
         // Strings take everything.
         writeln!(text, "{line}").ok();
     };
-    let verdicts = Verdict::ALL.map(|verdict| format!("{:>12}", verdict.to_string()));
+    let verdicts = Verdict::ALL.map(|verdict| format!("{:>13}", verdict.to_string()));
     line(format_args!(
         "{:32} {:>12} {:>5} {:>8} {:>8} {}",
         "robot",
@@ -106,7 +106,7 @@ fn text(robots: &[(String, Status)]) -> String {
 
 fn row(name: &str, status: &Status) -> String {
     let version = status.policy.map(|policy| policy.version.to_string());
-    let verdicts = status.verdicts.map(|count| format!("{count:>12}"));
+    let verdicts = status.verdicts.map(|count| format!("{count:>13}"));
     format!(
         "{name:32} {:>12} {:>5} {:>8} {:>8} {}",
         version.as_deref().unwrap_or("-"),

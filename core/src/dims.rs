@@ -1,13 +1,16 @@
-//! Every size of the network and of the protocol, checked against each other at compile time.
+//! Every size of the largest network and of the protocol, checked against each other at compile time.
+
+use crate::shape::Shape;
+use crate::weights::{FORMAT_INT8, file_len};
 
 /// Widths of the pointwise embedding layers, 3 -> 64 -> 128 -> 1024 (paper, implementation details).
-pub const EMBED: [usize; 3] = [64, 128, 1024];
+pub const EMBED: [usize; 3] = Shape::FULL.embed;
 /// Length of one cloud's global feature vector.
 pub const FEATURES: usize = EMBED[2];
 /// Length of the state: feature of the source, then feature of the target.
 pub const STATE: usize = 2 * FEATURES;
 /// Hidden widths of each policy head.
-pub const HEAD: [usize; 2] = [512, 256];
+pub const HEAD: [usize; 2] = Shape::FULL.head;
 /// Axes of one action vector (x, y, z).
 pub const AXES: usize = 3;
 /// Step sizes an axis can take: five magnitudes, both signs, and stop.
@@ -40,38 +43,21 @@ const HOST: bool = cfg!(any(target_arch = "x86_64", target_arch = "aarch64"));
 /// Layers of a policy file: three of the embedding, three of each head.
 pub const LAYERS: usize = 9;
 
-/// `(inputs, outputs)` of each layer in file order: embedding, translation head, rotation head.
-pub const LAYER_SHAPES: [(usize, usize); LAYERS] = [
-    (3, EMBED[0]),
-    (EMBED[0], EMBED[1]),
-    (EMBED[1], EMBED[2]),
-    (STATE, HEAD[0]),
-    (HEAD[0], HEAD[1]),
-    (HEAD[1], LOGITS),
-    (STATE, HEAD[0]),
-    (HEAD[0], HEAD[1]),
-    (HEAD[1], LOGITS),
-];
-
 /// Outputs rounded up to whole panels.
 pub const fn padded(outputs: usize) -> usize {
     outputs.div_ceil(PANEL) * PANEL
 }
 
-/// Multiply-adds to embed one point.
-pub const MACS_PER_POINT: usize = 3 * EMBED[0] + EMBED[0] * EMBED[1] + EMBED[1] * EMBED[2];
-/// Multiply-adds of both heads for one state.
-pub const MACS_HEADS: usize = 2 * (STATE * HEAD[0] + HEAD[0] * HEAD[1] + HEAD[1] * LOGITS);
-/// Multiply-adds of one step of a registration: the heads' first layers see the target once only.
-pub const MACS_HEADS_STEP: usize = MACS_HEADS - 2 * FEATURES * HEAD[0];
 /// RAM of [`crate::net::Scratch`], bytes.
 pub const SCRATCH_BYTES: usize = core::mem::size_of::<crate::net::Scratch>();
 /// RAM of [`crate::register::Registration`], bytes.
 pub const REGISTRATION_BYTES: usize = core::mem::size_of::<crate::register::Registration<'_>>();
 /// RAM of two clouds of the paper's 1024 points, bytes.
 pub const CLOUD_BYTES: usize = 2 * 1024 * 3 * core::mem::size_of::<f32>();
-/// Flash of a policy in 8-bit integers, bytes.
-pub const POLICY_BYTES: usize = crate::weights::FILE_LEN_INT8;
+/// Flash of a policy of the largest shape in 8-bit integers, bytes.
+pub const POLICY_BYTES: usize = file_len(&Shape::FULL, FORMAT_INT8);
+/// Flash of a policy of the compact shape in 8-bit integers, bytes.
+pub const COMPACT_POLICY_BYTES: usize = file_len(&Shape::COMPACT, FORMAT_INT8);
 
 /// Most RAM beyond the policy for two clouds of 1024 points on a microcontroller, stack included, bytes.
 pub const RAM_BUDGET: usize = 48 * 1024;
@@ -79,14 +65,16 @@ pub const RAM_BUDGET: usize = 48 * 1024;
 pub const RAM_REST: usize = 9 * 1024;
 /// Most flash of a policy in 8-bit integers, bytes.
 pub const FLASH_BUDGET: usize = 2_700_000;
+/// Most flash of a policy of the compact shape in 8-bit integers, bytes.
+pub const COMPACT_FLASH_BUDGET: usize = 256 * 1024;
 
 /// RAM of [`crate::polish::Workspace`], bytes: only for who polishes.
 pub const WORKSPACE_BYTES: usize = core::mem::size_of::<crate::polish::Workspace>();
 
 const _: () = assert!(FEATURES.is_multiple_of(PANEL) && HEAD[0].is_multiple_of(PANEL));
-const _: () = assert!(MACS_PER_POINT * 1024 == 142_802_944);
 const _: () = assert!(SCRATCH_BYTES < 96 * 1024);
 const _: () = assert!(POLICY_BYTES <= FLASH_BUDGET);
+const _: () = assert!(COMPACT_POLICY_BYTES <= COMPACT_FLASH_BUDGET);
 // The tiles of hosts are larger.
 const _: () = assert!(
     !cfg!(target_os = "none")

@@ -25,19 +25,25 @@ pub type GoldenActions = heapless::Vec<Action, STEPS>;
 
 /// Source and target of the self-test: an L-shaped bracket, moved by a fixed offset.
 pub fn clouds() -> [[[f32; 3]; POINTS]; 2] {
+    let mut clouds = [[[0.0; 3]; POINTS]; 2];
+    let [source, target] = &mut clouds;
+    clouds_in(source, target);
+    clouds
+}
+
+/// As [`clouds`], in place.
+pub fn clouds_in(source: &mut [[f32; 3]; POINTS], target: &mut [[f32; 3]; POINTS]) {
     let mut state = 1u32;
     let mut unit = || {
         state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
         (state >> 8) as f32 / (1 << 24) as f32
     };
-    let mut target = [[0.0; 3]; POINTS];
-    for (i, point) in target.iter_mut().enumerate() {
+    let offset = OFFSET.update();
+    for (i, (point, moved)) in target.iter_mut().zip(source).enumerate() {
         let (u, v) = (1.2 * unit() - 0.6, 0.7 * unit());
         *point = if i % 2 == 0 { [u, v, 0.0] } else { [u, 0.0, v] };
+        *moved = offset.apply((*point).into()).to_array();
     }
-    let offset = OFFSET.update();
-    let source = target.map(|p| offset.apply(p.into()).to_array());
-    [source, target]
 }
 
 impl Registrar<'_, '_> {

@@ -4,10 +4,10 @@ use crate::dims::{EMBED, FEATURES, HEAD, LOGITS, TILE, padded};
 use crate::kernels::{Codes, Isa};
 use crate::pose::Pose;
 use crate::quant::QuantScratch;
-use crate::weights::{Dense, Embedding, FloatNetwork, Head, Network};
+use crate::weights::{Dense, Embedding, Head, Network};
 use glam::Vec3;
 
-/// A global feature vector, one value a channel.
+/// A global feature vector, one value a channel; as many as the network has features.
 pub type Feature = [f32; FEATURES];
 
 /// Hidden activations of the points embedded together.
@@ -49,6 +49,8 @@ pub(crate) enum Memory {
 #[derive(Clone, Debug)]
 pub struct Scratch {
     pub(crate) memory: Memory,
+    /// Counts the clouds whose embedding has begun here: the memory belongs to the last one.
+    pub(crate) turn: u32,
 }
 
 impl Scratch {
@@ -56,7 +58,18 @@ impl Scratch {
     pub const fn new() -> Self {
         Scratch {
             memory: Memory::Int8(QuantScratch::ZERO),
+            turn: 0,
         }
+    }
+
+    /// Makes it ready for the first points of a cloud, and says whose turn it is from now on.
+    pub(crate) fn begin(&mut self) -> u32 {
+        match &mut self.memory {
+            Memory::Int8(scratch) => scratch.begin(),
+            Memory::F32(scratch) => scratch.feature.fill(f32::NEG_INFINITY),
+        }
+        self.turn = self.turn.wrapping_add(1);
+        self.turn
     }
 
     /// Makes the memory that of a number format.
@@ -72,6 +85,7 @@ impl Scratch {
     #[cold]
     #[inline(never)]
     fn become_f32(&mut self) {
+        self.turn = self.turn.wrapping_add(1);
         self.memory = Memory::F32(FloatScratch {
             tiles: Tiles {
                 hidden1: [0.0; TILE * EMBED[0]],
@@ -86,6 +100,7 @@ impl Scratch {
     #[cold]
     #[inline(never)]
     fn become_int8(&mut self) {
+        self.turn = self.turn.wrapping_add(1);
         self.memory = Memory::Int8(QuantScratch::ZERO);
     }
 }
@@ -122,10 +137,11 @@ impl View {
     }
 }
 
-/// The global feature: max over points of the pointwise embedding (no ReLU on the last layer).
+/// Takes points into the global feature: max over points of the pointwise embedding (no ReLU on the last
+/// layer). Before the first points of a cloud, the feature is -infinity everywhere.
 ///
 /// # Shapes
-/// `points [N, 3]`, `feature [1024]`. An empty cloud gives -infinity everywhere.
+/// `points [N, 3]`, `feature [1024]` or as many as the embedding gives, the rest left alone.
 pub fn embed(
     isa: Isa,
     embedding: &Embedding<'_>,
@@ -134,15 +150,22 @@ pub fn embed(
     tiles: &mut Tiles,
     feature: &mut Feature,
 ) {
-    feature.fill(f32::NEG_INFINITY);
+    let [_, _, last] = &embedding.layers;
+    let Some(feature) = feature.get_mut(..last.outputs) else {
+        return;
+    };
     let Tiles { hidden1, hidden2 } = tiles;
+    let split = embedding.split.filter(|_| isa.has_fast_splits());
     embed_tiles(
         isa,
         &embedding.layers,
         points,
         view,
         [hidden1, hidden2],
-        |last, x, _| isa.dense_max(last, x, feature),
+        |last, x, _| match &split {
+            Some(split) => isa.dense_max_split(split, x, feature),
+            None => isa.dense_max(last, x, feature),
+        },
     );
 }
 
@@ -294,22 +317,15 @@ fn embed_tiles(
 }
 
 /// The part of a head's first layer that the target's feature determines, bias included: constant
-/// over a registration.
+/// over a registration; as much of it as the layer has outputs.
 pub type TargetHalf = [f32; HEAD[0]];
 
-/// First half of the heads for a target: `b + W[:, 1024..] φ(Y)` for both heads.
-pub fn target_halves(
-    isa: Isa,
-    network: &FloatNetwork<'_>,
-    target: &Feature,
-    halves: &mut [TargetHalf; 2],
-) {
-    for (head, half) in [&network.translation, &network.rotation]
-        .into_iter()
-        .zip(halves)
-    {
-        let [fc1, _, _] = &head.layers;
-        isa.gemv(fc1, fc1.bias, FEATURES, target, half);
+/// What a target adds to a head: `b + W[:, 1024..] φ(Y)`.
+pub fn target_half(isa: Isa, head: &Head<'_>, target: &Feature, half: &mut TargetHalf) {
+    let [fc1, _, _] = &head.layers;
+    let features = fc1.inputs / 2;
+    if let Some(target) = target.get(..features) {
+        isa.gemv(fc1, fc1.bias, features, target, half);
     }
 }
 
@@ -321,12 +337,18 @@ pub fn logits(
     scratch: &mut FloatScratch,
 ) -> [f32; LOGITS] {
     let [fc1, fc2, out] = &head.layers;
-    isa.gemv(fc1, target_half, 0, &scratch.feature, &mut scratch.head1);
-    relu(&mut scratch.head1);
-    isa.gemv(fc2, fc2.bias, 0, &scratch.head1, &mut scratch.head2);
-    relu(&mut scratch.head2);
     let mut padded_logits = [0.0; padded(LOGITS)];
-    isa.gemv(out, out.bias, 0, &scratch.head2, &mut padded_logits);
+    if let (Some(feature), Some(hidden1), Some(hidden2)) = (
+        scratch.feature.get(..fc1.inputs / 2),
+        scratch.head1.get_mut(..fc1.outputs),
+        scratch.head2.get_mut(..fc2.outputs),
+    ) {
+        isa.gemv(fc1, target_half, 0, feature, hidden1);
+        relu(hidden1);
+        isa.gemv(fc2, fc2.bias, 0, hidden1, hidden2);
+        relu(hidden2);
+        isa.gemv(out, out.bias, 0, hidden2, &mut padded_logits);
+    }
     core::array::from_fn(|i| padded_logits.get(i).copied().unwrap_or(0.0))
 }
 

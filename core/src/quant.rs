@@ -39,7 +39,7 @@
 //! "stop" and the smallest step are nearly as likely. More of them would be kept by a search in 8 bits with the winners computed anew in higher
 //! precision, which no metric asked for.
 
-use crate::dims::{EMBED, FEATURES, HEAD, LAYER_SHAPES, LOGITS, PANEL, QUANT_TILE, padded};
+use crate::dims::{EMBED, FEATURES, HEAD, LOGITS, PANEL, QUANT_TILE, padded};
 use crate::error::Error;
 use crate::kernels::{Codes, Isa};
 use crate::net::View;
@@ -140,6 +140,7 @@ impl<'a> QuantNetwork<'a> {
     /// [`Error::WeightsShape`], [`Error::WeightsAlignment`], [`Error::WeightsNotFinite`], and
     /// [`Error::WeightsRange`] where a sum could overflow.
     pub(crate) fn parse(
+        layers: &[(usize, usize)],
         offsets: &[(usize, usize)],
         bytes: &'a [u8],
         points: Dense<'a>,
@@ -147,7 +148,7 @@ impl<'a> QuantNetwork<'a> {
         let layer = |i: usize| -> Result<QuantLayer<'a>, Error> {
             let wrong = Error::WeightsShape { layer: i };
             let (&(inputs, outputs), &(weights, bias)) =
-                LAYER_SHAPES.get(i).zip(offsets.get(i)).ok_or(wrong)?;
+                layers.get(i).zip(offsets.get(i)).ok_or(wrong)?;
             let width = padded(outputs);
             let raw = |at: usize, len: usize| bytes.get(at..at + len).ok_or(wrong);
             let codes = bytemuck::cast_slice(raw(weights, inputs * width)?);
@@ -225,8 +226,9 @@ impl<const N: usize> Wide<N> {
         low: [0; N],
     };
 
-    fn planes(&self) -> [&[u8]; 2] {
-        [&self.high, &self.low]
+    /// Both planes of the first `n` codes.
+    fn planes(&self, n: usize) -> [&[u8]; 2] {
+        [&self.high, &self.low].map(|plane| plane.get(..n).unwrap_or(plane))
     }
 
     fn set(&mut self, codes: impl Iterator<Item = i64>) {
@@ -261,7 +263,14 @@ impl QuantScratch {
     };
 }
 
-/// Embeds a cloud into `scratch`.
+impl QuantScratch {
+    /// Before the first points of a cloud.
+    pub(crate) fn begin(&mut self) {
+        self.max.fill(i32::MIN);
+    }
+}
+
+/// Takes points into the maxima of the cloud under way.
 pub fn embed(
     isa: Isa,
     network: &QuantNetwork<'_>,
@@ -270,7 +279,9 @@ pub fn embed(
     scratch: &mut QuantScratch,
 ) {
     let [l2, l3] = &network.embedding;
-    scratch.max.fill(i32::MIN);
+    let Some(max) = scratch.max.get_mut(..l3.codes.outputs) else {
+        return;
+    };
     let mut tile = [[0.0; 3]; QUANT_TILE];
     for chunk in points.chunks(QUANT_TILE) {
         let n = chunk.len();
@@ -279,37 +290,45 @@ pub fn embed(
         }
         let (Some(x), Some(hidden1), Some(hidden2)) = (
             tile.get(..n),
-            scratch.hidden1.get_mut(..n * EMBED[0]),
-            scratch.hidden2.get_mut(..n * EMBED[1]),
+            scratch.hidden1.get_mut(..n * l2.codes.inputs),
+            scratch.hidden2.get_mut(..n * l3.codes.inputs),
         ) else {
             return;
         };
         isa.point_codes(&network.points, x, hidden1);
         isa.dense_codes(l2, hidden1, hidden2);
-        isa.dense_codes_max(&l3.codes, hidden2, &mut scratch.max);
+        isa.dense_codes_max(&l3.codes, hidden2, max);
     }
+}
+
+/// Makes the maxima the feature of the cloud, once all its points are in.
+pub fn finish(network: &QuantNetwork<'_>, scratch: &mut QuantScratch) {
+    let [_, l3] = &network.embedding;
     let sums = scratch.max.iter().zip(l3.bias).zip(l3.requantise);
     let codes = sums
         .map(|((&max, &bias), &r)| FEATURE_ZERO + Requantise(r).apply(max.saturating_add(bias)));
     scratch.feature.set(codes);
 }
 
-/// What the target's feature adds to the first layer of a head, bias included.
+/// What the target's feature adds to the first layer of a head, bias included; as much of it as the layer
+/// has outputs.
 pub type TargetSums = [i32; HEAD[0]];
 
-/// First half of the heads for the target embedded last.
+/// What the target embedded last adds to the first layer of a head.
 pub fn target_sums(
     isa: Isa,
-    network: &QuantNetwork<'_>,
+    [fc1, _, _]: &[QuantLayer<'_>; 3],
     scratch: &QuantScratch,
-    sums: &mut [TargetSums; 2],
+    sums: &mut TargetSums,
 ) {
-    for ([fc1, _, _], sums) in network.heads.iter().zip(sums) {
-        for (sum, &bias) in sums.iter_mut().zip(fc1.bias) {
-            *sum = bias;
-        }
-        isa.gemv_codes(&fc1.codes, FEATURES, scratch.feature.planes(), sums);
+    let features = fc1.codes.inputs / 2;
+    let Some(sums) = sums.get_mut(..fc1.codes.outputs) else {
+        return;
+    };
+    for (sum, &bias) in sums.iter_mut().zip(fc1.bias) {
+        *sum = bias;
     }
+    isa.gemv_codes(&fc1.codes, features, scratch.feature.planes(features), sums);
 }
 
 /// Logits of one head for the source embedded last.
@@ -328,21 +347,23 @@ pub fn logits(
     } = scratch;
     let mut logits = [0.0; LOGITS];
     // The maxima have become the feature: their place is free for sums, and the stack stays small.
-    if let Some(sums) = max.first_chunk_mut::<{ HEAD[0] }>() {
-        *sums = *target;
-        isa.gemv_codes(&fc1.codes, 0, feature.planes(), sums);
+    if let Some(sums) = max.get_mut(..fc1.codes.outputs) {
+        for (sum, &start) in sums.iter_mut().zip(target) {
+            *sum = start;
+        }
+        isa.gemv_codes(&fc1.codes, 0, feature.planes(fc1.codes.inputs / 2), sums);
         let codes = sums.iter().zip(fc1.requantise);
         head1.set(codes.map(|(&s, &r)| Requantise(r).apply(s)));
     }
-    if let Some(sums) = max.first_chunk_mut::<{ HEAD[1] }>() {
+    if let Some(sums) = max.get_mut(..fc2.codes.outputs) {
         sums.fill(0);
-        isa.gemv_codes(&fc2.codes, 0, head1.planes(), sums);
+        isa.gemv_codes(&fc2.codes, 0, head1.planes(fc2.codes.inputs), sums);
         let biased = sums.iter().zip(fc2.bias).zip(fc2.requantise);
         head2.set(biased.map(|((s, b), &r)| Requantise(r).apply(s + b)));
     }
-    if let Some(sums) = max.first_chunk_mut::<{ padded(LOGITS) }>() {
+    if let Some(sums) = max.get_mut(..out.codes.outputs) {
         sums.fill(0);
-        isa.gemv_codes(&out.codes, 0, head2.planes(), sums);
+        isa.gemv_codes(&out.codes, 0, head2.planes(out.codes.inputs), sums);
         let biased = sums.iter().zip(out.bias).zip(out.requantise);
         for (logit, ((s, b), scale)) in logits.iter_mut().zip(biased) {
             *logit = (s + b) as f32 * f32::from_bits(*scale);

@@ -11,6 +11,8 @@ use crate::verdict::Verdict;
 use crate::weights::{Network, Policy};
 use glam::Vec3;
 
+mod slices;
+
 /// The normalised frame in which the policy works: `x_n = (x - centre) / scale`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Frame {
@@ -98,6 +100,14 @@ enum TargetState {
 #[derive(Clone, Debug)]
 pub struct Registration<'c> {
     source: &'c [[f32; 3]],
+    /// Of the target, what is still to be embedded; nothing afterwards.
+    unseen: &'c [[f32; 3]],
+    /// Points embedded of the cloud under way, if the scratch still says that it is this one's turn.
+    seen: usize,
+    turn: u32,
+    /// Heads that have taken its feature in, and what the first of them says.
+    heads: usize,
+    logits_t: [f32; LOGITS],
     /// Centroid `μ` of the observed source, own units.
     centroid: Vec3,
     frame: Frame,
@@ -139,6 +149,11 @@ impl Registration<'_> {
     pub const fn new() -> Self {
         Registration {
             source: &[],
+            unseen: &[],
+            seen: 0,
+            turn: 0,
+            heads: 0,
+            logits_t: [0.0; LOGITS],
             centroid: Vec3::ZERO,
             frame: Frame::IDENTITY,
             accumulated: Pose::IDENTITY,
@@ -163,12 +178,28 @@ impl Registration<'_> {
         self.steps
     }
 
+    /// Whether slices still embed the target ([`Registrar::advance`]).
+    pub fn is_at_target(&self) -> bool {
+        !self.unseen.is_empty()
+    }
+
     /// Verdict if no further step is taken.
     pub fn verdict(&self) -> Verdict {
         if self.steps == 0 {
             return Verdict::StepLimit;
         }
         Verdict::of_actions(self.before, self.last)
+    }
+
+    /// How the policy sees the target: `(x - centre)/s`.
+    fn target_view(&self) -> View {
+        View {
+            origin: self.frame.centre,
+            map: Pose {
+                rotation: Pose::IDENTITY.rotation * (1.0 / self.frame.scale),
+                translation: Vec3::ZERO,
+            },
+        }
     }
 
     /// How the policy sees the source now: `R (x - μ)/s + (μ - centre)/s + t`.
@@ -181,6 +212,54 @@ impl Registration<'_> {
                 translation: (self.centroid - self.frame.centre) * scale
                     + self.accumulated.translation,
             },
+        }
+    }
+}
+
+impl<'c> Registration<'c> {
+    /// Checks everything and begins: no step taken, no target embedded.
+    fn begin(
+        &mut self,
+        source: &'c [[f32; 3]],
+        target: &[[f32; 3]],
+        frame: Frame,
+        initial: Pose,
+    ) -> Result<(), Error> {
+        check_cloud(source)?;
+        check_cloud(target)?;
+        let centroid = centroid(source);
+        let initial = initial.checked()?.to_disentangled(centroid);
+        self.source = source;
+        self.unseen = &[];
+        self.seen = 0;
+        self.heads = 0;
+        self.centroid = centroid;
+        self.frame = frame;
+        self.accumulated = Pose {
+            rotation: initial.rotation,
+            translation: initial.translation / frame.scale,
+        };
+        self.steps = 0;
+        self.before = Action::STOP;
+        self.last = Action::STOP;
+        Ok(())
+    }
+}
+
+impl Registration<'_> {
+    /// Takes the arg-max action of both heads' logits.
+    fn act(&mut self, logits_t: [f32; LOGITS], logits_r: [f32; LOGITS]) -> Step {
+        let action = Action {
+            translation: arg_max(&logits_t),
+            rotation: arg_max(&logits_r),
+        };
+        self.accumulated = self.accumulated.accumulate(action.update());
+        self.steps += 1;
+        self.before = core::mem::replace(&mut self.last, action);
+        Step {
+            action,
+            logits_t,
+            logits_r,
         }
     }
 }
@@ -246,42 +325,32 @@ impl<'w, 's> Registrar<'w, 's> {
         frame: Frame,
         initial: Pose,
     ) -> Result<(), Error> {
-        check_cloud(source)?;
-        check_cloud(target)?;
-        let centroid = centroid(source);
-        let initial = initial.checked()?.to_disentangled(centroid);
-        let target_view = View {
-            origin: frame.centre,
-            map: Pose {
-                rotation: Pose::IDENTITY.rotation * (1.0 / frame.scale),
-                translation: Vec3::ZERO,
-            },
-        };
-        self.embed(target, &target_view);
-        registration.source = source;
-        registration.centroid = centroid;
-        registration.frame = frame;
-        registration.accumulated = Pose {
-            rotation: initial.rotation,
-            translation: initial.translation / frame.scale,
-        };
-        registration.steps = 0;
-        registration.before = Action::STOP;
-        registration.last = Action::STOP;
-        registration.target.fit(&self.policy.network);
-        self.read_target(&mut registration.target);
+        registration.begin(source, target, frame, initial)?;
+        let view = registration.target_view();
+        self.scratch.begin();
+        self.embed(target, &view);
+        self.finish();
+        self.read_target(registration, 0);
+        self.read_target(registration, 1);
         Ok(())
     }
 
-    /// What the target embedded last contributes to both heads.
-    fn read_target(&self, target: &mut TargetState) {
+    /// What the target that is embedded contributes to a head, translation or rotation.
+    fn read_target(&self, registration: &mut Registration<'_>, head: usize) {
         let isa = self.isa;
+        let target = &mut registration.target;
+        target.fit(&self.policy.network);
         match (&self.policy.network, &self.scratch.memory, target) {
             (Network::F32(network), Memory::F32(scratch), TargetState::F32(halves)) => {
-                net::target_halves(isa, network, &scratch.feature, halves);
+                let heads = [&network.translation, &network.rotation];
+                if let Some((head, half)) = heads.get(head).zip(halves.get_mut(head)) {
+                    net::target_half(isa, head, &scratch.feature, half);
+                }
             }
             (Network::Int8(network), Memory::Int8(scratch), TargetState::Int8(sums)) => {
-                quant::target_sums(isa, network, scratch, sums);
+                if let Some((head, sums)) = network.heads.get(head).zip(sums.get_mut(head)) {
+                    quant::target_sums(isa, head, scratch, sums);
+                }
             }
             // The memory was made that of the network's format, and stays so.
             _ => {}
@@ -290,19 +359,10 @@ impl<'w, 's> Registrar<'w, 's> {
 
     /// One step: observe the source under the current pose, take the arg-max action, accumulate.
     pub fn step(&mut self, registration: &mut Registration<'_>) -> Step {
-        self.embed(registration.source, &registration.view());
-        let [logits_t, logits_r] = self.logits(&registration.target);
-        let action = Action {
-            translation: arg_max(&logits_t),
-            rotation: arg_max(&logits_r),
-        };
-        registration.accumulated = registration.accumulated.accumulate(action.update());
-        registration.steps += 1;
-        registration.before = core::mem::replace(&mut registration.last, action);
-        Step {
-            action,
-            logits_t,
-            logits_r,
+        loop {
+            if let Some(step) = self.advance(registration, usize::MAX) {
+                return step;
+            }
         }
     }
 
@@ -329,30 +389,35 @@ impl<'w, 's> Registrar<'w, 's> {
         })
     }
 
-    /// Translation and rotation logits for the source embedded last.
-    fn logits(&mut self, target: &TargetState) -> [[f32; LOGITS]; 2] {
+    /// Logits of a head, translation or rotation, for the source that is embedded.
+    fn logits(&mut self, target: &TargetState, head: usize) -> [f32; LOGITS] {
         let isa = self.isa;
-        match (&self.policy.network, &mut self.scratch.memory, target) {
-            (Network::F32(network), Memory::F32(scratch), TargetState::F32([half_t, half_r])) => [
-                net::logits(isa, &network.translation, half_t, scratch),
-                net::logits(isa, &network.rotation, half_r, scratch),
-            ],
-            (
-                Network::Int8(network),
-                Memory::Int8(scratch),
-                TargetState::Int8([sums_t, sums_r]),
-            ) => {
-                let [translation, rotation] = &network.heads;
-                [
-                    quant::logits(isa, translation, sums_t, scratch),
-                    quant::logits(isa, rotation, sums_r, scratch),
-                ]
+        let logits = match (&self.policy.network, &mut self.scratch.memory, target) {
+            (Network::F32(network), Memory::F32(scratch), TargetState::F32(halves)) => {
+                let heads = [&network.translation, &network.rotation];
+                let found = heads.get(head).zip(halves.get(head));
+                found.map(|(head, half)| net::logits(isa, head, half, scratch))
+            }
+            (Network::Int8(network), Memory::Int8(scratch), TargetState::Int8(sums)) => {
+                let found = network.heads.get(head).zip(sums.get(head));
+                found.map(|(head, sums)| quant::logits(isa, head, sums, scratch))
             }
             // A registration that another registrar started with another number format: no step.
-            _ => [[0.0; LOGITS]; 2],
+            _ => None,
+        };
+        logits.unwrap_or([0.0; LOGITS])
+    }
+
+    /// Makes what was embedded a feature.
+    fn finish(&mut self) {
+        if let (Network::Int8(network), Memory::Int8(scratch)) =
+            (&self.policy.network, &mut self.scratch.memory)
+        {
+            quant::finish(network, scratch);
         }
     }
 
+    /// Embeds points of the cloud under way.
     fn embed(&mut self, points: &[[f32; 3]], view: &View) {
         match (&self.policy.network, &mut self.scratch.memory) {
             (Network::F32(network), Memory::F32(scratch)) => {

@@ -9,7 +9,7 @@
 //! | 6 | u16 | number format: 0 = f32, 1 = int8 |
 //! | 8 | u32 | length of the whole file, check sum included |
 //! | 12 | u32 | layers, 9 |
-//! | 16 | `[u16; 8]` | network shape: 64, 128, 1024 (embedding), 512, 256 (head), 33 (logits), 0, 0 |
+//! | 16 | `[u16; 8]` | network shape, in the paper 64, 128, 1024 (embedding), 512, 256 (head), 33 (logits); 0, 0 |
 //! | 32 | 9 x 16 bytes | layer table: inputs, outputs, weight offset, bias offset, u32 each |
 //! | 192 | | payload; each array starts on a 64-byte boundary, gaps are zero |
 //! | length - 4 | u32 | CRC-32 (ISO-HDLC) of everything before |
@@ -19,9 +19,11 @@
 //! padded with zeros to whole panels: every kernel reads it in order, and lanes are outputs.
 //! Biases are padded likewise. Number format 1 is described in [`crate::quant`].
 
-use crate::dims::{EMBED, HEAD, LAYER_SHAPES, LAYERS, LOGITS, PANEL, padded};
+use crate::dims::{LAYERS, PANEL, padded};
 use crate::error::Error;
+use crate::kernels::{Isa, SplitDense, Tile, pack_split, packed_tiles};
 use crate::quant::{BYTES_AFTER_BIAS, QuantNetwork};
+use crate::shape::Shape;
 
 /// First bytes of a weight file.
 pub const MAGIC: [u8; 4] = *b"RGNT";
@@ -37,34 +39,27 @@ pub const HEADER: usize = 32;
 pub const TABLE_ROW: usize = 16;
 /// Boundary on which every array starts.
 pub const ARRAY_ALIGN: usize = 64;
-/// Network shape as the header stores it.
-pub const SHAPE: [u16; 8] = [
-    EMBED[0] as u16,
-    EMBED[1] as u16,
-    EMBED[2] as u16,
-    HEAD[0] as u16,
-    HEAD[1] as u16,
-    LOGITS as u16,
-    0,
-    0,
-];
+/// Where the arrays of each layer start, `(weight offset, bias offset)` in bytes.
+pub type Offsets = [(usize, usize); LAYERS];
 
-/// Where the arrays of each layer of an f32 file start: `(weight offset, bias offset)` in bytes.
-pub const OFFSETS: [(usize, usize); LAYERS] = offsets(FORMAT_F32).0;
-/// Length of an f32 policy file in bytes.
-pub const FILE_LEN: usize = offsets(FORMAT_F32).1;
-/// Where the arrays of each layer of an int8 file start.
-pub const OFFSETS_INT8: [(usize, usize); LAYERS] = offsets(FORMAT_INT8).0;
-/// Length of an int8 policy file in bytes.
-pub const FILE_LEN_INT8: usize = offsets(FORMAT_INT8).1;
+/// Where the arrays of each layer of a file start, in either number format.
+pub const fn offsets(shape: &Shape, format: u16) -> Offsets {
+    layout(shape, format).0
+}
 
-#[allow(clippy::indexing_slicing)] // evaluated by the compiler only
-const fn offsets(format: u16) -> ([(usize, usize); LAYERS], usize) {
+/// Length of a policy file in bytes.
+pub const fn file_len(shape: &Shape, format: u16) -> usize {
+    layout(shape, format).1
+}
+
+#[allow(clippy::indexing_slicing)] // `i` counts the layers
+const fn layout(shape: &Shape, format: u16) -> (Offsets, usize) {
+    let shapes = shape.layers();
     let mut table = [(0, 0); LAYERS];
     let mut at = HEADER + LAYERS * TABLE_ROW;
     let mut i = 0;
     while i < LAYERS {
-        let (inputs, outputs) = LAYER_SHAPES[i];
+        let (inputs, outputs) = shapes[i];
         let integer = format == FORMAT_INT8 && i > 0;
         let weight_bytes = if integer { 1 } else { 4 };
         let weights = at.next_multiple_of(ARRAY_ALIGN);
@@ -106,14 +101,16 @@ impl<'a> Dense<'a> {
     }
 }
 
-/// The pointwise embedding, 3 -> 64 -> 128 -> 1024; ReLU after the first two layers only.
+/// The pointwise embedding, in the paper 3 -> 64 -> 128 -> 1024; ReLU after the first two layers only.
 #[derive(Clone, Copy, Debug)]
 pub struct Embedding<'a> {
     /// The three layers.
     pub layers: [Dense<'a>; 3],
+    /// The last one split, where somebody gave the memory for it ([`Policy::with_split`]).
+    pub split: Option<SplitDense<'a>>,
 }
 
-/// One policy head, 2048 -> 512 -> 256 -> 33; ReLU after the first two layers.
+/// One policy head, in the paper 2048 -> 512 -> 256 -> 33; ReLU after the first two layers.
 #[derive(Clone, Copy, Debug)]
 pub struct Head<'a> {
     /// The three layers.
@@ -143,6 +140,8 @@ pub enum Network<'a> {
 /// A checked view of a policy file.
 #[derive(Clone, Copy, Debug)]
 pub struct Policy<'a> {
+    /// Its widths.
+    pub shape: Shape,
     /// The network.
     pub network: Network<'a>,
 }
@@ -154,6 +153,31 @@ impl<'a> Policy<'a> {
             Network::F32(network) => Some(network),
             Network::Int8(_) => None,
         }
+    }
+
+    /// Tiles of memory with which the embedding in f32 is about twice as fast on this machine: see
+    /// [`Policy::with_split`]. `None` where nothing would be gained.
+    pub fn split_tiles(&self) -> Option<usize> {
+        let [_, _, last] = &self.f32()?.embedding.layers;
+        packed_tiles(last).filter(|_| Isa::best().has_fast_splits())
+    }
+
+    /// Fills [`Policy::split_tiles`] tiles: once, when the policy is loaded.
+    pub fn pack_split(&self, memory: &mut [Tile]) {
+        if let Some(network) = self.f32() {
+            let [_, _, last] = &network.embedding.layers;
+            pack_split(last, memory);
+        }
+    }
+
+    /// The policy with the memory that [`Policy::pack_split`] has filled; as it was where that has another
+    /// length. Results differ by rounding only, as between any two kernels of f32.
+    pub fn with_split(mut self, packed: &'a [Tile]) -> Self {
+        if let Network::F32(FloatNetwork { embedding, .. }) = &mut self.network {
+            let [_, _, last] = &embedding.layers;
+            embedding.split = SplitDense::new(last, packed);
+        }
+        self
     }
 
     /// Checks every byte of a policy file once: header, layer table, check sum, finite weights.
@@ -169,7 +193,7 @@ impl<'a> Policy<'a> {
             expected,
             found: bytes.len(),
         };
-        let cut = cut_at(FILE_LEN);
+        let cut = cut_at(HEADER);
         if bytes.get(..4).ok_or(cut)? != MAGIC {
             return Err(Error::WeightsMagic);
         }
@@ -178,33 +202,31 @@ impl<'a> Policy<'a> {
             return Err(Error::WeightsVersion { found: version });
         }
         let format = half(6).ok_or(cut)?;
-        let (length, offsets) = match format {
-            FORMAT_F32 => (FILE_LEN, &OFFSETS),
-            FORMAT_INT8 => (FILE_LEN_INT8, &OFFSETS_INT8),
-            found => return Err(Error::WeightsFormat { found }),
-        };
+        if ![FORMAT_F32, FORMAT_INT8].contains(&format) {
+            return Err(Error::WeightsFormat { found: format });
+        }
         let announced = field(8).ok_or(cut)? as usize;
         if announced != bytes.len() {
             return Err(cut_at(announced));
-        }
-        if bytes.len() != length {
-            return Err(cut_at(length));
         }
         let (body, sum) = bytes.split_last_chunk::<4>().ok_or(cut)?;
         if *sum != checksum(body).to_le_bytes() {
             return Err(Error::WeightsCrc);
         }
+        let mut header = [0; 8];
+        for (i, width) in header.iter_mut().enumerate() {
+            *width = half(16 + 2 * i).ok_or(cut)?;
+        }
+        let shape = Shape::from_header(header).ok_or(Error::WeightsShape { layer: 0 })?;
+        let (offsets, length) = layout(&shape, format);
+        if bytes.len() != length {
+            return Err(cut_at(length));
+        }
         if field(12) != Some(LAYERS as u32) {
             return Err(Error::WeightsShape { layer: LAYERS });
         }
-        for (i, &width) in SHAPE.iter().enumerate() {
-            if half(16 + 2 * i) != Some(width) {
-                return Err(Error::WeightsShape { layer: 0 });
-            }
-        }
-        for (i, (&(inputs, outputs), &(weights, bias))) in
-            LAYER_SHAPES.iter().zip(offsets).enumerate()
-        {
+        let layers = shape.layers();
+        for (i, (&(inputs, outputs), &(weights, bias))) in layers.iter().zip(&offsets).enumerate() {
             let row = HEADER + i * TABLE_ROW;
             for (k, expected) in [inputs, outputs, weights, bias].into_iter().enumerate() {
                 if field(row + 4 * k) != Some(expected as u32) {
@@ -215,7 +237,7 @@ impl<'a> Policy<'a> {
         let layer = |i: usize| -> Result<Dense<'a>, Error> {
             let wrong = Error::WeightsShape { layer: i };
             let (&(inputs, outputs), &(weights, bias)) =
-                LAYER_SHAPES.get(i).zip(offsets.get(i)).ok_or(wrong)?;
+                layers.get(i).zip(offsets.get(i)).ok_or(wrong)?;
             let array = |at: usize, len: usize| -> Result<&'a [f32], Error> {
                 let raw = bytes.get(at..at + 4 * len).ok_or(wrong)?;
                 let values: &[f32] =
@@ -231,11 +253,12 @@ impl<'a> Policy<'a> {
             Dense::new(inputs, outputs, panels, bias).ok_or(wrong)
         };
         let network = if format == FORMAT_INT8 {
-            Network::Int8(QuantNetwork::parse(offsets, bytes, layer(0)?)?)
+            Network::Int8(QuantNetwork::parse(&layers, &offsets, bytes, layer(0)?)?)
         } else {
             Network::F32(FloatNetwork {
                 embedding: Embedding {
                     layers: [layer(0)?, layer(1)?, layer(2)?],
+                    split: None,
                 },
                 translation: Head {
                     layers: [layer(3)?, layer(4)?, layer(5)?],
@@ -245,7 +268,7 @@ impl<'a> Policy<'a> {
                 },
             })
         };
-        Ok(Policy { network })
+        Ok(Policy { shape, network })
     }
 }
 

@@ -33,7 +33,9 @@ mod taken;
 mod trace;
 
 pub use cloud::CloudView;
-pub use frames::{Board, Chunk, Manifest, PolicyId, PolicyName, SignedManifest, Status};
+pub use frames::{
+    Board, Chunk, FlashCheck, Manifest, PolicyId, PolicyName, SignedManifest, Status,
+};
 pub use refine::{BUDGET_MS, Cancel, Cloud, Mode, Reason, RefineReply, RefineRequest, Refusal};
 pub use taken::{TakenRequest, refuse_beginning, take_request};
 pub use trace::{KernelName, STEP_BYTES, StepTaken, StepsView, Trace, step_bytes};

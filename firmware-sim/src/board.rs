@@ -2,8 +2,8 @@
 
 use reagent_core::wire::serial::{self, CHECK_BYTES, Decoder, Line};
 use reagent_core::wire::{
-    self, Chunk, FLASH_HEADER_BYTES, Manifest, Message, RefineReply, Refusal, SMALL_FRAME_BYTES,
-    Status, StepTaken,
+    self, Chunk, FLASH_HEADER_BYTES, Manifest, Message, Reason, RefineReply, Refusal,
+    SMALL_FRAME_BYTES, Status, StepTaken,
 };
 use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
@@ -14,6 +14,8 @@ use thiserror::Error;
 
 /// The program that simulates boards.
 const QEMU: &str = "qemu-system-arm";
+/// A program of Linux that asks the kernel to end another with its parent, and becomes that other.
+const SETPRIV: &str = "setpriv";
 /// A board that says nothing for longer is not working. A step takes seconds on a busy machine.
 pub const SILENCE: Duration = Duration::from_secs(120);
 /// Bytes of a policy that go to a board at once: what fits beside a request's clouds.
@@ -90,6 +92,15 @@ pub enum BoardError {
     /// The board says nothing.
     #[error("the board says nothing for {} s", SILENCE.as_secs())]
     Silent,
+    /// The board has started anew, and what it was asked is forgotten.
+    #[error("the board has started anew, probably by its watchdog")]
+    Restarted,
+    /// The policy that the board has taken does not pass its checks.
+    #[error("the board does not use its policy: {reason}")]
+    PolicyUnfit {
+        /// Why.
+        reason: Reason,
+    },
     /// The board does not take a policy.
     #[error(
         "the board does not take the policy of {bytes} bytes; it has room for one in int8 \
@@ -115,6 +126,24 @@ fn not_started(error: io::Error) -> BoardError {
         io::ErrorKind::NotFound => BoardError::NoQemu,
         _ => BoardError::Process(error),
     }
+}
+
+/// The simulator, such that it ends when this process does, however that ends; where the system has no means
+/// for it, a killed process leaves it running.
+fn simulator() -> Result<Command, BoardError> {
+    let setpriv = Command::new(SETPRIV).arg("--version").output();
+    if !setpriv.is_ok_and(|output| output.status.success()) {
+        return Ok(Command::new(QEMU));
+    }
+    // It would only say that it cannot start what is not there.
+    check_simulator()?;
+    let mut qemu = Command::new(SETPRIV);
+    qemu.args(["--pdeathsig", "KILL", "--", QEMU]);
+    Ok(qemu)
+}
+
+fn no_thread() -> BoardError {
+    BoardError::Process(io::Error::other("no thread to start it from"))
 }
 
 /// Builds the image with cargo and gives its path; a moment where nothing has changed.
@@ -180,6 +209,8 @@ pub struct Board {
     process: Child,
     line: ChildStdin,
     frames: Receiver<Vec<u8>>,
+    /// Reports that are due.
+    reports: u32,
 }
 
 impl Board {
@@ -192,7 +223,7 @@ impl Board {
         image: &Path,
         simulation: Simulation<'_>,
     ) -> Result<Board, BoardError> {
-        let mut qemu = Command::new(QEMU);
+        let mut qemu = simulator()?;
         qemu.args(["-machine", kind.machine()])
             .args(["-display", "none", "-monitor", "none"])
             .args(["-chardev", "stdio,id=line,signal=off"])
@@ -210,16 +241,34 @@ impl Board {
         qemu.stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .stderr(Stdio::piped());
-        let mut process = qemu.spawn().map_err(not_started)?;
-        let line = process.stdin.take().expect("piped");
-        let output = process.stdout.take().expect("piped");
+        // The thread that starts the simulator lives as long as it: the kernel takes the end of that thread
+        // for the end of this process.
+        let (started, process) = channel();
         let (sender, frames) = channel();
-        std::thread::spawn(move || read_frames(output, &sender));
+        std::thread::spawn(move || {
+            let mut process = qemu.spawn();
+            let output = process.as_mut().ok().and_then(|p| p.stdout.take());
+            started.send(process).ok();
+            if let Some(output) = output {
+                read_frames(output, &sender);
+            }
+        });
+        let mut process = process
+            .recv()
+            .map_err(|_| no_thread())?
+            .map_err(not_started)?;
+        let line = process.stdin.take().expect("piped");
         Ok(Board {
             process,
             line,
             frames,
+            reports: 1,
         })
+    }
+
+    /// Number of the simulator's process.
+    pub fn process_id(&self) -> u32 {
+        self.process.id()
     }
 
     /// Puts bytes onto the line as they are.
@@ -266,14 +315,21 @@ impl Board {
     /// The next frame of which `pick` gives something; others are passed over.
     ///
     /// # Errors
-    /// As [`Board::receive`].
+    /// `Restarted`; as [`Board::receive`].
     pub fn wait_for<T>(
         &mut self,
         mut pick: impl FnMut(Message<'_>) -> Option<T>,
     ) -> Result<T, BoardError> {
         loop {
             let frame = self.receive()?;
-            if let Some(found) = wire::decode(&frame).ok().and_then(&mut pick) {
+            let Ok(message) = wire::decode(&frame) else {
+                continue;
+            };
+            if matches!(message, Message::Board(_)) {
+                // The board gives a report at its start, too.
+                self.reports = self.reports.checked_sub(1).ok_or(BoardError::Restarted)?;
+            }
+            if let Some(found) = pick(message) {
                 return Ok(found);
             }
         }
@@ -285,6 +341,7 @@ impl Board {
     /// As [`Board::receive`].
     pub fn ask(&mut self) -> Result<(Status, wire::Board), BoardError> {
         self.send(&Message::Ask)?;
+        self.reports += 1;
         self.status_and_report()
     }
 
@@ -308,7 +365,7 @@ impl Board {
     /// Sends the frame of a request, and waits for its answer; `step` gets every step meanwhile.
     ///
     /// # Errors
-    /// As [`Board::receive`].
+    /// `Restarted`; as [`Board::receive`].
     pub fn refine(
         &mut self,
         request: &[u8],
@@ -329,31 +386,31 @@ impl Board {
     /// Writes a policy into the board's flash, chunk by chunk.
     ///
     /// # Errors
-    /// `PolicyRefused`; as [`Board::receive`].
+    /// `PolicyRefused`, `PolicyUnfit`, `Restarted`; as [`Board::receive`].
     pub fn load(&mut self, manifest: &Manifest, file: &[u8]) -> Result<(), BoardError> {
-        let refused = BoardError::PolicyRefused { bytes: file.len() };
         let answer = |message: Message<'_>| match message {
-            Message::Status(status) => Some(Some(status)),
-            Message::Refusal(_) => Some(None),
+            Message::Status(status) => Some(Ok(status)),
+            Message::Refusal(Refusal { reason, .. }) => Some(Err(match reason {
+                Reason::PolicyDamaged | Reason::FailedSelfTest => {
+                    BoardError::PolicyUnfit { reason }
+                }
+                _ => BoardError::PolicyRefused { bytes: file.len() },
+            })),
             _ => None,
         };
         self.send(&Message::Manifest(Manifest {
             chunk_length: CHUNK_BYTES,
             ..manifest.clone()
         }))?;
-        let mut status = self.wait_for(answer)?;
+        let mut status = self.wait_for(answer)??;
         for (index, bytes) in file.chunks(CHUNK_BYTES as usize).enumerate() {
-            if status.is_none() {
-                break;
-            }
             let index = index as u32;
             self.send(&Message::Chunk(Chunk { index, bytes }))?;
-            status = self.wait_for(answer)?;
+            status = self.wait_for(answer)??;
         }
-        let loaded = status.and_then(|status| status.policy);
-        match loaded {
+        match status.policy {
             Some(id) if id.sha256 == manifest.sha256 => Ok(()),
-            _ => Err(refused),
+            _ => Err(BoardError::PolicyRefused { bytes: file.len() }),
         }
     }
 

@@ -39,7 +39,13 @@ pub(crate) fn serve(
                 let payload = job.query.payload().map(|p| p.to_bytes());
                 let payload = payload.unwrap_or_default();
                 let answer = match job.check() {
-                    Ok(()) => answer(&mut board, &payload),
+                    Ok(()) => {
+                        let answer = board.refine(&payload, |_| {});
+                        if let Err(BoardError::Restarted) = answer {
+                            policies.mark_changed();
+                        }
+                        answer.unwrap_or_else(|error| failed(&error, &payload))
+                    }
                     Err(Stop::Deadline) => refusal(&payload, Reason::Deadline),
                     Err(Stop::TakenBack) => {
                         outlet.view.send_modify(View::count_taken_back);
@@ -80,15 +86,13 @@ fn load(
     }
 }
 
-fn answer(board: &mut Board, payload: &[u8]) -> Result<RefineReply, Refusal> {
-    board.refine(payload, |_| {}).unwrap_or_else(|error| {
-        tracing::error!("{error}");
-        let reason = match error {
-            BoardError::Silent => Reason::Busy,
-            _ => Reason::Internal,
-        };
-        refusal(payload, reason)
-    })
+fn failed(error: &BoardError, payload: &[u8]) -> Result<RefineReply, Refusal> {
+    tracing::error!("{error}");
+    let reason = match error {
+        BoardError::Silent | BoardError::Restarted => Reason::Busy,
+        _ => Reason::Internal,
+    };
+    refusal(payload, reason)
 }
 
 fn refusal(payload: &[u8], reason: Reason) -> Result<RefineReply, Refusal> {

@@ -6,10 +6,11 @@ use crate::env::Accumulation;
 use crate::files::write_atomically;
 use crate::nn::{Parameters, Shape};
 use crate::quantise::{self, Ranges};
-use reagent_core::dims::{LAYER_SHAPES, LAYERS, LOGITS, padded};
+use reagent_core::dims::{LAYERS, LOGITS, padded};
+use reagent_core::kernels::Tile;
 use reagent_core::weights::{
-    FILE_LEN, FILE_LEN_INT8, FORMAT_F32, FORMAT_INT8, HEADER, MAGIC, OFFSETS, OFFSETS_INT8, SHAPE,
-    TABLE_ROW, VERSION, checksum, pack_panels,
+    FORMAT_F32, FORMAT_INT8, HEADER, MAGIC, TABLE_ROW, VERSION, checksum, file_len, offsets,
+    pack_panels,
 };
 use reagent_core::{Error, Policy};
 use sha2::{Digest, Sha256};
@@ -52,7 +53,11 @@ pub enum ExportError {
     #[error(transparent)]
     Checkpoint(#[from] CheckpointError),
     /// The network has a shape that the deployed format does not hold.
-    #[error("a network of shape {0:?} cannot be deployed; only {paper:?} can", paper = Shape::PAPER)]
+    #[error(
+        "a network of {0:?} cannot be deployed: only embeddings of three layers, with widths of multiples of 64 \
+         and at most {paper:?}",
+        paper = Shape::PAPER
+    )]
     Shape(Shape),
     /// The network's actions accumulate in another way than the robot's.
     #[error("a policy with {0:?} accumulation cannot be deployed; only Global can")]
@@ -64,6 +69,8 @@ pub enum ExportError {
 pub struct WeightFile {
     words: Vec<u32>,
     len: usize,
+    /// See [`Policy::with_split`].
+    split: Vec<Tile>,
 }
 
 impl WeightFile {
@@ -74,7 +81,7 @@ impl WeightFile {
     pub fn parameters(&self, seed: u64) -> Result<Parameters, ExportError> {
         let policy = self.policy();
         let network = policy.f32().ok_or(ExportError::Integers)?;
-        Ok(Parameters::from_network(network, seed))
+        Ok(Parameters::from_network(policy.shape, network, seed))
     }
 
     /// Copies bytes to aligned memory and checks that they are a policy.
@@ -84,11 +91,15 @@ impl WeightFile {
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, Error> {
         let mut words = vec![0u32; bytes.len().div_ceil(4)];
         bytemuck::cast_slice_mut(&mut words)[..bytes.len()].copy_from_slice(bytes);
-        let file = WeightFile {
+        let mut file = WeightFile {
             words,
             len: bytes.len(),
+            split: Vec::new(),
         };
-        Policy::parse(file.bytes())?;
+        let policy = Policy::parse(file.bytes())?;
+        let mut split = vec![Tile::ZERO; policy.split_tiles().unwrap_or(0)];
+        policy.pack_split(&mut split);
+        file.split = split;
         Ok(file)
     }
 
@@ -101,8 +112,9 @@ impl WeightFile {
     pub fn load(path: &Path) -> Result<Self, ExportError> {
         let mut bytes = Vec::new();
         // One byte more than any policy has: enough to see that a file is too long.
+        let most = file_len(&reagent_core::Shape::FULL, FORMAT_F32) as u64 + 1;
         std::fs::File::open(path)
-            .and_then(|file| file.take(FILE_LEN as u64 + 1).read_to_end(&mut bytes))
+            .and_then(|file| file.take(most).read_to_end(&mut bytes))
             .map_err(|source| ExportError::Read {
                 path: path.into(),
                 source,
@@ -125,12 +137,10 @@ impl WeightFile {
 
     /// Serialises parameters as [`reagent_core::weights`] describes; the value head stays out.
     pub fn from_parameters(parameters: &Parameters) -> Result<Self, ExportError> {
-        if parameters.shape != Shape::PAPER {
-            return Err(ExportError::Shape(parameters.shape));
-        }
-        let mut bytes = with_header(FORMAT_F32, FILE_LEN, &OFFSETS);
-        for (i, &(inputs, outputs)) in LAYER_SHAPES.iter().enumerate() {
-            let (weight_at, bias_at) = OFFSETS[i];
+        let shape = robot_shape(parameters)?;
+        let mut bytes = with_header(&shape, FORMAT_F32);
+        let arrays = shape.layers().into_iter().zip(offsets(&shape, FORMAT_F32));
+        for (i, ((inputs, outputs), (weight_at, bias_at))) in arrays.enumerate() {
             let mut panels = vec![0.0; inputs * padded(outputs)];
             pack_panels(inputs, outputs, parameters.weight(i), &mut panels);
             let mut put = |at: usize, values: &[f32]| {
@@ -160,17 +170,15 @@ impl WeightFile {
         ranges: &Ranges,
         logit_errors: &[[f64; LOGITS]; 2],
     ) -> Result<Self, ExportError> {
-        if parameters.shape != Shape::PAPER {
-            return Err(ExportError::Shape(parameters.shape));
-        }
+        let shape = robot_shape(parameters)?;
         if parameters.values.iter().any(|v| !v.is_finite()) {
             return Err(ExportError::Policy {
                 path: "the exported policy".into(),
                 source: Error::WeightsNotFinite { layer: 0 },
             });
         }
-        let mut bytes = with_header(FORMAT_INT8, FILE_LEN_INT8, &OFFSETS_INT8);
-        quantise::write_arrays(parameters, ranges, logit_errors, &mut bytes);
+        let mut bytes = with_header(&shape, FORMAT_INT8);
+        quantise::write_arrays(&shape, parameters, ranges, logit_errors, &mut bytes);
         Self::finished(bytes)
     }
 
@@ -200,7 +208,8 @@ impl WeightFile {
 
     /// The policy in them.
     pub fn policy(&self) -> Policy<'_> {
-        Policy::parse(self.bytes()).expect("checked when the file was made")
+        let policy = Policy::parse(self.bytes()).expect("checked when the file was made");
+        policy.with_split(&self.split)
     }
 
     /// SHA-256 of the file: the policy's name on the fleet.
@@ -209,8 +218,15 @@ impl WeightFile {
     }
 }
 
+/// The shape of a network as robots know it.
+fn robot_shape(parameters: &Parameters) -> Result<reagent_core::Shape, ExportError> {
+    let shape = parameters.shape;
+    shape.deployed().ok_or(ExportError::Shape(shape))
+}
+
 /// A file of zeros with header and layer table.
-fn with_header(format: u16, len: usize, offsets: &[(usize, usize); LAYERS]) -> Vec<u8> {
+fn with_header(shape: &reagent_core::Shape, format: u16) -> Vec<u8> {
+    let len = file_len(shape, format);
     let mut bytes = vec![0u8; len];
     let mut put = |at: usize, field: &[u8]| bytes[at..at + field.len()].copy_from_slice(field);
     put(0, &MAGIC);
@@ -218,10 +234,11 @@ fn with_header(format: u16, len: usize, offsets: &[(usize, usize); LAYERS]) -> V
     put(6, &format.to_le_bytes());
     put(8, &(len as u32).to_le_bytes());
     put(12, &(LAYERS as u32).to_le_bytes());
-    for (i, width) in SHAPE.iter().enumerate() {
+    for (i, width) in shape.header().iter().enumerate() {
         put(16 + 2 * i, &width.to_le_bytes());
     }
-    for (i, (&(inputs, outputs), &(weight, bias))) in LAYER_SHAPES.iter().zip(offsets).enumerate() {
+    let arrays = shape.layers().into_iter().zip(offsets(shape, format));
+    for (i, ((inputs, outputs), (weight, bias))) in arrays.enumerate() {
         for (k, field) in [inputs, outputs, weight, bias].into_iter().enumerate() {
             let at = HEADER + i * TABLE_ROW + 4 * k;
             put(at, &(field as u32).to_le_bytes());

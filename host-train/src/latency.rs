@@ -5,7 +5,7 @@ use crate::dataset::pairs::PairSet;
 use crate::dataset::procedural;
 use crate::export::{ExportError, WeightFile};
 use crate::protocol::{self, Protocol};
-use reagent_core::dims::{MACS_HEADS_STEP, MACS_PER_POINT, SCRATCH_BYTES, STEPS};
+use reagent_core::dims::{SCRATCH_BYTES, STEPS};
 use reagent_core::kernels::{Arithmetic, Isa};
 use reagent_core::net::Scratch;
 use reagent_core::{Frame, Policy, Pose, Registrar};
@@ -148,7 +148,8 @@ fn run(
     let (mut times, processor): (Vec<f64>, Vec<f64>) = measured.into_iter().unzip();
     times.sort_by(f64::total_cmp);
     let points = pairs.source.first().map_or(0, Vec::len);
-    let macs = (STEPS + 1) * points * MACS_PER_POINT + STEPS * MACS_HEADS_STEP;
+    let shape = policy.shape;
+    let macs = (STEPS + 1) * points * shape.macs_per_point() + STEPS * shape.macs_step();
     Latency {
         format,
         points,

@@ -25,6 +25,7 @@ pub mod expert;
 pub mod export;
 pub mod files;
 pub mod heads;
+pub mod image;
 pub mod import;
 pub mod latency;
 pub mod loss;

@@ -23,11 +23,7 @@ pub struct Shape {
 
 impl Shape {
     /// The paper's network: 64-128-1024, heads 512-256-33, value head 512-256-1.
-    pub const PAPER: Shape = Shape {
-        embed: [64, 128, 1024],
-        extra: 0,
-        head: [512, 256],
-    };
+    pub const PAPER: Shape = Shape::of(reagent_core::Shape::FULL);
     /// The design table's alternative, a deeper embedding with narrower heads: 64-64-64-128-1024, heads
     /// 256-128-33. The paper gives no widths: these are PointNet's embedding and heads of half the width.
     pub const DEEP: Shape = Shape {
@@ -35,8 +31,26 @@ impl Shape {
         extra: 2,
         head: [256, 128],
     };
+    /// A network of at most 256 KiB in 8-bit integers: 64-64-384, heads 128-64-33.
+    pub const COMPACT: Shape = Shape::of(reagent_core::Shape::COMPACT);
     /// Bound of [`Shape::extra`].
     pub const MOST_EXTRA: usize = 5;
+
+    /// The shape of a deployed network.
+    const fn of(deployed: reagent_core::Shape) -> Shape {
+        Shape {
+            embed: deployed.embed,
+            extra: 0,
+            head: deployed.head,
+        }
+    }
+
+    /// The shape that a robot knows, where it runs networks of this one.
+    pub fn deployed(&self) -> Option<reagent_core::Shape> {
+        let Shape { embed, extra, head } = *self;
+        let shape = reagent_core::Shape { embed, head };
+        (extra == 0 && shape.is_runnable()).then_some(shape)
+    }
 
     /// Length of one global feature.
     pub fn features(&self) -> usize {
@@ -169,8 +183,8 @@ impl Parameters {
     }
 
     /// Parameters of a deployed f32 network; the value head, which is not deployed, is drawn from `seed`.
-    pub fn from_network(network: &FloatNetwork<'_>, seed: u64) -> Self {
-        let mut parameters = Self::random(Shape::PAPER, seed);
+    pub fn from_network(shape: reagent_core::Shape, network: &FloatNetwork<'_>, seed: u64) -> Self {
+        let mut parameters = Self::random(Shape::of(shape), seed);
         let dense = [
             network.embedding.layers,
             network.translation.layers,

@@ -8,14 +8,12 @@ use crate::export::WeightFile;
 use crate::heads::Activations;
 use crate::nn::{PackedEmbedding, Parameters, Search};
 use rayon::prelude::*;
-use reagent_core::dims::{
-    AXES, FEATURES, LAYER_SHAPES, LAYERS, LOGITS, PANEL, STEP_SIZES, STEPS, padded,
-};
+use reagent_core::dims::{AXES, LAYERS, LOGITS, PANEL, STEP_SIZES, STEPS, padded};
 use reagent_core::kernels::Isa;
 use reagent_core::net::{Scratch, View};
 use reagent_core::quant::{CODE_MAX, Requantise, WIDE_MAX};
-use reagent_core::weights::{OFFSETS_INT8, pack_panels};
-use reagent_core::{Action, Frame, Pose, Registrar};
+use reagent_core::weights::{FORMAT_INT8, Offsets, offsets, pack_panels};
+use reagent_core::{Action, Frame, Pose, Registrar, Shape};
 
 /// Head room of the heads' hidden layers above what calibration saw: their 13 bits afford it.
 const HEAD_ROOM: f32 = 1.5;
@@ -265,18 +263,24 @@ fn requantise(unit: &[f64], range: &[f32], most: i32, bits: u32) -> (Vec<u32>, V
 
 /// Writes the arrays of number format 1 into a file's bytes.
 pub(crate) fn write_arrays(
+    shape: &Shape,
     parameters: &Parameters,
     ranges: &Ranges,
     logit_errors: &[[f64; LOGITS]; 2],
-    file: &mut [u8],
+    bytes: &mut [u8],
 ) {
+    let mut file = File {
+        layers: shape.layers(),
+        offsets: offsets(shape, FORMAT_INT8),
+        bytes,
+    };
     // Layer 1 in units of one code.
     let [range1, range2] = &ranges.hidden;
     let step1: Vec<f64> = range1
         .iter()
         .map(|&range| f64::from(range) / f64::from(CODE_MAX))
         .collect();
-    let (inputs, outputs, _) = shape(0);
+    let (inputs, outputs) = file.layers[0];
     let to_codes = |values: &[f32], per: usize| -> Vec<f32> {
         let steps = step1.iter().flat_map(|s| std::iter::repeat_n(s, per));
         values
@@ -288,69 +292,72 @@ pub(crate) fn write_arrays(
     let mut panels = vec![0.0; inputs * padded(outputs)];
     let weight = to_codes(parameters.weight(0), inputs);
     pack_panels(inputs, outputs, &weight, &mut panels);
-    let (weight_at, bias_at) = OFFSETS_INT8[0];
-    put(file, weight_at, &panels);
-    put(file, bias_at, &to_codes(parameters.bias(0), 1));
+    let (weight_at, bias_at) = file.offsets[0];
+    file.put(weight_at, &panels);
+    file.put(bias_at, &to_codes(parameters.bias(0), 1));
 
     let hidden = integer_layer(parameters, 1, &step1);
     let (factors, step2) = requantise(&hidden.unit, range2, CODE_MAX, EMBEDDING_BITS);
-    write_layer(file, 1, &hidden, &factors);
+    file.write_layer(1, &hidden, &factors);
 
     let features = integer_layer(parameters, 2, &step2);
-    let range = vec![ranges.feature; FEATURES];
+    let range = vec![ranges.feature; shape.features()];
     let (factors, step3) = requantise(&features.unit, &range, WIDE_MAX / 2, EMBEDDING_BITS);
-    write_layer(file, 2, &features, &factors);
+    file.write_layer(2, &features, &factors);
 
     let state_step = [step3.as_slice(), step3.as_slice()].concat();
     let heads = parameters.shape.heads().into_iter().zip(&ranges.heads);
     for ((first, ranges), errors) in heads.zip(logit_errors) {
         let mut fc1 = integer_layer(parameters, first, &state_step);
-        for (bias, row) in fc1.bias.iter_mut().zip(fc1.codes.chunks(2 * FEATURES)) {
+        for (bias, row) in fc1.bias.iter_mut().zip(fc1.codes.chunks(shape.state())) {
             // Feature codes count from 4096.
             *bias -= 4096.0 * row.iter().map(|&w| f64::from(w)).sum::<f64>();
         }
         let (factors, step) = requantise(&fc1.unit, &ranges[0], WIDE_MAX, HEAD_BITS);
-        write_layer(file, first, &fc1, &factors);
+        file.write_layer(first, &fc1, &factors);
         let fc2 = integer_layer(parameters, first + 1, &step);
         let (factors, step) = requantise(&fc2.unit, &ranges[1], WIDE_MAX, HEAD_BITS);
-        write_layer(file, first + 1, &fc2, &factors);
+        file.write_layer(first + 1, &fc2, &factors);
         let mut out = integer_layer(parameters, first + 2, &step);
         for ((bias, unit), error) in out.bias.iter_mut().zip(&out.unit).zip(errors) {
             *bias -= error / unit;
         }
         let scales: Vec<u32> = out.unit.iter().map(|&u| (u as f32).to_bits()).collect();
-        write_layer(file, first + 2, &out, &scales);
+        file.write_layer(first + 2, &out, &scales);
     }
 }
 
-fn shape(i: usize) -> (usize, usize, usize) {
-    let (inputs, outputs) = LAYER_SHAPES[i];
-    (inputs, outputs, padded(outputs))
+/// A file of number format 1 that is being written.
+struct File<'a> {
+    layers: [(usize, usize); LAYERS],
+    offsets: Offsets,
+    bytes: &'a mut [u8],
 }
 
-fn write_layer(file: &mut [u8], i: usize, layer: &IntegerLayer, factors: &[u32]) {
-    let (inputs, outputs, width) = shape(i);
-    let mut panels = vec![0i8; inputs * width];
-    for (o, row) in layer.codes.chunks_exact(inputs).enumerate() {
-        for (k, &code) in row.iter().enumerate() {
-            let quad = o / PANEL * (inputs / 4) + k / 4;
-            panels[(quad * PANEL + o % PANEL) * 4 + k % 4] = code;
+impl File<'_> {
+    fn write_layer(&mut self, i: usize, layer: &IntegerLayer, factors: &[u32]) {
+        let (inputs, outputs) = self.layers[i];
+        let width = padded(outputs);
+        let mut panels = vec![0i8; inputs * width];
+        for (o, row) in layer.codes.chunks_exact(inputs).enumerate() {
+            for (k, &code) in row.iter().enumerate() {
+                let quad = o / PANEL * (inputs / 4) + k / 4;
+                panels[(quad * PANEL + o % PANEL) * 4 + k % 4] = code;
+            }
         }
+        let bias: Vec<i32> = layer
+            .bias
+            .iter()
+            .map(|b| b.round_ties_even() as i32)
+            .collect();
+        let (weight_at, bias_at) = self.offsets[i];
+        self.put(weight_at, &panels);
+        self.put(bias_at, &bias[..outputs]);
+        self.put(bias_at + 4 * width, factors);
     }
-    let bias: Vec<i32> = layer
-        .bias
-        .iter()
-        .map(|b| b.round_ties_even() as i32)
-        .collect();
-    let (weight_at, bias_at) = OFFSETS_INT8[i];
-    put(file, weight_at, &panels);
-    put(file, bias_at, &bias[..outputs]);
-    put(file, bias_at + 4 * width, factors);
-}
 
-fn put<T: bytemuck::NoUninit>(file: &mut [u8], at: usize, values: &[T]) {
-    let bytes = bytemuck::cast_slice(values);
-    file[at..at + bytes.len()].copy_from_slice(bytes);
+    fn put<T: bytemuck::NoUninit>(&mut self, at: usize, values: &[T]) {
+        let raw = bytemuck::cast_slice(values);
+        self.bytes[at..at + raw.len()].copy_from_slice(raw);
+    }
 }
-
-const _: () = assert!(LAYERS == 9);

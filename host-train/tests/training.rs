@@ -150,7 +150,7 @@ fn run_directories_are_evaluated() {
     succeed(at, &format!("{train} --out wide"));
     succeed(
         at,
-        &format!("{train} --network deep --accumulation local --out deep"),
+        &format!("{train} --shape deep --accumulation local --out deep"),
     );
     let pairs = "--data procedural --protocol m40-models --count 2 --per-step";
     let table = succeed(at, &format!("eval --weights wide deep {pairs}"));

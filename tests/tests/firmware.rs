@@ -1,13 +1,23 @@
 //! The image for microcontrollers, in QEMU: the same bits as here, and no byte on its line stops it.
 
+#[path = "firmware/bits.rs"]
+mod bits;
+#[path = "firmware/c.rs"]
+mod c;
+#[path = "firmware/flash.rs"]
+mod flash;
+#[path = "firmware/image.rs"]
+mod image;
+#[path = "firmware/life.rs"]
+mod life;
 mod support;
 
+use bits::{bits, trajectory};
 use firmware_sim::board::{
     Board, BoardError, Kind, Simulation, build_image, check_simulator, flash_content,
 };
 use firmware_sim::client::{self, RefineError};
 use firmware_sim::node::{Node, NodeConfig};
-use host_train::dataset::pairs::PairSet;
 use host_train::dataset::procedural;
 use host_train::export::WeightFile;
 use host_train::protocol::{self, Protocol};
@@ -15,18 +25,11 @@ use host_train::publish;
 use host_train::random::{Purpose, Rng, stream};
 use rand::RngExt;
 use reagent_core::kernels::Isa;
-use reagent_core::net::Scratch;
 use reagent_core::wire::serial::{self, line_bytes};
 use reagent_core::wire::{
-    self, Chunk, Cloud, CloudView, Manifest, Message, Reason, RefineRequest, Refusal, StepTaken,
+    self, Chunk, Cloud, CloudView, Manifest, Message, Reason, RefineRequest, Refusal,
 };
-use reagent_core::{Action, Frame, Pose, Registrar, Verdict};
-use reagent_tests::shared;
-use std::ffi::OsStr;
-use std::fmt::Write;
-use std::io::ErrorKind;
-use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::path::PathBuf;
 use std::sync::LazyLock;
 use std::thread;
 use support::{FLEET, Network, publisher, request as request_to, until};
@@ -62,17 +65,26 @@ fn images() -> Vec<(Kind, PathBuf)> {
     Kind::ALL.into_iter().filter_map(build).collect()
 }
 
-/// Runs `test` on each board with the policy in flash, side by side.
+/// Runs `test` on each board, side by side, with the policy in flash.
 fn on_boards(with_policy: bool, test: impl Fn(Kind, Board) + Sync) {
+    let content = with_policy.then(|| flash_content(&manifest(5), POLICY.bytes()));
+    on_boards_with(content.as_deref(), test);
+}
+
+/// Runs `test` on each board, side by side, with this in its flash.
+fn on_boards_with(content: Option<&[u8]>, test: impl Fn(Kind, Board) + Sync) {
     let directory = tempfile::tempdir().expect("a temporary directory");
-    let flash = directory.path().join("flash");
-    std::fs::write(&flash, flash_content(&manifest(5), POLICY.bytes())).expect("it is writable");
+    let path = directory.path().join("flash");
+    let flash = content.map(|content| {
+        std::fs::write(&path, content).expect("it is writable");
+        path.as_path()
+    });
     thread::scope(|scope| {
         for (kind, image) in images() {
-            let (test, flash) = (&test, &flash);
+            let test = &test;
             scope.spawn(move || {
                 let simulation = Simulation {
-                    flash: with_policy.then_some(flash),
+                    flash,
                     ..Simulation::default()
                 };
                 match Board::start(kind, &image, simulation) {
@@ -99,84 +111,6 @@ fn line(frame: &[u8]) -> Vec<u8> {
     let mut bytes = Vec::with_capacity(line_bytes(frame.len()));
     serial::write(frame, |byte| bytes.push(byte));
     bytes
-}
-
-/// Actions and bits of the poses after them.
-type Trajectory = Vec<(Action, [[u32; 4]; 3])>;
-
-fn bits(rows: [[f32; 4]; 3]) -> [[u32; 4]; 3] {
-    rows.map(|row| row.map(f32::to_bits))
-}
-
-fn trajectory(isa: Isa, source: &[[f32; 3]], target: &[[f32; 3]]) -> Trajectory {
-    let mut scratch = Box::new(Scratch::new());
-    let mut registrar = Registrar::with_isa(isa, POLICY.policy(), &mut scratch);
-    let frame = Frame::of(target).expect("a cloud");
-    let mut registration = registrar
-        .start(source, target, frame, Pose::IDENTITY)
-        .expect("sound clouds");
-    let mut steps = Vec::new();
-    while steps.len() < 10 && registration.verdict() != Verdict::Converged {
-        let action = registrar.step(&mut registration).action;
-        let pose = registration.target_from_source().to_rows();
-        steps.push((action, bits(pose)));
-    }
-    steps
-}
-
-/// Twenty pairs, of few points for time, since Helium is slow to simulate; real ones where there are any.
-fn pairs() -> Vec<[Vec<[f32; 3]>; 2]> {
-    let drawn = protocol::draw(&procedural::models(7, 20), Protocol::M40Models, 20, 7);
-    let real =
-        shared("data/pairs_models.h5").map(|path| PairSet::load(&path).expect("it is readable"));
-    let pair = |i: usize| {
-        let set = real
-            .as_ref()
-            .filter(|set| i.is_multiple_of(2) && i < set.source.len());
-        let set = set.unwrap_or(&drawn);
-        let points = if i == 0 { 256 } else { 30 + i };
-        [&set.source[i], &set.target[i]].map(|cloud| cloud.iter().copied().take(points).collect())
-    };
-    (0..20).map(pair).collect()
-}
-
-#[test]
-fn boards_take_the_same_steps_to_the_same_bits() {
-    let pairs = pairs();
-    let expected: Vec<Trajectory> = pairs
-        .iter()
-        .map(|[source, target]| {
-            let expected = trajectory(Isa::PORTABLE, source, target);
-            for isa in Isa::all() {
-                assert_eq!(trajectory(isa, source, target), expected, "{}", isa.name());
-            }
-            expected
-        })
-        .collect();
-    on_boards(true, |kind, mut board| {
-        let (status, report) = board.status_and_report().expect("it runs");
-        assert_eq!(status.policy.map(|policy| policy.version), Some(5));
-        assert_eq!(report.points, 1024);
-        for (i, ([source, target], expected)) in pairs.iter().zip(&expected).enumerate() {
-            let mut found = Trajectory::new();
-            let step =
-                |taken: StepTaken| found.push((taken.action, bits(taken.target_from_source)));
-            let frame = request(i as u64, 10, source, target);
-            let reply = board
-                .refine(&frame, step)
-                .expect("it runs")
-                .expect("a pose");
-            assert_eq!(&found, expected, "{kind:?}, pair {i}");
-            let last = expected.last().expect("steps").1;
-            assert_eq!(bits(reply.target_from_source), last);
-            assert_eq!((reply.id, reply.policy_version), (i as u64, 5));
-            assert_eq!(usize::from(reply.steps), expected.len());
-        }
-        let (status, report) = board.ask().expect("it runs");
-        assert_eq!((status.served, status.refused), (20, 0));
-        let ram = report.static_bytes + report.stack_bytes;
-        assert!(ram <= 48 * 1024, "{ram} bytes of RAM");
-    });
 }
 
 fn cloud(rng: &mut Rng, points: usize) -> Vec<[f32; 3]> {
@@ -352,7 +286,9 @@ fn a_policy_comes_over_the_line_and_counts_when_it_is_whole() {
         damaged[1_000_000] ^= 1;
         assert!(matches!(
             board.load(&manifest(6), &damaged),
-            Err(BoardError::PolicyRefused { .. })
+            Err(BoardError::PolicyUnfit {
+                reason: Reason::PolicyDamaged
+            })
         ));
         board
             .send(&Message::Manifest(manifest(6)))
@@ -424,164 +360,4 @@ async fn a_board_serves_a_fleet() {
     let refusal = view.last_refusal.expect("there is a reason").to_string();
     assert!(refusal.contains("--format int8"), "{refusal}");
     assert_eq!(view.policy.map(|policy| policy.version), Some(3));
-}
-
-/// A file of the C interface.
-fn capi(path: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("../core/capi")
-        .join(path)
-}
-
-/// Builds the static library and gives its path.
-fn library(target: Option<&str>) -> Option<PathBuf> {
-    let directory = capi("../../target/capi");
-    let mut build = Command::new(env!("CARGO"));
-    build
-        .args(["build", "--release", "--locked", "-p", "reagent-capi"])
-        .args(target.iter().flat_map(|target| ["--target", target]))
-        .arg("--target-dir")
-        .arg(&directory)
-        .current_dir(capi("."));
-    let output = build.output().expect("cargo runs");
-    let text = String::from_utf8_lossy(&output.stderr);
-    if text.contains("can't find crate for `core`") {
-        eprintln!("skipped: the compiler has no core library for {target:?}");
-        return None;
-    }
-    assert!(output.status.success(), "{text}");
-    let folder = target.map_or(directory.clone(), |target| directory.join(target));
-    Some(folder.join("release/libreagent.a"))
-}
-
-/// Output of a program that must succeed; `None`, with a word, where it is not installed.
-fn output(program: &str, arguments: &[&OsStr]) -> Option<String> {
-    match Command::new(program).args(arguments).output() {
-        Err(error) if error.kind() == ErrorKind::NotFound => {
-            eprintln!("skipped: {program} is not installed");
-            None
-        }
-        output => {
-            let output = output.expect("it runs");
-            let error = String::from_utf8_lossy(&output.stderr);
-            assert!(output.status.success(), "{program}: {error}");
-            Some(String::from_utf8(output.stdout).expect("text"))
-        }
-    }
-}
-
-/// What `core/capi/examples/register.c` prints, from Rust.
-fn lines_of_the_c_example() -> String {
-    let mut random = 1u32;
-    let mut draw = || {
-        random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-        (random >> 8) as f32 / 8_388_608.0 - 1.0
-    };
-    let target: Vec<[f32; 3]> = (0..200).map(|_| [draw(), draw(), draw()]).collect();
-    let source: Vec<[f32; 3]> = target.iter().map(|&[x, y, z]| [x + 0.125, y, z]).collect();
-    let mut lines = String::new();
-    for (action, pose) in trajectory(Isa::best(), &source, &target) {
-        let ids = action.translation.into_iter().chain(action.rotation);
-        for word in ids.map(u32::from).chain(pose.into_iter().flatten()) {
-            write!(lines, "{word:08x} ").expect("memory");
-        }
-        lines.push('\n');
-    }
-    lines
-}
-
-#[test]
-fn c_takes_the_same_steps_on_the_host_and_on_the_board() {
-    let directory = tempfile::tempdir().expect("a temporary directory");
-    let path = |name: &str| directory.path().join(name);
-    let (policy, host, board) = (path("policy.rgw"), path("host"), path("board"));
-    POLICY.save(&policy).expect("it is writable");
-    let include = capi("include");
-    let [example, host_c, mps2_c, mps2_ld] =
-        ["register.c", "host.c", "mps2.c", "mps2.ld"].map(|name| capi("examples").join(name));
-    let strict = ["-std=c11", "-O2", "-Wall", "-Wextra", "-Werror", "-I"].map(OsStr::new);
-    let expected = lines_of_the_c_example();
-    assert!(expected.lines().count() > 1);
-
-    let library_here = library(None).expect("this machine's own target");
-    let files = [&include, &example, &host_c, &library_here].map(|path| path.as_os_str());
-    let end = ["-lpthread", "-ldl", "-lm", "-o"].map(OsStr::new);
-    if output(
-        "cc",
-        &[&strict[..], &files, &end, &[host.as_os_str()]].concat(),
-    )
-    .is_some()
-    {
-        let text = host.to_str().expect("a plain path");
-        assert_eq!(output(text, &[policy.as_os_str()]), Some(expected.clone()));
-    }
-
-    let Some(library) = library(Some(Kind::CortexM7.target())) else {
-        return;
-    };
-    let processor = [
-        "-mcpu=cortex-m7",
-        "-mfpu=fpv5-d16",
-        "-mfloat-abi=hard",
-        "-mthumb",
-    ];
-    let bare = ["-ffreestanding", "-nostdlib", "-Wl,--gc-sections", "-T"].map(OsStr::new);
-    let files = [&include, &example, &mps2_c, &library].map(|path| path.as_os_str());
-    let arguments = [
-        &processor.map(OsStr::new)[..],
-        &strict,
-        &files,
-        &bare,
-        &[
-            mps2_ld.as_os_str(),
-            "-lgcc".as_ref(),
-            "-o".as_ref(),
-            board.as_os_str(),
-        ],
-    ];
-    if output("arm-none-eabi-gcc", &arguments.concat()).is_none() {
-        return;
-    }
-    let weights = format!(
-        "loader,file={},addr=0x00100000,force-raw=on",
-        policy.display()
-    );
-    let simulator = [
-        "-machine",
-        "mps2-an500",
-        "-display",
-        "none",
-        "-monitor",
-        "none",
-        "-serial",
-        "stdio",
-        "-semihosting-config",
-        "enable=on,target=native",
-        "-device",
-        &weights,
-        "-kernel",
-    ];
-    let simulator = simulator.map(OsStr::new);
-    let printed = output(
-        "qemu-system-arm",
-        &[&simulator[..], &[board.as_os_str()]].concat(),
-    );
-    if let Some(printed) = printed {
-        assert_eq!(printed, expected);
-    }
-}
-
-#[test]
-fn the_c_header_is_what_cbindgen_makes() {
-    let config = capi("cbindgen.toml");
-    let arguments = ["--quiet", "--config"].map(OsStr::new);
-    let source = capi("src/lib.rs");
-    let arguments = [&arguments[..], &[config.as_os_str(), source.as_os_str()]].concat();
-    if let Some(made) = output("cbindgen", &arguments) {
-        let checked_in = std::fs::read_to_string(capi("include/reagent.h")).expect("a header");
-        assert_eq!(
-            checked_in, made,
-            "cbindgen --config cbindgen.toml src/lib.rs > include/reagent.h"
-        );
-    }
 }

@@ -3,11 +3,13 @@
 use host_train::dataset::pairs::PairSet;
 use host_train::dataset::procedural;
 use host_train::export::WeightFile;
+use host_train::nn::{self, Parameters};
 use host_train::protocol::{self, Protocol};
+use reagent_core::Shape;
 use reagent_core::kernels::Isa;
 use reagent_core::net::Scratch;
 use reagent_core::register::Step;
-use reagent_core::weights::{FILE_LEN, FILE_LEN_INT8, FORMAT_INT8, OFFSETS_INT8, checksum};
+use reagent_core::weights::{FORMAT_F32, FORMAT_INT8, checksum, file_len, offsets};
 use reagent_core::{Error, Frame, Policy, Pose, Registrar};
 
 fn pairs(seed: u64, count: usize) -> PairSet {
@@ -18,6 +20,14 @@ fn pairs(seed: u64, count: usize) -> PairSet {
 fn integers() -> WeightFile {
     let parameters = WeightFile::pretrained().parameters(0).expect("f32");
     WeightFile::from_parameters_int8(&parameters, &pairs(1, 24)).expect("deployable")
+}
+
+/// A compact network that nobody trained, in f32 and in 8-bit integers.
+fn compact() -> (WeightFile, WeightFile) {
+    let parameters = Parameters::random(nn::Shape::COMPACT, 5);
+    let integer = WeightFile::from_parameters_int8(&parameters, &pairs(1, 24)).expect("deployable");
+    let float = WeightFile::from_parameters(&parameters).expect("deployable");
+    (float, integer)
 }
 
 /// Ten steps of one registration.
@@ -35,7 +45,6 @@ fn steps(isa: Isa, policy: Policy<'_>, pairs: &PairSet, i: usize) -> (Vec<Step>,
 
 #[test]
 fn every_kernel_gives_the_same_bits() {
-    let file = integers();
     let pairs = pairs(2, 2);
     let bits = |(steps, pose): (Vec<Step>, Pose)| {
         let logits: Vec<u32> = steps
@@ -45,13 +54,44 @@ fn every_kernel_gives_the_same_bits() {
             .collect();
         (logits, pose)
     };
-    for i in 0..pairs.source.len() {
-        let expected = bits(steps(Isa::PORTABLE, file.policy(), &pairs, i));
-        for isa in Isa::all() {
-            let found = bits(steps(isa, file.policy(), &pairs, i));
-            assert_eq!(found, expected, "{}", isa.name());
+    for file in [integers(), compact().1] {
+        for i in 0..pairs.source.len() {
+            let expected = bits(steps(Isa::PORTABLE, file.policy(), &pairs, i));
+            for isa in Isa::all() {
+                let found = bits(steps(isa, file.policy(), &pairs, i));
+                assert_eq!(found, expected, "{}", isa.name());
+            }
         }
     }
+}
+
+#[test]
+fn a_compact_network_is_small_and_runs_in_both_formats() {
+    let (float, integer) = compact();
+    assert!(integer.bytes().len() <= 256 * 1024);
+    assert_eq!(integer.policy().shape, Shape::COMPACT);
+    let back = float.parameters(7).expect("f32");
+    assert_eq!(
+        WeightFile::from_parameters(&back).expect("deployable"),
+        float
+    );
+
+    let pairs = pairs(2, 1);
+    let logits = |isa, file: &WeightFile| {
+        let (steps, _) = steps(isa, file.policy(), &pairs, 0);
+        [steps[0].logits_t, steps[0].logits_r].concat()
+    };
+    let expected = logits(Isa::PORTABLE, &float);
+    let close =
+        |found: Vec<f32>, by: f32| found.iter().zip(&expected).all(|(f, e)| (f - e).abs() < by);
+    for isa in Isa::all() {
+        assert!(close(logits(isa, &float), 1e-5), "{}", isa.name());
+    }
+    assert!(
+        close(logits(Isa::best(), &integer), 0.01),
+        "8 bits, logits of about {}",
+        expected[0]
+    );
 }
 
 #[test]
@@ -71,7 +111,9 @@ fn first_actions_agree_with_f32() {
 #[test]
 fn the_file_is_a_quarter_and_refuses_what_could_overflow() {
     let file = integers();
-    assert!(file.bytes().len() == FILE_LEN_INT8 && FILE_LEN_INT8 * 39 < FILE_LEN * 10);
+    let len = file.bytes().len();
+    assert_eq!(len, file_len(&Shape::FULL, FORMAT_INT8));
+    assert!(len * 39 < file_len(&Shape::FULL, FORMAT_F32) * 10);
     assert_eq!(file.bytes()[6], FORMAT_INT8 as u8);
     assert!(file.parameters(0).is_err(), "nothing to train on from");
 
@@ -83,13 +125,14 @@ fn the_file_is_a_quarter_and_refuses_what_could_overflow() {
         bytes[end..].copy_from_slice(&sum.to_le_bytes());
         WeightFile::from_bytes(&bytes).map(|_| ())
     };
-    for (layer, &(_, bias)) in OFFSETS_INT8.iter().enumerate().skip(1) {
+    let offsets = offsets(&Shape::FULL, FORMAT_INT8);
+    for (layer, &(_, bias)) in offsets.iter().enumerate().skip(1) {
         let range = Err(Error::WeightsRange { layer });
         assert_eq!(broken(bias, i32::MAX as u32), range, "a sum overflows");
         assert_eq!(broken(bias, i32::MIN as u32), range, "a sum overflows");
     }
-    let (_, bias) = OFFSETS_INT8[2];
-    let (_, scale) = OFFSETS_INT8[5];
+    let (_, bias) = offsets[2];
+    let (_, scale) = offsets[5];
     let range = Err(Error::WeightsRange { layer: 2 });
     assert_eq!(broken(bias + 4 * 1024, 0), range, "no factor");
     assert_eq!(

@@ -111,8 +111,8 @@ ReagentStatus reagent_init(ReagentMemory *memory,
 ReagentStatus reagent_set_target(ReagentMemory *memory, const float *xyz, size_t points);
 
 // Sets the source, the observed cloud, in the target's units, and begins a registration: embeds the
-// target, which takes as long as one step of as many points. `initial` is an estimate of the pose to find,
-// null for none.
+// target, which takes as long as one step of as many points; reagent_begin leaves that to slices. `initial`
+// is an estimate of the pose to find, null for none.
 //
 // # Safety
 // As reagent_set_target, with `xyz` staying as it is until the last step; `initial` is null or points
@@ -121,6 +121,28 @@ ReagentStatus reagent_set_source(ReagentMemory *memory,
                                  const float *xyz,
                                  size_t points,
                                  const ReagentPose *initial);
+
+// As reagent_set_source, but only looks through the clouds: the slices of reagent_advance embed the target.
+//
+// # Safety
+// As reagent_set_source; the target, too, stays as it is until the last step.
+ReagentStatus reagent_begin(ReagentMemory *memory,
+                            const float *xyz,
+                            size_t points,
+                            const ReagentPose *initial);
+
+// Does the next slice of the registration's work: looks at no more than `points` points (but at least one) of
+// either cloud, or takes what was seen in, which is as much work as about 20 points are. `step` is where it is
+// told what was done when that was a step, or null; `stepped` is where it is told whether it was one, or null.
+// Steps and poses are the same to the bit, however they are sliced.
+//
+// # Safety
+// `memory` is as reagent_begin or reagent_set_source left it; `step` is null or points to a step, `stepped` is
+// null or points to a bool.
+ReagentStatus reagent_advance(ReagentMemory *memory,
+                              size_t points,
+                              ReagentStep *step,
+                              bool *stepped);
 
 // Takes one step of the registration: looks at the source under the pose so far and moves it.
 // `step` is where it is told what was done, or null.

@@ -9,7 +9,7 @@
 use core::mem::{MaybeUninit, align_of, size_of};
 use core::ptr::addr_of_mut;
 use reagent_core::net::Scratch;
-use reagent_core::{Error, Frame, Policy, Pose, Registrar, Registration, Verdict};
+use reagent_core::{Action, Error, Frame, Policy, Pose, Registrar, Registration, Verdict};
 
 #[cfg(target_os = "none")]
 #[panic_handler]
@@ -130,6 +130,15 @@ pub struct ReagentStep {
     pub rotation: [u8; 3],
 }
 
+impl From<Action> for ReagentStep {
+    fn from(action: Action) -> Self {
+        ReagentStep {
+            translation: action.translation,
+            rotation: action.rotation,
+        }
+    }
+}
+
 /// Where a registration is.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -247,8 +256,8 @@ pub unsafe extern "C" fn reagent_set_target(
 }
 
 /// Sets the source, the observed cloud, in the target's units, and begins a registration: embeds the
-/// target, which takes as long as one step of as many points. `initial` is an estimate of the pose to find,
-/// null for none.
+/// target, which takes as long as one step of as many points; reagent_begin leaves that to slices. `initial`
+/// is an estimate of the pose to find, null for none.
 ///
 /// # Safety
 /// As reagent_set_target, with `xyz` staying as it is until the last step; `initial` is null or points
@@ -260,38 +269,114 @@ pub unsafe extern "C" fn reagent_set_source(
     points: usize,
     initial: *const ReagentPose,
 ) -> ReagentStatus {
+    // SAFETY: the caller's promise.
+    status(unsafe { start(memory, xyz, points, initial, false) })
+}
+
+/// As reagent_set_source, but only looks through the clouds: the slices of reagent_advance embed the target.
+///
+/// # Safety
+/// As reagent_set_source; the target, too, stays as it is until the last step.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn reagent_begin(
+    memory: *mut ReagentMemory,
+    xyz: *const f32,
+    points: usize,
+    initial: *const ReagentPose,
+) -> ReagentStatus {
+    // SAFETY: the caller's promise.
+    status(unsafe { start(memory, xyz, points, initial, true) })
+}
+
+/// # Safety
+/// As reagent_set_source, or where `sliced` as reagent_begin.
+unsafe fn start(
+    memory: *mut ReagentMemory,
+    xyz: *const f32,
+    points: usize,
+    initial: *const ReagentPose,
+    sliced: bool,
+) -> Result<(), ReagentStatus> {
+    // SAFETY: the caller's promise.
+    let state = unsafe { state(memory) }?;
+    check_pointer(xyz, points)?;
+    if !initial.is_null() && !initial.is_aligned() {
+        return Err(ReagentStatus::Pointer);
+    }
+    // SAFETY: the caller's promise, and checked above.
+    let initial = unsafe { initial.as_ref() };
+    let initial = initial.map_or(Pose::IDENTITY, |pose| Pose::from_rows(pose.rows));
+    if state.target.1 == 0 {
+        return Err(ReagentStatus::NotStarted);
+    }
+    // SAFETY: the caller's promise, and checked when they were set.
+    let (source, target) = unsafe {
+        (
+            cloud(xyz.cast(), points),
+            cloud(state.target.0, state.target.1),
+        )
+    };
+    let frame = state.frame;
+    // SAFETY: initialised as the mark says.
+    let (mut registrar, registration) = unsafe { work(state) };
+    if sliced {
+        registrar.begin_in(registration, source, target, frame, initial)?;
+    } else {
+        registrar.start_in(registration, source, target, frame, initial)?;
+    }
+    state.started = true;
+    Ok(())
+}
+
+/// The registrar and its registration.
+///
+/// # Safety
+/// `state` has been initialised, as its mark says.
+unsafe fn work(state: &mut State) -> (Registrar<'static, '_>, &mut Registration<'static>) {
+    // SAFETY: the caller's promise.
+    unsafe {
+        (
+            Registrar::new(
+                state.policy.assume_init_read(),
+                state.scratch.assume_init_mut(),
+            ),
+            state.registration.assume_init_mut(),
+        )
+    }
+}
+
+/// Does the next slice of the registration's work: looks at no more than `points` points (but at least one) of
+/// either cloud, or takes what was seen in, which is as much work as about 20 points are. `step` is where it is
+/// told what was done when that was a step, or null; `stepped` is where it is told whether it was one, or null.
+/// Steps and poses are the same to the bit, however they are sliced.
+///
+/// # Safety
+/// `memory` is as reagent_begin or reagent_set_source left it; `step` is null or points to a step, `stepped` is
+/// null or points to a bool.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn reagent_advance(
+    memory: *mut ReagentMemory,
+    points: usize,
+    step: *mut ReagentStep,
+    stepped: *mut bool,
+) -> ReagentStatus {
     status((|| {
         // SAFETY: the caller's promise.
         let state = unsafe { state(memory) }?;
-        check_pointer(xyz, points)?;
-        if !initial.is_null() && !initial.is_aligned() {
-            return Err(ReagentStatus::Pointer);
-        }
-        // SAFETY: the caller's promise, and checked above.
-        let initial = unsafe { initial.as_ref() };
-        let initial = initial.map_or(Pose::IDENTITY, |pose| Pose::from_rows(pose.rows));
-        if state.target.1 == 0 {
+        if !state.started {
             return Err(ReagentStatus::NotStarted);
         }
-        // SAFETY: the caller's promise, and checked when they were set.
-        let (source, target) = unsafe {
-            (
-                cloud(xyz.cast(), points),
-                cloud(state.target.0, state.target.1),
-            )
-        };
         // SAFETY: initialised as the mark says.
-        let (mut registrar, registration) = unsafe {
-            (
-                Registrar::new(
-                    state.policy.assume_init_read(),
-                    state.scratch.assume_init_mut(),
-                ),
-                state.registration.assume_init_mut(),
-            )
-        };
-        registrar.start_in(registration, source, target, state.frame, initial)?;
-        state.started = true;
+        let (mut registrar, registration) = unsafe { work(state) };
+        let done = registrar.advance(registration, points);
+        // SAFETY: the caller's promise.
+        let (step, stepped) = unsafe { (step.as_mut(), stepped.as_mut()) };
+        if let Some(stepped) = stepped {
+            *stepped = done.is_some();
+        }
+        if let (Some(step), Some(done)) = (step, done) {
+            *step = done.action.into();
+        }
         Ok(())
     })())
 }
@@ -313,22 +398,11 @@ pub unsafe extern "C" fn reagent_step(
             return Err(ReagentStatus::NotStarted);
         }
         // SAFETY: initialised as the mark says.
-        let (mut registrar, registration) = unsafe {
-            (
-                Registrar::new(
-                    state.policy.assume_init_read(),
-                    state.scratch.assume_init_mut(),
-                ),
-                state.registration.assume_init_mut(),
-            )
-        };
+        let (mut registrar, registration) = unsafe { work(state) };
         let action = registrar.step(registration).action;
         // SAFETY: the caller's promise.
         if let Some(step) = unsafe { step.as_mut() } {
-            *step = ReagentStep {
-                translation: action.translation,
-                rotation: action.rotation,
-            };
+            *step = action.into();
         }
         Ok(())
     })())

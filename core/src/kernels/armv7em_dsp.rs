@@ -70,33 +70,56 @@ unsafe extern "C" fn four_points(
     )
 }
 
-/// A block of points, spread; points that are missing are zero.
-struct Block([[[Pairs; POINTS]; INPUTS / QUAD]; BLOCK / POINTS]);
+/// Four points, spread; points that are missing are what was there before.
+type Half = [[Pairs; POINTS]; INPUTS / QUAD];
+
+/// A block of points.
+struct Block([Half; BLOCK / POINTS]);
 
 impl Block {
     const ZERO: Block = Block([[[[0; 2]; POINTS]; INPUTS / QUAD]; BLOCK / POINTS]);
 
     fn fill(&mut self, inputs: usize, x: &[u8]) {
-        for (n, row) in x.chunks_exact(inputs).enumerate() {
-            let quads = self.0[n / POINTS].iter_mut();
-            for (pairs, four) in quads.zip(row.as_chunks::<QUAD>().0) {
-                pairs[n % POINTS] = spread(u32::from_le_bytes(*four));
+        let mut rows = x.chunks_exact(inputs.max(1));
+        for half in &mut self.0 {
+            for n in 0..POINTS {
+                let Some(row) = rows.next() else { return };
+                for (pairs, four) in half.iter_mut().zip(row.as_chunks::<QUAD>().0) {
+                    pairs[n] = spread(u32::from_le_bytes(*four));
+                }
             }
         }
     }
 
-    /// Sums of one output with the four points of `half`.
+    /// The halves that hold its first `points` points: their inputs, and how many points they are.
     #[inline(always)]
-    fn sums(&self, layer: &Codes<'_>, output: usize, half: usize) -> [i32; POINTS] {
-        let mut sums = [0; POINTS];
-        let at = output / PANEL * layer.inputs * PANEL + output % PANEL * QUAD;
-        let x = self.0[half][..layer.inputs / QUAD].as_ptr_range();
-        // SAFETY: the layer holds a multiple of 64 inputs, at most `INPUTS`, of this output.
-        unsafe {
-            four_points(layer.panels.as_ptr().add(at), x.start, x.end, &raw mut sums);
-        }
-        sums
+    fn halves(
+        &self,
+        inputs: usize,
+        points: usize,
+    ) -> impl Iterator<Item = (&[[Pairs; POINTS]], usize)> {
+        let halves = self.0.iter().zip((0..points).step_by(POINTS));
+        halves.filter_map(move |(half, first)| {
+            let x = half.get(..inputs / QUAD)?;
+            Some((x, (points - first).min(POINTS)))
+        })
     }
+}
+
+/// Sums of one output with four points.
+#[inline(always)]
+fn sums(layer: &Codes<'_>, output: usize, x: &[[Pairs; POINTS]]) -> [i32; POINTS] {
+    let mut sums = [0; POINTS];
+    let at = output / PANEL * layer.inputs * PANEL + output % PANEL * QUAD;
+    let x = x.as_ptr_range();
+    // SAFETY: the layer holds a multiple of 64 inputs, at most `INPUTS`, of this output, and `x` as many.
+    unsafe { four_points(layer.panels.as_ptr().add(at), x.start, x.end, &raw mut sums) }
+    sums
+}
+
+/// Whether a block holds rows of this many inputs.
+fn fits(inputs: usize) -> bool {
+    (1..=INPUTS).contains(&inputs)
 }
 
 /// As [`bytes::dense_codes_max`].
@@ -106,22 +129,21 @@ pub(super) unsafe fn dense_codes_max(
     x: &[u8],
     max: &mut [i32],
 ) {
-    if layer.inputs > INPUTS {
+    let inputs = layer.inputs;
+    if !fits(inputs) {
         return bytes::dense_codes_max(layer, panels, x, max);
     }
+    let outputs = panels.start * PANEL..panels.end * PANEL;
     let mut block = Block::ZERO;
-    for x in x.chunks(BLOCK * layer.inputs) {
-        block.fill(layer.inputs, x);
-        let points = x.len() / layer.inputs;
-        for output in panels.start * PANEL..panels.end * PANEL {
-            let mut best = max[output];
-            for half in 0..points.div_ceil(POINTS) {
-                let sums = block.sums(layer, output, half);
-                for &sum in sums.iter().take(points - half * POINTS) {
-                    best = best.max(sum);
+    for x in x.chunks(BLOCK * inputs) {
+        block.fill(inputs, x);
+        let points = x.len() / inputs;
+        for (output, best) in outputs.clone().zip(max.iter_mut().skip(outputs.start)) {
+            for (x, points) in block.halves(inputs, points) {
+                for &sum in sums(layer, output, x).iter().take(points) {
+                    *best = sum.max(*best);
                 }
             }
-            max[output] = best;
         }
     }
 }
@@ -134,20 +156,25 @@ pub(super) unsafe fn dense_codes(
     x: &[u8],
     y: &mut [u8],
 ) {
-    if layer.inputs > INPUTS {
+    let (inputs, outputs) = (layer.inputs, layer.outputs);
+    if !fits(inputs) || outputs == 0 {
         return bytes::dense_codes(layer, bias, requantise, x, y);
     }
     let mut block = Block::ZERO;
-    let blocks = x.chunks(BLOCK * layer.inputs);
-    for (x, y) in blocks.zip(y.chunks_mut(BLOCK * layer.outputs)) {
-        block.fill(layer.inputs, x);
-        let points = (x.len() / layer.inputs).min(y.len() / layer.outputs);
+    for (x, y) in x
+        .chunks(BLOCK * inputs)
+        .zip(y.chunks_mut((BLOCK * outputs).max(1)))
+    {
+        block.fill(inputs, x);
+        let points = x.len() / inputs;
         for (output, (&bias, &r)) in bias.iter().zip(requantise).enumerate() {
-            for half in 0..points.div_ceil(POINTS) {
-                let sums = block.sums(layer, output, half);
-                let rows = y[half * POINTS * layer.outputs..].chunks_exact_mut(layer.outputs);
-                for (row, sum) in rows.zip(sums) {
-                    row[output] = Requantise(r).apply_32(sum + bias, 255) as u8;
+            let mut rows = y.chunks_exact_mut(outputs);
+            for (x, points) in block.halves(inputs, points) {
+                let sums = sums(layer, output, x);
+                for (row, &sum) in rows.by_ref().take(points).zip(&sums) {
+                    if let Some(code) = row.get_mut(output) {
+                        *code = Requantise(r).apply_32(sum + bias, 255) as u8;
+                    }
                 }
             }
         }
@@ -194,13 +221,11 @@ pub(super) unsafe fn gemv_codes(
             let low = spread(u32::from_le_bytes(*low));
             *wide = [high[0] << 6 | low[0], high[1] << 6 | low[1]];
         }
-        let wide = &wide[..high.len() / QUAD];
         for (panel, y) in y.as_chunks_mut::<PANEL>().0.iter_mut().enumerate() {
             let at = (panel * layer.inputs + first) * PANEL;
-            let weights = &layer.panels[at..at + high.len() * PANEL];
-            let quads = bytemuck::cast_slice::<i8, u8>(weights)
-                .as_chunks::<QUAD>()
-                .0;
+            let weights = layer.panels.get(at..at + high.len() * PANEL);
+            let weights: &[u8] = bytemuck::cast_slice(weights.unwrap_or(&[]));
+            let quads = weights.as_chunks::<QUAD>().0;
             for (lane, y) in y.iter_mut().enumerate() {
                 for (x, w) in wide.iter().zip(quads.iter().skip(lane).step_by(PANEL)) {
                     let w = spread_signed(u32::from_le_bytes(*w));

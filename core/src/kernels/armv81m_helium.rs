@@ -33,8 +33,8 @@ struct Block {
 impl Block {
     /// Rows of `inputs` codes each, the last repeated where there are fewer than four; none without any.
     fn of(x: &[u8], inputs: usize) -> Option<Block> {
-        let last = x.chunks_exact(inputs).last()?;
-        let mut rows = x.chunks_exact(inputs);
+        let mut rows = x.chunks_exact(inputs.max(1));
+        let last = rows.clone().next_back()?;
         let rows: [&[u8]; POINTS] = core::array::from_fn(|_| rows.next().unwrap_or(last));
         Some(Block::new(rows))
     }
@@ -137,6 +137,17 @@ panel! {
     "str lr, [r2], #4"
 }
 
+/// A panel's weights from column `from` on.
+fn panel_codes<'a>(
+    layer: &Codes<'a>,
+    panel: usize,
+    from: usize,
+    inputs: usize,
+) -> Option<&'a [i8]> {
+    let at = (panel * layer.inputs + from) * PANEL;
+    layer.panels.get(at..at + inputs * PANEL)
+}
+
 /// As [`bytes::dense_codes_max`].
 pub(super) unsafe fn dense_codes_max(
     layer: &Codes<'_>,
@@ -145,15 +156,17 @@ pub(super) unsafe fn dense_codes_max(
     max: &mut [i32],
 ) {
     let inputs = layer.inputs;
-    for x in x.chunks(POINTS * inputs) {
+    for x in x.chunks((POINTS * inputs).max(1)) {
         let Some(block) = Block::of(x, inputs) else {
             return;
         };
-        for panel in panels.clone() {
-            let weights = &layer.panels[panel * inputs * PANEL..(panel + 1) * inputs * PANEL];
-            let max = max[panel * PANEL..(panel + 1) * PANEL].as_mut_ptr();
+        let maxima = max.as_chunks_mut::<PANEL>().0.iter_mut();
+        for (panel, max) in panels.clone().zip(maxima.skip(panels.start)) {
+            let Some(weights) = panel_codes(layer, panel, 0, inputs) else {
+                return;
+            };
             // SAFETY: one panel of a layer of a multiple of 64 inputs, rows as long, and its maxima.
-            unsafe { panel_max(weights.as_ptr(), &raw const block, max.cast(), inputs) }
+            unsafe { panel_max(weights.as_ptr(), &raw const block, max, inputs) }
         }
     }
 }
@@ -166,26 +179,32 @@ pub(super) unsafe fn dense_codes(
     x: &[u8],
     y: &mut [u8],
 ) {
-    let inputs = layer.inputs;
-    let blocks = x.chunks(POINTS * inputs);
-    for (x, y) in blocks.zip(y.chunks_mut(POINTS * layer.outputs)) {
+    let (inputs, outputs) = (layer.inputs.max(1), layer.outputs.max(1));
+    let blocks = x.chunks((POINTS * inputs).max(1));
+    for (x, y) in blocks.zip(y.chunks_mut((POINTS * outputs).max(1))) {
         let Some(block) = Block::of(x, inputs) else {
             return;
         };
         let points = x.len() / inputs;
-        for panel in 0..layer.outputs / PANEL {
-            let weights = &layer.panels[panel * inputs * PANEL..(panel + 1) * inputs * PANEL];
+        let scales = bias.as_chunks::<PANEL>().0.iter();
+        let scales = scales.zip(requantise.as_chunks::<PANEL>().0);
+        for (panel, (bias, requantise)) in scales.enumerate() {
+            let Some(weights) = panel_codes(layer, panel, 0, inputs) else {
+                return;
+            };
             let mut sums: Sums = [[0; POINTS]; PANEL];
             // SAFETY: one panel of a layer of a multiple of 64 inputs, and rows as long.
             unsafe { panel_sums(weights.as_ptr(), &raw const block, &raw mut sums, inputs) }
-            let outputs = panel * PANEL..(panel + 1) * PANEL;
-            let scales = bias[outputs.clone()]
-                .iter()
-                .zip(&requantise[outputs.clone()]);
-            for ((sums, (&bias, &r)), output) in sums.iter().zip(scales).zip(outputs) {
-                let rows = y.chunks_exact_mut(layer.outputs).take(points);
-                for (row, &sum) in rows.zip(sums) {
-                    row[output] = Requantise(r).apply_32(sum + bias, 255) as u8;
+            for (n, row) in y
+                .chunks_exact_mut(outputs)
+                .take(points.min(POINTS))
+                .enumerate()
+            {
+                let codes = row.iter_mut().skip(panel * PANEL);
+                let scales = bias.iter().zip(requantise);
+                for (code, (sums, (&bias, &r))) in codes.zip(sums.iter().zip(scales)) {
+                    let sum = sums.get(n).map_or(0, |&sum| sum);
+                    *code = Requantise(r).apply_32(sum + bias, 255) as u8;
                 }
             }
         }
@@ -200,12 +219,18 @@ pub(super) unsafe fn gemv_codes(
     y: &mut [i32],
 ) {
     let whole = columns.len() / TURN * TURN;
-    let (high, high_rest) = high.split_at(whole);
-    let (low, low_rest) = low.split_at(whole);
+    let split = high
+        .split_at_checked(whole)
+        .zip(low.split_at_checked(whole));
+    let Some(((high, high_rest), (low, low_rest))) = split else {
+        return;
+    };
     if whole > 0 {
         let block = Block::new([high, low, low, low]);
         for (panel, y) in y.as_chunks_mut::<PANEL>().0.iter_mut().enumerate() {
-            let weights = &layer.panels[(panel * layer.inputs + columns.start) * PANEL..];
+            let Some(weights) = panel_codes(layer, panel, columns.start, whole) else {
+                return;
+            };
             let mut sums: Sums = [[0; POINTS]; PANEL];
             // SAFETY: the caller guarantees these columns of the panel; planes are as long.
             unsafe { panel_sums(weights.as_ptr(), &raw const block, &raw mut sums, whole) }

@@ -22,10 +22,11 @@ fn panel_sums(quads: &[[i8; PANEL * QUAD]], x: &[u8]) -> [i32; PANEL] {
     sum
 }
 
-/// Four inputs of each panel output.
+/// Four inputs of each panel output; none of a panel that is not there.
 fn quads<'a>(layer: &Codes<'a>, panel: usize) -> &'a [[i8; PANEL * QUAD]] {
     let len = layer.inputs * PANEL;
-    layer.panels[panel * len..(panel + 1) * len].as_chunks().0
+    let weights = layer.panels.get(panel * len..(panel + 1) * len);
+    weights.unwrap_or(&[]).as_chunks().0
 }
 
 /// See [`super::Isa::point_codes`].
@@ -33,7 +34,7 @@ fn quads<'a>(layer: &Codes<'a>, panel: usize) -> &'a [[i8; PANEL * QUAD]] {
 pub(super) fn point_codes(panels: &[f32], bias: &[f32], points: &[[f32; 3]], codes: &mut [u8]) {
     let width = bias.len();
     let columns = panels.as_chunks::<{ 3 * PANEL }>().0;
-    for (&[x, y, z], codes) in points.iter().zip(codes.chunks_exact_mut(width)) {
+    for (&[x, y, z], codes) in points.iter().zip(codes.chunks_exact_mut(width.max(1))) {
         let panels = columns.iter().zip(bias.as_chunks::<PANEL>().0);
         for ((w, bias), codes) in panels.zip(codes.as_chunks_mut::<PANEL>().0) {
             for lane in 0..PANEL {
@@ -58,8 +59,8 @@ pub(super) fn dense_codes(
     y: &mut [u8],
 ) {
     let rows = x
-        .chunks_exact(layer.inputs)
-        .zip(y.chunks_exact_mut(layer.outputs));
+        .chunks_exact(layer.inputs.max(1))
+        .zip(y.chunks_exact_mut(layer.outputs.max(1)));
     for (x, y) in rows {
         let bias = bias.as_chunks::<PANEL>().0;
         let outputs = y.as_chunks_mut::<PANEL>().0.iter_mut();
@@ -76,9 +77,9 @@ pub(super) fn dense_codes(
 /// See [`super::Isa::dense_codes_max`].
 #[inline(always)]
 pub(super) fn dense_codes_max(layer: &Codes<'_>, panels: Range<usize>, x: &[u8], max: &mut [i32]) {
-    for p in panels {
-        let max = &mut max[p * PANEL..(p + 1) * PANEL];
-        for x in x.chunks_exact(layer.inputs) {
+    let maxima = max.as_chunks_mut::<PANEL>().0.iter_mut();
+    for (p, max) in panels.clone().zip(maxima.skip(panels.start)) {
+        for x in x.chunks_exact(layer.inputs.max(1)) {
             for (max, s) in max.iter_mut().zip(panel_sums(quads(layer, p), x)) {
                 *max = if s > *max { s } else { *max };
             }
@@ -95,7 +96,8 @@ pub(super) fn gemv_codes(
     y: &mut [i32],
 ) {
     for (p, y) in y.as_chunks_mut::<PANEL>().0.iter_mut().enumerate() {
-        let quads = &quads(layer, p)[columns.start / QUAD..columns.end / QUAD];
+        let quads = quads(layer, p).get(columns.start / QUAD..columns.end / QUAD);
+        let quads = quads.unwrap_or(&[]);
         let (high, low) = (panel_sums(quads, high), panel_sums(quads, low));
         for lane in 0..PANEL {
             y[lane] += 64 * high[lane] + low[lane];

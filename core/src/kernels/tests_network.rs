@@ -2,14 +2,16 @@
 //! and extreme values: few cases with much work each, beside the many small ones of the other tests.
 
 use super::*;
-use crate::dims::{EMBED, HEAD, LOGITS, STATE, padded};
+use crate::dims::padded;
 use crate::quant::QuantLayer;
+use crate::shape::Shape;
 use proptest::prelude::*;
 
-/// `(inputs, outputs)` of the embedding's layers that kernels of rows see.
-const ROWS: [(usize, usize); 2] = [(EMBED[0], EMBED[1]), (EMBED[1], EMBED[2])];
-/// The same of the heads' layers.
-const HEADS: [(usize, usize); 3] = [(STATE, HEAD[0]), (HEAD[0], HEAD[1]), (HEAD[1], LOGITS)];
+/// Layer `i` of a network: `(inputs, outputs)`.
+fn layer(compact: bool, i: usize) -> (usize, usize) {
+    let shape = if compact { Shape::COMPACT } else { Shape::FULL };
+    shape.layers()[i]
+}
 
 /// What values are drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -89,11 +91,11 @@ fn points() -> impl Strategy<Value = usize> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 6, max_shrink_iters: 4, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 10, max_shrink_iters: 4, ..ProptestConfig::default() })]
 
     #[test]
-    fn layers_of_the_embedding(points in points(), shape in 0usize..3, values in values(), seed: u64) {
-        let (inputs, outputs) = [(3, EMBED[0]), ROWS[0], ROWS[1]][shape];
+    fn layers_of_the_embedding(points in points(), compact: bool, i in 0usize..3, values in values(), seed: u64) {
+        let (inputs, outputs) = layer(compact, i);
         let mut draw = Draw(seed, values);
         let (panels, bias) = (draw.floats(inputs * outputs), draw.floats(outputs));
         let layer = Dense::new(inputs, outputs, &panels, &bias).expect("whole panels");
@@ -110,12 +112,20 @@ proptest! {
             let found = run(isa);
             prop_assert!(agree(&found.0, &expected.0, inputs, values), "{} relu", isa.name());
             prop_assert!(agree(&found.1, &expected.1, inputs, values), "{} max", isa.name());
+            if let Some(len) = packed_tiles(&layer).filter(|_| isa.has_fast_splits()) {
+                let mut packed = vec![Tile::ZERO; len];
+                pack_split(&layer, &mut packed);
+                let split = SplitDense::new(&layer, &packed).expect("as long as it says");
+                let mut max = vec![f32::NEG_INFINITY; outputs];
+                isa.dense_max_split(&split, &x, &mut max);
+                prop_assert!(agree(&max, &expected.1, inputs, values), "{} split", isa.name());
+            }
         }
     }
 
     #[test]
-    fn layers_of_the_heads(shape in 0usize..3, half: bool, values in values(), seed: u64) {
-        let (inputs, outputs) = HEADS[shape];
+    fn layers_of_the_heads(compact: bool, i in 3usize..6, half: bool, values in values(), seed: u64) {
+        let (inputs, outputs) = layer(compact, i);
         let mut draw = Draw(seed, values);
         let width = padded(outputs);
         let (panels, bias) = (draw.floats(inputs * width), draw.floats(width));
@@ -134,8 +144,8 @@ proptest! {
     }
 
     #[test]
-    fn integer_layers_of_the_embedding(points in points(), shape in 0usize..2, values in values(), seed: u64) {
-        let (inputs, outputs) = ROWS[shape];
+    fn integer_layers_of_the_embedding(points in points(), compact: bool, i in 1usize..3, values in values(), seed: u64) {
+        let (inputs, outputs) = layer(compact, i);
         let mut draw = Draw(seed, values);
         let panels = draw.weights(inputs * outputs);
         let codes = Codes::new(inputs, outputs, &panels).expect("whole panels");
@@ -159,8 +169,8 @@ proptest! {
     }
 
     #[test]
-    fn integer_layers_of_the_heads(shape in 0usize..3, half: bool, values in values(), seed: u64) {
-        let (inputs, outputs) = HEADS[shape];
+    fn integer_layers_of_the_heads(compact: bool, i in 3usize..6, half: bool, values in values(), seed: u64) {
+        let (inputs, outputs) = layer(compact, i);
         let width = padded(outputs);
         let mut draw = Draw(seed, values);
         let panels = draw.weights(inputs * width);
@@ -180,12 +190,13 @@ proptest! {
 
     #[test]
     fn points_become_the_same_codes(points in points(), values in values(), seed: u64) {
+        let (inputs, outputs) = layer(false, 0);
         let mut draw = Draw(seed, values);
-        let (panels, bias) = (draw.floats(3 * EMBED[0]), draw.floats(EMBED[0]));
-        let layer = Dense::new(3, EMBED[0], &panels, &bias).expect("whole panels");
+        let (panels, bias) = (draw.floats(inputs * outputs), draw.floats(outputs));
+        let layer = Dense::new(inputs, outputs, &panels, &bias).expect("whole panels");
         let x = draw.floats(3 * points);
         let run = |isa: Isa| {
-            let mut y = vec![9; points * EMBED[0]];
+            let mut y = vec![9; points * outputs];
             isa.point_codes(&layer, x.as_chunks().0, &mut y);
             y
         };

@@ -1,6 +1,7 @@
 //! What robots and policies are, field by field.
 
 use crate::golden::GoldenActions;
+use crate::shape::Shape;
 use crate::verdict::VERDICTS;
 use crate::weights;
 use serde::{Deserialize, Serialize};
@@ -25,7 +26,7 @@ pub struct Manifest {
     pub file_version: u16,
     /// How the file stores numbers, as its header says ([`crate::weights::FORMAT_F32`]).
     pub number_format: u16,
-    /// Shape of the network, as its header says ([`crate::weights::SHAPE`]).
+    /// Shape of the network, as its header says ([`crate::shape::Shape`]).
     pub shape: [u16; 8],
     /// A name for people.
     pub name: PolicyName,
@@ -43,7 +44,7 @@ impl Manifest {
         let formats = [weights::FORMAT_F32, weights::FORMAT_INT8];
         self.file_version == weights::VERSION
             && formats.contains(&self.number_format)
-            && self.shape == weights::SHAPE
+            && Shape::from_header(self.shape).is_some()
     }
 
     /// Number of chunks, and `None` for a chunk length that is not allowed.
@@ -107,8 +108,26 @@ pub struct Board {
     pub target_ticks: u32,
     /// Ticks that its last step took.
     pub step_ticks: u32,
+    /// Ticks that the longest slice of work took since the start: nothing else ran for as long.
+    pub slice_ticks: u32,
     /// Ticks a second.
     pub hertz: u32,
+    /// What it makes of the policy in its flash.
+    pub flash: FlashCheck,
+}
+
+/// What a board makes of the policy in its flash, at its start and after each update.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum FlashCheck {
+    /// There is none: nothing was ever written, or an update was cut off.
+    #[default]
+    Empty,
+    /// It is whole, and did in the self-test what its manifest says.
+    Passed,
+    /// It is cut or damaged, or of a format or shape that the board does not run.
+    Damaged,
+    /// It is whole, but does something else here than its manifest says.
+    FailedSelfTest,
 }
 
 /// A part of the policy file whose manifest came before it.

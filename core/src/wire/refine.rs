@@ -159,6 +159,10 @@ pub enum Reason {
     Deadline,
     /// The robot cannot do what should follow the policy's steps.
     NoSuchMode(Mode),
+    /// The policy in the board's flash is cut, damaged or of another format or shape.
+    PolicyDamaged,
+    /// The policy in the board's flash does something else there than its manifest says.
+    FailedSelfTest,
 }
 
 impl Reason {
@@ -230,6 +234,14 @@ impl fmt::Display for Reason {
             Reason::Deadline => write!(
                 f,
                 "the deadline has passed; give more time or ask a robot with less to do"
+            ),
+            Reason::PolicyDamaged => write!(
+                f,
+                "the policy in its flash is damaged or none that it runs; publish it again, in int8"
+            ),
+            Reason::FailedSelfTest => write!(
+                f,
+                "the policy in its flash fails the self-test there; publish another, and test the board's memory"
             ),
             Reason::NoSuchMode(mode) => {
                 write!(f, "it has no memory for mode {mode}; ask for fast or best")

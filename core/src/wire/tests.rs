@@ -197,10 +197,12 @@ fn frames_of_boards_are_these_bytes() {
     let board = Board {
         program_bytes: 300,
         points: 2,
+        slice_ticks: 4,
         hertz: 1,
+        flash: FlashCheck::FailedSelfTest,
         ..Board::default()
     };
-    let expected = [3, 7, 0xac, 0x02, 0, 0, 0, 2, 0, 0, 1];
+    let expected = [3, 7, 0xac, 0x02, 0, 0, 0, 2, 0, 0, 4, 1, 3];
     assert_eq!(bytes_of(&Message::Board(board)), expected);
     let step = StepTaken {
         id: 9,

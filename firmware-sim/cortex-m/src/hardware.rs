@@ -8,8 +8,10 @@ mod addresses {
     pub(super) const UART: usize = 0x4000_4000;
     pub(super) const UART_RECEIVE_IRQ: usize = 0;
     pub(super) const FPGA_IO: usize = 0x4002_8000;
-    /// Rate of the counter.
+    /// Rate of the counter; measured against the board's 100 Hz clock, like the other's.
     pub(crate) const HERTZ: u32 = 25_000_000;
+    pub(super) const WATCHDOG: usize = 0x4000_8000;
+    pub(super) const WATCHDOG_HERTZ: u32 = 25_000_000;
 }
 #[cfg(board = "an547")]
 mod addresses {
@@ -18,9 +20,11 @@ mod addresses {
     pub(super) const FPGA_IO: usize = 0x5930_2000;
     /// Rate of the counter.
     pub(crate) const HERTZ: u32 = 20_000_000;
+    pub(super) const WATCHDOG: usize = 0x4802_e000;
+    pub(super) const WATCHDOG_HERTZ: u32 = 32_000;
 }
 pub(crate) use addresses::HERTZ;
-use addresses::{FPGA_IO, UART, UART_RECEIVE_IRQ};
+use addresses::{FPGA_IO, UART, UART_RECEIVE_IRQ, WATCHDOG, WATCHDOG_HERTZ};
 
 unsafe extern "C" {
     static mut _policy_flash: u8;
@@ -75,9 +79,10 @@ impl Uart {
         })
     }
 
-    /// Sleeps until a byte has come.
+    /// Sleeps until a byte has come, or for half a second.
     pub(crate) fn wait(&mut self) {
         write(NVIC_CLEAR_PENDING, NVIC_BIT);
+        write(SYSTEM_CONTROL, CLEAR_PENDING_TICK);
         if read(STATE) & 2 == 0 {
             // SAFETY: sleeps, touches no memory.
             unsafe { asm!("wfi", options(nomem, nostack)) };
@@ -94,6 +99,28 @@ impl Uart {
 /// Ticks of the board's counter; wraps after minutes.
 pub(crate) fn ticks() -> u32 {
     read(FPGA_IO + 0x18)
+}
+
+const SYSTEM_TICK: usize = 0xe000_e010;
+const SYSTEM_CONTROL: usize = 0xe000_ed04;
+const CLEAR_PENDING_TICK: u32 = 1 << 25;
+/// Without a sign of life for as long the watchdog raises its interrupt, which hangs, and after as long again
+/// resets the board. A controller would take a few of its periods; a simulator may have to wait for its host.
+const WATCHDOG_SECONDS: u32 = 30;
+
+/// Starts the watchdog, and the tick that wakes the processor to feed it.
+pub(crate) fn start_watchdog() {
+    write(WATCHDOG + 0xc00, 0x1acc_e551);
+    write(WATCHDOG, WATCHDOG_SECONDS * WATCHDOG_HERTZ);
+    write(WATCHDOG + 0x8, 0b11);
+    write(SYSTEM_TICK + 0x4, 0x00ff_ffff);
+    write(SYSTEM_TICK + 0x8, 0);
+    write(SYSTEM_TICK, 0b111);
+}
+
+/// A sign of life.
+pub(crate) fn feed_watchdog() {
+    write(WATCHDOG + 0xc, 1);
 }
 
 /// Flash for one policy. The board's simulator has RAM there, which is erased and written like any.

@@ -2,7 +2,7 @@
 //! what comes then goes into a small one, just to be answered.
 
 use crate::POINTS;
-use crate::hardware::Uart;
+use crate::hardware::{Uart, feed_watchdog};
 use reagent_core::wire::serial::{self, CHECK_BYTES, Decoder, Line};
 use reagent_core::wire::{self, Message, Refusal, SMALL_FRAME_BYTES, refuse_beginning};
 
@@ -31,6 +31,7 @@ impl Link {
     /// Waits for a frame in `space`, and gives its length. What is none is answered with a refusal.
     pub(crate) fn receive(&mut self, space: &mut [u8]) -> usize {
         loop {
+            feed_watchdog();
             let Some(byte) = self.uart.receive() else {
                 self.uart.wait();
                 continue;

@@ -1,25 +1,96 @@
-//! The policy in flash: behind its manifest's frame, read in place, replaced chunk by chunk.
+//! The policy in flash: behind its manifest's frame, read in place, tested before it serves, replaced chunk by
+//! chunk.
 
-use crate::hardware::Flash;
-use reagent_core::Policy;
-use reagent_core::wire::{self, Chunk, FLASH_HEADER_BYTES, Manifest, Message, PolicyId};
+use crate::hardware::{Flash, feed_watchdog};
+use crate::report::Report;
+use reagent_core::golden::{self, GoldenActions};
+use reagent_core::wire::{
+    self, Chunk, FLASH_HEADER_BYTES, FlashCheck, Manifest, Message, PolicyId,
+};
+use reagent_core::{Frame, Policy, Pose, Registrar, Registration};
 
-/// The manifest and the policy in flash, if both are sound.
-pub(crate) fn load(flash: &Flash) -> Option<(PolicyId, Policy<'_>)> {
+/// A policy that is whole.
+pub(crate) struct Loaded<'f> {
+    pub(crate) id: PolicyId,
+    pub(crate) policy: Policy<'f>,
+    /// What it must do in the self-test.
+    golden: GoldenActions,
+}
+
+/// The policy in flash, if there is one and it is sound.
+#[inline(never)]
+pub(crate) fn load(flash: &Flash) -> Result<Loaded<'_>, FlashCheck> {
     let bytes = flash.bytes();
-    let (length, _) = bytes.split_first_chunk::<4>()?;
-    let end = 4usize.checked_add(u32::from_le_bytes(*length) as usize)?;
-    let frame = bytes.get(4..end.min(FLASH_HEADER_BYTES))?;
-    let Ok(Message::Manifest(manifest)) = wire::decode(frame) else {
-        return None;
-    };
-    let file = bytes.get(FLASH_HEADER_BYTES..)?;
-    let policy = Policy::parse(file.get(..manifest.length as usize)?).ok()?;
-    let id = PolicyId {
-        version: manifest.version,
-        sha256: manifest.sha256,
-    };
-    Some((id, policy))
+    let (header, file) = bytes
+        .split_at_checked(FLASH_HEADER_BYTES)
+        .ok_or(FlashCheck::Empty)?;
+    let manifest = manifest(header).ok_or(FlashCheck::Empty)?;
+    let file = file.get(..manifest.length as usize);
+    let policy = file.and_then(|file| Policy::parse(file).ok());
+    Ok(Loaded {
+        id: PolicyId {
+            version: manifest.version,
+            sha256: manifest.sha256,
+        },
+        policy: policy.ok_or(FlashCheck::Damaged)?,
+        golden: manifest.golden,
+    })
+}
+
+/// The manifest at the beginning of the flash.
+#[inline(never)]
+fn manifest(header: &[u8]) -> Option<Manifest> {
+    let (length, rest) = header.split_first_chunk::<4>()?;
+    let frame = rest.get(..u32::from_le_bytes(*length) as usize)?;
+    match wire::decode(frame) {
+        Ok(Message::Manifest(manifest)) => Some(manifest),
+        _ => None,
+    }
+}
+
+impl Loaded<'_> {
+    /// Whether it does here what it did where it was made, in slices like any registration. `space` is for two
+    /// small clouds.
+    // Out of line, like the functions below and requests, so that their memory is not on the stack together.
+    #[inline(never)]
+    pub(crate) fn test(
+        &self,
+        registrar: &mut Registrar<'_, '_>,
+        space: &mut [u32],
+        report: &mut Report,
+    ) -> FlashCheck {
+        let Some([source, target]) = test_clouds(space) else {
+            return FlashCheck::FailedSelfTest;
+        };
+        let mut registration = Registration::new();
+        let (frame, initial) = (Frame::IDENTITY, Pose::IDENTITY);
+        let begun = registrar.begin_in(&mut registration, source, target, frame, initial);
+        if begun.is_err() {
+            return FlashCheck::FailedSelfTest;
+        }
+        let mut expected = self.golden.iter();
+        let mut next = expected.next();
+        while let Some(action) = next {
+            feed_watchdog();
+            if let Some(step) = report.slice(registrar, &mut registration) {
+                if step.action != *action {
+                    return FlashCheck::FailedSelfTest;
+                }
+                next = expected.next();
+            }
+        }
+        FlashCheck::Passed
+    }
+}
+
+/// The clouds of the self-test in `space`.
+#[inline(never)]
+fn test_clouds(space: &mut [u32]) -> Option<[&[[f32; 3]]; 2]> {
+    let points = bytemuck::cast_slice_mut(space).as_chunks_mut::<3>().0;
+    let (source, rest) = points.split_first_chunk_mut::<{ golden::POINTS }>()?;
+    let target = rest.first_chunk_mut::<{ golden::POINTS }>()?;
+    golden::clouds_in(source, target);
+    Some([source, target])
 }
 
 /// A policy on its way into flash. The one before is gone from the start: there is room for one.

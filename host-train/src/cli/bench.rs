@@ -1,6 +1,6 @@
 //! `host-train bench`
 
-use super::output::write_json;
+use super::output::{write_json, write_text};
 use super::source::{DataSource, positive};
 use crate::board::Kind;
 use crate::export::WeightFile;
@@ -44,6 +44,9 @@ pub(super) struct BenchArgs {
     /// With --mcu: fail where a number is worse by more than 5 % than in this file of an earlier --json
     #[arg(long, value_name = "FILE", requires = "mcu")]
     expect: Option<PathBuf>,
+    /// With --mcu: put the table into this page, between the comments "host-train bench --mcu" and "end"
+    #[arg(long, value_name = "FILE.md", requires = "mcu")]
+    page: Option<PathBuf>,
     /// Policy to register with, in f32 [default: the bundled one]
     #[arg(long, value_name = "FILE.rgw")]
     weights: Option<PathBuf>,
@@ -124,15 +127,16 @@ impl BenchArgs {
             "registration of 1024 + 1024 points, 10 steps, int8; instructions as QEMU counts them"
         );
         println!(
-            "board      policy   program  clouds  all static  stack   RAM     multiply-adds  instructions  per multiply-add"
+            "board      policy   library  program  clouds  all static  stack   RAM     multiply-adds  instructions  per multiply-add  slice"
         );
         let mut budgets = Vec::new();
         for kind in Kind::ALL {
             let budget = mcu::measure(kind, &file, seed)?;
             println!(
-                "{:<9}  {:>7}  {:>7}  {:>6}  {:>10}  {:>5}  {:>5}  {:>13.3} G  {:>10.3} G  {:>16.2}",
+                "{:<9}  {:>7}  {:>7}  {:>7}  {:>6}  {:>10}  {:>5}  {:>5}  {:>13.3} G  {:>10.3} G  {:>16.2}  {:.2} M",
                 budget.board,
                 budget.policy_bytes,
+                budget.library_bytes,
                 budget.program_bytes,
                 budget.cloud_bytes,
                 budget.static_bytes,
@@ -141,11 +145,19 @@ impl BenchArgs {
                 budget.multiply_adds as f64 / 1e9,
                 budget.instructions as f64 / 1e9,
                 budget.instructions_per_multiply_add,
+                budget.slice_instructions as f64 / 1e6,
             );
             budgets.push(budget);
         }
         if let Some(path) = &self.json {
             write_json(path, &budgets)?;
+        }
+        if let Some(path) = &self.page {
+            let page = std::fs::read_to_string(path)
+                .with_context(|| format!("cannot read {}", path.display()))?;
+            let page = mcu::with_table(&page, &budgets)
+                .with_context(|| format!("{} has no place for the table", path.display()))?;
+            write_text(path, &page)?;
         }
         if let Some(path) = &self.expect {
             let text =

@@ -5,7 +5,7 @@ use crate::checkpoint::Checkpoint;
 use crate::env::Accumulation;
 use crate::eval::{Contestant, Method};
 use crate::export::{ExportError, WeightFile};
-use crate::nn::{Parameters, Shape};
+use crate::nn::Parameters;
 use crate::refine::Mode;
 use clap::{Args, ValueEnum};
 use reagent_core::Policy;
@@ -88,8 +88,8 @@ impl Weights {
         }
         let checkpoint = Checkpoint::load(&Checkpoint::find(path)?)?;
         let accumulation = checkpoint.accumulation;
-        let deployable =
-            accumulation == Accumulation::Global && checkpoint.parameters.shape == Shape::PAPER;
+        let deployable = accumulation == Accumulation::Global
+            && checkpoint.parameters.shape.deployed().is_some();
         if deployable {
             WeightFile::from_checkpoint(checkpoint).map(Weights::File)
         } else {

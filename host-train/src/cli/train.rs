@@ -96,7 +96,7 @@ struct MethodOptions {
     #[arg(long, value_enum, value_name = "HOW")]
     accumulation: Option<Accumulation>,
     /// Widths of the network [default: wide, the paper's]
-    #[arg(long, value_enum, value_name = "WIDTHS")]
+    #[arg(long = "shape", value_enum, value_name = "WIDTHS")]
     network: Option<Network>,
     /// Problems rolled out together [default: 32, the authors' code's]
     #[arg(long, value_name = "N", value_parser = positive())]

@@ -89,10 +89,12 @@ pub enum Categories {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum Network {
-    /// The paper's: embedding 64-128-1024, heads 512-256 (the only one that can be exported)
+    /// The paper's: embedding 64-128-1024, heads 512-256
     #[default]
     Wide,
-    /// Embedding 64-64-64-128-1024, heads 256-128 (our widths; the paper gives none)
+    /// For small microcontrollers: embedding 64-64-384, heads 128-64; at most 256 KiB in 8-bit integers
+    Compact,
+    /// Embedding 64-64-64-128-1024, heads 256-128 (our widths; the paper gives none); cannot be exported
     Deep,
 }
 
@@ -101,6 +103,7 @@ impl Network {
     pub fn shape(self) -> Shape {
         match self {
             Network::Wide => Shape::PAPER,
+            Network::Compact => Shape::COMPACT,
             Network::Deep => Shape::DEEP,
         }
     }
@@ -215,6 +218,7 @@ impl TrainConfig {
 
     /// Whether the robot's code can run what is trained here.
     pub fn deployable(&self) -> bool {
-        self.network == Network::Wide && self.method.accumulation == Accumulation::Global
+        self.network.shape().deployed().is_some()
+            && self.method.accumulation == Accumulation::Global
     }
 }

@@ -68,7 +68,7 @@ pub enum TrainError {
     },
     /// The initial network has other widths.
     #[error(
-        "{path} is a network of {found:?}, the run's is {wanted:?}: give the --network that it was trained with"
+        "{path} is a network of {found:?}, the run's is {wanted:?}: give the --shape that it was trained with"
     )]
     Shape {
         /// Where the initial network came from.

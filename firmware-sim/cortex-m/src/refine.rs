@@ -1,0 +1,117 @@
+//! A request, from its frame to its answer.
+
+use crate::hardware::{self, HERTZ, feed_watchdog};
+use crate::link::Link;
+use crate::report::Report;
+use reagent_core::register::check_cloud;
+use reagent_core::wire::{
+    Cloud, Message, Mode, Reason, RefineReply, Refusal, StepTaken, take_request,
+};
+use reagent_core::{Error, Frame, Pose, Registrar, Registration, Verdict};
+
+/// Time since a moment, in ticks; asked for more often than the counter wraps.
+struct Clock {
+    last: u32,
+    ticks: u64,
+}
+
+impl Clock {
+    fn start() -> Clock {
+        Clock {
+            last: hardware::ticks(),
+            ticks: 0,
+        }
+    }
+
+    fn ticks(&mut self) -> u64 {
+        let now = hardware::ticks();
+        self.ticks += u64::from(now.wrapping_sub(self.last));
+        self.last = now;
+        self.ticks
+    }
+
+    fn micros(&mut self) -> u64 {
+        self.ticks() / u64::from(HERTZ / 1_000_000)
+    }
+}
+
+/// Registers the clouds of a request, slice by slice; between two of them the control loop would have its
+/// turn, and here the line is served.
+#[inline(never)]
+pub(crate) fn refine(
+    registrar: Option<&mut Registrar<'_, '_>>,
+    space: &mut [u32],
+    length: usize,
+    link: &mut Link,
+    report: &mut Report,
+) -> Result<RefineReply, Refusal> {
+    let mut clock = Clock::start();
+    let request = take_request(space, length).map_err(refusal)?;
+    let id = request.id;
+    let refused = |reason| Refusal { id, reason };
+    let checked =
+        |cloud, points| check_cloud(points).map_err(|error| refused(Reason::of(error, cloud)));
+    checked(Cloud::Source, request.source)?;
+    checked(Cloud::Target, request.target)?;
+    if !matches!(request.mode, Mode::Fast | Mode::Best) {
+        return Err(refused(Reason::NoSuchMode(request.mode)));
+    }
+    let (Some(registrar), Some(policy)) = (registrar, report.policy) else {
+        return Err(refused(report.why_not()));
+    };
+    let initial = request.initial.map_or(Pose::IDENTITY, Pose::from_rows);
+    let failed = |error| refused(Reason::of(error, Cloud::Target));
+    let frame = Frame::of(request.target).map_err(failed)?;
+    let mut registration = Registration::new();
+    let (source, target) = (request.source, request.target);
+    registrar
+        .begin_in(&mut registration, source, target, frame, initial)
+        .map_err(failed)?;
+    let mut begun = 0;
+    let mut steps = 0;
+    // After a stop on every axis each further step would see the same and stop again.
+    while steps < request.max_steps && registration.verdict() != Verdict::Converged {
+        if clock.micros() / 1000 > u64::from(request.budget_ms) {
+            return Err(refused(Reason::Deadline));
+        }
+        let at_target = registration.is_at_target();
+        let step = report.slice(registrar, &mut registration);
+        let took = (clock.ticks() - begun) as u32;
+        if at_target && !registration.is_at_target() {
+            report.target_ticks = took;
+            begun = clock.ticks();
+        }
+        if let Some(step) = step {
+            report.step_ticks = took;
+            steps += 1;
+            link.send(&Message::StepTaken(StepTaken {
+                id,
+                action: step.action,
+                target_from_source: registration.target_from_source().to_rows(),
+            }));
+            begun = clock.ticks();
+        }
+        feed_watchdog();
+        link.glance();
+    }
+    report.count(registration.verdict());
+    Ok(RefineReply {
+        id,
+        target_from_source: registration.target_from_source().to_rows(),
+        steps,
+        mode: Mode::Fast,
+        verdict: registration.verdict(),
+        probability: None,
+        waited_micros: 0,
+        micros: clock.micros().min(u64::from(u32::MAX)) as u32,
+        policy_version: policy.version,
+    })
+}
+
+/// The refusal of what has no id.
+pub(crate) fn refusal(error: Error) -> Refusal {
+    Refusal {
+        id: 0,
+        reason: Reason::of(error, Cloud::Source),
+    }
+}

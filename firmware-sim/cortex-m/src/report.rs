@@ -1,0 +1,85 @@
+//! How the board is doing, and how long its work takes.
+
+use crate::POINTS;
+use crate::hardware::{self, HERTZ};
+use crate::link::Link;
+use reagent_core::register::Step;
+use reagent_core::verdict::VERDICTS;
+use reagent_core::wire::{Board, FlashCheck, Message, PolicyId, Reason, Status};
+use reagent_core::{Registrar, Registration, Verdict};
+
+/// Points of one slice of work. A control loop takes what its period leaves time for.
+const SLICE: usize = 16;
+
+/// How the board is doing.
+#[derive(Default)]
+pub(crate) struct Report {
+    /// The policy that serves.
+    pub(crate) policy: Option<PolicyId>,
+    /// What came of the check of the policy in flash.
+    pub(crate) flash: FlashCheck,
+    pub(crate) target_ticks: u32,
+    pub(crate) step_ticks: u32,
+    slice_ticks: u32,
+    verdicts: [u32; VERDICTS],
+}
+
+impl Report {
+    /// One slice of a registration, timed.
+    pub(crate) fn slice(
+        &mut self,
+        registrar: &mut Registrar<'_, '_>,
+        registration: &mut Registration<'_>,
+    ) -> Option<Step> {
+        let before = hardware::ticks();
+        let step = registrar.advance(registration, SLICE);
+        let took = hardware::ticks().wrapping_sub(before);
+        self.slice_ticks = self.slice_ticks.max(took);
+        step
+    }
+
+    /// Counts a pose.
+    pub(crate) fn count(&mut self, verdict: Verdict) {
+        if let Some(count) = self.verdicts.get_mut(verdict as usize) {
+            *count += 1;
+        }
+    }
+
+    /// Why no policy serves.
+    pub(crate) fn why_not(&self) -> Reason {
+        match self.flash {
+            FlashCheck::Empty => Reason::NoPolicy,
+            FlashCheck::Damaged => Reason::PolicyDamaged,
+            FlashCheck::FailedSelfTest => Reason::FailedSelfTest,
+            FlashCheck::Passed => Reason::Internal,
+        }
+    }
+
+    pub(crate) fn send_status(&self, link: &mut Link) {
+        link.send(&Message::Status(Status {
+            policy: self.policy,
+            served: self.verdicts.iter().map(|&count| u64::from(count)).sum(),
+            refused: link.refused,
+            verdicts: self.verdicts,
+            ..Status::default()
+        }));
+    }
+
+    pub(crate) fn send(&self, link: &mut Link) {
+        self.send_status(link);
+        let (program_bytes, static_bytes) = hardware::program_and_static_bytes();
+        let (stack_bytes, stack_capacity) = hardware::stack_bytes();
+        link.send(&Message::Board(Board {
+            program_bytes,
+            static_bytes,
+            stack_bytes,
+            stack_capacity,
+            points: POINTS as u32,
+            target_ticks: self.target_ticks,
+            step_ticks: self.step_ticks,
+            slice_ticks: self.slice_ticks,
+            hertz: HERTZ,
+            flash: self.flash,
+        }));
+    }
+}

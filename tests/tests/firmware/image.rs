@@ -1,0 +1,53 @@
+//! What is in the images: no way to panic, no more than was committed.
+
+use super::{images, on_boards};
+use firmware_sim::board::Kind;
+use host_train::image::{self, Image};
+use host_train::mcu::{self, Budget, CODE_BUDGET};
+use std::path::{Path, PathBuf};
+
+fn file(path: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(path)
+}
+
+pub(crate) fn assert_cannot_panic(path: &Path) -> Image {
+    let image = image::read(path).expect("an image");
+    assert_eq!(image.panics, [""; 0], "{}", path.display());
+    image
+}
+
+#[test]
+fn images_cannot_panic_and_the_library_is_small() {
+    for (kind, node) in images() {
+        assert_cannot_panic(&node);
+        let library = assert_cannot_panic(&node.with_file_name("registration"));
+        let bytes = library.flash_bytes;
+        assert!(bytes <= CODE_BUDGET, "{kind:?}: {bytes} bytes of flash");
+    }
+    // A program of a host can.
+    let host = std::env::current_exe().expect("this program");
+    assert!(!image::read(&host).expect("an image").panics.is_empty());
+}
+
+#[test]
+fn the_readme_has_the_committed_budget() {
+    let read = |path| std::fs::read_to_string(file(path)).expect("it is there");
+    let budgets: Vec<Budget> =
+        serde_json::from_str(&read("firmware-sim/cortex-m/budget.json")).expect("budgets");
+    assert_eq!(budgets.len(), Kind::ALL.len());
+    let page = read("README.md");
+    let made = mcu::with_table(&page, &budgets);
+    assert!(
+        made == Some(page),
+        "host-train bench --mcu --json firmware-sim/cortex-m/budget.json --page README.md"
+    );
+}
+
+#[test]
+fn memory_is_within_its_budget() {
+    on_boards(true, |kind, mut board| {
+        let (_, report) = board.status_and_report().expect("it runs");
+        let ram = report.static_bytes + report.stack_capacity;
+        assert!(ram <= 48 * 1024, "{kind:?}: {ram} bytes of RAM");
+    });
+}

@@ -127,6 +127,7 @@ impl FleetArgs {
         let loaded = self.load(&client, &pairs, self.in_flight.into()).await?;
         drawing.abort();
         say(format!("{} at once: {loaded}", self.in_flight));
+        client.ask_for_statuses().await?;
         table.lock().expect("no holder panics").draw(&client);
         // The router last: whoever leaves tells it.
         drop((publisher, client, robots));

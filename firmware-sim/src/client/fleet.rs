@@ -192,10 +192,19 @@ impl Client {
                 }
             })
             .await?;
+        self.ask_for_statuses().await?;
+        Ok([status, gone])
+    }
+
+    /// Asks every robot for its status once more: what they publish comes a moment late.
+    ///
+    /// # Errors
+    /// `Zenoh`.
+    pub async fn ask_for_statuses(&self) -> Result<(), RefineError> {
         for (robot, status) in super::robots(&self.session, &self.fleet).await? {
             self.robots.heard(&robot, status);
         }
-        Ok([status, gone])
+        Ok(())
     }
 }
 

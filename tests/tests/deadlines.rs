@@ -132,6 +132,25 @@ async fn requests_that_nobody_waits_for_free_their_places() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn one_client_does_not_shut_out_the_others() {
+    let network = Network::start().await;
+    let nodes = fleet(&network, &["r1"]).await;
+    let (greedy, other) = (client(&network).await, client(&network).await);
+    let first = occupy(&greedy, "r1", 1);
+    until(&nodes[0], |view| view.in_hand == 1).await;
+    let more: Vec<_> = (2..=9).map(|id| occupy(&greedy, "r1", id)).collect();
+    let view = until(&nodes[0], |view| view.refused == 5).await;
+    assert_eq!(view.in_hand, 4);
+    // There is a place left, for somebody else.
+    let modest = occupy(&other, "r1", 1);
+    until(&nodes[0], |view| view.in_hand == 5).await;
+    for asked in more.into_iter().chain([first, modest]) {
+        asked.abort();
+    }
+    until(&nodes[0], |view| view.in_hand == 0).await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn a_robot_that_never_answers_costs_the_deadline_and_no_more() {
     let network = Network::start().await;
     let session = network.join().await;

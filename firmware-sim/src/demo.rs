@@ -251,7 +251,8 @@ fn median(values: &mut [f64]) -> f64 {
     values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
 }
 
-async fn join(endpoint: &str) -> anyhow::Result<Session> {
+/// A session connected to a router.
+pub(crate) async fn join(endpoint: &str) -> anyhow::Result<Session> {
     let args = SessionArgs {
         connect: vec![endpoint.into()],
         ..SessionArgs::default()
@@ -260,7 +261,7 @@ async fn join(endpoint: &str) -> anyhow::Result<Session> {
 }
 
 /// A loopback endpoint on which nothing listens.
-fn unused_endpoint() -> anyhow::Result<String> {
+pub(crate) fn unused_endpoint() -> anyhow::Result<String> {
     let listener = TcpListener::bind("127.0.0.1:0").context("no loopback port is free")?;
     Ok(format!("tcp/{}", listener.local_addr()?))
 }

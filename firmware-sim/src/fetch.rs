@@ -17,7 +17,7 @@ use zenoh::handlers::FifoChannelHandler;
 use zenoh::query::Reply;
 
 /// Queries under way at once.
-const IN_FLIGHT: usize = 4;
+const IN_FLIGHT: usize = 8;
 /// A chunk that takes longer is asked for again.
 const CHUNK_TIMEOUT: Duration = Duration::from_secs(5);
 /// Rounds without a single new chunk after which the download is given up, until somebody announces the

@@ -6,8 +6,9 @@
 //! the node has a board, `bridge` takes the place of `service`, and both flow on over the line to it.
 
 // Compiled in, not linked, as below.
+#[cfg(feature = "demo")]
 #[macro_use]
-#[allow(unused_macros, reason = "not every build prints")]
+#[allow(unused_macros, reason = "one file for two crates")]
 #[path = "../../host-train/src/print.rs"]
 mod print;
 
@@ -18,6 +19,8 @@ pub mod client;
 pub mod demo;
 mod fetch;
 pub mod flash;
+#[cfg(feature = "demo")]
+pub mod fleet;
 pub mod node;
 pub mod policy;
 mod presence;

@@ -26,6 +26,8 @@ enum Command {
     Refine(firmware_sim::refine::RefineArgs),
     #[cfg(feature = "demo")]
     Demo(firmware_sim::demo::DemoArgs),
+    #[cfg(feature = "demo")]
+    Fleet(firmware_sim::fleet::FleetArgs),
 }
 
 /// Be a robot: fetch the fleet's policy, verify it, and answer refine requests until Ctrl-C
@@ -148,5 +150,7 @@ async fn run(command: Command) -> anyhow::Result<()> {
         Command::Refine(args) => args.run().await,
         #[cfg(feature = "demo")]
         Command::Demo(args) => args.run().await,
+        #[cfg(feature = "demo")]
+        Command::Fleet(args) => args.run().await,
     }
 }

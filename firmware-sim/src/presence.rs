@@ -93,6 +93,8 @@ pub(crate) async fn follow_clients(
     let gone = session
         .liveliness()
         .declare_subscriber(named(keys::all_clients_alive(fleet))?.as_str())
+        // Those that are there already are to be known, so that their end is.
+        .history(true)
         .callback(move |sample| {
             let client = keys::client_of(sample.key_expr().as_str());
             if let (SampleKind::Delete, Some(client)) = (sample.kind(), client) {

@@ -234,3 +234,43 @@ fn the_demo_runs_on_its_own_shapes_and_on_pairs() {
         std::fs::remove_file(&json).expect("it was written");
     }
 }
+
+#[test]
+fn a_small_fleet_is_updated_and_asked_whether_or_not_anybody_reads() {
+    let folder = tempfile::tempdir().expect("a temporary directory");
+    let (policy, json) = (folder.path().join("p.rgw"), folder.path().join("f.json"));
+    write_policy(&policy);
+    let arguments = [
+        "fleet",
+        "--robots",
+        "3",
+        "--requests",
+        "4",
+        "--in-flight",
+        "2",
+    ];
+    let files = ["--weights", text(&policy), "--json", text(&json)];
+    let output = firmware_sim(&[&arguments[..], &files].concat());
+    let said = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(output.status.success(), "{output:?}");
+    assert!(said.contains("policies in use: version 1: 3"), "{said}");
+    let written = std::fs::read_to_string(&json).expect("it was written");
+    let numbers: serde_json::Value = serde_json::from_str(&written).expect("JSON");
+    assert_eq!(numbers["robots"], 3);
+    for load in ["alone", "loaded"] {
+        assert_eq!(numbers[load]["poses"], 4, "{numbers}");
+        assert!(numbers[load]["compute"]["p50"].as_f64() > Some(0.0));
+    }
+    assert!(numbers["update"]["max"].as_f64() > Some(0.0), "{numbers}");
+
+    std::fs::remove_file(&json).expect("it was written");
+    let mut unread = Command::new(env!("CARGO_BIN_EXE_firmware-sim"))
+        .args(arguments)
+        .args(files)
+        .stdout(std::process::Stdio::piped())
+        .spawn()
+        .expect("the program runs");
+    drop(unread.stdout.take());
+    assert!(unread.wait().expect("it ends").success());
+    assert!(json.exists(), "it went on to write its numbers");
+}

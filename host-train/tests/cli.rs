@@ -202,3 +202,35 @@ fn clouds_that_cannot_be_registered_are_refused() {
         &["cloud.las", ".ply"],
     );
 }
+
+#[test]
+fn signing_keys_are_never_logged() {
+    let folder = folder();
+    write_weights(&folder.path().join("w.rgw"));
+    succeed(folder.path(), "keygen --out k.key");
+    let key = std::fs::read_to_string(folder.path().join("k.key")).expect("just made");
+    let run = std::process::Command::new(env!("CARGO_BIN_EXE_host-train"))
+        .args(
+            "publish --weights w.rgw --key k.key --fleet lab --connect tcp/127.0.0.1:1".split(' '),
+        )
+        .current_dir(folder.path())
+        .env("RUST_LOG", "trace")
+        .output()
+        .expect("it runs");
+    assert!(!run.status.success(), "nothing listens there");
+    let said = String::from_utf8_lossy(&[run.stdout, run.stderr].concat()).to_lowercase();
+    assert!(said.len() > 1000, "everything is logged");
+    let key = key.trim();
+    for part in [key, &key[..16], &key[48..]] {
+        assert!(!said.contains(part), "the key is in the log");
+    }
+    // Nor as the bytes that it stands for.
+    let bytes: Vec<u8> = (0..4)
+        .map(|i| u8::from_str_radix(&key[2 * i..2 * i + 2], 16).expect("hexadecimal"))
+        .collect();
+    let listed = format!("{bytes:?}");
+    assert!(
+        !said.contains(listed.trim_matches(['[', ']'])),
+        "the key is in the log"
+    );
+}

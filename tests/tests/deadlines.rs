@@ -91,8 +91,10 @@ async fn deadlines_hold_at_work_and_in_the_queue() {
 #[tokio::test(flavor = "multi_thread")]
 async fn requests_that_nobody_waits_for_free_their_places() {
     let network = Network::start().await;
+    // One client was there before the robot.
+    let leaving = client(&network).await;
     let nodes = fleet(&network, &["r1"]).await;
-    let (leaving, staying) = (client(&network).await, client(&network).await);
+    let staying = client(&network).await;
     let cloud = random_cloud(1, 20);
 
     // One at work and one in the queue are given up by a client that stays.
@@ -127,6 +129,25 @@ async fn requests_that_nobody_waits_for_free_their_places() {
     last.abort();
     let view = until(&nodes[0], |view| view.in_hand == 0).await;
     assert_eq!((view.taken_back, view.served), (6, 1));
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn one_client_does_not_shut_out_the_others() {
+    let network = Network::start().await;
+    let nodes = fleet(&network, &["r1"]).await;
+    let (greedy, other) = (client(&network).await, client(&network).await);
+    let first = occupy(&greedy, "r1", 1);
+    until(&nodes[0], |view| view.in_hand == 1).await;
+    let more: Vec<_> = (2..=9).map(|id| occupy(&greedy, "r1", id)).collect();
+    let view = until(&nodes[0], |view| view.refused == 5).await;
+    assert_eq!(view.in_hand, 4);
+    // There is a place left, for somebody else.
+    let modest = occupy(&other, "r1", 1);
+    until(&nodes[0], |view| view.in_hand == 5).await;
+    for asked in more.into_iter().chain([first, modest]) {
+        asked.abort();
+    }
+    until(&nodes[0], |view| view.in_hand == 0).await;
 }
 
 #[tokio::test(flavor = "multi_thread")]

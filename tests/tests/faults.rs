@@ -13,7 +13,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 use support::link::{Faults, Link};
-use support::{FLEET, Host, Network, key, publisher, random_cloud, random_policy, request, until};
+use support::{
+    FLEET, Host, Network, int8_policy, key, publisher, random_cloud, random_policy, request, until,
+};
 use tokio::sync::Notify;
 use zenoh::Session;
 use zenoh::Wait;
@@ -119,7 +121,7 @@ async fn a_bad_link_makes_updates_and_answers_late_and_never_wrong() {
     let node = Node::start(join(&link.endpoint).await, config("r1")).await;
     let node = node.expect("good names");
     let session = network.join().await;
-    let policy = random_policy(1);
+    let policy = int8_policy();
     let new = manifest(1, "first", &policy).expect("a good policy");
     // The link is cut twice on the way.
     let answered = Arc::new(AtomicU32::new(0));
@@ -134,7 +136,7 @@ async fn a_bad_link_makes_updates_and_answers_late_and_never_wrong() {
         new.clone(),
         chunk_table(policy.bytes()).concat(),
         move |index| {
-            if [50, 150].contains(&count.fetch_add(1, Ordering::Relaxed)) {
+            if [20, 50].contains(&count.fetch_add(1, Ordering::Relaxed)) {
                 cut.notify_one();
             }
             let chunk = file.chunks(wire::CHUNK_BYTES).nth(index as usize);

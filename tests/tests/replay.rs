@@ -3,9 +3,7 @@
 mod support;
 
 use firmware_sim::client;
-use host_train::dataset::procedural;
 use host_train::export::WeightFile;
-use host_train::protocol::{self, Protocol};
 use host_train::replay::{Difference, ReplayError, replay};
 use reagent_core::kernels::Isa;
 use reagent_core::wire::{
@@ -13,7 +11,7 @@ use reagent_core::wire::{
     step_bytes,
 };
 use reagent_core::{Grid, wire::STEP_BYTES};
-use support::{FLEET, Network, publisher, random_cloud, request, until};
+use support::{FLEET, Network, int8_policy, publisher, random_cloud, request, until};
 
 fn line(trace: Trace<'_>) -> Vec<u8> {
     let mut buffer = vec![0; 200_000];
@@ -23,18 +21,11 @@ fn line(trace: Trace<'_>) -> Vec<u8> {
     line
 }
 
-fn int8() -> WeightFile {
-    let parameters = WeightFile::pretrained().parameters(0).expect("f32");
-    let models = procedural::models(1, 4);
-    let calibration = protocol::draw(&models, Protocol::M40Models, 4, 1);
-    WeightFile::from_parameters_int8(&parameters, &calibration).expect("deployable")
-}
-
 #[tokio::test(flavor = "multi_thread")]
 async fn what_a_robot_did_comes_out_the_same_and_every_change_is_found() {
     let network = Network::start().await;
     let node = network.node(FLEET, "r1").await;
-    let policies = [int8(), WeightFile::pretrained()];
+    let policies = [int8_policy(), WeightFile::pretrained()];
     let mut publisher = publisher(&network).await;
     let session = network.join().await;
     let key = keys::trace(FLEET, "r1").expect("good names");

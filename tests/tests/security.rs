@@ -136,6 +136,23 @@ async fn everybody_does_their_part_and_nothing_else() {
     }
     until(&arm1, |view| view.taken_back == 2).await;
 
+    // What is larger than any request does not reach the robot.
+    let refused = arm1.watch().borrow().refused;
+    let refine = keys::refine(FLEET, "arm1").expect("good names");
+    let too_large = vec![0; wire::REQUEST_BYTES + 1];
+    let asked = client::ask(client.session(), &refine, "arm1", too_large, SILENCE).await;
+    let unheard = matches!(
+        asked,
+        Err(RefineError::Deadline { .. } | RefineError::NoRobot { .. })
+    );
+    assert!(unheard, "{asked:?}");
+    let small = client::ask(client.session(), &refine, "arm1", vec![0], SILENCE).await;
+    assert!(
+        matches!(small, Err(RefineError::Refused { .. })),
+        "{small:?}"
+    );
+    assert_eq!(arm1.watch().borrow().refused, refused + 1);
+
     // Two who are in, and go beyond their part: a client, and a robot.
     let announced = keys::manifest(FLEET).expect("a good name");
     let witness = secured.join("arm1").await;
@@ -158,7 +175,6 @@ async fn everybody_does_their_part_and_nothing_else() {
         put.expect("an open session");
     }
     // A robot does not answer for another, and does not ask it.
-    let refine = keys::refine(FLEET, "arm1").expect("good names");
     let posing = other.declare_queryable(refine.as_str()).complete(true);
     let posing = posing.callback(|query| {
         query.reply_err("mine").wait().expect("an open session");

@@ -86,13 +86,15 @@ async fn every_bad_request_is_refused_with_its_reason() {
     let many = random_cloud(2, 4097);
     let mut nan = good.clone();
     nan[17][1] = f32::NAN;
-    let cases: [(Points<'_>, Points<'_>, Reason); 8] = [
+    let cases: [(Points<'_>, Points<'_>, Reason); 9] = [
         (&[], &good, Reason::EmptyCloud(Cloud::Source)),
         (&good, &[], Reason::EmptyCloud(Cloud::Target)),
         (one, &good, Reason::TooFewPoints(Cloud::Source, 1)),
         (&good, &good[..2], Reason::TooFewPoints(Cloud::Target, 2)),
         (&many, &good, Reason::TooManyPoints(Cloud::Source, 4097)),
         (&good, &many, Reason::TooManyPoints(Cloud::Target, 4097)),
+        // Longer than any request: refused by its beginning.
+        (&many, &many, Reason::TooManyPoints(Cloud::Source, 4097)),
         (&nan, &good, Reason::NotFinite(Cloud::Source, 17)),
         (&good, &same, Reason::BadCloud),
     ];
@@ -128,7 +130,7 @@ async fn every_bad_request_is_refused_with_its_reason() {
     // After all that it still serves.
     let reply = client::refine(&session, FLEET, "r1", &request(&good, &good)).await;
     assert!(reply.is_ok(), "{reply:?}");
-    assert_eq!(until(&node, |view| view.served == 1).await.refused, 14);
+    assert_eq!(until(&node, |view| view.served == 1).await.refused, 15);
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -166,7 +168,7 @@ async fn a_full_queue_is_refused_and_every_request_answered() {
             Err(other) => panic!("neither pose nor busy: {other}"),
         }
     }
-    assert!(poses > QUEUE && busy > 0, "{poses} poses, {busy} busy");
+    assert!(poses >= QUEUE && busy > 0, "{poses} poses, {busy} busy");
     assert_eq!(poses + busy, requests);
 }
 

@@ -6,13 +6,16 @@ use firmware_sim::node::{Node, NodeConfig};
 use firmware_sim::policy::UpdateError;
 use host_train::export::WeightFile;
 use host_train::nn::{Parameters, Shape};
-use host_train::publish::{chunk_table, manifest};
+use host_train::publish::{PublishError, chunk_table, manifest};
 use reagent_core::wire;
+use std::collections::BTreeMap;
 use std::path::Path;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::{Arc, Mutex};
 use support::{FLEET, Host, Network, publisher, random_policy, until};
 use tokio::sync::Notify;
+use zenoh::Wait;
+use zenoh::key_expr::KeyExpr;
 
 fn config(state: &Path) -> NodeConfig {
     NodeConfig {
@@ -58,9 +61,9 @@ async fn a_node_killed_half_way_goes_on_where_it_was() {
     let view = until(&node, |view| view.policy.is_some()).await;
     assert_eq!(view.policy.as_ref(), Some(&new));
     let rest = new.chunks().expect("chunks") - 100;
-    // Of the four under way when the node was killed, some had come.
+    // Of the eight under way when the node was killed, some had come.
     assert!(
-        (rest..=rest + 4).contains(&host.asked()),
+        (rest..=rest + 8).contains(&host.asked()),
         "{} of {rest}",
         host.asked()
     );
@@ -122,4 +125,55 @@ async fn a_policy_that_acts_otherwise_than_it_should_is_not_taken() {
         "{error}"
     );
     assert_eq!(host.asked(), 0, "what cannot run is not fetched");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_stored_policy_needs_no_publisher() {
+    let network = Network::start().await;
+    let mut publisher = publisher(&network).await;
+    let unkept = publisher.store(1, "first", &random_policy(1)).await;
+    assert!(
+        matches!(unkept, Err(PublishError::NotStored { stored: 0, .. })),
+        "{unkept:?}"
+    );
+
+    // As a router's storage does it: what is put is kept, and answered.
+    let kept: Arc<Mutex<BTreeMap<String, Vec<u8>>>> = Arc::default();
+    let everything = format!("reagent/v1/{FLEET}/policy/**");
+    let keeping = kept.clone();
+    let put = network.router.declare_subscriber(&everything);
+    let put = put.callback(move |sample| {
+        let (key, bytes) = (sample.key_expr().to_string(), sample.payload().to_bytes());
+        let mut kept = keeping.lock().expect("no holder panics");
+        kept.insert(key, bytes.into_owned());
+    });
+    let _put = put.await.expect("an open session");
+    let answering = kept.clone();
+    let asked = network.router.declare_queryable(&everything).complete(true);
+    let asked = asked.callback(move |query| {
+        let kept = answering.lock().expect("no holder panics").clone();
+        for (key, bytes) in kept {
+            let key = KeyExpr::try_from(key).expect("it was a key");
+            if query.key_expr().intersects(&key) {
+                query.reply(key, bytes).wait().expect("an open session");
+            }
+        }
+    });
+    let _asked = asked.await.expect("an open session");
+    let stored = publisher.store(1, "first", &random_policy(1)).await;
+    let stored = stored.expect("it is kept");
+    drop(publisher);
+    let node = network.node(FLEET, "late").await;
+    let view = until(&node, |view| view.policy.is_some()).await;
+    assert_eq!(view.policy, Some(stored));
+
+    // Who comes after the publisher is told what is there.
+    let mut next = support::publisher(&network).await;
+    for version in [0, 1] {
+        let older = next.store(version, "older", &random_policy(2)).await;
+        assert!(
+            matches!(older, Err(PublishError::Version { announced: 1, .. })),
+            "{older:?}"
+        );
+    }
 }

@@ -115,7 +115,7 @@ impl Client {
     ) -> Result<(String, RefineReply), RefineError> {
         let started = Instant::now();
         let budget = Duration::from_millis(request.budget_ms.into());
-        self.following.get_or_try_init(|| self.follow()).await?;
+        self.follow_robots().await?;
         let mut tried = Vec::new();
         let mut last = None;
         while let Some(robot) = self.robots.least(&tried) {
@@ -145,6 +145,25 @@ impl Client {
         }
     }
 
+    /// Gets to know every robot's status, from here on as it changes; [`Client::refine_any`] does it, too.
+    ///
+    /// # Errors
+    /// `Zenoh`.
+    pub async fn follow_robots(&self) -> Result<(), RefineError> {
+        let following = self.following.get_or_try_init(|| self.follow()).await;
+        following.map(|_| ())
+    }
+
+    /// The robots that are there, with their status as heard last, in the order of their names; none before
+    /// [`Client::follow_robots`].
+    pub fn statuses(&self) -> Vec<(String, Status)> {
+        let robots = self.robots.lock();
+        let heard = robots.iter();
+        heard
+            .filter_map(|(name, robot)| Some((name.clone(), robot.status?)))
+            .collect()
+    }
+
     /// Asks every robot for its status, and hears of every change from here on.
     async fn follow(&self) -> Result<[Subscriber<()>; 2], RefineError> {
         let named = |key: Result<keys::Key, _>| key.map_err(RefineError::Request);
@@ -165,6 +184,7 @@ impl Client {
             .session
             .liveliness()
             .declare_subscriber(alive_key.as_str())
+            .history(true)
             .callback(move |sample| {
                 let robot = keys::robot_of(sample.key_expr().as_str());
                 if let (SampleKind::Delete, Some(robot)) = (sample.kind(), robot) {
@@ -172,10 +192,19 @@ impl Client {
                 }
             })
             .await?;
+        self.ask_for_statuses().await?;
+        Ok([status, gone])
+    }
+
+    /// Asks every robot for its status once more: what they publish comes a moment late.
+    ///
+    /// # Errors
+    /// `Zenoh`.
+    pub async fn ask_for_statuses(&self) -> Result<(), RefineError> {
         for (robot, status) in super::robots(&self.session, &self.fleet).await? {
             self.robots.heard(&robot, status);
         }
-        Ok([status, gone])
+        Ok(())
     }
 }
 

@@ -7,8 +7,10 @@ use ed25519_dalek::SigningKey;
 use firmware_sim::node::{Node, NodeConfig};
 use firmware_sim::session::{SessionArgs, open};
 use firmware_sim::view::View;
+use host_train::dataset::procedural;
 use host_train::export::WeightFile;
 use host_train::nn::{Parameters, Shape};
+use host_train::protocol::{self, Protocol};
 use host_train::publish::{Publisher, chunk_table, sign};
 use host_train::random::{Purpose, Rng, stream};
 use rand::RngExt;
@@ -83,6 +85,14 @@ pub(crate) async fn until(node: &Node, wanted: impl FnMut(&View) -> bool) -> Vie
 /// A policy file with seeded random weights.
 pub(crate) fn random_policy(seed: u64) -> WeightFile {
     WeightFile::from_parameters(&Parameters::random(Shape::PAPER, seed)).expect("deployable")
+}
+
+/// The bundled policy in 8-bit integers.
+pub(crate) fn int8_policy() -> WeightFile {
+    let parameters = WeightFile::pretrained().parameters(0).expect("f32");
+    let models = procedural::models(1, 4);
+    let calibration = protocol::draw(&models, Protocol::M40Models, 4, 1);
+    WeightFile::from_parameters_int8(&parameters, &calibration).expect("deployable")
 }
 
 /// Seeded random points in a box.

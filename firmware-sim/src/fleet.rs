@@ -1,0 +1,326 @@
+//! `firmware-sim fleet`: a router, many robots, an update and a load of requests, on one machine over loopback.
+
+mod figures;
+mod table;
+mod watch;
+
+pub use watch::WatchArgs;
+
+use crate::client::Client;
+use crate::demo::{join, unused_endpoint};
+use crate::node::{Node, NodeConfig};
+use crate::refine::{Answer, ask};
+use crate::session::{SessionArgs, open};
+use anyhow::Context;
+use ed25519_dalek::SigningKey;
+use figures::Times;
+use host_train::dataset::pairs::PairSet;
+use host_train::dataset::procedural;
+use host_train::export::WeightFile;
+use host_train::protocol::{self, Protocol};
+use host_train::publish::Publisher;
+use reagent_core::wire::{CloudView, Mode, RefineRequest};
+use serde_json::json;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+use table::Table;
+use tokio::task::JoinSet;
+
+const FLEET: &str = "fleet";
+/// Robots that start at once.
+const STARTING: usize = 8;
+/// Shapes that the requests are about.
+const PAIRS: usize = 16;
+/// A robot that has not taken the policy by then has failed.
+const UPDATE_TIME: Duration = Duration::from_secs(600);
+/// Time between two drawings of the table.
+const FRAME: Duration = Duration::from_millis(500);
+
+/// Run a whole fleet on this machine: a router, robots, an update and a load of requests, with their times
+///
+/// Every robot has a Zenoh session of its own, to one router over loopback. They fetch a policy of 2.5 MB in 8-bit
+/// integers; then one client asks for poses, first one request after the other, then several at once.
+#[derive(clap::Args, Clone, Debug)]
+#[command(args_conflicts_with_subcommands = true)]
+pub struct FleetArgs {
+    #[command(subcommand)]
+    command: Option<Command>,
+    /// How many robots
+    #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u16).range(1..=900))]
+    pub robots: u16,
+    /// Requests one after the other, and as many again under load
+    #[arg(long, value_name = "N", default_value_t = 500, value_parser = clap::value_parser!(u64).range(1..))]
+    pub requests: u64,
+    /// Requests under way at once under load
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u16).range(1..))]
+    pub in_flight: u16,
+    /// Policy to ship [default: the bundled one, in 8-bit integers]
+    #[arg(long, value_name = "FILE.rgw")]
+    pub weights: Option<PathBuf>,
+    /// Endpoint of the router, for `fleet watch` [default: a free port]
+    #[arg(long, value_name = "ENDPOINT")]
+    pub listen: Option<String>,
+    /// Seed of shapes, poses and noise
+    #[arg(long, value_name = "S", default_value_t = 42)]
+    pub seed: u64,
+    /// Write the numbers as JSON (milliseconds)
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+#[derive(clap::Subcommand, Clone, Debug)]
+enum Command {
+    Watch(WatchArgs),
+}
+
+impl FleetArgs {
+    /// Runs the command.
+    ///
+    /// # Errors
+    /// Anything that fails, a robot's refusal included.
+    pub async fn run(mut self) -> anyhow::Result<()> {
+        if let Some(Command::Watch(args)) = self.command.take() {
+            return args.run().await;
+        }
+        let policy = self.policy()?;
+        let models = procedural::models(self.seed, PAIRS);
+        let pairs = Arc::new(protocol::draw(
+            &models,
+            Protocol::M40Models,
+            PAIRS,
+            self.seed,
+        ));
+        let endpoint = self.listen.clone().map_or_else(unused_endpoint, Ok)?;
+        let _router = open(&SessionArgs {
+            listen: vec![endpoint.clone()],
+            ..SessionArgs::default()
+        })
+        .await?;
+        let key = SigningKey::from_bytes(
+            &self
+                .seed
+                .to_le_bytes()
+                .repeat(4)
+                .try_into()
+                .expect("32 bytes"),
+        );
+        let client = Arc::new(Client::new(join(&endpoint).await?, FLEET).await?);
+        let mut publisher = Publisher::new(join(&endpoint).await?, FLEET, key.clone())?;
+
+        let started = Instant::now();
+        let robots = self.start_robots(&endpoint, &key).await?;
+        client.follow_robots().await?;
+        println!(
+            "{} robots are up on {endpoint} after {:.1} s; watch them: firmware-sim fleet watch --fleet {FLEET} --connect {endpoint}",
+            robots.len(),
+            started.elapsed().as_secs_f64()
+        );
+        let table = Arc::new(Mutex::new(Table::new()));
+        let say = |text: String| table.lock().expect("no holder panics").say(&text);
+        let (bytes, drawing) = (policy.bytes().len(), draw(table.clone(), client.clone()));
+        let updates = update(&mut publisher, &robots, policy).await?;
+        say(format!("update of {bytes} bytes each: {updates}"));
+        let alone = self.load(&client, &pairs, 1).await?;
+        say(format!("one request at a time: {alone}"));
+        let loaded = self.load(&client, &pairs, self.in_flight.into()).await?;
+        drawing.abort();
+        say(format!("{} at once: {loaded}", self.in_flight));
+        client.ask_for_statuses().await?;
+        table.lock().expect("no holder panics").draw(&client);
+        // The router last: whoever leaves tells it.
+        drop((publisher, client, robots));
+        if let Some(path) = &self.json {
+            let document = json!({
+                "robots": self.robots,
+                "update_bytes": bytes,
+                "update": updates.json(),
+                "alone": alone.json(),
+                "loaded": loaded.json(),
+            });
+            let text = serde_json::to_string_pretty(&document)?;
+            std::fs::write(path, text + "\n")
+                .with_context(|| format!("cannot write {}", path.display()))?;
+        }
+        Ok(())
+    }
+
+    fn policy(&self) -> anyhow::Result<WeightFile> {
+        if let Some(path) = &self.weights {
+            return Ok(WeightFile::load(path)?);
+        }
+        let parameters = WeightFile::pretrained().parameters(self.seed)?;
+        let models = procedural::models(self.seed, PAIRS);
+        let calibration = protocol::draw(&models, Protocol::M40Models, PAIRS, self.seed);
+        Ok(WeightFile::from_parameters_int8(&parameters, &calibration)?)
+    }
+
+    async fn start_robots(&self, endpoint: &str, key: &SigningKey) -> anyhow::Result<Vec<Node>> {
+        let (mut starting, mut robots) = (JoinSet::new(), Vec::new());
+        for number in 1..=self.robots {
+            if starting.len() == STARTING
+                && let Some(node) = starting.join_next().await
+            {
+                robots.push(node??);
+            }
+            let config = NodeConfig {
+                fleet: FLEET.into(),
+                robot: format!("robot-{number:03}"),
+                trusted: vec![key.verifying_key()],
+                state: None,
+            };
+            let endpoint = endpoint.to_owned();
+            starting.spawn(async move {
+                anyhow::Ok(Node::start(join(&endpoint).await?, config).await?)
+            });
+        }
+        while let Some(node) = starting.join_next().await {
+            robots.push(node??);
+        }
+        Ok(robots)
+    }
+
+    /// Asks for poses, so many at once, always whoever has the least to do.
+    async fn load(
+        &self,
+        client: &Arc<Client>,
+        pairs: &Arc<PairSet>,
+        in_flight: usize,
+    ) -> anyhow::Result<Load> {
+        let started = Instant::now();
+        let next = Arc::new(AtomicU64::new(0));
+        let mut asking = JoinSet::new();
+        for _ in 0..in_flight {
+            let (client, pairs, next) = (client.clone(), pairs.clone(), next.clone());
+            let total = self.requests;
+            asking.spawn(async move {
+                let (mut answers, mut failures) = (Vec::new(), Vec::new());
+                loop {
+                    let id = next.fetch_add(1, Ordering::Relaxed);
+                    if id >= total {
+                        return (answers, failures);
+                    }
+                    let pair = id as usize % pairs.source.len();
+                    let clouds =
+                        [&pairs.source[pair], &pairs.target[pair]].map(|c| CloudView::of(c));
+                    let request = RefineRequest {
+                        mode: Mode::Fast,
+                        ..RefineRequest::new(id, clouds[0], clouds[1])
+                    };
+                    match ask(&client, crate::node::ANY, &request).await {
+                        Ok(answer) => answers.push(answer),
+                        Err(error) => failures.push(error.to_string()),
+                    }
+                }
+            });
+        }
+        let (mut answers, mut failures) = (Vec::new(), Vec::new());
+        for (some, failed) in asking.join_all().await {
+            answers.extend(some);
+            failures.extend(failed);
+        }
+        Ok(Load::of(&answers, failures, started.elapsed()))
+    }
+}
+
+/// Publishes a policy, and waits until every robot runs it: each one's time from the announcement.
+async fn update(
+    publisher: &mut Publisher,
+    robots: &[Node],
+    policy: WeightFile,
+) -> anyhow::Result<Times> {
+    let started = Instant::now();
+    let manifest = publisher.publish(1, "fleet", policy).await?;
+    let mut waiting = JoinSet::new();
+    for node in robots {
+        let (mut view, manifest) = (node.watch(), manifest.clone());
+        waiting.spawn(async move {
+            let taken = view.wait_for(|view| view.policy.as_ref() == Some(&manifest));
+            let taken = tokio::time::timeout(UPDATE_TIME, taken).await;
+            taken.context("a robot did not take the policy")??;
+            anyhow::Ok(started.elapsed())
+        });
+    }
+    let mut times = Vec::new();
+    while let Some(time) = waiting.join_next().await {
+        times.push(time??);
+    }
+    Ok(Times::of(times.iter().map(|time| time.as_secs_f64() * 1e3)))
+}
+
+/// What a load of requests came to.
+struct Load {
+    poses: usize,
+    failures: Vec<String>,
+    seconds: f64,
+    /// From asking to knowing.
+    round_trip: Times,
+    /// The registration itself.
+    compute: Times,
+    /// In the robot's queue.
+    queue: Times,
+    /// All that is neither: frames, network, router, threads.
+    overhead: Times,
+}
+
+impl Load {
+    fn of(answers: &[Answer], failures: Vec<String>, time: Duration) -> Load {
+        let times = |time: fn(&Answer) -> f64| Times::of(answers.iter().map(time));
+        Load {
+            poses: answers.len(),
+            failures,
+            seconds: time.as_secs_f64(),
+            round_trip: times(|a| a.round_trip_ms),
+            compute: times(|a| f64::from(a.reply.micros) / 1e3),
+            queue: times(|a| f64::from(a.reply.waited_micros) / 1e3),
+            overhead: times(|a| {
+                let on_robot = u64::from(a.reply.micros) + u64::from(a.reply.waited_micros);
+                a.round_trip_ms - on_robot as f64 / 1e3
+            }),
+        }
+    }
+
+    fn json(&self) -> serde_json::Value {
+        json!({
+            "poses": self.poses,
+            "failures": self.failures,
+            "per_second": self.poses as f64 / self.seconds,
+            "round_trip": self.round_trip.json(),
+            "compute": self.compute.json(),
+            "queue": self.queue.json(),
+            "overhead": self.overhead.json(),
+        })
+    }
+}
+
+impl std::fmt::Display for Load {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let rate = self.poses as f64 / self.seconds;
+        writeln!(f, "{} poses, {rate:.0} a second", self.poses)?;
+        writeln!(f, "  round trip  {}", self.round_trip)?;
+        writeln!(f, "  compute     {}", self.compute)?;
+        writeln!(f, "  queue       {}", self.queue)?;
+        write!(f, "  overhead    {}", self.overhead)?;
+        if let Some(first) = self.failures.first() {
+            write!(f, "\n  {} without a pose: {first}", self.failures.len())?;
+        }
+        Ok(())
+    }
+}
+
+/// Draws the fleet while it works, where there is a terminal.
+fn draw(table: Arc<Mutex<Table>>, client: Arc<Client>) -> tokio::task::JoinHandle<()> {
+    tokio::spawn(async move {
+        loop {
+            {
+                let mut table = table.lock().expect("no holder panics");
+                if !table.is_live() {
+                    return;
+                }
+                table.draw(&client);
+            }
+            tokio::time::sleep(FRAME).await;
+        }
+    })
+}

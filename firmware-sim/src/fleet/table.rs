@@ -1,0 +1,161 @@
+//! A fleet's state as a table, drawn in place on a terminal.
+
+use crate::client::Client;
+use crate::print;
+use reagent_core::verdict::Verdict;
+use reagent_core::wire::Status;
+use std::collections::BTreeMap;
+use std::fmt::Write;
+use std::io::IsTerminal;
+
+/// Rows of robots at most; the rest is counted.
+const ROWS: usize = 24;
+
+/// What is drawn, again and again, over what was drawn before.
+#[derive(Debug)]
+pub(super) struct Table {
+    in_place: bool,
+    /// Lines of the last drawing, to be drawn over.
+    drawn: usize,
+}
+
+impl Table {
+    pub(super) fn new() -> Table {
+        Table {
+            in_place: std::io::stdout().is_terminal(),
+            drawn: 0,
+        }
+    }
+
+    /// Whether it is drawn in place; elsewhere every drawing is one more table.
+    pub(super) fn is_live(&self) -> bool {
+        self.in_place
+    }
+
+    pub(super) fn draw(&mut self, client: &Client) {
+        let text = text(&client.statuses());
+        self.clear();
+        self.drawn = text.lines().count();
+        print::stdout(format_args!("{text}"));
+    }
+
+    /// Puts text above the next drawing.
+    pub(super) fn say(&mut self, text: &str) {
+        self.clear();
+        println!("{text}");
+    }
+
+    fn clear(&mut self) {
+        let drawn = std::mem::take(&mut self.drawn);
+        if self.in_place && drawn > 0 {
+            print::stdout(format_args!("\x1b[{drawn}A\x1b[J"));
+        }
+    }
+}
+
+/// Robots that do most first, and below them what all do together.
+fn text(robots: &[(String, Status)]) -> String {
+    let mut text = String::new();
+    let mut line = |line: std::fmt::Arguments<'_>| {
+        // Strings take everything.
+        writeln!(text, "{line}").ok();
+    };
+    let verdicts = Verdict::ALL.map(|verdict| format!("{:>13}", verdict.to_string()));
+    line(format_args!(
+        "{:32} {:>12} {:>5} {:>8} {:>8} {}",
+        "robot",
+        "policy",
+        "queue",
+        "served",
+        "refused",
+        verdicts.concat()
+    ));
+    let mut sorted: Vec<_> = robots.iter().collect();
+    sorted.sort_by_key(|(name, status)| (std::cmp::Reverse(status.in_hand), name));
+    for (name, status) in sorted.iter().take(ROWS) {
+        line(format_args!("{}", row(name, status)));
+    }
+    if sorted.len() > ROWS {
+        line(format_args!("… and {} more", sorted.len() - ROWS));
+    }
+    let mut all = Status::default();
+    let mut versions = BTreeMap::<_, usize>::new();
+    for (_, status) in robots {
+        *versions
+            .entry(status.policy.map(|policy| policy.version))
+            .or_default() += 1;
+        all.served += status.served;
+        all.refused += status.refused;
+        all.in_hand = all.in_hand.saturating_add(status.in_hand);
+        for (sum, count) in all.verdicts.iter_mut().zip(status.verdicts) {
+            *sum += count;
+        }
+    }
+    line(format_args!(
+        "{}",
+        row(&format!("{} robots", robots.len()), &all)
+    ));
+    let versions = versions.iter().map(|(version, robots)| match version {
+        Some(version) => format!("version {version}: {robots}"),
+        None => format!("none: {robots}"),
+    });
+    let versions: Vec<_> = versions.collect();
+    line(format_args!("policies in use: {}", versions.join(", ")));
+    text
+}
+
+fn row(name: &str, status: &Status) -> String {
+    let version = status.policy.map(|policy| policy.version.to_string());
+    let verdicts = status.verdicts.map(|count| format!("{count:>13}"));
+    format!(
+        "{name:32} {:>12} {:>5} {:>8} {:>8} {}",
+        version.as_deref().unwrap_or("-"),
+        status.in_hand,
+        status.served,
+        status.refused,
+        verdicts.concat()
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use reagent_core::wire::PolicyId;
+
+    #[test]
+    fn robots_are_listed_and_summed_up() {
+        let policy = |version| PolicyId {
+            version,
+            sha256: [0; 32],
+        };
+        let status = |version: Option<u64>, in_hand| Status {
+            policy: version.map(policy),
+            served: 10,
+            refused: 1,
+            in_hand,
+            instance: 5,
+            verdicts: [4, 3, 2, 1, 0],
+        };
+        let mut robots: Vec<_> = (0..30)
+            .map(|i| (format!("r{i:02}"), status(Some(7), 0)))
+            .collect();
+        robots.push(("z".into(), status(None, 3)));
+        let text = text(&robots);
+        let lines: Vec<_> = text.lines().collect();
+        assert!(lines[0].contains("converged") && lines[0].ends_with("poor fit"));
+        assert!(
+            lines[1].starts_with('z') && lines[1].contains(" - "),
+            "{text}"
+        );
+        assert_eq!(lines.len(), 1 + ROWS + 3);
+        assert_eq!(lines[ROWS + 1], "… and 7 more");
+        let words: Vec<_> = lines[ROWS + 2].split_whitespace().collect();
+        assert_eq!(
+            words,
+            [
+                "31", "robots", "-", "3", "310", "31", "124", "93", "62", "31", "0"
+            ]
+        );
+        assert_eq!(lines[ROWS + 3], "policies in use: none: 1, version 7: 30");
+    }
+}

@@ -155,13 +155,17 @@ pub fn embed(
         return;
     };
     let Tiles { hidden1, hidden2 } = tiles;
+    let split = embedding.split.filter(|_| isa.has_fast_splits());
     embed_tiles(
         isa,
         &embedding.layers,
         points,
         view,
         [hidden1, hidden2],
-        |last, x, _| isa.dense_max(last, x, feature),
+        |last, x, _| match &split {
+            Some(split) => isa.dense_max_split(split, x, feature),
+            None => isa.dense_max(last, x, feature),
+        },
     );
 }
 

@@ -21,6 +21,7 @@ struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     Node(NodeArgs),
+    Router(RouterArgs),
     #[cfg(feature = "demo")]
     Refine(firmware_sim::refine::RefineArgs),
     #[cfg(feature = "demo")]
@@ -48,6 +49,21 @@ struct NodeArgs {
     board: Option<Kind>,
     #[command(flatten)]
     session: SessionArgs,
+}
+
+/// Be a Zenoh router until Ctrl-C, where zenohd is not installed: without plugins, with the same configuration
+#[derive(clap::Args, Debug)]
+struct RouterArgs {
+    #[command(flatten)]
+    session: SessionArgs,
+}
+
+impl RouterArgs {
+    async fn run(self) -> anyhow::Result<()> {
+        let router = open(&self.session).await?;
+        tracing::info!("router {} is up", router.zid());
+        Ok(tokio::signal::ctrl_c().await?)
+    }
 }
 
 impl NodeArgs {
@@ -96,7 +112,7 @@ fn main() -> ExitCode {
     let cli = Cli::parse();
     let quiet = "warn,zenoh=error,zenoh_transport=error,zenoh_link_tcp=error";
     let level = match cli.command {
-        Command::Node(_) => format!("{quiet},firmware_sim=info"),
+        Command::Node(_) | Command::Router(_) => format!("{quiet},firmware_sim=info"),
         #[cfg(feature = "demo")]
         _ => format!("{quiet},firmware_sim=error"),
     };
@@ -127,6 +143,7 @@ fn main() -> ExitCode {
 async fn run(command: Command) -> anyhow::Result<()> {
     match command {
         Command::Node(args) => args.run().await,
+        Command::Router(args) => args.run().await,
         #[cfg(feature = "demo")]
         Command::Refine(args) => args.run().await,
         #[cfg(feature = "demo")]

@@ -13,6 +13,10 @@ use zenoh::query::Query;
 
 /// Requests that wait while one runs; one more is refused as busy.
 pub const QUEUE: usize = 4;
+/// Of these, how many one client may hold: it does not shut out the others.
+const SHARE: usize = QUEUE - 1;
+/// Requests a second beyond which they are refused unread: several times what a robot can answer.
+const RATE: f64 = 2000.0;
 /// Longest time that a request holds its place, whatever it asks for.
 const LONGEST_BUDGET: Duration = Duration::from_secs(600);
 
@@ -57,6 +61,7 @@ impl Job {
 #[derive(Debug)]
 pub(crate) struct Queue {
     state: Mutex<State>,
+    allowance: Mutex<Allowance>,
     /// Something to do for the worker.
     arrived: Notify,
     /// A deadline that may be earlier than the others.
@@ -72,10 +77,34 @@ struct State {
     closed: bool,
 }
 
+/// What is left of a second's requests.
+#[derive(Debug)]
+struct Allowance {
+    left: f64,
+    counted: Instant,
+}
+
+impl Allowance {
+    fn take(&mut self, now: Instant) -> bool {
+        let since = now.saturating_duration_since(self.counted).as_secs_f64();
+        self.left = (self.left + RATE * since).min(RATE);
+        self.counted = now;
+        let allowed = self.left >= 1.0;
+        if allowed {
+            self.left -= 1.0;
+        }
+        allowed
+    }
+}
+
 impl Queue {
     pub(crate) fn new(view: Arc<watch::Sender<View>>) -> Queue {
         Queue {
             state: Mutex::default(),
+            allowance: Mutex::new(Allowance {
+                left: RATE,
+                counted: Instant::now(),
+            }),
             arrived: Notify::new(),
             earlier: Notify::new(),
             view,
@@ -89,6 +118,14 @@ impl Queue {
     /// Puts a query into the queue, or refuses it at once: what is no request, and one too many.
     pub(crate) fn offer(&self, query: Query) {
         let arrived = Instant::now();
+        let mut allowance = self.allowance.lock().expect("no holder panics");
+        let allowed = allowance.take(arrived);
+        drop(allowance);
+        if !allowed {
+            let (id, reason) = (0, Reason::Busy);
+            self.view.send_modify(|view| view.refused += 1);
+            return send_refusal(&query, Refusal { id, reason });
+        }
         let payload = query.payload().map(|p| p.to_bytes()).unwrap_or_default();
         let read = if payload.len() > wire::REQUEST_BYTES {
             let beginning = &payload[..wire::REQUEST_OVERHEAD_BYTES];
@@ -120,7 +157,9 @@ impl Queue {
             taken_back: Arc::default(),
         };
         let mut state = self.state();
-        if state.closed || state.waiting.len() >= QUEUE {
+        let of_client = |job: &&Job| asked.client != 0 && job.asked.client == asked.client;
+        let held = state.waiting.iter().filter(of_client).count();
+        if state.closed || state.waiting.len() >= QUEUE || held >= SHARE {
             drop(state);
             self.view.send_modify(|view| view.refused += 1);
             return job.refuse(Reason::Busy);
@@ -223,5 +262,23 @@ impl Queue {
         self.take_back_where(|_| true);
         self.arrived.notify_one();
         self.earlier.notify_one();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_flood_is_cut_to_the_rate() {
+        let start = Instant::now();
+        let mut allowance = Allowance {
+            left: RATE,
+            counted: start,
+        };
+        // A hundred thousand a second, for three seconds.
+        let flood = (0..300_000).map(|i| start + Duration::from_micros(10 * i));
+        let allowed = flood.filter(|&now| allowance.take(now)).count() as f64;
+        assert!((allowed - 4.0 * RATE).abs() < 2.0, "{allowed}");
     }
 }

@@ -41,7 +41,7 @@ impl Store {
     ) -> Result<Option<LoadedPolicy>, UpdateError> {
         let slot = match self.slots.boot().await? {
             Boot::Empty | Boot::Reverted(None) => return Ok(None),
-            Boot::Confirmed(slot) | Boot::Trial(slot) => slot,
+            Boot::Confirmed(slot) => slot,
             Boot::Reverted(Some(slot)) => {
                 tracing::warn!("the last policy did not pass its trial; the one before it is used");
                 slot

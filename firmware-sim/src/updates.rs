@@ -5,7 +5,7 @@ use crate::node::NodeConfig;
 use crate::policy::{LoadedPolicy, UpdateError, verified_manifest};
 use crate::store::Store;
 use crate::view::View;
-use reagent_core::wire::keys;
+use reagent_core::wire::{Manifest, keys};
 use std::sync::Arc;
 use tokio::sync::watch;
 use zenoh::Session;
@@ -108,10 +108,13 @@ impl Updates {
     ) -> Result<Option<LoadedPolicy>, UpdateError> {
         let trusted = &self.config.trusted;
         let manifest = verified_manifest(signed_manifest, trusted)?;
-        let in_use = self.view.borrow().policy.as_ref().map(|p| p.version);
+        let in_use = self.view.borrow().policy.clone();
         let (announced, floor) = (manifest.version, self.store.floor());
-        // A robot whose policy was damaged in flash takes the same version again.
-        if in_use.is_some_and(|version| announced <= version) || announced < floor {
+        // Of two policies that were given one version, all robots end with the same. One whose policy was damaged
+        // in flash takes the same version again.
+        let order = |m: &Manifest| (m.version, m.sha256);
+        let known = in_use.is_some_and(|in_use| order(&manifest) <= order(&in_use));
+        if known || announced < floor {
             tracing::debug!("policy version {announced} ignored: {floor} is or was in use");
             return Ok(None);
         }

@@ -7,6 +7,7 @@ use crate::files::write_atomically;
 use crate::nn::{Parameters, Shape};
 use crate::quantise::{self, Ranges};
 use reagent_core::dims::{LAYERS, LOGITS, padded};
+use reagent_core::kernels::Tile;
 use reagent_core::weights::{
     FORMAT_F32, FORMAT_INT8, HEADER, MAGIC, TABLE_ROW, VERSION, checksum, file_len, offsets,
     pack_panels,
@@ -68,6 +69,8 @@ pub enum ExportError {
 pub struct WeightFile {
     words: Vec<u32>,
     len: usize,
+    /// See [`Policy::with_split`].
+    split: Vec<Tile>,
 }
 
 impl WeightFile {
@@ -88,11 +91,15 @@ impl WeightFile {
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, Error> {
         let mut words = vec![0u32; bytes.len().div_ceil(4)];
         bytemuck::cast_slice_mut(&mut words)[..bytes.len()].copy_from_slice(bytes);
-        let file = WeightFile {
+        let mut file = WeightFile {
             words,
             len: bytes.len(),
+            split: Vec::new(),
         };
-        Policy::parse(file.bytes())?;
+        let policy = Policy::parse(file.bytes())?;
+        let mut split = vec![Tile::ZERO; policy.split_tiles().unwrap_or(0)];
+        policy.pack_split(&mut split);
+        file.split = split;
         Ok(file)
     }
 
@@ -201,7 +208,8 @@ impl WeightFile {
 
     /// The policy in them.
     pub fn policy(&self) -> Policy<'_> {
-        Policy::parse(self.bytes()).expect("checked when the file was made")
+        let policy = Policy::parse(self.bytes()).expect("checked when the file was made");
+        policy.with_split(&self.split)
     }
 
     /// SHA-256 of the file: the policy's name on the fleet.

@@ -41,6 +41,7 @@ pub mod quantise;
 pub mod random;
 pub mod refine;
 pub mod register;
+pub mod replay;
 pub mod report;
 pub mod reward;
 pub mod sweep;

@@ -2,6 +2,7 @@
 
 mod key;
 mod session;
+mod stored;
 
 use key::bytes_from_hex;
 pub use key::{KeyError, keygen, read_key};
@@ -44,12 +45,26 @@ pub enum PublishError {
         reason: Error,
     },
     /// The version does not grow.
-    #[error("policy version {given} is not newer than {announced}, which is announced")]
+    #[error(
+        "policy version {given} is not newer than {announced}, which is announced; give a higher --policy-version"
+    )]
     Version {
         /// As given.
         given: u64,
-        /// The newest so far.
+        /// The newest so far, from here or from another publisher.
         announced: u64,
+    },
+    /// No storage has kept the policy.
+    #[error(
+        "{stored} of {chunks} chunks came back from {key}; does a router keep reagent/v1/** in a storage?"
+    )]
+    NotStored {
+        /// Chunks that came back as they were put.
+        stored: usize,
+        /// Chunks that were put.
+        chunks: usize,
+        /// Where.
+        key: String,
     },
     /// The run that the policy came from has no record.
     #[error(transparent)]
@@ -110,23 +125,19 @@ impl Publisher {
     /// Serves a policy file's chunks and announces it to the fleet.
     ///
     /// # Errors
-    /// `Name` for a name longer than 32 bytes, `Version` for a version that does not grow, `Zenoh`.
+    /// `Name` for a name longer than 32 bytes, `Version` for a version that does not grow or that somebody else
+    /// has announced with other content, `Zenoh`.
     pub async fn publish(
         &mut self,
         version: u64,
         name: &str,
         file: WeightFile,
     ) -> Result<Manifest, PublishError> {
-        let announced = self.newest.lock().expect("no holder panics").0;
-        if version <= announced {
-            return Err(PublishError::Version {
-                given: version,
-                announced,
-            });
-        }
         let mut manifest = manifest(version, name, &file)?;
         manifest.training_sha256 = self.provenance.training;
         manifest.evaluation_sha256 = self.provenance.evaluation;
+        self.check_version(&manifest).await?;
+        let announced = self.newest.lock().expect("no holder panics").0;
         let signed = sign(&self.key, &manifest);
 
         let table = chunk_table(file.bytes()).concat();
@@ -180,6 +191,26 @@ impl Provenance {
             provenance.evaluation = Sha256::digest(bytes).into();
         }
         Ok(provenance)
+    }
+}
+
+impl Publisher {
+    /// Refuses a version that does not grow: robots would not take it, or some would and some would not.
+    async fn check_version(&self, manifest: &Manifest) -> Result<(), PublishError> {
+        let given = manifest.version;
+        let key = keys::manifest(&self.fleet).map_err(refused(&self.fleet))?;
+        let own = self.newest.lock().expect("no holder panics").0;
+        let others = stored::announced(&self.session, &key).await?;
+        // The same policy may be served from several places.
+        let others = others.iter().filter(|other| {
+            other.version > given || other.version == given && other.sha256 != manifest.sha256
+        });
+        let newest = others.map(|other| other.version).max();
+        let newest = newest.max((own >= given).then_some(own));
+        match newest {
+            Some(announced) => Err(PublishError::Version { given, announced }),
+            None => Ok(()),
+        }
     }
 }
 
@@ -279,6 +310,9 @@ pub struct PublishArgs {
     /// Run that the policy came from; the SHA-256 of its training data goes into the manifest.
     #[arg(long, value_name = "RUN_DIR")]
     pub run: Option<PathBuf>,
+    /// Put the policy into the storage of a router, and end: it is served from there.
+    #[arg(long)]
+    pub store: bool,
     /// Record of the policy's evaluation, such as the JSON of `eval`; its SHA-256 goes into the manifest.
     #[arg(long, value_name = "FILE")]
     pub evaluation: Option<PathBuf>,
@@ -305,18 +339,27 @@ pub async fn run(args: PublishArgs) -> Result<(), PublishError> {
     let public_key = key.verifying_key().to_bytes();
     let mut publisher = Publisher::new(session, &args.fleet, key)?;
     publisher.provenance = provenance;
-    let manifest = publisher.publish(version, &name, file).await?;
+    let stored = args.store;
+    let manifest = match stored {
+        true => publisher.store(version, &name, &file).await?,
+        false => publisher.publish(version, &name, file).await?,
+    };
     println!(
-        "serving policy {name:?} version {version} ({} bytes, SHA-256 {}) to fleet {:?}; Ctrl-C ends it",
+        "{} policy {name:?} version {version} ({} bytes, SHA-256 {}) {} fleet {:?}{}",
+        if stored { "stored" } else { "serving" },
         manifest.length,
         Hex(&manifest.sha256),
+        if stored { "for" } else { "to" },
         args.fleet,
+        if stored { "" } else { "; Ctrl-C ends it" },
     );
     println!(
         "robots that trust only this key: --trust {}",
         Hex(&public_key)
     );
-    tokio::signal::ctrl_c().await.map_err(zenoh::Error::from)?;
+    if !stored {
+        tokio::signal::ctrl_c().await.map_err(zenoh::Error::from)?;
+    }
     Ok(())
 }
 

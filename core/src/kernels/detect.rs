@@ -41,8 +41,8 @@ fn detect() -> u8 {
         let leaf = __cpuid_count(7, 0);
         if leaf.ecx & (1 << 11) != 0 {
             found |= AVX512_VNNI;
-            let amx_tile_int8 = (1 << 24) | (1 << 25);
-            if leaf.edx & amx_tile_int8 == amx_tile_int8 && super::x86_amx::permitted() {
+            let amx = (1 << 22) | (1 << 24) | (1 << 25);
+            if leaf.edx & amx == amx && super::x86_amx::permitted() {
                 found |= AMX;
             }
         }

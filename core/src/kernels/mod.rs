@@ -5,6 +5,9 @@
 //! `[1024, N]` buffer), and a matrix-vector product for the heads. Weights come in panels of
 //! [`PANEL`] outputs (see [`crate::weights`]); lanes are outputs, and sums run over the inputs in order.
 //!
+//! Where a machine multiplies bf16 in tiles (AMX), the last embedding layer may be split into parts of bf16
+//! ([`SplitDense`]): the numbers of f32 in half of the time.
+//!
 //! Kernels with fused multiply-add round once where the portable one rounds twice: they agree to
 //! 1e-5, not bit by bit. Integer kernels are equal to the bit.
 //!
@@ -39,8 +42,11 @@ mod neighbours;
 mod peak;
 mod portable;
 mod search;
+mod split;
 #[cfg(target_arch = "x86_64")]
 mod x86_amx;
+#[cfg(target_arch = "x86_64")]
+mod x86_amx_split;
 #[cfg(target_arch = "x86_64")]
 mod x86_avx2;
 #[cfg(target_arch = "x86_64")]
@@ -56,6 +62,7 @@ pub use nearest::Queries;
 pub use neighbours::{BATCH, Batch, Moments};
 pub use peak::Arithmetic;
 pub use search::{CODES, Codes, GROUPS, pack_codes, padded_codes};
+pub use split::{SplitDense, Tile, pack as pack_split, packed_tiles};
 
 /// Instruction sets, from the slowest to the fastest.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -71,7 +78,7 @@ enum Kind {
     /// AVX-512F with AVX-512 VNNI.
     #[cfg(target_arch = "x86_64")]
     Avx512Vnni,
-    /// AVX-512F and VNNI with AMX tiles of bytes.
+    /// AVX-512F and VNNI with AMX tiles of bytes and bf16.
     #[cfg(target_arch = "x86_64")]
     Amx,
     #[cfg(arm_kernels = "neon")]

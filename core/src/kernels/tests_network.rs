@@ -112,6 +112,14 @@ proptest! {
             let found = run(isa);
             prop_assert!(agree(&found.0, &expected.0, inputs, values), "{} relu", isa.name());
             prop_assert!(agree(&found.1, &expected.1, inputs, values), "{} max", isa.name());
+            if let Some(len) = packed_tiles(&layer).filter(|_| isa.has_fast_splits()) {
+                let mut packed = vec![Tile::ZERO; len];
+                pack_split(&layer, &mut packed);
+                let split = SplitDense::new(&layer, &packed).expect("as long as it says");
+                let mut max = vec![f32::NEG_INFINITY; outputs];
+                isa.dense_max_split(&split, &x, &mut max);
+                prop_assert!(agree(&max, &expected.1, inputs, values), "{} split", isa.name());
+            }
         }
     }
 

@@ -63,12 +63,12 @@ const CONFIGURATION: Configuration = {
 };
 
 /// The tile registers of this thread, from configuration to release.
-struct Tiles;
+pub(super) struct Tiles;
 
 impl Tiles {
     /// # Safety
     /// AMX was detected and [`permitted`].
-    unsafe fn configure() -> Tiles {
+    pub(super) unsafe fn configure() -> Tiles {
         // SAFETY: the constant is a valid configuration of palette 1; the caller guarantees AMX.
         unsafe {
             asm!("ldtilecfg [{}]", in(reg) &CONFIGURATION, options(nostack, readonly));

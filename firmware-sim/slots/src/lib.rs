@@ -28,7 +28,7 @@ pub use layout::{FRAME_BYTES, HASH_BYTES, Layout, LayoutError, Slot};
 pub use slot::Header;
 
 use embedded_storage_async::nor_flash::NorFlash;
-use record::{BUFFER, KEY, Record, Trial};
+use record::{BUFFER, KEY, Record};
 use sequential_storage::cache::{Cache, Uncached};
 use sequential_storage::map::{MapConfig, MapStorage};
 
@@ -82,12 +82,10 @@ pub enum SlotError<E: core::fmt::Debug> {
 /// What a robot runs after a start.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Boot {
-    /// Nothing: no policy was ever confirmed, and none is to be tried.
+    /// Nothing: no policy was ever confirmed.
     Empty,
     /// The policy that counts.
     Confirmed(Slot),
-    /// A policy on trial: [`Slots::confirm`] or [`Slots::revert`] it. A restart before that reverts it.
-    Trial(Slot),
     /// A trial was cut short; what counts is the slot before it, if there was one.
     Reverted(Option<Slot>),
 }
@@ -139,17 +137,11 @@ impl<F: NorFlash> Slots<F> {
     /// `Flash`, `Record`.
     pub async fn boot(&mut self) -> Result<Boot, SlotError<F::Error>> {
         let confirmed = self.record.confirmed;
-        match self.record.trial {
-            None => Ok(confirmed.map_or(Boot::Empty, Boot::Confirmed)),
-            Some(Trial::Ready) => {
-                self.start_trial().await?;
-                Ok(Boot::Trial(self.record.idle()))
-            }
-            Some(Trial::Running) => {
-                self.revert().await?;
-                Ok(Boot::Reverted(confirmed))
-            }
+        if self.record.on_trial {
+            self.revert().await?;
+            return Ok(Boot::Reverted(confirmed));
         }
+        Ok(confirmed.map_or(Boot::Empty, Boot::Confirmed))
     }
 
     /// The slot that counts.
@@ -258,9 +250,7 @@ impl<F: NorFlash> Slots<F> {
         Ok(true)
     }
 
-    /// Puts the whole policy in the idle slot on trial, now: the next start before
-    /// [`Slots::confirm`] finds the old policy. For a trial that begins with a restart, see
-    /// [`Slots::try_at_next_start`].
+    /// Puts the whole policy in the idle slot on trial: a start before [`Slots::confirm`] finds the old policy.
     ///
     /// # Errors
     /// `Incomplete`, `Flash`, `Record`.
@@ -268,24 +258,12 @@ impl<F: NorFlash> Slots<F> {
         if self.missing(0).await?.is_some() {
             return Err(SlotError::Incomplete);
         }
-        self.start_trial().await?;
-        Ok(self.idle())
-    }
-
-    /// Puts the whole policy in the idle slot on trial at the next start, where [`Slots::boot`] says so.
-    ///
-    /// # Errors
-    /// `Incomplete`, `Flash`, `Record`.
-    pub async fn try_at_next_start(&mut self) -> Result<(), SlotError<F::Error>> {
-        if self.missing(0).await?.is_some() {
-            return Err(SlotError::Incomplete);
-        }
-        let ready = Some(Trial::Ready);
         self.store(Record {
-            trial: ready,
+            on_trial: true,
             ..self.record
         })
-        .await
+        .await?;
+        Ok(self.idle())
     }
 
     /// The policy on trial counts from here on, and no older one is taken any more.
@@ -293,8 +271,10 @@ impl<F: NorFlash> Slots<F> {
     /// # Errors
     /// `Incomplete` without a trial, `Version` for an older one than ever counted, `Flash`, `Record`.
     pub async fn confirm(&mut self, version: u64) -> Result<(), SlotError<F::Error>> {
-        let Record { floor, trial, .. } = self.record;
-        if trial != Some(Trial::Running) {
+        let Record {
+            floor, on_trial, ..
+        } = self.record;
+        if !on_trial {
             return Err(SlotError::Incomplete);
         }
         if version < floor {
@@ -304,7 +284,7 @@ impl<F: NorFlash> Slots<F> {
         self.store(Record {
             confirmed: Some(idle),
             floor: version,
-            trial: None,
+            on_trial: false,
         })
         .await
     }
@@ -314,11 +294,11 @@ impl<F: NorFlash> Slots<F> {
     /// # Errors
     /// `Flash`, `Record`.
     pub async fn revert(&mut self) -> Result<(), SlotError<F::Error>> {
-        if self.record.trial.is_none() {
+        if !self.record.on_trial {
             return Ok(());
         }
         self.store(Record {
-            trial: None,
+            on_trial: false,
             ..self.record
         })
         .await
@@ -327,15 +307,6 @@ impl<F: NorFlash> Slots<F> {
     /// Gives the flash back.
     pub fn destroy(self) -> F {
         self.map.destroy().0
-    }
-
-    async fn start_trial(&mut self) -> Result<(), SlotError<F::Error>> {
-        let running = Some(Trial::Running);
-        self.store(Record {
-            trial: running,
-            ..self.record
-        })
-        .await
     }
 
     async fn store(&mut self, record: Record) -> Result<(), SlotError<F::Error>> {

@@ -8,23 +8,14 @@ pub(crate) const KEY: u8 = 0;
 /// Most bytes of an encoded record, and what the map needs beside.
 pub(crate) const BUFFER: usize = 128;
 
-/// How far a policy in the idle slot has come.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub(crate) enum Trial {
-    /// Whole, and to be tried.
-    Ready,
-    /// Being tried. Found at a start, it means that the trial did not end well.
-    Running,
-}
-
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Record {
     /// The slot that counts, once there is one.
     pub(crate) confirmed: Option<Slot>,
     /// Version of the newest policy that was ever confirmed.
     pub(crate) floor: u64,
-    /// Of the idle slot.
-    pub(crate) trial: Option<Trial>,
+    /// Whether the policy in the idle slot is being tried. Found at a start, it did not end well.
+    pub(crate) on_trial: bool,
 }
 
 impl Record {

@@ -16,6 +16,7 @@ mod output;
 mod pairs;
 mod progress;
 mod register;
+mod replay;
 mod report;
 mod source;
 mod sweep;
@@ -60,6 +61,7 @@ enum Command {
     Publish(PublishArgs),
     Calibrate(calibrate::CalibrateArgs),
     Report(report::ReportArgs),
+    Replay(replay::ReplayArgs),
 }
 
 impl Cli {
@@ -82,6 +84,7 @@ impl Cli {
             Command::Keygen(args) => args.run(),
             Command::Calibrate(args) => args.run(seed),
             Command::Report(args) => args.run(),
+            Command::Replay(args) => args.run(),
             Command::Publish(args) => {
                 let runtime =
                     tokio::runtime::Runtime::new().context("cannot start the network threads")?;

@@ -1,6 +1,8 @@
 //! A Zenoh network on loopback, random policies and clouds, for tests that need a fleet.
 #![allow(dead_code, reason = "each test program uses a part")]
 
+pub(crate) mod link;
+
 use ed25519_dalek::SigningKey;
 use firmware_sim::node::{Node, NodeConfig};
 use firmware_sim::session::{SessionArgs, open};

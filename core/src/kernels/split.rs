@@ -1,0 +1,130 @@
+//! f32 as the sum of three bf16: an f32 layer at the speed of bf16 tiles, without its loss.
+//!
+//! The 24 bits of an f32 are cut into three times eight, which is exact: `x = h + m + l`. Of the nine
+//! products of two such numbers the six largest are summed, in f32; the three left out are below 2^-23 of
+//! the product. So the sums are as close to the exact ones as those of fused multiply-add in f32.
+
+#![allow(unsafe_code, clippy::indexing_slicing)]
+
+use super::Isa;
+#[cfg(target_arch = "x86_64")]
+use super::{Kind, x86_amx_split};
+use crate::dims::PANEL;
+use crate::weights::Dense;
+
+/// Parts of a number.
+pub(super) const PARTS: usize = 3;
+/// Inputs of one tile of activations: a row of 64 bytes.
+pub(super) const TILE_INPUTS: usize = 32;
+/// Outputs of one block; their number is a multiple of it.
+const BLOCK: usize = 4 * PANEL;
+
+/// One part of 32 inputs of 16 points or outputs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(C, align(64))]
+pub struct Tile(pub(super) [u16; PANEL * TILE_INPUTS]);
+
+impl Tile {
+    /// Zeros.
+    pub const ZERO: Tile = Tile([0; PANEL * TILE_INPUTS]);
+}
+
+/// A layer whose weights are split.
+#[derive(Clone, Copy, Debug)]
+pub struct SplitDense<'a> {
+    /// Length of a row, a multiple of 32.
+    pub(super) inputs: usize,
+    /// See [`pack`].
+    pub(super) tiles: &'a [Tile],
+    /// Bias.
+    pub(super) bias: &'a [f32],
+}
+
+impl<'a> SplitDense<'a> {
+    /// A layer with the memory that [`pack`] has filled from it; `None` where its length is not that of
+    /// [`packed_tiles`].
+    pub fn new(layer: &Dense<'a>, packed: &'a [Tile]) -> Option<Self> {
+        (packed_tiles(layer) == Some(packed.len())).then_some(SplitDense {
+            inputs: layer.inputs,
+            tiles: packed,
+            bias: layer.bias,
+        })
+    }
+}
+
+/// Tiles that a layer's weights fill; `None` for one that has not whole blocks of 32 inputs and 64 outputs.
+pub fn packed_tiles(layer: &Dense<'_>) -> Option<usize> {
+    let (inputs, outputs) = (layer.inputs, layer.bias.len());
+    let whole = inputs > 0
+        && inputs.is_multiple_of(TILE_INPUTS)
+        && outputs.is_multiple_of(BLOCK)
+        && layer.panels.len() == inputs * outputs;
+    whole.then(|| outputs / PANEL * (inputs / TILE_INPUTS) * PARTS)
+}
+
+/// Splits a layer's weights, `[outputs / 16][inputs / 32][part]`, each tile `[inputs / 2][output][2]`.
+pub fn pack(layer: &Dense<'_>, memory: &mut [Tile]) {
+    let groups = layer.panels.chunks_exact(PANEL * TILE_INPUTS);
+    for (group, parts) in groups.zip(memory.as_chunks_mut::<PARTS>().0) {
+        for (k, lanes) in group.chunks_exact(PANEL).enumerate() {
+            for (output, &weight) in lanes.iter().enumerate() {
+                for (tile, part) in parts.iter_mut().zip(split(weight)) {
+                    tile.0[(k / 2 * PANEL + output) * 2 + k % 2] = part;
+                }
+            }
+        }
+    }
+}
+
+/// The upper 16 bits of the three parts.
+#[inline(always)]
+fn split(x: f32) -> [u16; PARTS] {
+    let upper = |x: f32| f32::from_bits(x.to_bits() & 0xffff_0000);
+    let high = upper(x);
+    let middle = upper(x - high);
+    let low = x - high - middle;
+    [high, middle, low].map(|part| (part.to_bits() >> 16) as u16)
+}
+
+impl Isa {
+    /// Whether bf16 tiles are fast here, which makes it worth to split a layer.
+    pub fn has_fast_splits(self) -> bool {
+        match self.0 {
+            #[cfg(target_arch = "x86_64")]
+            Kind::Amx => true,
+            _ => false,
+        }
+    }
+
+    /// As [`Isa::dense_max`]. Nothing where [`Isa::has_fast_splits`] is false.
+    ///
+    /// # Shapes
+    /// `x [points, inputs]`, `max [outputs]`; a shorter `max` stays as it is.
+    pub fn dense_max_split(self, layer: &SplitDense<'_>, x: &[f32], max: &mut [f32]) {
+        if max.len() < layer.bias.len() {
+            return;
+        }
+        match self.0 {
+            // SAFETY: the instruction set was detected, lengths were checked above and when packed.
+            #[cfg(target_arch = "x86_64")]
+            Kind::Amx => unsafe { x86_amx_split::dense_max(layer, x, max) },
+            _ => {}
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn three_parts_are_the_whole_number(x in proptest::num::f32::NORMAL) {
+            // Below, parts become subnormal.
+            prop_assume!(x.abs() > 1e-30);
+            let parts = split(x).map(|part| f64::from(f32::from_bits(u32::from(part) << 16)));
+            prop_assert_eq!(parts.iter().sum::<f64>(), f64::from(x));
+        }
+    }
+}

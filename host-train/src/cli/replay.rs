@@ -1,0 +1,60 @@
+//! `host-train replay`: what a robot did, once more.
+
+use crate::export::WeightFile;
+use crate::replay::{ReplayError, replay};
+use anyhow::bail;
+use std::path::PathBuf;
+
+/// Do again what robots did, from their traces, and say whether every bit comes out the same
+///
+/// With a policy in 8-bit integers it does on every machine; with one in f32 on the same kernels, which are
+/// taken where this machine has them.
+#[derive(clap::Args, Debug)]
+pub(super) struct ReplayArgs {
+    /// Traces, as `firmware-sim refine --trace` writes them
+    file: PathBuf,
+    /// Policies that the robots had, found by their SHA-256 [default: the bundled one]
+    #[arg(long, value_name = "FILE.rgw", num_args = 1..)]
+    weights: Vec<PathBuf>,
+}
+
+impl ReplayArgs {
+    pub(super) fn run(self) -> anyhow::Result<()> {
+        let mut policies = vec![WeightFile::load_or_pretrained(None)?];
+        for path in &self.weights {
+            policies.push(WeightFile::load(path)?);
+        }
+        let bytes = std::fs::read(&self.file).map_err(|source| ReplayError::Io {
+            path: self.file.clone(),
+            source,
+        })?;
+        let replayed = replay(&bytes, &policies)?;
+        let mut different = 0;
+        for (number, again) in (1..).zip(&replayed) {
+            let [robot, here] = &again.kernels;
+            let kernels = match robot == here {
+                true => format!("kernels {robot}"),
+                false => format!("kernels {robot} there, {here} here"),
+            };
+            let outcome = match &again.difference {
+                None => "equal in every bit".to_owned(),
+                Some(difference) => {
+                    different += 1;
+                    format!("DIFFERENT: {difference}")
+                }
+            };
+            println!(
+                "trace {number}: request {}, policy version {}, {} steps, mode {}, {kernels}: {outcome}",
+                again.id, again.policy_version, again.steps, again.mode
+            );
+        }
+        if different > 0 {
+            bail!(
+                "{different} of {} traces came out otherwise here",
+                replayed.len()
+            );
+        }
+        println!("{} traces, all equal", replayed.len());
+        Ok(())
+    }
+}

@@ -1,0 +1,259 @@
+//! Who may do what, with the configurations that `firmware-sim/deploy/make-ca` writes, on real TLS sessions.
+
+mod support;
+
+use firmware_sim::client::{self, Client, RefineError};
+use firmware_sim::node::{Node, NodeConfig};
+use firmware_sim::session::{SessionArgs, open};
+use host_train::publish::{Publisher, manifest, sign};
+use reagent_core::wire::{self, RefineRequest, keys};
+use std::net::TcpListener;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::time::Duration;
+use support::{key, random_cloud, random_policy, request, until};
+use zenoh::{Session, Wait};
+
+const FLEET: &str = "lab";
+/// What is forbidden is not answered within this time.
+const SILENCE: Duration = Duration::from_millis(500);
+
+/// Certificates and configurations of a fleet with two robots, and its router.
+struct Secured {
+    folder: tempfile::TempDir,
+    port: u16,
+    _router: Session,
+}
+
+fn make_ca(folder: &Path, port: u16) -> bool {
+    if Command::new("openssl").arg("version").output().is_err() {
+        eprintln!("skipped: openssl is not installed");
+        return false;
+    }
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../firmware-sim/deploy/make-ca");
+    let made = Command::new(script)
+        .arg(folder)
+        .args([FLEET, &format!("localhost:{port}"), "arm1", "arm2"])
+        .output()
+        .expect("bash runs");
+    let said = String::from_utf8_lossy(&made.stderr);
+    assert!(made.status.success(), "{said}");
+    true
+}
+
+impl Secured {
+    async fn start() -> Option<Secured> {
+        let folder = tempfile::tempdir().expect("a temporary directory");
+        let listener = TcpListener::bind("127.0.0.1:0").expect("a free port");
+        let port = listener.local_addr().expect("it is bound").port();
+        drop(listener);
+        if !make_ca(folder.path(), port) {
+            return None;
+        }
+        let args = SessionArgs {
+            zenoh: Some(folder.path().join("router.json5")),
+            listen: vec![format!("tls/127.0.0.1:{port}")],
+            ..SessionArgs::default()
+        };
+        Some(Secured {
+            _router: open(&args).await.expect("the port is free"),
+            folder,
+            port,
+        })
+    }
+
+    fn config(&self, name: &str) -> PathBuf {
+        self.folder.path().join(format!("{name}.json5"))
+    }
+
+    async fn join(&self, name: &str) -> Session {
+        let args = SessionArgs {
+            zenoh: Some(self.config(name)),
+            ..SessionArgs::default()
+        };
+        open(&args).await.expect("the router lets it in")
+    }
+
+    async fn robot(&self, robot: &str) -> Node {
+        let config = NodeConfig {
+            fleet: FLEET.into(),
+            robot: robot.into(),
+            trusted: vec![key(1).verifying_key()],
+            state: None,
+        };
+        let node = Node::start(self.join(robot).await, config).await;
+        node.expect("good names")
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn everybody_does_their_part_and_nothing_else() {
+    let Some(secured) = Secured::start().await else {
+        return;
+    };
+    let arm1 = secured.robot("arm1").await;
+    let mut publisher = Publisher::new(secured.join("trainer").await, FLEET, key(1));
+    let publisher = publisher.as_mut().expect("a good name");
+    let published = publisher.publish(1, "first", random_policy(1)).await;
+    published.expect("a good policy");
+    until(&arm1, |view| view.policy.is_some()).await;
+
+    // A client asks by name and by load, takes back what it no longer wants, and reads traces.
+    let client = Client::new(secured.join("client").await, FLEET).await;
+    let client = client.expect("a good name");
+    let traces = keys::all_traces(FLEET).expect("a good name");
+    let traces = client.session().declare_subscriber(traces.as_str()).await;
+    let traces = traces.expect("an open session");
+    let cloud = random_cloud(1, 50);
+    let traced = RefineRequest {
+        trace: true,
+        ..request(&cloud, &cloud)
+    };
+    let by_name = client.refine("arm1", &traced).await;
+    assert!(by_name.is_ok(), "{by_name:?}");
+    traces.recv_async().await.expect("a trace");
+    let any = client.refine_any(&request(&cloud, &cloud)).await;
+    let view = arm1.watch().borrow().clone();
+    let (robot, _) = any.unwrap_or_else(|error| panic!("{error}; {view:?}"));
+    assert_eq!(robot, "arm1");
+    let large = random_cloud(1, 4096);
+    let long = RefineRequest {
+        max_steps: 255,
+        ..request(&large, &large)
+    };
+    tokio::select! {
+        answer = client.refine("arm1", &long) => panic!("{answer:?}"),
+        _ = until(&arm1, |view| view.in_hand == 1) => {}
+    }
+    until(&arm1, |view| view.taken_back == 1).await;
+    let leaving = Client::new(secured.join("client").await, FLEET).await;
+    let leaving = leaving.expect("a good name");
+    tokio::select! {
+        answer = leaving.refine("arm1", &long) => panic!("{answer:?}"),
+        _ = until(&arm1, |view| view.in_hand == 1) => {
+            leaving.session().close().await.expect("an open session");
+        }
+    }
+    until(&arm1, |view| view.taken_back == 2).await;
+
+    // Two who are in, and go beyond their part: a client, and a robot.
+    let announced = keys::manifest(FLEET).expect("a good name");
+    let witness = secured.join("arm1").await;
+    let heard = witness.declare_subscriber(announced.as_str()).await;
+    let heard = heard.expect("an open session");
+    let newer = manifest(9, "newer", &random_policy(2)).expect("a good policy");
+    let signed = sign(&key(1), &newer);
+    let other = secured.join("arm2").await;
+    let status = keys::status(FLEET, "arm1").expect("good names");
+    // On a session of its own: what a session puts, it hears itself.
+    let listener = secured.join("arm2").await;
+    let overheard = listener.declare_subscriber("reagent/v1/lab/**").await;
+    let overheard = overheard.expect("an open session");
+    for session in [client.session(), &other] {
+        let put = session.put(announced.as_str(), signed.clone()).await;
+        put.expect("an open session");
+        let put = session.put(status.as_str(), vec![1, 2, 3]).await;
+        put.expect("an open session");
+        let put = session.delete(status.as_str()).await;
+        put.expect("an open session");
+    }
+    // A robot does not answer for another, and does not ask it.
+    let refine = keys::refine(FLEET, "arm1").expect("good names");
+    let posing = other.declare_queryable(refine.as_str()).complete(true);
+    let posing = posing.callback(|query| {
+        query.reply_err("mine").wait().expect("an open session");
+    });
+    let posing = posing.await.expect("an open session");
+    let answered = client.refine("arm1", &request(&cloud, &cloud)).await;
+    assert!(answered.is_ok(), "{answered:?}");
+    drop(posing);
+    let frame = vec![wire::VERSION];
+    for key in [&refine, &status] {
+        let asked = client::ask(&other, key, "arm1", frame.clone(), SILENCE).await;
+        let unheard = matches!(
+            asked,
+            Err(RefineError::Deadline { .. } | RefineError::NoRobot { .. })
+        );
+        assert!(unheard, "{asked:?}");
+    }
+    // The trainer has no business with robots, and nobody has with the router's administration.
+    let trainer = secured.join("trainer").await;
+    let asked = client::ask(&trainer, &refine, "arm1", frame, SILENCE).await;
+    assert!(
+        !matches!(asked, Err(RefineError::Refused { .. }) | Ok(_)),
+        "{asked:?}"
+    );
+    let administration = trainer.get("@/*/router/**").timeout(SILENCE).await;
+    let administration = administration.expect("an open session");
+    while let Ok(reply) = administration.recv_async().await {
+        assert!(reply.result().is_err(), "{reply:?}");
+    }
+    // Whatever the client put came before its request was answered; what the witness hears next is the trainer's.
+    let published = publisher.publish(2, "second", random_policy(2)).await;
+    let second = published.expect("a good policy");
+    let sample = heard.recv_async().await.expect("an open session");
+    assert_eq!(&*sample.payload().to_bytes(), sign(&key(1), &second));
+    let view = until(&arm1, |view| view.policy.as_ref() == Some(&second)).await;
+    assert_eq!(view.updates_refused, 0);
+    assert!(!view.duplicate, "nobody else published its status");
+    while let Some(sample) = overheard.try_recv().expect("an open session") {
+        let key = sample.key_expr().as_str();
+        assert!(key == announced.as_str(), "a robot reads {key}");
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn strangers_are_not_let_in() {
+    let Some(secured) = Secured::start().await else {
+        return;
+    };
+    let foreign = tempfile::tempdir().expect("a temporary directory");
+    assert!(make_ca(foreign.path(), secured.port));
+    let text = std::fs::read_to_string(secured.config("client")).expect("readable");
+    let (mine, theirs) = (secured.folder.path(), foreign.path());
+    let (mine, theirs) = (mine.display().to_string(), theirs.display().to_string());
+    let write = |name: &str, text: String| {
+        let path = foreign.path().join(name);
+        std::fs::write(&path, text).expect("writable");
+        path
+    };
+    // Trusting the right router, with a certificate of another authority, and without one.
+    let other_authority = text.replace(&format!("{mine}/client"), &format!("{theirs}/client"));
+    assert_ne!(other_authority, text);
+    let anonymous = text
+        .lines()
+        .filter(|line| !line.contains("mtls") && !line.contains("connect_"))
+        .collect::<Vec<_>>()
+        .join("\n");
+    // And a right one that does not trust the router.
+    let other_router = text.replace(&format!("{mine}/ca.pem"), &format!("{theirs}/ca.pem"));
+    let plain = SessionArgs {
+        connect: vec![format!("tcp/127.0.0.1:{}", secured.port)],
+        ..SessionArgs::default()
+    };
+    let by_file = |name, text| SessionArgs {
+        zenoh: Some(write(name, text)),
+        ..SessionArgs::default()
+    };
+    let attempts = [
+        by_file("other.json5", other_authority),
+        by_file("anonymous.json5", anonymous),
+        by_file("router.json5", other_router),
+        plain,
+    ];
+    let [a, b, c, d] = attempts.each_ref().map(open);
+    let (a, b, c, d) = tokio::join!(a, b, c, d);
+    for (attempt, outcome) in attempts.iter().zip([a, b, c, d]) {
+        // In TLS 1.3 a client learns that it was refused after it believes itself connected.
+        if let Ok(session) = outcome {
+            let key = keys::all_status(FLEET).expect("a good name");
+            let replies = session.get(key.as_str()).timeout(SILENCE).await;
+            let Ok(replies) = replies else { continue };
+            while let Ok(reply) = replies.recv_async().await {
+                assert!(reply.result().is_err(), "{attempt:?}");
+            }
+        }
+    }
+    // The one who belongs here is.
+    secured.join("client").await;
+}

@@ -42,6 +42,14 @@ impl Kind {
         }
     }
 
+    /// Its processor's name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Kind::CortexM7 => "Cortex-M7",
+            Kind::CortexM55 => "Cortex-M55",
+        }
+    }
+
     fn machine(self) -> &'static str {
         match self {
             Kind::CortexM7 => "mps2-an500",

@@ -406,6 +406,10 @@ impl Board {
             })),
             _ => None,
         };
+        // Answers that belong to nothing sent from here would be taken for others.
+        while self.reports > 0 {
+            self.status_and_report()?;
+        }
         self.send(&Message::Manifest(Manifest {
             chunk_length: CHUNK_BYTES,
             ..manifest.clone()

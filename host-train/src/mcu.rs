@@ -259,7 +259,7 @@ fn table(budgets: &[Budget]) -> String {
     text += "|\n";
     text.extend(rows.iter().map(row));
     text += &row(&("instructions per multiply-add of the embedding", |b| {
-        format!("{:.2}", b.instructions_per_multiply_add)
+        format!("{:.3}", b.instructions_per_multiply_add)
     }));
     text
 }

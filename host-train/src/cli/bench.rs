@@ -131,7 +131,7 @@ impl BenchArgs {
         let mut budgets = Vec::new();
         for budget in mcu::measure_all(&file, seed)? {
             println!(
-                "{:<10}  {:<19}  {:>7}  {:>7}  {:>7}  {:>6}  {:>10}  {:>5}  {:>5}  {:>13.3} G  {:>10.3} G  {:>16.2}  {:.2} M",
+                "{:<10}  {:<19}  {:>7}  {:>7}  {:>7}  {:>6}  {:>10}  {:>5}  {:>5}  {:>13.3} G  {:>10.3} G  {:>16.3}  {:.2} M",
                 budget.board,
                 budget.network,
                 budget.policy_bytes,

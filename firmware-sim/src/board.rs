@@ -13,7 +13,7 @@ use std::time::Duration;
 use thiserror::Error;
 
 /// The program that simulates boards.
-const QEMU: &str = "qemu-system-arm";
+pub const QEMU: &str = "qemu-system-arm";
 /// A program of Linux that asks the kernel to end another with its parent, and becomes that other.
 const SETPRIV: &str = "setpriv";
 /// A board that says nothing for longer is not working. A step takes seconds on a busy machine.
@@ -50,7 +50,8 @@ impl Kind {
         }
     }
 
-    fn machine(self) -> &'static str {
+    /// What QEMU calls its machine.
+    pub fn machine(self) -> &'static str {
         match self {
             Kind::CortexM7 => "mps2-an500",
             Kind::CortexM55 => "mps3-an547",

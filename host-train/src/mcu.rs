@@ -18,8 +18,6 @@ use std::path::Path;
 
 /// Points of each cloud.
 const POINTS: usize = 1024;
-/// Most bytes of flash that the library may add to a program for Cortex-M7, its constants included.
-pub const CODE_BUDGET: usize = 40 * 1024;
 
 /// Why nothing could be measured.
 #[derive(Debug, thiserror::Error)]

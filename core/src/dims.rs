@@ -68,6 +68,8 @@ pub const RAM_BUDGET: usize = 48 * 1024;
 pub const RAM_REST: usize = 9 * 1024;
 /// Most flash of a policy in 8-bit integers, bytes.
 pub const FLASH_BUDGET: usize = 2_700_000;
+/// Most flash that this library adds to a program for a microcontroller, its constants included, bytes.
+pub const CODE_BUDGET: usize = 40 * 1024;
 /// Most flash of a policy of the compact shape in 8-bit integers, bytes.
 pub const COMPACT_FLASH_BUDGET: usize = 256 * 1024;
 

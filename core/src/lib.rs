@@ -60,7 +60,11 @@ pub mod kernels;
 pub mod net;
 pub mod polish;
 pub mod pose;
-#[cfg(feature = "pretrained")]
+#[cfg(any(
+    feature = "pretrained",
+    feature = "pretrained-int8",
+    feature = "pretrained-compact"
+))]
 mod pretrained;
 pub mod quant;
 pub mod register;

@@ -1,21 +1,28 @@
-//! The policy that ships with this crate, linked in.
+//! The policies that ship with this crate, linked in by a feature each.
 
 use crate::error::Error;
 use crate::weights::Policy;
 
-/// Places the file where its arrays are aligned as they are in the file.
+/// Places a file where its arrays are aligned as they are in the file.
 #[repr(C, align(64))]
 struct Aligned<T: ?Sized>(T);
 
+#[cfg(feature = "pretrained")]
 static FILE: &Aligned<[u8]> = &Aligned(*include_bytes!("../weights/reagent.rgw"));
+#[cfg(feature = "pretrained-int8")]
+static INT8: &Aligned<[u8]> = &Aligned(*include_bytes!("../weights/reagent-int8.rgw"));
+#[cfg(feature = "pretrained-compact")]
+static COMPACT: &Aligned<[u8]> = &Aligned(*include_bytes!("../weights/reagent-compact-int8.rgw"));
 
+#[cfg(feature = "pretrained")]
 impl Policy<'static> {
-    /// The bytes of the policy that ships with this crate, 64-byte aligned (feature `pretrained`).
+    /// The bytes of the policy that ships with this crate, in f32, 64-byte aligned (feature `pretrained`,
+    /// 10.1 MB).
     pub const fn pretrained_bytes() -> &'static [u8] {
         &FILE.0
     }
 
-    /// The policy that ships with this crate (feature `pretrained`).
+    /// The policy that ships with this crate, in f32 (feature `pretrained`).
     ///
     /// # Errors
     /// As [`Policy::parse`]; none as long as the linked image is intact.
@@ -24,12 +31,54 @@ impl Policy<'static> {
     }
 }
 
+#[cfg(feature = "pretrained-int8")]
+impl Policy<'static> {
+    /// The same policy in 8-bit integers, 64-byte aligned (feature `pretrained-int8`, 2.5 MB).
+    pub const fn pretrained_int8_bytes() -> &'static [u8] {
+        &INT8.0
+    }
+
+    /// The same policy in 8-bit integers (feature `pretrained-int8`).
+    ///
+    /// # Errors
+    /// As [`Policy::parse`]; none as long as the linked image is intact.
+    pub fn pretrained_int8() -> Result<Self, Error> {
+        Policy::parse(Self::pretrained_int8_bytes())
+    }
+}
+
+#[cfg(feature = "pretrained-compact")]
+impl Policy<'static> {
+    /// The policy for small microcontrollers, in 8-bit integers, 64-byte aligned (feature
+    /// `pretrained-compact`, 251 KiB).
+    pub const fn pretrained_compact_bytes() -> &'static [u8] {
+        &COMPACT.0
+    }
+
+    /// The policy for small microcontrollers (feature `pretrained-compact`).
+    ///
+    /// # Errors
+    /// As [`Policy::parse`]; none as long as the linked image is intact.
+    pub fn pretrained_compact() -> Result<Self, Error> {
+        Policy::parse(Self::pretrained_compact_bytes())
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::shape::Shape;
 
     #[test]
-    fn the_linked_policy_is_sound() {
-        assert!(Policy::pretrained().is_ok());
+    fn the_linked_policies_are_sound() {
+        #[cfg(feature = "pretrained")]
+        assert_eq!(Policy::pretrained().map(|p| p.shape), Ok(Shape::FULL));
+        #[cfg(feature = "pretrained-int8")]
+        assert_eq!(Policy::pretrained_int8().map(|p| p.shape), Ok(Shape::FULL));
+        #[cfg(feature = "pretrained-compact")]
+        assert_eq!(
+            Policy::pretrained_compact().map(|p| p.shape),
+            Ok(Shape::COMPACT)
+        );
     }
 }

@@ -10,6 +10,7 @@ use crate::refine::Mode;
 use clap::{Args, ValueEnum};
 use reagent_core::Policy;
 use reagent_core::dims::STEPS;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Name under which the bundled policy is reported.
@@ -116,6 +117,18 @@ impl Weights {
             Weights::File(file) => Some(by(file.policy())),
             Weights::Trained(..) => None,
         }
+    }
+}
+
+impl Policies {
+    /// SHA-256 of each policy that is a file, in hexadecimal, by its name.
+    pub(super) fn sha256(&self) -> BTreeMap<&str, String> {
+        let hexadecimal = |bytes: [u8; 32]| bytes.map(|byte| format!("{byte:02x}")).concat();
+        let files = self.0.iter().filter_map(|(name, weights)| match weights {
+            Weights::File(file) => Some((name.as_str(), hexadecimal(file.sha256()))),
+            Weights::Trained(..) => None,
+        });
+        files.collect()
     }
 }
 

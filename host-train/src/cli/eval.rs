@@ -8,10 +8,12 @@ use super::source::DataSource;
 use super::{bad_usage, source, table};
 use crate::bop::evaluate::Refinements;
 use crate::dataset::pairs::{PairSet, save_poses};
-use crate::eval::{Document, EvalSettings, evaluate};
+use crate::eval::{Document, EvalSettings, Row, evaluate};
 use crate::trace;
 use anyhow::Context;
 use clap::{ArgGroup, Args};
+use serde::Serialize;
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 /// Register pairs by policies and baselines and print the paper's metrics
@@ -48,6 +50,9 @@ pub(super) struct EvalArgs {
     /// Write errors and times (milliseconds) as JSON
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
+    /// Write what a policy file is shipped with: its SHA-256, this program's version, and every metric
+    #[arg(long, value_name = "FILE", conflicts_with = "estimates")]
+    record: Option<PathBuf>,
     /// Write the final poses, one dataset [M,3,4] a method
     #[arg(long, value_name = "FILE.h5")]
     poses: Option<PathBuf>,
@@ -57,6 +62,20 @@ pub(super) struct EvalArgs {
     /// Pairs of the trace
     #[arg(long, value_name = "N", default_value_t = 5, requires = "trace", value_parser = source::positive())]
     traced: usize,
+}
+
+/// The record of an evaluation: what `--record` writes.
+#[derive(Serialize)]
+struct Record<'a> {
+    program: &'static str,
+    /// SHA-256 of each policy file, by the name it is reported under.
+    weights: BTreeMap<&'a str, String>,
+    /// Name of the pairs' file, or what was drawn.
+    on: &'a str,
+    pairs: usize,
+    seed: u64,
+    steps: usize,
+    methods: BTreeMap<&'a str, &'a Row>,
 }
 
 impl EvalArgs {
@@ -117,6 +136,18 @@ impl EvalArgs {
                 path,
                 &trace::to_text(&traced.with_context(|| origin.clone())?)?,
             )?;
+        }
+        if let Some(path) = &self.record {
+            let record = Record {
+                program: concat!("host-train ", env!("CARGO_PKG_VERSION")),
+                weights: policies.sha256(),
+                on: origin.rsplit('/').next().unwrap_or(&origin),
+                pairs,
+                seed,
+                steps: self.contest.steps,
+                methods: outcomes.iter().map(|o| (o.name.as_str(), &o.row)).collect(),
+            };
+            write_json(path, &record)?;
         }
         let document = Document::new(pairs, &outcomes);
         if let Some(found) = &refinements {

@@ -34,6 +34,9 @@ pub const PANEL: usize = 16;
 /// the few KiB of a microcontroller.
 pub const TILE: usize = if HOST { 48 } else { 4 };
 
+/// Panels of a head's layer that several registrations in step take at a time: half a MiB in f32.
+pub(crate) const PANELS_TOGETHER: usize = 8;
+
 /// Points whose 8-bit codes are held at once.
 pub const QUANT_TILE: usize = if HOST { 192 } else { 8 };
 
@@ -65,6 +68,8 @@ pub const RAM_BUDGET: usize = 48 * 1024;
 pub const RAM_REST: usize = 9 * 1024;
 /// Most flash of a policy in 8-bit integers, bytes.
 pub const FLASH_BUDGET: usize = 2_700_000;
+/// Most flash that this library adds to a program for a microcontroller, its constants included, bytes.
+pub const CODE_BUDGET: usize = 40 * 1024;
 /// Most flash of a policy of the compact shape in 8-bit integers, bytes.
 pub const COMPACT_FLASH_BUDGET: usize = 256 * 1024;
 

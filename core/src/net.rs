@@ -1,6 +1,6 @@
 //! Embedding and policy heads, written once over the kernels of the machine.
 
-use crate::dims::{EMBED, FEATURES, HEAD, LOGITS, TILE, padded};
+use crate::dims::{EMBED, FEATURES, HEAD, LOGITS, PANEL, PANELS_TOGETHER, TILE, padded};
 use crate::kernels::{Codes, Isa};
 use crate::pose::Pose;
 use crate::quant::QuantScratch;
@@ -329,27 +329,82 @@ pub fn target_half(isa: Isa, head: &Head<'_>, target: &Feature, half: &mut Targe
     }
 }
 
-/// Logits of one head, `[33]`, axis-major, for the source feature in `scratch`.
-pub fn logits(
-    isa: Isa,
-    head: &Head<'_>,
-    target_half: &TargetHalf,
-    scratch: &mut FloatScratch,
-) -> [f32; LOGITS] {
+/// One registration in a pass over the weights of a head.
+#[derive(Debug)]
+pub struct Lane<'a> {
+    /// What its target adds.
+    pub target: &'a TargetHalf,
+    /// Where its source has been embedded.
+    pub scratch: &'a mut FloatScratch,
+    /// What comes out, axis-major.
+    pub logits: &'a mut [f32; LOGITS],
+}
+
+/// Logits of one head for the sources embedded last.
+pub fn logits(isa: Isa, head: &Head<'_>, lanes: &mut [Lane<'_>]) {
     let [fc1, fc2, out] = &head.layers;
-    let mut padded_logits = [0.0; padded(LOGITS)];
-    if let (Some(feature), Some(hidden1), Some(hidden2)) = (
-        scratch.feature.get(..fc1.inputs / 2),
-        scratch.head1.get_mut(..fc1.outputs),
-        scratch.head2.get_mut(..fc2.outputs),
-    ) {
-        isa.gemv(fc1, target_half, 0, feature, hidden1);
-        relu(hidden1);
-        isa.gemv(fc2, fc2.bias, 0, hidden1, hidden2);
-        relu(hidden2);
-        isa.gemv(out, out.bias, 0, hidden2, &mut padded_logits);
+    for (first, part) in parts(fc1, lanes.len()) {
+        for Lane {
+            target, scratch, ..
+        } in lanes.iter_mut()
+        {
+            let (Some(x), Some(start), Some(y)) = (
+                scratch.feature.get(..fc1.inputs / 2),
+                target.get(first..),
+                scratch.head1.get_mut(first..first + part.outputs),
+            ) else {
+                continue;
+            };
+            isa.gemv(&part, start, 0, x, y);
+            relu(y);
+        }
     }
-    core::array::from_fn(|i| padded_logits.get(i).copied().unwrap_or(0.0))
+    for (first, part) in parts(fc2, lanes.len()) {
+        for Lane { scratch, .. } in lanes.iter_mut() {
+            let (Some(x), Some(y)) = (
+                scratch.head1.get(..fc2.inputs),
+                scratch.head2.get_mut(first..first + part.outputs),
+            ) else {
+                continue;
+            };
+            isa.gemv(&part, part.bias, 0, x, y);
+            relu(y);
+        }
+    }
+    for Lane {
+        scratch, logits, ..
+    } in lanes
+    {
+        let mut padded_logits = [0.0; padded(LOGITS)];
+        if let Some(x) = scratch.head2.get(..out.inputs) {
+            isa.gemv(out, out.bias, 0, x, &mut padded_logits);
+        }
+        for (logit, value) in logits.iter_mut().zip(padded_logits) {
+            *logit = value;
+        }
+    }
+}
+
+/// A layer, each part with its first output: whole for one lane; for several some panels at a time, whose
+/// weights come from memory for the first lane and from the cache for the others.
+fn parts<'a>(layer: &Dense<'a>, lanes: usize) -> impl Iterator<Item = (usize, Dense<'a>)> {
+    let inputs = layer.inputs;
+    let outputs = if lanes > 1 {
+        PANELS_TOGETHER * PANEL
+    } else {
+        layer.bias.len()
+    };
+    let panels = layer.panels.chunks((inputs * outputs).max(1));
+    let parts = panels.zip(layer.bias.chunks(outputs.max(1)));
+    parts.enumerate().map(move |(i, (panels, bias))| {
+        let part = Dense {
+            inputs,
+            outputs: bias.len(),
+            panels,
+            bias,
+        };
+        (i * outputs, part)
+    })
 }
 
 fn relu(values: &mut [f32]) {

@@ -39,7 +39,7 @@
 //! "stop" and the smallest step are nearly as likely. More of them would be kept by a search in 8 bits with the winners computed anew in higher
 //! precision, which no metric asked for.
 
-use crate::dims::{EMBED, FEATURES, HEAD, LOGITS, PANEL, QUANT_TILE, padded};
+use crate::dims::{EMBED, FEATURES, HEAD, LOGITS, PANEL, PANELS_TOGETHER, QUANT_TILE, padded};
 use crate::error::Error;
 use crate::kernels::{Codes, Isa};
 use crate::net::View;
@@ -331,43 +331,82 @@ pub fn target_sums(
     isa.gemv_codes(&fc1.codes, features, scratch.feature.planes(features), sums);
 }
 
-/// Logits of one head for the source embedded last.
-pub fn logits(
-    isa: Isa,
-    [fc1, fc2, out]: &[QuantLayer<'_>; 3],
-    target: &TargetSums,
-    scratch: &mut QuantScratch,
-) -> [f32; LOGITS] {
-    let QuantScratch {
-        max,
-        feature,
-        head1,
-        head2,
-        ..
-    } = scratch;
-    let mut logits = [0.0; LOGITS];
+/// One registration in a pass over the weights of a head.
+#[derive(Debug)]
+pub struct Lane<'a> {
+    /// What its target adds.
+    pub target: &'a TargetSums,
+    /// Where its source has been embedded.
+    pub scratch: &'a mut QuantScratch,
+    /// What comes out, axis-major.
+    pub logits: &'a mut [f32; LOGITS],
+}
+
+/// Logits of one head for the sources embedded last.
+pub fn logits(isa: Isa, [fc1, fc2, out]: &[QuantLayer<'_>; 3], lanes: &mut [Lane<'_>]) {
     // The maxima have become the feature: their place is free for sums, and the stack stays small.
-    if let Some(sums) = max.get_mut(..fc1.codes.outputs) {
-        for (sum, &start) in sums.iter_mut().zip(target) {
+    for Lane {
+        target, scratch, ..
+    } in lanes.iter_mut()
+    {
+        for (sum, &start) in scratch.max.iter_mut().zip(*target) {
             *sum = start;
         }
-        isa.gemv_codes(&fc1.codes, 0, feature.planes(fc1.codes.inputs / 2), sums);
-        let codes = sums.iter().zip(fc1.requantise);
-        head1.set(codes.map(|(&s, &r)| Requantise(r).apply(s)));
     }
-    if let Some(sums) = max.get_mut(..fc2.codes.outputs) {
-        sums.fill(0);
-        isa.gemv_codes(&fc2.codes, 0, head1.planes(fc2.codes.inputs), sums);
-        let biased = sums.iter().zip(fc2.bias).zip(fc2.requantise);
-        head2.set(biased.map(|((s, b), &r)| Requantise(r).apply(s + b)));
+    let features = fc1.codes.inputs / 2;
+    product(isa, &fc1.codes, lanes, |s| {
+        (s.feature.planes(features), &mut s.max)
+    });
+    for Lane { scratch, .. } in lanes.iter_mut() {
+        let codes = scratch.max.iter().zip(fc1.requantise);
+        scratch
+            .head1
+            .set(codes.map(|(&s, &r)| Requantise(r).apply(s)));
+        scratch.max.fill(0);
     }
-    if let Some(sums) = max.get_mut(..out.codes.outputs) {
-        sums.fill(0);
-        isa.gemv_codes(&out.codes, 0, head2.planes(out.codes.inputs), sums);
-        let biased = sums.iter().zip(out.bias).zip(out.requantise);
+    product(isa, &fc2.codes, lanes, |s| {
+        (s.head1.planes(fc2.codes.inputs), &mut s.max)
+    });
+    for Lane { scratch, .. } in lanes.iter_mut() {
+        let biased = scratch.max.iter().zip(fc2.bias).zip(fc2.requantise);
+        scratch
+            .head2
+            .set(biased.map(|((s, b), &r)| Requantise(r).apply(s + b)));
+        scratch.max.fill(0);
+    }
+    product(isa, &out.codes, lanes, |s| {
+        (s.head2.planes(out.codes.inputs), &mut s.max)
+    });
+    for Lane {
+        scratch, logits, ..
+    } in lanes
+    {
+        let biased = scratch.max.iter().zip(out.bias).zip(out.requantise);
         for (logit, ((s, b), scale)) in logits.iter_mut().zip(biased) {
             *logit = (s + b) as f32 * f32::from_bits(*scale);
         }
     }
-    logits
+}
+
+/// `sums += W codes` of each lane. Several lanes take some panels at a time: weights come from memory for
+/// the first lane and from the cache for the others.
+fn product(
+    isa: Isa,
+    layer: &Codes<'_>,
+    lanes: &mut [Lane<'_>],
+    operands: impl Fn(&mut QuantScratch) -> ([&[u8]; 2], &mut [i32; FEATURES]),
+) {
+    let panels = if lanes.len() > 1 {
+        PANELS_TOGETHER
+    } else {
+        layer.outputs / PANEL
+    };
+    for (first, part) in layer.parts(panels) {
+        for lane in lanes.iter_mut() {
+            let (planes, sums) = operands(lane.scratch);
+            if let Some(sums) = sums.get_mut(first..first + part.outputs) {
+                isa.gemv_codes(&part, 0, planes, sums);
+            }
+        }
+    }
 }

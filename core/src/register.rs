@@ -12,6 +12,9 @@ use crate::weights::{Network, Policy};
 use glam::Vec3;
 
 mod slices;
+mod together;
+
+pub use together::Team;
 
 /// The normalised frame in which the policy works: `x_n = (x - centre) / scale`.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -176,6 +179,15 @@ impl Registration<'_> {
     /// Steps taken so far.
     pub fn steps(&self) -> usize {
         self.steps
+    }
+
+    /// The result if no further step is taken.
+    pub fn outcome(&self) -> Outcome {
+        Outcome {
+            target_from_source: self.target_from_source(),
+            steps: self.steps,
+            verdict: self.verdict(),
+        }
     }
 
     /// Whether slices still embed the target ([`Registrar::advance`]).
@@ -382,30 +394,58 @@ impl<'w, 's> Registrar<'w, 's> {
         for _ in 0..steps {
             self.step(&mut registration);
         }
-        Ok(Outcome {
-            target_from_source: registration.target_from_source(),
-            steps: registration.steps(),
-            verdict: registration.verdict(),
-        })
+        Ok(registration.outcome())
     }
 
     /// Logits of a head, translation or rotation, for the source that is embedded.
     fn logits(&mut self, target: &TargetState, head: usize) -> [f32; LOGITS] {
-        let isa = self.isa;
-        let logits = match (&self.policy.network, &mut self.scratch.memory, target) {
+        let mut logits = [0.0; LOGITS];
+        match (&self.policy.network, &mut self.scratch.memory, target) {
             (Network::F32(network), Memory::F32(scratch), TargetState::F32(halves)) => {
                 let heads = [&network.translation, &network.rotation];
-                let found = heads.get(head).zip(halves.get(head));
-                found.map(|(head, half)| net::logits(isa, head, half, scratch))
+                if let Some((head, target)) = heads.get(head).zip(halves.get(head)) {
+                    let logits = &mut logits;
+                    net::logits(
+                        self.isa,
+                        head,
+                        &mut [net::Lane {
+                            target,
+                            scratch,
+                            logits,
+                        }],
+                    );
+                }
             }
             (Network::Int8(network), Memory::Int8(scratch), TargetState::Int8(sums)) => {
-                let found = network.heads.get(head).zip(sums.get(head));
-                found.map(|(head, sums)| quant::logits(isa, head, sums, scratch))
+                if let Some((head, target)) = network.heads.get(head).zip(sums.get(head)) {
+                    let logits = &mut logits;
+                    quant::logits(
+                        self.isa,
+                        head,
+                        &mut [quant::Lane {
+                            target,
+                            scratch,
+                            logits,
+                        }],
+                    );
+                }
             }
             // A registration that another registrar started with another number format: no step.
-            _ => None,
-        };
-        logits.unwrap_or([0.0; LOGITS])
+            _ => {}
+        }
+        logits
+    }
+
+    /// Embeds the source as it is seen now, and the target if that is still to be done.
+    fn observe(&mut self, registration: &mut Registration<'_>) {
+        while registration.is_at_target() {
+            self.advance(registration, usize::MAX);
+        }
+        registration.seen = 0;
+        registration.heads = 0;
+        registration.turn = self.scratch.begin();
+        self.embed(registration.source, &registration.view());
+        self.finish();
     }
 
     /// Makes what was embedded a feature.

@@ -13,7 +13,7 @@ use std::time::Duration;
 use thiserror::Error;
 
 /// The program that simulates boards.
-const QEMU: &str = "qemu-system-arm";
+pub const QEMU: &str = "qemu-system-arm";
 /// A program of Linux that asks the kernel to end another with its parent, and becomes that other.
 const SETPRIV: &str = "setpriv";
 /// A board that says nothing for longer is not working. A step takes seconds on a busy machine.
@@ -42,7 +42,16 @@ impl Kind {
         }
     }
 
-    fn machine(self) -> &'static str {
+    /// Its processor's name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Kind::CortexM7 => "Cortex-M7",
+            Kind::CortexM55 => "Cortex-M55",
+        }
+    }
+
+    /// What QEMU calls its machine.
+    pub fn machine(self) -> &'static str {
         match self {
             Kind::CortexM7 => "mps2-an500",
             Kind::CortexM55 => "mps3-an547",
@@ -398,6 +407,10 @@ impl Board {
             })),
             _ => None,
         };
+        // Answers that belong to nothing sent from here would be taken for others.
+        while self.reports > 0 {
+            self.status_and_report()?;
+        }
         self.send(&Message::Manifest(Manifest {
             chunk_length: CHUNK_BYTES,
             ..manifest.clone()

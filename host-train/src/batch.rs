@@ -4,8 +4,8 @@
 use rayon::prelude::*;
 use reagent_core::kernels::Isa;
 use reagent_core::net::Scratch;
-use reagent_core::register::Outcome;
-use reagent_core::{Error, Frame, Policy, Pose, Registrar};
+use reagent_core::register::{Outcome, Team};
+use reagent_core::{Error, Frame, Policy, Pose, Registration};
 
 /// One registration to do.
 #[derive(Clone, Copy, Debug)]
@@ -20,6 +20,9 @@ pub struct Job<'a> {
     pub initial: Pose,
 }
 
+/// Registrations that a thread does in step ([`Team`]).
+const TOGETHER: usize = 4;
+
 /// Registers every job, `steps` steps each: the results in the order of the jobs.
 pub fn register(
     isa: Isa,
@@ -27,11 +30,31 @@ pub fn register(
     jobs: &[Job<'_>],
     steps: usize,
 ) -> Vec<Result<Outcome, Error>> {
-    for_each(jobs.len(), Scratch::new, |scratch, i| {
-        let job = &jobs[i];
-        let mut registrar = Registrar::with_isa(isa, policy, scratch);
-        registrar.register(job.source, job.target, job.frame, job.initial, steps)
-    })
+    let memory = || [const { Scratch::new() }; TOGETHER];
+    let groups = for_each(jobs.len().div_ceil(TOGETHER), memory, |scratch, i| {
+        let first = i * TOGETHER;
+        let jobs = &jobs[first..jobs.len().min(first + TOGETHER)];
+        let mut team = Team::with_isa(isa, policy, scratch);
+        let mut registrations = [const { Registration::new() }; TOGETHER];
+        let lanes = registrations.iter_mut().enumerate();
+        let started: Vec<Result<(), Error>> = jobs
+            .iter()
+            .zip(lanes)
+            .map(|(job, (lane, registration))| {
+                let mut registrar = team.lane(lane).expect("as many lanes as registrations");
+                let (source, target) = (job.source, job.target);
+                registrar.start_in(registration, source, target, job.frame, job.initial)
+            })
+            .collect();
+        for _ in 0..steps {
+            team.step(&mut registrations);
+        }
+        let results = started.into_iter().zip(registrations);
+        let results =
+            results.map(|(started, registration)| started.map(|()| registration.outcome()));
+        results.collect::<Vec<_>>()
+    });
+    groups.into_iter().flatten().collect()
 }
 
 /// Calls `f` for 0 to `count`, on each thread with working memory of its own: the results in order.

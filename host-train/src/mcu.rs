@@ -8,6 +8,7 @@ use crate::dataset::procedural;
 use crate::export::{ExportError, WeightFile};
 use crate::image::{self, ImageError};
 use crate::latency::CALIBRATION;
+use crate::nn::{Parameters, Shape};
 use crate::protocol::{self, Protocol};
 use crate::publish;
 use reagent_core::dims::{CLOUD_BYTES, STEPS};
@@ -17,8 +18,6 @@ use std::path::Path;
 
 /// Points of each cloud.
 const POINTS: usize = 1024;
-/// Most bytes of flash that the library may add to a program for Cortex-M7, its constants included.
-pub const CODE_BUDGET: usize = 40 * 1024;
 
 /// Why nothing could be measured.
 #[derive(Debug, thiserror::Error)]
@@ -53,6 +52,8 @@ pub enum McuError {
 pub struct Budget {
     /// Its name.
     pub board: String,
+    /// Widths of the policy's network.
+    pub network: String,
     /// Flash of the policy.
     pub policy_bytes: usize,
     /// Flash of a program that registers and nothing else: the library, start-up code and vectors.
@@ -75,19 +76,39 @@ pub struct Budget {
     pub instructions_per_multiply_add: f64,
 }
 
-/// Runs a registration of the policy in 8 bits on a simulated board that counts instructions.
+/// Every board with the policy, and with one of the compact shape, in 8 bits: untrained, since what is in the
+/// weights costs nothing.
 ///
 /// # Errors
 /// See [`McuError`].
-pub fn measure(kind: Kind, file: &WeightFile, seed: u64) -> Result<Budget, McuError> {
+pub fn measure_all(file: &WeightFile, seed: u64) -> Result<Vec<Budget>, McuError> {
     check_simulator()?;
     let models = procedural::models(seed, CALIBRATION);
     let pairs = protocol::draw(&models, Protocol::M40Models, CALIBRATION, seed);
-    let policy = match file.parameters(seed) {
-        Ok(parameters) => &WeightFile::from_parameters_int8(&parameters, &pairs)?,
+    let in_bytes = |parameters| WeightFile::from_parameters_int8(&parameters, &pairs);
+    let given = match file.parameters(seed) {
+        Ok(parameters) => &in_bytes(parameters)?,
         Err(ExportError::Integers) => file,
         Err(error) => return Err(error.into()),
     };
+    let compact = in_bytes(Parameters::random(Shape::COMPACT, seed))?;
+    let mut budgets = Vec::new();
+    for (policy, kind) in [given, &compact]
+        .into_iter()
+        .flat_map(|policy| Kind::ALL.map(|kind| (policy, kind)))
+    {
+        budgets.push(measure(kind, policy, &pairs.source[0], &pairs.target[0])?);
+    }
+    Ok(budgets)
+}
+
+/// Runs a registration on a simulated board that counts instructions.
+fn measure(
+    kind: Kind,
+    policy: &WeightFile,
+    source: &[[f32; 3]],
+    target: &[[f32; 3]],
+) -> Result<Budget, McuError> {
     let manifest = publish::manifest(1, "", policy).expect("no name is short enough");
     let image = build_image(kind)?;
     let library = image::read(&image.with_file_name("registration"))?;
@@ -102,7 +123,7 @@ pub fn measure(kind: Kind, file: &WeightFile, seed: u64) -> Result<Budget, McuEr
         path: flash.display().to_string(),
         reason,
     })?;
-    let report = run(kind, &image, &flash, &pairs.source[0], &pairs.target[0]);
+    let report = run(kind, &image, &flash, source, target);
     std::fs::remove_file(&flash).ok();
     let report = report?;
 
@@ -113,7 +134,8 @@ pub fn measure(kind: Kind, file: &WeightFile, seed: u64) -> Result<Budget, McuEr
     let steps = STEPS as u64;
     let total = instructions(report.target_ticks) + steps * instructions(report.step_ticks);
     Ok(Budget {
-        board: format!("{kind:?}"),
+        board: kind.name().to_owned(),
+        network: widths(&shape),
         policy_bytes: policy.bytes().len(),
         library_bytes: library.flash_bytes,
         program_bytes: report.program_bytes as usize,
@@ -125,6 +147,12 @@ pub fn measure(kind: Kind, file: &WeightFile, seed: u64) -> Result<Budget, McuEr
         slice_instructions: instructions(report.slice_ticks),
         instructions_per_multiply_add: instructions(report.target_ticks) as f64 / target as f64,
     })
+}
+
+fn widths(shape: &reagent_core::Shape) -> String {
+    let widths = shape.embed.iter().chain(&shape.head);
+    let widths: Vec<String> = widths.map(usize::to_string).collect();
+    widths.join("-")
 }
 
 /// Two steps: the others are alike.
@@ -224,12 +252,12 @@ fn table(budgets: &[Budget]) -> String {
         let cells = budgets.iter().map(cell);
         line([(*what).to_owned()].into_iter().chain(cells).collect())
     };
-    let mut text = row(&("", |b| b.board.clone()));
+    let mut text = row(&("", |b| format!("{}, {}", b.board, b.network)));
     text += &"|---".repeat(budgets.len() + 1);
     text += "|\n";
     text.extend(rows.iter().map(row));
     text += &row(&("instructions per multiply-add of the embedding", |b| {
-        format!("{:.2}", b.instructions_per_multiply_add)
+        format!("{:.3}", b.instructions_per_multiply_add)
     }));
     text
 }

@@ -20,6 +20,7 @@ use firmware_sim::client::{self, RefineError};
 use firmware_sim::node::{Node, NodeConfig};
 use host_train::dataset::procedural;
 use host_train::export::WeightFile;
+use host_train::nn::{Parameters, Shape};
 use host_train::protocol::{self, Protocol};
 use host_train::publish;
 use host_train::random::{Purpose, Rng, stream};
@@ -42,15 +43,17 @@ static POLICY: LazyLock<WeightFile> = LazyLock::new(|| {
     WeightFile::from_parameters_int8(&parameters, &calibration).expect("deployable")
 });
 
-fn manifest(version: u64) -> Manifest {
-    Manifest {
-        version,
-        ..MANIFEST.clone()
-    }
-}
+/// A small policy, for what goes over the line: it takes as long as its bytes.
+static COMPACT: LazyLock<WeightFile> = LazyLock::new(|| {
+    let models = procedural::models(2, 8);
+    let calibration = protocol::draw(&models, Protocol::M40Models, 8, 2);
+    let untrained = Parameters::random(Shape::COMPACT, 3);
+    WeightFile::from_parameters_int8(&untrained, &calibration).expect("deployable")
+});
 
-static MANIFEST: LazyLock<Manifest> =
-    LazyLock::new(|| publish::manifest(1, "test", &POLICY).expect("a short name"));
+fn manifest_of(file: &WeightFile, version: u64) -> Manifest {
+    publish::manifest(version, "test", file).expect("a short name")
+}
 
 /// Images that can be built here, all at once; says why others cannot.
 fn images() -> Vec<(Kind, PathBuf)> {
@@ -67,7 +70,7 @@ fn images() -> Vec<(Kind, PathBuf)> {
 
 /// Runs `test` on each board, side by side, with the policy in flash.
 fn on_boards(with_policy: bool, test: impl Fn(Kind, Board) + Sync) {
-    let content = with_policy.then(|| flash_content(&manifest(5), POLICY.bytes()));
+    let content = with_policy.then(|| flash_content(&manifest_of(&POLICY, 5), POLICY.bytes()));
     on_boards_with(content.as_deref(), test);
 }
 
@@ -128,7 +131,7 @@ fn refusal(board: &mut Board) -> Refusal {
 }
 
 /// A request that must be answered with these steps, whatever came before.
-fn still_answers(board: &mut Board, id: u64) {
+fn still_answers(file: &WeightFile, board: &mut Board, id: u64) {
     let mut rng: Rng = stream(id, Purpose::Shape, 0);
     let (source, target) = (cloud(&mut rng, 12), cloud(&mut rng, 9));
     let frame = request(id, 2, &source, &target);
@@ -139,7 +142,8 @@ fn still_answers(board: &mut Board, id: u64) {
             _ => None,
         })
         .expect("it answers");
-    let expected = &trajectory(Isa::best(), &source, &target)[1.min(usize::from(reply.steps) - 1)];
+    let expected =
+        &trajectory(file, Isa::best(), &source, &target)[1.min(usize::from(reply.steps) - 1)];
     assert_eq!(bits(reply.target_from_source), expected.1);
 }
 
@@ -240,7 +244,7 @@ fn bad_requests_are_refused_by_name() {
             let large = Reason::TooManyPoints(Cloud::Source, 3000);
             assert!(reason == Reason::Busy || id == 22 && reason == large);
         }
-        still_answers(&mut board, 30);
+        still_answers(&POLICY, &mut board, 30);
     });
 }
 
@@ -260,7 +264,7 @@ fn a_million_random_bytes_leave_it_answering() {
             sent += length;
         }
         board.send_bytes(&[0]).expect("it runs");
-        still_answers(&mut board, 40);
+        still_answers(&POLICY, &mut board, 40);
         let (status, _) = board.ask().expect("it runs");
         assert_eq!(
             (status.served, status.policy.map(|p| p.version)),
@@ -282,33 +286,36 @@ fn a_policy_comes_over_the_line_and_counts_when_it_is_whole() {
         assert_eq!(refused, Err(Refusal { id: 1, reason }));
 
         // One bit of the file is wrong, or one chunk is missing, or the file is too large.
-        let mut damaged = POLICY.bytes().to_vec();
-        damaged[1_000_000] ^= 1;
+        let mut damaged = COMPACT.bytes().to_vec();
+        damaged[100_000] ^= 1;
         assert!(matches!(
-            board.load(&manifest(6), &damaged),
+            board.load(&manifest_of(&COMPACT, 6), &damaged),
             Err(BoardError::PolicyUnfit {
                 reason: Reason::PolicyDamaged
             })
         ));
         board
-            .send(&Message::Manifest(manifest(6)))
+            .send(&Message::Manifest(manifest_of(&COMPACT, 6)))
             .expect("it runs");
-        let bytes = &POLICY.bytes()[16 * 1024..][..16 * 1024];
+        let bytes = &COMPACT.bytes()[16 * 1024..][..16 * 1024];
         board
             .send(&Message::Chunk(Chunk { index: 1, bytes }))
             .expect("it runs");
         assert_eq!(refusal(&mut board).reason, Reason::Malformed);
         let float = WeightFile::pretrained();
-        let large = publish::manifest(6, "f32", &float).expect("a short name");
-        assert!(board.load(&large, float.bytes()).is_err());
+        let large = manifest_of(&float, 6);
+        assert!(matches!(
+            board.load(&large, float.bytes()),
+            Err(BoardError::PolicyRefused { .. })
+        ));
 
         board
-            .load(&manifest(7), POLICY.bytes())
+            .load(&manifest_of(&COMPACT, 7), COMPACT.bytes())
             .expect("it is whole");
         let (status, _) = board.ask().expect("it runs");
         let policy = status.policy.expect("it counts");
-        assert_eq!((policy.version, policy.sha256), (7, POLICY.sha256()));
-        still_answers(&mut board, 50);
+        assert_eq!((policy.version, policy.sha256), (7, COMPACT.sha256()));
+        still_answers(&COMPACT, &mut board, 50);
     });
 }
 
@@ -346,7 +353,7 @@ async fn a_board_serves_a_fleet() {
     until(&node, |view| view.policy.is_some()).await;
     let reply = client::refine(&client, FLEET, "board", &request).await;
     let reply = reply.expect("a pose");
-    let expected = trajectory(Isa::best(), &source, &target);
+    let expected = trajectory(&POLICY, Isa::best(), &source, &target);
     let last = expected.last().expect("steps").1;
     assert_eq!(
         (bits(reply.target_from_source), reply.policy_version),

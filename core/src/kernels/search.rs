@@ -51,6 +51,20 @@ pub struct Codes<'a> {
 }
 
 impl<'a> Codes<'a> {
+    /// The layer in parts of so many panels, each with its first output.
+    pub(crate) fn parts(&self, panels: usize) -> impl Iterator<Item = (usize, Codes<'a>)> {
+        let (inputs, outputs) = (self.inputs, panels * PANEL);
+        let parts = self.panels.chunks((inputs * outputs).max(1));
+        parts.enumerate().map(move |(i, panels)| {
+            let part = Codes {
+                inputs,
+                outputs: panels.len() / inputs.max(1),
+                panels,
+            };
+            (i * outputs, part)
+        })
+    }
+
     /// Codes of exactly the padded length; `None` for any other length.
     pub fn new(inputs: usize, outputs: usize, panels: &'a [i8]) -> Option<Self> {
         let fits = inputs > 0

@@ -5,6 +5,8 @@
 //! the product. So the sums are as close to the exact ones as those of fused multiply-add in f32.
 
 #![allow(unsafe_code, clippy::indexing_slicing)]
+// Only x86-64 has a kernel.
+#![cfg_attr(not(target_arch = "x86_64"), allow(dead_code, unused_variables))]
 
 use super::Isa;
 #[cfg(target_arch = "x86_64")]

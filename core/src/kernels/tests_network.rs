@@ -118,7 +118,8 @@ proptest! {
                 let split = SplitDense::new(&layer, &packed).expect("as long as it says");
                 let mut max = vec![f32::NEG_INFINITY; outputs];
                 isa.dense_max_split(&split, &x, &mut max);
-                prop_assert!(agree(&max, &expected.1, inputs, values), "{} split", isa.name());
+                // Sums of pairs round at other places than sums of one.
+                prop_assert!(agree(&max, &expected.1, 2 * inputs, values), "{} split", isa.name());
             }
         }
     }

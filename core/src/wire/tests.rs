@@ -158,7 +158,7 @@ fn a_trace_and_a_cancellation_are_these_bytes() {
     assert_eq!(read, expected);
     // A byte less is no whole number of steps.
     let mut short = bytes;
-    short[42] = 107;
+    short[43] = 107;
     assert_eq!(decode(&short), Err(Error::Frame));
 
     let cancel = Cancel { client: 300, id: 5 };

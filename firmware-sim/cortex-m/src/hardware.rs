@@ -79,10 +79,9 @@ impl Uart {
         })
     }
 
-    /// Sleeps until a byte has come, or for half a second.
+    /// Sleeps until a byte has come, or the tick; not at all where the tick has come before ([`clear_tick`]).
     pub(crate) fn wait(&mut self) {
         write(NVIC_CLEAR_PENDING, NVIC_BIT);
-        write(SYSTEM_CONTROL, CLEAR_PENDING_TICK);
         if read(STATE) & 2 == 0 {
             // SAFETY: sleeps, touches no memory.
             unsafe { asm!("wfi", options(nomem, nostack)) };
@@ -116,6 +115,11 @@ pub(crate) fn start_watchdog() {
     write(SYSTEM_TICK + 0x4, 0x00ff_ffff);
     write(SYSTEM_TICK + 0x8, 0);
     write(SYSTEM_TICK, 0b111);
+}
+
+/// Forgets that the tick has come, which it does about twice a second.
+pub(crate) fn clear_tick() {
+    write(SYSTEM_CONTROL, CLEAR_PENDING_TICK);
 }
 
 /// A sign of life.

@@ -2,7 +2,7 @@
 //! what comes then goes into a small one, just to be answered.
 
 use crate::POINTS;
-use crate::hardware::{Uart, feed_watchdog};
+use crate::hardware::{Uart, clear_tick, feed_watchdog};
 use reagent_core::wire::serial::{self, CHECK_BYTES, Decoder, Line};
 use reagent_core::wire::{self, Message, Refusal, SMALL_FRAME_BYTES, refuse_beginning};
 
@@ -13,6 +13,7 @@ pub(crate) struct Link {
     small: [u8; SMALL_FRAME_BYTES + CHECK_BYTES],
     /// The frame under way goes into the small buffer.
     skim: bool,
+    waits: u8,
     /// Requests refused.
     pub(crate) refused: u64,
 }
@@ -24,6 +25,7 @@ impl Link {
             decoder: Decoder::new(),
             small: [0; SMALL_FRAME_BYTES + CHECK_BYTES],
             skim: false,
+            waits: 0,
             refused: 0,
         }
     }
@@ -31,9 +33,14 @@ impl Link {
     /// Waits for a frame in `space`, and gives its length. What is none is answered with a refusal.
     pub(crate) fn receive(&mut self, space: &mut [u8]) -> usize {
         loop {
-            feed_watchdog();
             let Some(byte) = self.uart.receive() else {
                 self.uart.wait();
+                self.waits = self.waits.wrapping_add(1);
+                // Seconds where nothing comes; registers are slow where much does.
+                if self.waits.is_multiple_of(16) {
+                    feed_watchdog();
+                    clear_tick();
+                }
                 continue;
             };
             if self.decoder.is_idle() {

@@ -19,9 +19,7 @@ use link::Link;
 use policy::{Progress, Update};
 use reagent_core::net::Scratch;
 use reagent_core::wire::serial::CHECK_BYTES;
-use reagent_core::wire::{
-    self, FlashCheck, Manifest, Message, REQUEST_OVERHEAD_BYTES, Refusal,
-};
+use reagent_core::wire::{self, FlashCheck, Manifest, Message, REQUEST_OVERHEAD_BYTES, Refusal};
 use reagent_core::{Error, Registrar};
 use refine::{refine, refusal};
 use report::Report;

@@ -2,7 +2,6 @@
 
 use super::output::{write_json, write_text};
 use super::source::{DataSource, positive};
-use crate::board::Kind;
 use crate::export::WeightFile;
 use crate::latency;
 use crate::mcu::{self, Budget};
@@ -127,14 +126,14 @@ impl BenchArgs {
             "registration of 1024 + 1024 points, 10 steps, int8; instructions as QEMU counts them"
         );
         println!(
-            "board      policy   library  program  clouds  all static  stack   RAM     multiply-adds  instructions  per multiply-add  slice"
+            "board       network              policy   library  program  clouds  all static  stack   RAM     multiply-adds  instructions  per multiply-add  slice"
         );
         let mut budgets = Vec::new();
-        for kind in Kind::ALL {
-            let budget = mcu::measure(kind, &file, seed)?;
+        for budget in mcu::measure_all(&file, seed)? {
             println!(
-                "{:<9}  {:>7}  {:>7}  {:>7}  {:>6}  {:>10}  {:>5}  {:>5}  {:>13.3} G  {:>10.3} G  {:>16.2}  {:.2} M",
+                "{:<10}  {:<19}  {:>7}  {:>7}  {:>7}  {:>6}  {:>10}  {:>5}  {:>5}  {:>13.3} G  {:>10.3} G  {:>16.3}  {:.2} M",
                 budget.board,
+                budget.network,
                 budget.policy_bytes,
                 budget.library_bytes,
                 budget.program_bytes,
@@ -167,11 +166,12 @@ impl BenchArgs {
             let worse: Vec<String> = budgets
                 .iter()
                 .flat_map(|now| {
-                    let before = before.iter().find(|before| before.board == now.board);
+                    let same = |b: &&Budget| (&b.board, &b.network) == (&now.board, &now.network);
+                    let before = before.iter().find(same);
                     let worse = before.map_or(vec![], |before| mcu::regressions(now, before));
                     worse
                         .into_iter()
-                        .map(|line| format!("{}: {line}", now.board))
+                        .map(|line| format!("{}, {}: {line}", now.board, now.network))
                 })
                 .collect();
             anyhow::ensure!(

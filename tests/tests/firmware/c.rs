@@ -77,7 +77,7 @@ fn lines_of_the_c_example() -> String {
     };
     let target: Vec<[f32; 3]> = (0..200).map(|_| [draw(), draw(), draw()]).collect();
     let source: Vec<[f32; 3]> = target.iter().map(|&[x, y, z]| [x + 0.125, y, z]).collect();
-    lines(trajectory(Isa::best(), &source, &target))
+    lines(trajectory(&POLICY, Isa::best(), &source, &target))
 }
 
 #[test]
@@ -209,7 +209,7 @@ fn aarch64_takes_the_same_steps_in_one_piece_and_in_slices() {
     std::fs::write(&clouds, file_of_pairs()).expect("it is writable");
     let trajectories = pairs()
         .iter()
-        .map(|[source, target]| trajectory(Isa::PORTABLE, source, target));
+        .map(|[source, target]| trajectory(&POLICY, Isa::PORTABLE, source, target));
     let expected: String = trajectories.map(lines).collect();
     // With the dot product of bytes, and without.
     for processor in ["max", "cortex-a72"] {

@@ -1,13 +1,16 @@
 //! What the board finds in its flash at its start decides whether it serves.
 
-use super::{POLICY, cloud, manifest, on_boards, on_boards_with, request, still_answers};
+use super::{
+    COMPACT, POLICY, cloud, manifest_of, on_boards, on_boards_with, request, still_answers,
+};
 use firmware_sim::board::{BoardError, flash_content};
+use host_train::export::WeightFile;
 use host_train::random::{Purpose, Rng, stream};
 use reagent_core::wire::{FLASH_HEADER_BYTES, FlashCheck, Manifest, Reason, Refusal};
 
-/// The manifest of the policy, but of another first action.
-fn other_actions(version: u64) -> Manifest {
-    let mut manifest = manifest(version);
+/// The manifest of a policy, but of another first action.
+fn other_actions(file: &WeightFile, version: u64) -> Manifest {
+    let mut manifest = manifest_of(file, version);
     let first = manifest.golden.first_mut().expect("clear actions");
     first.rotation[1] = (first.rotation[1] + 1) % 11;
     manifest
@@ -15,12 +18,12 @@ fn other_actions(version: u64) -> Manifest {
 
 #[test]
 fn a_policy_that_fails_its_checks_is_reported_and_does_not_serve() {
-    let sound = flash_content(&manifest(5), POLICY.bytes());
+    let sound = flash_content(&manifest_of(&POLICY, 5), POLICY.bytes());
     let mut damaged = sound.clone();
     damaged[FLASH_HEADER_BYTES + 2_000_000] ^= 8;
     let mut half_erased = sound;
     half_erased[FLASH_HEADER_BYTES + 1_000_000..].fill(0xff);
-    let other = flash_content(&other_actions(5), POLICY.bytes());
+    let other = flash_content(&other_actions(&POLICY, 5), POLICY.bytes());
     for (content, check, reason) in [
         (damaged, FlashCheck::Damaged, Reason::PolicyDamaged),
         (half_erased, FlashCheck::Damaged, Reason::PolicyDamaged),
@@ -43,7 +46,7 @@ fn after_a_policy_that_fails_its_self_test_a_sound_one_is_taken() {
     on_boards(true, |_, mut board| {
         let (_, report) = board.status_and_report().expect("it runs");
         assert_eq!(report.flash, FlashCheck::Passed);
-        let unfit = board.load(&other_actions(6), POLICY.bytes());
+        let unfit = board.load(&other_actions(&COMPACT, 6), COMPACT.bytes());
         assert!(
             matches!(
                 unfit,
@@ -54,11 +57,11 @@ fn after_a_policy_that_fails_its_self_test_a_sound_one_is_taken() {
             "{unfit:?}"
         );
         board
-            .load(&manifest(7), POLICY.bytes())
+            .load(&manifest_of(&COMPACT, 7), COMPACT.bytes())
             .expect("it is sound");
         let (status, report) = board.ask().expect("it runs");
         assert_eq!(status.policy.map(|policy| policy.version), Some(7));
         assert_eq!(report.flash, FlashCheck::Passed);
-        still_answers(&mut board, 60);
+        still_answers(&COMPACT, &mut board, 60);
     });
 }

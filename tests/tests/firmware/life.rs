@@ -1,12 +1,15 @@
-//! The simulator ends with the process that has started it, however that ends.
+//! The simulator ends with the process that has started it, however that ends; a board that hangs starts anew.
 
 use super::c::output;
 use super::images;
-use firmware_sim::board::{Board, Simulation, check_simulator};
+use firmware_sim::board::{Board, QEMU, Simulation, check_simulator};
 use std::ffi::OsStr;
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Write};
+#[cfg(unix)]
+use std::os::unix::net::UnixListener;
 use std::path::Path;
 use std::process::{Command, Stdio};
+use std::time::Duration;
 
 /// Set for the process that is going to be killed.
 const VICTIM: &str = "REAGENT_TEST_VICTIM";
@@ -52,4 +55,45 @@ fn a_killed_process_leaves_no_simulator_behind() {
     let arguments = ["60", "tail", "--pid", &board, "-f", "/dev/null"].map(OsStr::new);
     output("timeout", &arguments);
     assert!(!process.exists());
+}
+
+/// Nobody reads what the board sends, so that it cannot go on. A nanosecond of its time is a thousandth of an
+/// instruction, so that its seconds pass fast.
+#[test]
+#[cfg(unix)]
+fn the_watchdog_resets_a_board_that_hangs() {
+    if let Err(error) = check_simulator() {
+        return eprintln!("skipped: {error}");
+    }
+    let directory = tempfile::tempdir().expect("a temporary directory");
+    for (kind, image) in images() {
+        let control = directory.path().join(kind.name());
+        let listener = UnixListener::bind(&control).expect("a socket");
+        let mut qemu = Command::new(QEMU)
+            .args(["-machine", kind.machine(), "-display", "none"])
+            .args(["-serial", "stdio", "-icount", "shift=10"])
+            .arg("-chardev")
+            .arg(format!("socket,id=control,path={}", control.display()))
+            .args(["-mon", "chardev=control,mode=control", "-kernel"])
+            .arg(image)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .expect("QEMU starts");
+        let (mut control, _) = listener.accept().expect("it connects");
+        control
+            .write_all(b"{\"execute\": \"qmp_capabilities\"}")
+            .expect("it listens");
+        let mut line = qemu.stdin.take().expect("piped");
+        // Each is answered by a refusal. Ends when the simulator does.
+        let flood = std::thread::spawn(move || while line.write_all(&[1, 1, 0]).is_ok() {});
+        let limit = Some(Duration::from_secs(100));
+        control.set_read_timeout(limit).expect("a time");
+        let mut events = BufReader::new(control).lines().map_while(Result::ok);
+        let reset = events.any(|event| event.contains("\"WATCHDOG\""));
+        qemu.kill().expect("it can be killed");
+        qemu.wait().expect("it was killed");
+        flood.join().expect("it has ended");
+        assert!(reset, "{kind:?}");
+    }
 }

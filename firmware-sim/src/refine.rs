@@ -1,6 +1,11 @@
 //! `firmware-sim refine`: asks robots to register clouds from files.
 
-use crate::client::{Client, MARGIN, RefineError};
+mod table;
+mod traces;
+
+pub(crate) use table::{Row, errors};
+
+use crate::client::{Client, RefineError};
 use crate::node::ANY;
 use crate::session::{SessionArgs, open};
 use anyhow::{Context, bail};
@@ -8,20 +13,15 @@ use host_train::cli::Initial;
 use host_train::dataset::Point;
 use host_train::dataset::cloud_file::read_cloud;
 use host_train::dataset::pairs::PairSet;
-use host_train::metrics::{GroundTruth, PairMetrics, Summary};
 use host_train::refine;
 use host_train::register::within_capacity;
+use reagent_core::Grid;
 use reagent_core::dims::STEPS;
-use reagent_core::wire::{
-    self, CloudView, Message, Mode, RefineReply, RefineRequest, keys, serial,
-};
-use reagent_core::{Grid, Pose};
+use reagent_core::wire::{CloudView, Mode, RefineReply, RefineRequest};
 use serde_json::json;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
-use zenoh::handlers::FifoChannelHandler;
-use zenoh::pubsub::Subscriber;
-use zenoh::sample::Sample;
+use traces::Traces;
 
 /// Ask a robot for the pose that maps a source cloud onto a target cloud
 ///
@@ -278,114 +278,4 @@ pub async fn ask(
         reply,
         round_trip_ms: asked.elapsed().as_secs_f64() * 1e3,
     })
-}
-
-/// Traces as they come, and the file that they go to: frames as on a serial line.
-struct Traces {
-    published: Subscriber<FifoChannelHandler<Sample>>,
-    path: PathBuf,
-    lines: Vec<u8>,
-}
-
-impl Traces {
-    async fn start(client: &Client, fleet: &str, path: &std::path::Path) -> anyhow::Result<Traces> {
-        let key = keys::all_traces(fleet).map_err(RefineError::Request)?;
-        let published = client.session().declare_subscriber(key.as_str()).await;
-        let mut traces = Traces {
-            published: published.map_err(RefineError::Zenoh)?,
-            path: path.into(),
-            lines: Vec::new(),
-        };
-        // A file that cannot be written is known before anybody is asked.
-        traces.write()?;
-        Ok(traces)
-    }
-
-    /// Waits for the trace of an answer, and adds it to the file.
-    async fn take(&mut self, robot: &str, id: u64) -> anyhow::Result<()> {
-        let published = async {
-            loop {
-                let sample = self.published.recv_async().await;
-                let sample = sample.map_err(RefineError::Zenoh)?;
-                if keys::robot_of(sample.key_expr().as_str()) != Some(robot) {
-                    continue;
-                }
-                let frame = sample.payload().to_bytes();
-                if let Ok(Message::Trace(trace)) = wire::decode(&frame)
-                    && trace.reply.id == id
-                {
-                    return anyhow::Ok(frame.into_owned());
-                }
-            }
-        };
-        let frame = tokio::time::timeout(MARGIN, published).await;
-        let frame = frame.with_context(|| format!("robot {robot} published no trace"))??;
-        serial::write(&frame, |byte| self.lines.push(byte));
-        self.write()
-    }
-
-    fn write(&mut self) -> anyhow::Result<()> {
-        std::fs::write(&self.path, &self.lines)
-            .with_context(|| format!("cannot write {}", self.path.display()))
-    }
-}
-
-/// Errors of a pair before and after a robot's answer.
-///
-/// # Errors
-/// Pairs that the metrics refuse.
-pub fn errors(
-    pairs: &PairSet,
-    index: usize,
-    reply: &RefineReply,
-) -> anyhow::Result<[PairMetrics; 2]> {
-    let truth = GroundTruth::new(
-        &pairs.source[index],
-        &pairs.target[index],
-        pairs.raw.as_ref().map(|raw| raw[index].as_slice()),
-        pairs.target_from_source[index],
-    )
-    .with_context(|| format!("pair {index}"))?;
-    let refined = Pose::from_rows(reply.target_from_source);
-    Ok([Pose::IDENTITY, refined].map(|pose| truth.measure(pose)))
-}
-
-/// A line of the tables that `refine` and `demo` print.
-#[derive(Debug)]
-pub struct Row {
-    name: String,
-    pairs: usize,
-    /// Over all of them.
-    pub summary: Summary,
-}
-
-impl Row {
-    /// What the columns are.
-    pub const HEADER: &str = "                      pairs   ISO R deg          ISO t              recall\n                              median    mean     median   mean     (5 deg, .05)";
-
-    /// The errors of some pairs.
-    pub fn new(name: &str, pairs: &[PairMetrics]) -> Row {
-        Row {
-            name: name.into(),
-            pairs: pairs.len(),
-            summary: Summary::of(pairs),
-        }
-    }
-}
-
-impl std::fmt::Display for Row {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let s = &self.summary;
-        write!(
-            f,
-            "{:20} {:6} {:9.2} {:7.2} {:10.4} {:6.4} {:10.0} %",
-            self.name,
-            self.pairs,
-            s.r_iso_median_deg,
-            s.r_iso_deg,
-            s.t_iso_median,
-            s.t_iso,
-            100.0 * s.recall_r5_t005,
-        )
-    }
 }

@@ -42,7 +42,7 @@ fn bad_usage_has_status_2() {
 fn every_command_explains_itself() {
     let folder = folder();
     for command in [
-        "train", "eval", "register", "pairs", "export", "import", "keygen", "publish",
+        "train", "eval", "register", "pairs", "export", "import", "keygen", "publish", "replay",
     ] {
         let help = succeed(folder.path(), &format!("{command} --help"));
         assert!(

@@ -184,3 +184,6 @@ pub fn refuse_beginning(beginning: &[u8], length: usize, points: usize, busy: bo
     };
     Refusal { id, reason }
 }
+
+#[cfg(test)]
+mod tests;

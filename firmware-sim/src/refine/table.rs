@@ -1,0 +1,67 @@
+//! Errors of poses that robots gave, as a table.
+
+use anyhow::Context;
+use host_train::dataset::pairs::PairSet;
+use host_train::metrics::{GroundTruth, PairMetrics, Summary};
+use reagent_core::Pose;
+use reagent_core::wire::RefineReply;
+
+/// Errors of a pair before and after a robot's answer.
+///
+/// # Errors
+/// Pairs that the metrics refuse.
+pub(crate) fn errors(
+    pairs: &PairSet,
+    index: usize,
+    reply: &RefineReply,
+) -> anyhow::Result<[PairMetrics; 2]> {
+    let truth = GroundTruth::new(
+        &pairs.source[index],
+        &pairs.target[index],
+        pairs.raw.as_ref().map(|raw| raw[index].as_slice()),
+        pairs.target_from_source[index],
+    )
+    .with_context(|| format!("pair {index}"))?;
+    let refined = Pose::from_rows(reply.target_from_source);
+    Ok([Pose::IDENTITY, refined].map(|pose| truth.measure(pose)))
+}
+
+/// A line of the tables that `refine` and `demo` print.
+#[derive(Debug)]
+pub(crate) struct Row {
+    name: String,
+    pairs: usize,
+    /// Over all of them.
+    pub(crate) summary: Summary,
+}
+
+impl Row {
+    /// What the columns are.
+    pub(crate) const HEADER: &str = "                      pairs   ISO R deg          ISO t              recall\n                              median    mean     median   mean     (5 deg, .05)";
+
+    /// The errors of some pairs.
+    pub(crate) fn new(name: &str, pairs: &[PairMetrics]) -> Row {
+        Row {
+            name: name.into(),
+            pairs: pairs.len(),
+            summary: Summary::of(pairs),
+        }
+    }
+}
+
+impl std::fmt::Display for Row {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let s = &self.summary;
+        write!(
+            f,
+            "{:20} {:6} {:9.2} {:7.2} {:10.4} {:6.4} {:10.0} %",
+            self.name,
+            self.pairs,
+            s.r_iso_median_deg,
+            s.r_iso_deg,
+            s.t_iso_median,
+            s.t_iso,
+            100.0 * s.recall_r5_t005,
+        )
+    }
+}

@@ -57,6 +57,8 @@ pub const SCRATCH_BYTES: usize = core::mem::size_of::<crate::net::Scratch>();
 pub const REGISTRATION_BYTES: usize = core::mem::size_of::<crate::register::Registration<'_>>();
 /// RAM of two clouds of the paper's 1024 points, bytes.
 pub const CLOUD_BYTES: usize = 2 * 1024 * 3 * core::mem::size_of::<f32>();
+/// RAM of the same on a grid of 16-bit codes ([`crate::cloud::Cloud::Grid`]), bytes.
+pub const GRID_CLOUD_BYTES: usize = 2 * 1024 * 3 * core::mem::size_of::<i16>();
 /// Flash of a policy of the largest shape in 8-bit integers, bytes.
 pub const POLICY_BYTES: usize = file_len(&Shape::FULL, FORMAT_INT8);
 /// Flash of a policy of the compact shape in 8-bit integers, bytes.

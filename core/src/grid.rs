@@ -18,6 +18,12 @@ pub struct Grid {
 }
 
 impl Grid {
+    /// Codes are the coordinates.
+    pub(crate) const UNIT: Grid = Grid {
+        origin: [0.0; 3],
+        step: 1.0,
+    };
+
     /// The finest grid whose codes cover the bounding box of `points [N, 3]`.
     ///
     /// A coordinate `x` of the cloud comes back from [`Grid::encode`] and [`Grid::decode`] within
@@ -72,7 +78,7 @@ impl Grid {
         codes
     }
 
-    /// The point of a code. Not finite where the grid is not: [`crate::register::check_cloud`] refuses such
+    /// The point of a code. Not finite where the grid is not: [`crate::cloud::Cloud::check`] refuses such
     /// clouds.
     pub fn decode(&self, codes: [i16; 3]) -> [f32; 3] {
         let mut point = [0.0; 3];

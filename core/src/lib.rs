@@ -52,6 +52,7 @@
 )]
 
 pub mod chamfer;
+pub mod cloud;
 pub mod dims;
 pub mod error;
 pub mod golden;
@@ -78,6 +79,7 @@ pub mod verify;
 pub mod weights;
 pub mod wire;
 
+pub use cloud::Cloud;
 pub use error::Error;
 pub use grid::Grid;
 pub use pose::Pose;

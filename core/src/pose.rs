@@ -113,13 +113,19 @@ impl Pose {
 
 /// Mean of the points, summed in f64 in order. Zero for an empty slice.
 pub fn centroid(points: &[[f32; 3]]) -> Vec3 {
-    let mut sum = [0.0f64; 3];
+    mean(points.iter().copied())
+}
+
+/// As [`centroid`].
+pub(crate) fn mean(points: impl Iterator<Item = [f32; 3]>) -> Vec3 {
+    let (mut sum, mut count) = ([0.0f64; 3], 0u32);
     for point in points {
-        for (s, &x) in sum.iter_mut().zip(point) {
+        for (s, x) in sum.iter_mut().zip(point) {
             *s += f64::from(x);
         }
+        count += 1;
     }
-    let n = points.len().max(1) as f64;
+    let n = f64::from(count.max(1));
     Vec3::from_array(sum.map(|s| (s / n) as f32))
 }
 

@@ -1,10 +1,11 @@
 //! One registration: observe, embed, arg-max, accumulate, verdict.
 
-use crate::dims::{AXES, HEAD, LOGITS, MAX_POINTS, MIN_POINTS, STEP_SIZES};
+use crate::cloud::Cloud;
+use crate::dims::{AXES, HEAD, LOGITS, QUANT_TILE, STEP_SIZES};
 use crate::error::Error;
 use crate::kernels::Isa;
 use crate::net::{self, FloatScratch, Memory, Scratch, TargetHalf, View};
-use crate::pose::{Pose, centroid};
+use crate::pose::{Pose, mean};
 use crate::quant::{self, TargetSums};
 use crate::steps::Action;
 use crate::verdict::Verdict;
@@ -35,13 +36,21 @@ impl Frame {
     /// The target's frame: its mean at the origin, its farthest point at distance 1.
     ///
     /// # Errors
-    /// As [`check_cloud`]; [`Error::NoExtent`] where all points coincide.
+    /// As [`Cloud::check`]; [`Error::NoExtent`] where all points coincide.
     pub fn of(target: &[[f32; 3]]) -> Result<Frame, Error> {
-        check_cloud(target)?;
-        let centre = centroid(target);
+        Frame::of_cloud(Cloud::F32(target))
+    }
+
+    /// As [`Frame::of`].
+    ///
+    /// # Errors
+    /// As [`Frame::of`].
+    pub fn of_cloud(target: Cloud<'_>) -> Result<Frame, Error> {
+        target.check()?;
+        let centre = mean(target.points());
         let scale = target
-            .iter()
-            .map(|&p| (Vec3::from_array(p) - centre).length())
+            .points()
+            .map(|p| (Vec3::from_array(p) - centre).length())
             .fold(0.0, f32::max);
         if scale > 0.0 && scale.is_finite() {
             Ok(Frame { centre, scale })
@@ -51,23 +60,12 @@ impl Frame {
     }
 }
 
-/// Refuses clouds that cannot be registered: empty, too few or too many points, not finite.
+/// As [`Cloud::check`].
+///
+/// # Errors
+/// As [`Cloud::check`].
 pub fn check_cloud(points: &[[f32; 3]]) -> Result<(), Error> {
-    match points.len() {
-        0 => return Err(Error::EmptyCloud),
-        n if n < MIN_POINTS => return Err(Error::TooFewPoints { points: n }),
-        n if n > MAX_POINTS => {
-            return Err(Error::TooManyPoints {
-                points: n,
-                capacity: MAX_POINTS,
-            });
-        }
-        _ => {}
-    }
-    match points.iter().position(|p| !p.iter().all(|x| x.is_finite())) {
-        Some(index) => Err(Error::NotFinite { index }),
-        None => Ok(()),
-    }
+    Cloud::F32(points).check()
 }
 
 /// What the policy saw and did in one step.
@@ -102,9 +100,9 @@ enum TargetState {
 /// A registration under way: the accumulated pose and what stays constant over its steps.
 #[derive(Clone, Debug)]
 pub struct Registration<'c> {
-    source: &'c [[f32; 3]],
+    source: Cloud<'c>,
     /// Of the target, what is still to be embedded; nothing afterwards.
-    unseen: &'c [[f32; 3]],
+    unseen: Cloud<'c>,
     /// Points embedded of the cloud under way, if the scratch still says that it is this one's turn.
     seen: usize,
     turn: u32,
@@ -151,8 +149,8 @@ impl Registration<'_> {
     /// A place for a registration, of no points: see [`Registrar::start_in`].
     pub const fn new() -> Self {
         Registration {
-            source: &[],
-            unseen: &[],
+            source: Cloud::EMPTY,
+            unseen: Cloud::EMPTY,
             seen: 0,
             turn: 0,
             heads: 0,
@@ -232,17 +230,17 @@ impl<'c> Registration<'c> {
     /// Checks everything and begins: no step taken, no target embedded.
     fn begin(
         &mut self,
-        source: &'c [[f32; 3]],
-        target: &[[f32; 3]],
+        source: Cloud<'c>,
+        target: Cloud<'_>,
         frame: Frame,
         initial: Pose,
     ) -> Result<(), Error> {
-        check_cloud(source)?;
-        check_cloud(target)?;
-        let centroid = centroid(source);
+        source.check()?;
+        target.check()?;
+        let centroid = mean(source.points());
         let initial = initial.checked()?.to_disentangled(centroid);
         self.source = source;
-        self.unseen = &[];
+        self.unseen = Cloud::EMPTY;
         self.seen = 0;
         self.heads = 0;
         self.centroid = centroid;
@@ -337,7 +335,7 @@ impl<'w, 's> Registrar<'w, 's> {
         frame: Frame,
         initial: Pose,
     ) -> Result<(), Error> {
-        registration.begin(source, target, frame, initial)?;
+        registration.begin(Cloud::F32(source), Cloud::F32(target), frame, initial)?;
         let view = registration.target_view();
         self.scratch.begin();
         self.embed(target, &view);
@@ -444,7 +442,7 @@ impl<'w, 's> Registrar<'w, 's> {
         registration.seen = 0;
         registration.heads = 0;
         registration.turn = self.scratch.begin();
-        self.embed(registration.source, &registration.view());
+        self.embed_cloud(registration.source, &registration.view());
         self.finish();
     }
 
@@ -454,6 +452,23 @@ impl<'w, 's> Registrar<'w, 's> {
             (&self.policy.network, &mut self.scratch.memory)
         {
             quant::finish(network, scratch);
+        }
+    }
+
+    /// Embeds points of the cloud under way, a tile at a time where they have to be decoded.
+    fn embed_cloud(&mut self, cloud: Cloud<'_>, view: &View) {
+        let (grid, codes) = match cloud {
+            Cloud::F32(points) => return self.embed(points, view),
+            Cloud::Grid(grid, codes) => (grid, codes),
+        };
+        let mut tile = [[0.0; 3]; QUANT_TILE];
+        for codes in codes.chunks(QUANT_TILE) {
+            for (point, &code) in tile.iter_mut().zip(codes) {
+                *point = grid.decode(code);
+            }
+            if let Some(points) = tile.get(..codes.len()) {
+                self.embed(points, view);
+            }
         }
     }
 

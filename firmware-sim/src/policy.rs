@@ -3,6 +3,7 @@
 use crate::board::BoardError;
 use crate::flash::FlashError;
 use ed25519_dalek::{Signature, VerifyingKey};
+use reagent_core::kernels::Tile;
 use reagent_core::net::Scratch;
 use reagent_core::wire::{self, Manifest, Message, SignedManifest, keys::Hex};
 use reagent_core::{Error, Policy, Registrar};
@@ -144,6 +145,8 @@ pub struct LoadedPolicy {
     words: Vec<u32>,
     /// Bytes of the file.
     length: usize,
+    /// See [`Policy::with_split`].
+    split: Vec<Tile>,
 }
 
 impl LoadedPolicy {
@@ -161,13 +164,26 @@ impl LoadedPolicy {
         }
         let mut words = vec![0u32; bytes.len().div_ceil(4)];
         bytemuck::cast_slice_mut(&mut words)[..bytes.len()].copy_from_slice(bytes);
-        let loaded = LoadedPolicy {
+        let mut loaded = LoadedPolicy {
             manifest,
             words,
             length: bytes.len(),
+            split: Vec::new(),
         };
-        Policy::parse(loaded.bytes()).map_err(UpdateError::Policy)?;
+        let policy = Policy::parse(loaded.bytes()).map_err(UpdateError::Policy)?;
+        let mut split = vec![Tile::ZERO; policy.split_tiles().unwrap_or(0)];
+        policy.pack_split(&mut split);
+        loaded.split = split;
         Ok(loaded)
+    }
+
+    /// The policy in the file.
+    ///
+    /// # Errors
+    /// `Policy`; none as long as memory is intact.
+    pub fn policy(&self) -> Result<Policy<'_>, UpdateError> {
+        let policy = Policy::parse(self.bytes()).map_err(UpdateError::Policy)?;
+        Ok(policy.with_split(&self.split))
     }
 
     /// Has the policy do what its manifest says it does.
@@ -175,7 +191,7 @@ impl LoadedPolicy {
     /// # Errors
     /// `Policy`, `SelfTest`.
     pub fn test(&self) -> Result<(), UpdateError> {
-        let policy = Policy::parse(self.bytes()).map_err(UpdateError::Policy)?;
+        let policy = self.policy()?;
         let mut scratch = Box::new(Scratch::new());
         let passed = Registrar::new(policy, &mut scratch).passes(&self.manifest.golden);
         match passed.map_err(UpdateError::Policy)? {

@@ -13,7 +13,7 @@ use reagent_core::wire::{
     self, Cloud, CloudView, KernelName, Message, Mode, PolicyId, Reason, RefineReply,
     RefineRequest, Refusal, StepsView, Trace, keys, step_bytes,
 };
-use reagent_core::{Frame, Policy, Pose, Registrar, Verdict};
+use reagent_core::{Frame, Pose, Registrar, Verdict};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tokio::runtime::Handle;
@@ -43,7 +43,7 @@ pub(crate) fn serve(
     loop {
         let loaded = policies.borrow_and_update().clone();
         let mut engine = loaded.as_deref().and_then(|loaded| {
-            let policy = Policy::parse(loaded.bytes()).ok()?;
+            let policy = loaded.policy().ok()?;
             let manifest = loaded.manifest();
             Some(Engine {
                 registrar: Registrar::new(policy, &mut scratch),

@@ -151,6 +151,24 @@ ReagentStatus reagent_advance(ReagentMemory *memory,
 // `memory` is as reagent_set_source left it; `step` is null or points to a step.
 ReagentStatus reagent_step(ReagentMemory *memory, ReagentStep *step);
 
+#if defined(REAGENT_PRETRAINED_INT8)
+// The policy that ships with ReAgent in 8-bit integers, for reagent_init; its bytes into `length`. Of a
+// library built with the feature pretrained-int8: define REAGENT_PRETRAINED_INT8.
+//
+// # Safety
+// `length` points to a size, or is null.
+const uint8_t *reagent_pretrained_int8(size_t *length);
+#endif
+
+#if defined(REAGENT_PRETRAINED_COMPACT)
+// The policy for small microcontrollers, for reagent_init; its bytes into `length`. Of a library built with
+// the feature pretrained-compact: define REAGENT_PRETRAINED_COMPACT.
+//
+// # Safety
+// `length` points to a size, or is null.
+const uint8_t *reagent_pretrained_compact(size_t *length);
+#endif
+
 // Where the registration is.
 //
 // # Safety

@@ -46,3 +46,19 @@ fn every_error_has_a_status() {
     let range = Error::WeightsRange { layer: 2 };
     assert_eq!(ReagentStatus::from(range), ReagentStatus::WeightsDamaged);
 }
+
+#[cfg(all(feature = "pretrained-int8", feature = "pretrained-compact"))]
+#[test]
+fn linked_policies_are_ready_for_use() {
+    let mut memory = memory();
+    let memory: *mut ReagentMemory = &raw mut *memory;
+    for linked in [reagent_pretrained_int8, reagent_pretrained_compact] {
+        let mut length = 0;
+        // SAFETY: pointers to live values, and a file as long as it is said to be.
+        unsafe {
+            let file = linked(&raw mut length);
+            assert_eq!(linked(null_mut()), file);
+            assert_eq!(reagent_init(memory, file, length), ReagentStatus::Ok);
+        }
+    }
+}

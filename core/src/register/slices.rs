@@ -19,6 +19,7 @@
 //! ```
 
 use super::{Frame, Registrar, Registration, Step};
+use crate::cloud::Cloud;
 use crate::error::Error;
 use crate::pose::Pose;
 
@@ -33,6 +34,22 @@ impl Registrar<'_, '_> {
         registration: &mut Registration<'c>,
         source: &'c [[f32; 3]],
         target: &'c [[f32; 3]],
+        frame: Frame,
+        initial: Pose,
+    ) -> Result<(), Error> {
+        let (source, target) = (Cloud::F32(source), Cloud::F32(target));
+        self.begin_clouds(registration, source, target, frame, initial)
+    }
+
+    /// As [`Registrar::begin_in`], of clouds in either format: on a grid they take half of the memory.
+    ///
+    /// # Errors
+    /// As [`Registrar::start_in`].
+    pub fn begin_clouds<'c>(
+        &mut self,
+        registration: &mut Registration<'c>,
+        source: Cloud<'c>,
+        target: Cloud<'c>,
         frame: Frame,
         initial: Pose,
     ) -> Result<(), Error> {
@@ -59,11 +76,11 @@ impl Registrar<'_, '_> {
             registration.heads = 0;
             registration.turn = self.scratch.begin();
         }
-        let rest = cloud.get(registration.seen..).unwrap_or(&[]);
-        let next = rest.get(..points.max(1)).unwrap_or(rest);
-        if !next.is_empty() {
-            self.embed(next, &view);
-            registration.seen += next.len();
+        let seen = registration.seen;
+        let end = seen.saturating_add(points.max(1)).min(cloud.len());
+        if seen < end {
+            self.embed_cloud(cloud.part(seen..end), &view);
+            registration.seen = end;
             return None;
         }
         let head = registration.heads;
@@ -77,7 +94,7 @@ impl Registrar<'_, '_> {
         if of_target {
             self.read_target(registration, head);
             if head > 0 {
-                registration.unseen = &[];
+                registration.unseen = Cloud::EMPTY;
             }
             return None;
         }

@@ -102,6 +102,18 @@ impl Refiner<'_> {
     /// # Errors
     /// [`Error::BadPose`] for an initial pose that is not rigid.
     pub fn verify(&mut self, initial: Pose) -> Result<Verified, Error> {
+        self.verify_while(initial, || Ok(()))
+    }
+
+    /// As [`Self::verify`], asking before every hypothesis whether to go on.
+    ///
+    /// # Errors
+    /// As [`Self::verify`], and whatever `go_on` returns.
+    pub fn verify_while<E: From<Error>>(
+        &mut self,
+        initial: Pose,
+        mut go_on: impl FnMut() -> Result<(), E>,
+    ) -> Result<Verified, E> {
         let initial_inside = self.inside(initial.checked()?);
         let polished = self.polish_inside(initial_inside);
         let mut verified = Verified {
@@ -119,17 +131,20 @@ impl Refiner<'_> {
         let turned = turns(target_axes).map(|by| by.after(turn));
         let aligned = alignments().map(|signed| target_axes * signed * source_axes.transpose());
         for turn in turned.chain(aligned.map(|rotation| Turn::of(&rotation))) {
+            go_on()?;
             verified.hypotheses += 1;
             let (at, _) = self.run(Rigid { turn, shift }, &SCREEN);
             screened.offer(self.score(at, SCREEN.points, RESIDUAL_SCALE), at);
         }
         let mut spun = Best::<SPINS_SIFTED>([None; SPINS_SIFTED]);
         for at in self.spins(polished.at) {
+            go_on()?;
             verified.hypotheses += 1;
             spun.offer(self.score(at, SPIN_POINTS, SPIN_SCALE), at);
         }
         let mut sifted = Best::<POLISHED>([None; POLISHED]);
         for (_, at) in screened.0.into_iter().chain(spun.0).flatten() {
+            go_on()?;
             let (at, _) = self.run(at, &SIFT);
             sifted.offer(self.score(at, SIFT.points, RESIDUAL_SCALE), at);
         }
@@ -148,6 +163,7 @@ impl Refiner<'_> {
             .flatten()
             .filter(|held| held.0 <= close);
         for (other, (_, at)) in others.iter_mut().zip(sifted) {
+            go_on()?;
             let found = self.polish_inside(at);
             *other = Some(found);
             let to_beat = best.residual.mean() * if best.at == polished.at { BETTER } else { 1.0 };
@@ -288,6 +304,46 @@ mod tests {
         }
         let kept = verify(&source, &target, truth);
         assert_eq!(kept.best, kept.polished);
+    }
+
+    #[test]
+    fn it_ends_when_told_to() {
+        #[derive(Debug, PartialEq)]
+        enum Ended {
+            Told,
+            Failed(Error),
+        }
+        impl From<Error> for Ended {
+            fn from(error: Error) -> Self {
+                Ended::Failed(error)
+            }
+        }
+        let target = part(900, 2);
+        let mut workspace = Box::new(Workspace::new());
+        let mut refiner = Refiner::new(&part(800, 1), &target, &mut workspace).expect("valid");
+        let far = pose([core::f32::consts::PI, 0.0, 0.0], [0.1, 0.0, 0.0]);
+        let mut asked = 0;
+        let whole = refiner.verify_while(far, || {
+            asked += 1;
+            Ok::<(), Ended>(())
+        });
+        let whole = whole.expect("nobody ends it");
+        // Before each hypothesis, and before each that is sifted or polished.
+        assert!(asked > whole.hypotheses, "{asked}");
+        for last in [1, whole.hypotheses, asked] {
+            let mut left = last;
+            let ended = refiner.verify_while(far, || {
+                left -= 1;
+                if left == 0 { Err(Ended::Told) } else { Ok(()) }
+            });
+            assert_eq!((ended, left), (Err(Ended::Told), 0));
+        }
+        let bad = Pose {
+            rotation: glam::Mat3::ZERO,
+            ..far
+        };
+        let failed = refiner.verify_while(bad, || Err(Ended::Told));
+        assert!(matches!(failed, Err(Ended::Failed(Error::BadPose))));
     }
 
     #[test]

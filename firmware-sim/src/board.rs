@@ -2,10 +2,11 @@
 
 use reagent_core::wire::serial::{self, CHECK_BYTES, Decoder, Line};
 use reagent_core::wire::{
-    self, Chunk, FLASH_HEADER_BYTES, Manifest, Message, Reason, RefineReply, Refusal,
+    self, Cancel, Chunk, FLASH_HEADER_BYTES, Manifest, Message, Reason, RefineReply, Refusal,
     SMALL_FRAME_BYTES, Status, StepTaken,
 };
 use std::io::{self, Read, Write};
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, Command, Stdio};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
@@ -371,25 +372,35 @@ impl Board {
         .map(|report| (status, report))
     }
 
-    /// Sends the frame of a request, and waits for its answer; `step` gets every step meanwhile.
+    /// Sends the frame of a request, and waits for its answer; `step` gets every step meanwhile. Where it
+    /// breaks off the request is taken back, and the answer is most likely a refusal for that.
     ///
     /// # Errors
     /// `Restarted`; as [`Board::receive`].
     pub fn refine(
         &mut self,
         request: &[u8],
-        mut step: impl FnMut(StepTaken),
+        mut step: impl FnMut(StepTaken) -> ControlFlow<()>,
     ) -> Result<Result<RefineReply, Refusal>, BoardError> {
         self.send_frame(request)?;
-        self.wait_for(|message| match message {
-            Message::StepTaken(taken) => {
-                step(taken);
-                None
+        loop {
+            let heard = self.wait_for(|message| match message {
+                Message::StepTaken(taken) => Some(Err(taken)),
+                Message::RefineReply(reply) => Some(Ok(Ok(reply))),
+                Message::Refusal(refusal) => Some(Ok(Err(refusal))),
+                _ => None,
+            })?;
+            match heard {
+                Ok(answer) => return Ok(answer),
+                Err(taken) => {
+                    if step(taken).is_break()
+                        && let Ok(Message::RefineRequest(request)) = wire::decode(request)
+                    {
+                        self.send(&Message::Cancel(Cancel::of(&request)))?;
+                    }
+                }
             }
-            Message::RefineReply(reply) => Some(Ok(reply)),
-            Message::Refusal(refusal) => Some(Err(refusal)),
-            _ => None,
-        })
+        }
     }
 
     /// Writes a policy into the board's flash, chunk by chunk.

@@ -4,11 +4,11 @@
 use crate::board::{Board, BoardError};
 use crate::policy::{LoadedPolicy, UpdateError};
 use crate::queue::{Queue, Stop};
-use crate::service::{Outlet, read_request};
+use crate::service::{Outlet, Work, next_work, read_request};
 use crate::view::View;
 use reagent_core::wire::{Manifest, Reason, RefineReply, Refusal};
+use std::ops::ControlFlow;
 use std::sync::Arc;
-use tokio::runtime::Handle;
 use tokio::sync::watch;
 
 /// Hands requests to the board until the queue is closed, and every new policy, between requests.
@@ -21,40 +21,39 @@ pub(crate) fn serve(
     let mut in_flash = None;
     policies.mark_changed();
     loop {
-        let job = Handle::current().block_on(async {
-            tokio::select! {
-                biased;
-                changed = policies.changed() => changed.is_err().then_some(None),
-                job = queue.next() => Some(job),
-            }
-        });
-        match job {
-            None => {
+        match next_work(queue, &mut policies) {
+            None => return,
+            Some(Work::Policy) => {
                 let loaded = policies.borrow_and_update().clone();
                 if let Some(loaded) = loaded {
                     load(&mut board, &mut in_flash, &loaded, &outlet.view);
                 }
             }
-            Some(Some(job)) => {
+            Some(Work::Job(job)) => {
                 let payload = job.query.payload().map(|p| p.to_bytes());
                 let payload = payload.unwrap_or_default();
-                let answer = match job.check() {
-                    Ok(()) => {
-                        let answer = board.refine(&payload, |_| {});
-                        if let Err(BoardError::Restarted) = answer {
-                            policies.mark_changed();
-                        }
-                        answer.unwrap_or_else(|error| failed(&error, &payload))
+                let answer = job.check().ok().map(|()| {
+                    let answer = board.refine(&payload, |_| match job.check() {
+                        Ok(()) => ControlFlow::Continue(()),
+                        Err(_) => ControlFlow::Break(()),
+                    });
+                    if let Err(BoardError::Restarted) = answer {
+                        policies.mark_changed();
                     }
-                    Err(Stop::Deadline) => refusal(&payload, Reason::Deadline),
-                    Err(Stop::TakenBack) => {
+                    answer.unwrap_or_else(|error| failed(&error, &payload))
+                });
+                queue.done();
+                let answer = match (job.check(), answer) {
+                    (Err(Stop::TakenBack), _) => {
                         outlet.view.send_modify(View::count_taken_back);
                         continue;
                     }
+                    (_, Some(Ok(reply))) => Ok(reply),
+                    (Ok(()), Some(refused)) => refused,
+                    (Err(Stop::Deadline), _) | (_, None) => refusal(&payload, Reason::Deadline),
                 };
                 outlet.settle(&job.query, answer);
             }
-            Some(None) => return,
         }
     }
 }

@@ -4,7 +4,7 @@ use crate::board::Board;
 use crate::bridge;
 use crate::policy::UpdateError;
 use crate::presence::{draw_instance, follow_clients, instances, watch_for_duplicates};
-pub use crate::queue::QUEUE;
+pub use crate::queue::PLACES;
 use crate::queue::Queue;
 use crate::service::{Outlet, serve, small_frame};
 use crate::updates::Updates;

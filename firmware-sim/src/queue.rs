@@ -11,10 +11,10 @@ use std::time::{Duration, Instant};
 use tokio::sync::{Notify, watch};
 use zenoh::query::Query;
 
-/// Requests that wait while one runs; one more is refused as busy.
-pub const QUEUE: usize = 4;
+/// Requests in hand, the one at work included; one more is refused as busy.
+pub const PLACES: usize = 5;
 /// Of these, how many one client may hold: it does not shut out the others.
-const SHARE: usize = QUEUE - 1;
+const SHARE: usize = PLACES - 1;
 /// Requests a second beyond which they are refused unread: several times what a robot can answer.
 const RATE: f64 = 2000.0;
 /// Longest time that a request holds its place, whatever it asks for.
@@ -75,6 +75,14 @@ struct State {
     /// The job at work, and how to tell that it has been taken back.
     running: Option<(Cancel, Arc<AtomicBool>)>,
     closed: bool,
+}
+
+impl State {
+    /// Every request that has a place.
+    fn held(&self) -> impl Iterator<Item = Cancel> + '_ {
+        let running = self.running.iter().map(|(asked, _)| *asked);
+        running.chain(self.waiting.iter().map(|job| job.asked))
+    }
 }
 
 /// What is left of a second's requests.
@@ -157,9 +165,10 @@ impl Queue {
             taken_back: Arc::default(),
         };
         let mut state = self.state();
-        let of_client = |job: &&Job| asked.client != 0 && job.asked.client == asked.client;
-        let held = state.waiting.iter().filter(of_client).count();
-        if state.closed || state.waiting.len() >= QUEUE || held >= SHARE {
+        let held = state.held().count();
+        let of_client = |other: &Cancel| asked.client != 0 && other.client == asked.client;
+        let share = state.held().filter(of_client).count();
+        if state.closed || held >= PLACES || share >= SHARE {
             drop(state);
             self.view.send_modify(|view| view.refused += 1);
             return job.refuse(Reason::Busy);
@@ -178,7 +187,6 @@ impl Queue {
         loop {
             {
                 let mut state = self.state();
-                state.running = None;
                 if state.closed {
                     return None;
                 }
@@ -189,6 +197,11 @@ impl Queue {
             }
             self.arrived.notified().await;
         }
+    }
+
+    /// Gives the place of the job at work to others; before its answer is sent, so that whoever gets that finds it free.
+    pub(crate) fn done(&self) {
+        self.state().running = None;
     }
 
     /// Refuses jobs whose time passes while they wait, until the queue is closed.

@@ -13,7 +13,7 @@ use reagent_core::wire::{
     self, Cloud, CloudView, KernelName, Message, Mode, PolicyId, Reason, RefineReply,
     RefineRequest, Refusal, StepsView, Trace, keys, step_bytes,
 };
-use reagent_core::{Frame, Pose, Registrar, Verdict};
+use reagent_core::{Error, Frame, Pose, Registrar, Verdict};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tokio::runtime::Handle;
@@ -39,7 +39,6 @@ pub(crate) fn serve(
 ) {
     let mut scratch = Box::new(Scratch::new());
     let mut buffers = Buffers::new();
-    let mut waiting = None;
     loop {
         let loaded = policies.borrow_and_update().clone();
         let mut engine = loaded.as_deref().and_then(|loaded| {
@@ -54,17 +53,16 @@ pub(crate) fn serve(
             })
         });
         loop {
-            let next = || Handle::current().block_on(queue.next());
-            let Some(job) = waiting.take().or_else(next) else {
-                return;
+            let job = match next_work(queue, &mut policies) {
+                Some(Work::Job(job)) => job,
+                Some(Work::Policy) => break,
+                None => return,
             };
-            if policies.has_changed().unwrap_or(false) {
-                waiting = Some(job);
-                break;
-            }
             let payload = job.query.payload().map(|p| p.to_bytes());
             let payload = payload.unwrap_or_default();
-            match answer(engine.as_mut(), &mut buffers, &payload, &job) {
+            let answer = answer(engine.as_mut(), &mut buffers, &payload, &job);
+            queue.done();
+            match answer {
                 Ok((reply, trace)) => {
                     outlet.settle(&job.query, Ok(reply));
                     if let Some(trace) = trace {
@@ -78,6 +76,27 @@ pub(crate) fn serve(
             }
         }
     }
+}
+
+/// What a worker does next.
+pub(crate) enum Work {
+    /// Take up the policy that has come: checked and packed before the next request, which so need not wait for it.
+    Policy,
+    Job(Job),
+}
+
+/// Waits for work; `None` when the queue is closed.
+pub(crate) fn next_work(
+    queue: &Queue,
+    policies: &mut watch::Receiver<Option<Arc<LoadedPolicy>>>,
+) -> Option<Work> {
+    Handle::current().block_on(async {
+        tokio::select! {
+            biased;
+            changed = policies.changed() => changed.ok().map(|()| Work::Policy),
+            job = queue.next() => job.map(Work::Job),
+        }
+    })
 }
 
 /// A policy at work.
@@ -108,6 +127,18 @@ impl Buffers {
 enum Ended {
     Refused(Refusal),
     TakenBack,
+}
+
+/// Why a verification did not end.
+enum Interrupted {
+    Stop(Ended),
+    Failed(Error),
+}
+
+impl From<Error> for Interrupted {
+    fn from(error: Error) -> Self {
+        Interrupted::Failed(error)
+    }
 }
 
 /// Registers the clouds of a request; its trace too, where it wants one.
@@ -172,7 +203,11 @@ fn answer(
             let found = refiner.polish(pose).map_err(failed)?;
             (found.target_from_source, Evidence::polished(&found))
         } else {
-            let found = refiner.verify(pose).map_err(failed)?;
+            let found = refiner.verify_while(pose, || check().map_err(Interrupted::Stop));
+            let found = found.map_err(|interrupted| match interrupted {
+                Interrupted::Stop(ended) => ended,
+                Interrupted::Failed(error) => failed(error),
+            })?;
             (found.best.target_from_source, Evidence::verified(&found))
         };
         reply.target_from_source = pose.to_rows();

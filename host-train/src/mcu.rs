@@ -14,6 +14,7 @@ use crate::publish;
 use reagent_core::dims::{CLOUD_BYTES, STEPS};
 use reagent_core::wire::{self, CloudView, Message, REQUEST_OVERHEAD_BYTES, RefineRequest};
 use serde::{Deserialize, Serialize};
+use std::ops::ControlFlow;
 use std::path::Path;
 
 /// Points of each cloud.
@@ -178,7 +179,7 @@ fn run(
     let mut board = Board::start(kind, image, simulation)?;
     board.status_and_report()?;
     board
-        .refine(frame, |_| {})?
+        .refine(frame, |_| ControlFlow::Continue(()))?
         .map_err(|refusal| McuError::Refused(refusal.reason))?;
     Ok(board.ask()?.1)
 }

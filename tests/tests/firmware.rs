@@ -16,7 +16,7 @@ use bits::{bits, trajectory};
 use firmware_sim::board::{
     Board, BoardError, Kind, Simulation, build_image, check_simulator, flash_content,
 };
-use firmware_sim::client::{self, RefineError};
+use firmware_sim::client::{self, Client, RefineError};
 use firmware_sim::node::{Node, NodeConfig};
 use host_train::dataset::procedural;
 use host_train::export::WeightFile;
@@ -30,6 +30,7 @@ use reagent_core::wire::serial::{self, line_bytes};
 use reagent_core::wire::{
     self, Chunk, Cloud, CloudView, Manifest, Message, Reason, RefineRequest, Refusal,
 };
+use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::sync::LazyLock;
 use std::thread;
@@ -249,6 +250,25 @@ fn bad_requests_are_refused_by_name() {
 }
 
 #[test]
+fn a_request_that_is_taken_back_ends() {
+    on_boards(true, |_, mut board| {
+        board.status_and_report().expect("it runs");
+        let cloud = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        let mut steps = 0;
+        let ended = board.refine(&request(1, 255, &cloud, &cloud), |_| {
+            steps += 1;
+            ControlFlow::Break(())
+        });
+        let reason = Reason::TakenBack;
+        let ended = ended.expect("it runs");
+        assert_eq!(ended, Err(Refusal { id: 1, reason }));
+        assert!(steps < 255, "{steps}");
+        // Nothing is left of it on the line.
+        still_answers(&POLICY, &mut board, 50);
+    });
+}
+
+#[test]
 fn a_million_random_bytes_leave_it_answering() {
     const BYTES: usize = 1_000_000;
     on_boards(true, |kind, mut board| {
@@ -281,7 +301,9 @@ fn a_policy_comes_over_the_line_and_counts_when_it_is_whole() {
         assert_eq!(status.policy, None);
         let target = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
         let frame = request(1, 1, &target, &target);
-        let refused = board.refine(&frame, |_| {}).expect("it runs");
+        let refused = board
+            .refine(&frame, |_| ControlFlow::Continue(()))
+            .expect("it runs");
         let reason = Reason::NoPolicy;
         assert_eq!(refused, Err(Refusal { id: 1, reason }));
 
@@ -363,6 +385,20 @@ async fn a_board_serves_a_fleet() {
         (bits(reply.target_from_source), reply.policy_version),
         (last, 3)
     );
+
+    // What nobody waits for ends on the board, too.
+    let leaving = Client::new(network.join().await, FLEET).await;
+    let leaving = leaving.expect("a good name");
+    let long = RefineRequest {
+        max_steps: 255,
+        ..request
+    };
+    tokio::select! {
+        answer = leaving.refine("board", &long) => panic!("{answer:?}"),
+        _ = until(&node, |view| view.in_hand == 1) => {}
+    }
+    let view = until(&node, |view| view.in_hand == 0).await;
+    assert_eq!((view.taken_back, view.served), (1, 1));
 
     // A policy that its flash has no room for: it keeps the one it has, and says why.
     let float = publisher.publish(4, "f32", WeightFile::pretrained());

@@ -1,4 +1,4 @@
-//! Who may do what, with the configurations that `firmware-sim/deploy/make-ca` writes, on real TLS sessions.
+//! Who may do what, with the configurations that `firmware-sim/deploy/make-ca` writes, on real sessions over QUIC.
 
 mod support;
 
@@ -7,7 +7,7 @@ use firmware_sim::node::{Node, NodeConfig};
 use firmware_sim::session::{SessionArgs, open};
 use host_train::publish::{Publisher, manifest, sign};
 use reagent_core::wire::{self, RefineRequest, keys};
-use std::net::TcpListener;
+use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Duration;
@@ -44,15 +44,15 @@ fn make_ca(folder: &Path, port: u16) -> bool {
 impl Secured {
     async fn start() -> Option<Secured> {
         let folder = tempfile::tempdir().expect("a temporary directory");
-        let listener = TcpListener::bind("127.0.0.1:0").expect("a free port");
-        let port = listener.local_addr().expect("it is bound").port();
-        drop(listener);
+        let socket = UdpSocket::bind("127.0.0.1:0").expect("a free port");
+        let port = socket.local_addr().expect("it is bound").port();
+        drop(socket);
         if !make_ca(folder.path(), port) {
             return None;
         }
         let args = SessionArgs {
             zenoh: Some(folder.path().join("router.json5")),
-            listen: vec![format!("tls/127.0.0.1:{port}")],
+            listen: vec![format!("quic/127.0.0.1:{port}?multistream=0")],
             ..SessionArgs::default()
         };
         Some(Secured {
@@ -244,7 +244,7 @@ async fn strangers_are_not_let_in() {
     // And a right one that does not trust the router.
     let other_router = text.replace(&format!("{mine}/ca.pem"), &format!("{theirs}/ca.pem"));
     let plain = SessionArgs {
-        connect: vec![format!("tcp/127.0.0.1:{}", secured.port)],
+        connect: vec![format!("quic/127.0.0.1:{}?multistream=0", secured.port)],
         ..SessionArgs::default()
     };
     let by_file = |name, text| SessionArgs {
@@ -260,7 +260,7 @@ async fn strangers_are_not_let_in() {
     let [a, b, c, d] = attempts.each_ref().map(open);
     let (a, b, c, d) = tokio::join!(a, b, c, d);
     for (attempt, outcome) in attempts.iter().zip([a, b, c, d]) {
-        // In TLS 1.3 a client learns that it was refused after it believes itself connected.
+        // In TLS 1.3, which QUIC uses, a client learns that it was refused after it believes itself connected.
         if let Ok(session) = outcome {
             let key = keys::all_status(FLEET).expect("a good name");
             let replies = session.get(key.as_str()).timeout(SILENCE).await;

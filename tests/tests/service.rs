@@ -3,7 +3,7 @@
 mod support;
 
 use firmware_sim::client::{self, RefineError};
-use firmware_sim::node::{Node, NodeConfig, NodeError, QUEUE};
+use firmware_sim::node::{Node, NodeConfig, NodeError, PLACES};
 use firmware_sim::session::{SessionArgs, open};
 use host_train::refine;
 use host_train::register::register;
@@ -145,7 +145,7 @@ async fn a_full_queue_is_refused_and_every_request_answered() {
     until(&node, |view| view.policy.is_some()).await;
     let session = network.join().await;
     let cloud: Arc<[[f32; 3]]> = random_cloud(1, 4096).into();
-    let requests = 4 * QUEUE;
+    let requests = 4 * PLACES;
     let mut asking = tokio::task::JoinSet::new();
     for _ in 0..requests {
         let (session, cloud) = (session.clone(), cloud.clone());
@@ -168,7 +168,7 @@ async fn a_full_queue_is_refused_and_every_request_answered() {
             Err(other) => panic!("neither pose nor busy: {other}"),
         }
     }
-    assert!(poses >= QUEUE && busy > 0, "{poses} poses, {busy} busy");
+    assert!(poses >= PLACES && busy > 0, "{poses} poses, {busy} busy");
     assert_eq!(poses + busy, requests);
 }
 

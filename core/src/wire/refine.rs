@@ -163,6 +163,8 @@ pub enum Reason {
     PolicyDamaged,
     /// The policy in the board's flash does something else there than its manifest says.
     FailedSelfTest,
+    /// The request was taken back.
+    TakenBack,
 }
 
 impl Reason {
@@ -239,6 +241,7 @@ impl fmt::Display for Reason {
                 f,
                 "the policy in its flash is damaged or none that it runs; publish it again, in int8"
             ),
+            Reason::TakenBack => write!(f, "it was taken back"),
             Reason::FailedSelfTest => write!(
                 f,
                 "the policy in its flash fails the self-test there; publish another, and test the board's memory"

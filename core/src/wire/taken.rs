@@ -1,15 +1,17 @@
 //! Requests without a second buffer: taken out of their frames, or refused by their beginnings.
 
 use super::cloud::POINT_BYTES;
-use super::{Cloud, CloudView, Message, Mode, Reason, RefineRequest, Refusal, VERSION, decode};
+use super::{
+    Cancel, Cloud, CloudView, Message, Mode, Reason, RefineRequest, Refusal, VERSION, decode,
+};
 use crate::error::Error;
 use crate::grid::Grid;
 
 /// A [`RefineRequest`] whose clouds lie aligned in the buffer that held the frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TakenRequest<'b> {
-    /// See [`RefineRequest::id`].
-    pub id: u64,
+    /// Its client and id.
+    pub asked: Cancel,
     /// See [`RefineRequest::budget_ms`].
     pub budget_ms: u32,
     /// See [`RefineRequest::mode`].
@@ -36,8 +38,8 @@ pub fn take_request(space: &mut [u32], length: usize) -> Result<TakenRequest<'_>
     let Message::RefineRequest(request) = decode(frame)? else {
         return Err(Error::Frame);
     };
+    let asked = Cancel::of(&request);
     let RefineRequest {
-        id,
         budget_ms,
         mode,
         max_steps,
@@ -73,7 +75,7 @@ pub fn take_request(space: &mut [u32], length: usize) -> Result<TakenRequest<'_>
         bytemuck::try_cast_slice::<u8, [f32; 3]>(cloud).map_err(|_| Error::Frame)
     };
     Ok(TakenRequest {
-        id,
+        asked,
         budget_ms,
         mode,
         max_steps,

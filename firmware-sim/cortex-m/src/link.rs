@@ -4,7 +4,7 @@
 use crate::POINTS;
 use crate::hardware::{Uart, clear_tick, feed_watchdog};
 use reagent_core::wire::serial::{self, CHECK_BYTES, Decoder, Line};
-use reagent_core::wire::{self, Message, Refusal, SMALL_FRAME_BYTES, refuse_beginning};
+use reagent_core::wire::{self, Cancel, Message, Refusal, SMALL_FRAME_BYTES, refuse_beginning};
 
 /// The serial line.
 pub(crate) struct Link {
@@ -61,25 +61,31 @@ impl Link {
         }
     }
 
-    /// Answers what has come meanwhile: the board is busy.
-    pub(crate) fn glance(&mut self) {
+    /// Answers what has come meanwhile: the board is busy. Returns what was taken back.
+    pub(crate) fn glance(&mut self) -> Option<Cancel> {
+        let mut cancel = None;
         while let Some(byte) = self.uart.receive() {
             if self.decoder.is_idle() {
                 self.skim = true;
             }
-            self.skim(byte);
+            cancel = self.skim(byte).or(cancel);
         }
+        cancel
     }
 
-    fn skim(&mut self, byte: u8) {
-        let refusal = match self.decoder.push(byte, &mut self.small) {
-            None => return,
-            Some(Line::Frame(length) | Line::Overlong(length)) => {
+    fn skim(&mut self, byte: u8) -> Option<Cancel> {
+        let refusal = match self.decoder.push(byte, &mut self.small)? {
+            Line::Frame(length) | Line::Overlong(length) => {
+                let frame = self.small.get(..length).unwrap_or(&[]);
+                if let Ok(Message::Cancel(cancel)) = wire::decode(frame) {
+                    return Some(cancel);
+                }
                 refuse_beginning(&self.small, length, POINTS, true)
             }
-            Some(Line::Broken) => refuse_beginning(&[], 0, POINTS, false),
+            Line::Broken => refuse_beginning(&[], 0, POINTS, false),
         };
         self.refuse(refusal);
+        None
     }
 
     /// Sends a refusal and counts it.

@@ -84,6 +84,8 @@ fn serve(
             }
             Ok(Message::Manifest(manifest)) => return manifest,
             Ok(Message::Ask) => report.send(link),
+            // It has been answered already.
+            Ok(Message::Cancel(_)) => {}
             Ok(_) => link.refuse(refusal(Error::Frame)),
             Err(error) => link.refuse(refusal(error)),
         }

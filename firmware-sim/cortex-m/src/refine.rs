@@ -47,7 +47,7 @@ pub(crate) fn refine(
 ) -> Result<RefineReply, Refusal> {
     let mut clock = Clock::start();
     let request = take_request(space, length).map_err(refusal)?;
-    let id = request.id;
+    let id = request.asked.id;
     let refused = |reason| Refusal { id, reason };
     let checked =
         |cloud, points| check_cloud(points).map_err(|error| refused(Reason::of(error, cloud)));
@@ -92,7 +92,9 @@ pub(crate) fn refine(
             begun = clock.ticks();
         }
         feed_watchdog();
-        link.glance();
+        if link.glance() == Some(request.asked) {
+            return Err(refused(Reason::TakenBack));
+        }
     }
     report.count(registration.verdict());
     Ok(RefineReply {

@@ -11,6 +11,7 @@ use reagent_core::net::Scratch;
 use reagent_core::wire::StepTaken;
 use reagent_core::{Action, Frame, Pose, Registrar, Verdict};
 use reagent_tests::shared;
+use std::ops::ControlFlow;
 use std::sync::LazyLock;
 
 /// Actions and bits of the poses after them.
@@ -79,7 +80,10 @@ fn expected_of(file: &WeightFile, [source, target]: &Pair) -> Trajectory {
 /// Asks a board for the pair's pose and compares every step.
 fn assert_same(board: &mut Board, id: u64, [source, target]: &Pair, expected: &Trajectory) {
     let mut found = Trajectory::new();
-    let step = |taken: StepTaken| found.push((taken.action, bits(taken.target_from_source)));
+    let step = |taken: StepTaken| {
+        found.push((taken.action, bits(taken.target_from_source)));
+        ControlFlow::Continue(())
+    };
     let frame = request(id, 10, source, target);
     let reply = board.refine(&frame, step).expect("it runs");
     let reply = reply.expect("a pose");

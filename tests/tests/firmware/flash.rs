@@ -7,6 +7,7 @@ use firmware_sim::board::{BoardError, flash_content};
 use host_train::export::WeightFile;
 use host_train::random::{Purpose, Rng, stream};
 use reagent_core::wire::{FLASH_HEADER_BYTES, FlashCheck, Manifest, Reason, Refusal};
+use std::ops::ControlFlow;
 
 /// The manifest of a policy, but of another first action.
 fn other_actions(file: &WeightFile, version: u64) -> Manifest {
@@ -35,7 +36,9 @@ fn a_policy_that_fails_its_checks_is_reported_and_does_not_serve() {
             assert_eq!((status.policy, report.flash), (None, check));
             let mut rng: Rng = stream(1, Purpose::Shape, 0);
             let frame = request(9, 2, &cloud(&mut rng, 10), &cloud(&mut rng, 10));
-            let answer = board.refine(&frame, |_| {}).expect("it answers");
+            let answer = board
+                .refine(&frame, |_| ControlFlow::Continue(()))
+                .expect("it answers");
             assert_eq!(answer, Err(Refusal { id: 9, reason }));
         });
     }

@@ -16,6 +16,7 @@ fn requests_are_taken_where_they_lie() {
         max_steps: 7,
         mode: Mode::Fast,
         budget_ms: 33,
+        client: 5,
         initial: Some([[0.25; 4]; 3]),
         ..RefineRequest::new(u64::MAX, CloudView::of(&source), CloudView::of(&target))
     };
@@ -23,7 +24,8 @@ fn requests_are_taken_where_they_lie() {
     let mut space = [0u32; 64];
     bytemuck::cast_slice_mut(&mut space)[..bytes.len()].copy_from_slice(&bytes);
     let taken = take_request(&mut space, bytes.len()).expect("a request");
-    assert_eq!((taken.id, taken.max_steps), (u64::MAX, 7));
+    assert_eq!(taken.asked, Cancel::of(&request));
+    assert_eq!(taken.max_steps, 7);
     assert_eq!((taken.mode, taken.budget_ms), (Mode::Fast, 33));
     assert_eq!(taken.initial, Some([[0.25; 4]; 3]));
     assert_eq!((taken.source, taken.target), (&source[..], &target[..]));

@@ -2,7 +2,7 @@
 
 mod fleet;
 
-pub use fleet::Client;
+pub use fleet::{Client, Heard};
 
 use reagent_core::Error;
 use reagent_core::wire::{self, Message, RefineReply, RefineRequest, Refusal, Status, keys};

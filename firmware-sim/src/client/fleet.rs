@@ -28,10 +28,24 @@ pub struct Client {
 #[derive(Debug, Default)]
 struct Robots(Mutex<BTreeMap<String, Robot>>);
 
+/// A robot that was heard.
+#[derive(Clone, Debug)]
+pub struct Heard {
+    /// Its name.
+    pub robot: String,
+    /// Its status as heard last.
+    pub status: Status,
+    /// Two speak under this name in turns.
+    pub duplicate: bool,
+}
+
 #[derive(Clone, Copy, Debug, Default)]
 struct Robot {
     /// As heard last; none of a robot that was asked without having been heard.
     status: Option<Status>,
+    /// Who spoke under this name before whoever speaks now.
+    former: Option<u32>,
+    duplicate: bool,
     /// Requests of this client that it has not answered.
     asked: u16,
 }
@@ -42,7 +56,15 @@ impl Robots {
     }
 
     fn heard(&self, robot: &str, status: Status) {
-        self.lock().entry(robot.into()).or_default().status = Some(status);
+        let mut robots = self.lock();
+        let known = robots.entry(robot.into()).or_default();
+        if let Some(last) = known.status.replace(status)
+            && last.instance != status.instance
+        {
+            // A restart is heard once; of two robots the first speaks again.
+            known.duplicate |= known.former == Some(status.instance);
+            known.former = Some(last.instance);
+        }
     }
 
     /// The robot with a policy that has the least to do, and of those the one that has served least, but for
@@ -154,14 +176,17 @@ impl Client {
         following.map(|_| ())
     }
 
-    /// The robots that are there, with their status as heard last, in the order of their names; none before
-    /// [`Client::follow_robots`].
-    pub fn statuses(&self) -> Vec<(String, Status)> {
+    /// The robots that are there, in the order of their names; none before [`Client::follow_robots`].
+    pub fn heard(&self) -> Vec<Heard> {
         let robots = self.robots.lock();
-        let heard = robots.iter();
-        heard
-            .filter_map(|(name, robot)| Some((name.clone(), robot.status?)))
-            .collect()
+        let heard = robots.iter().filter_map(|(name, robot)| {
+            Some(Heard {
+                robot: name.clone(),
+                status: robot.status?,
+                duplicate: robot.duplicate,
+            })
+        });
+        heard.collect()
     }
 
     /// Asks every robot for its status, and hears of every change from here on.
@@ -258,5 +283,25 @@ impl Drop for Asked<'_> {
         if let Err(error) = self.client.session.put(key.as_str(), frame).wait() {
             tracing::debug!("request {} was not taken back: {error}", self.request.id);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn two_of_one_name_are_told_from_one_that_restarts() {
+        let robots = Robots::default();
+        let mut hear = |instance| {
+            let status = Status {
+                instance,
+                ..Status::default()
+            };
+            robots.heard("r1", status);
+            robots.lock()["r1"].duplicate
+        };
+        assert_eq!([1, 1, 2, 2, 3].map(&mut hear), [false; 5]);
+        assert_eq!([2, 3, 3].map(&mut hear), [true; 3]);
     }
 }

@@ -1,6 +1,6 @@
 //! A fleet's state as a table, drawn in place on a terminal.
 
-use crate::client::Client;
+use crate::client::{Client, Heard};
 use crate::print;
 use reagent_core::verdict::Verdict;
 use reagent_core::wire::Status;
@@ -33,7 +33,7 @@ impl Table {
     }
 
     pub(super) fn draw(&mut self, client: &Client) {
-        let text = text(&client.statuses());
+        let text = text(&client.heard());
         self.clear();
         self.drawn = text.lines().count();
         print::stdout(format_args!("{text}"));
@@ -54,7 +54,7 @@ impl Table {
 }
 
 /// Robots that do most first, and below them what all do together.
-fn text(robots: &[(String, Status)]) -> String {
+fn text(robots: &[Heard]) -> String {
     let mut text = String::new();
     let mut line = |line: std::fmt::Arguments<'_>| {
         // Strings take everything.
@@ -71,16 +71,16 @@ fn text(robots: &[(String, Status)]) -> String {
         verdicts.concat()
     ));
     let mut sorted: Vec<_> = robots.iter().collect();
-    sorted.sort_by_key(|(name, status)| (std::cmp::Reverse(status.in_hand), name));
-    for (name, status) in sorted.iter().take(ROWS) {
-        line(format_args!("{}", row(name, status)));
+    sorted.sort_by_key(|heard| (std::cmp::Reverse(heard.status.in_hand), &heard.robot));
+    for heard in sorted.iter().take(ROWS) {
+        line(format_args!("{}", row(&heard.robot, &heard.status)));
     }
     if sorted.len() > ROWS {
         line(format_args!("… and {} more", sorted.len() - ROWS));
     }
     let mut all = Status::default();
     let mut versions = BTreeMap::<_, usize>::new();
-    for (_, status) in robots {
+    for Heard { status, .. } in robots {
         *versions
             .entry(status.policy.map(|policy| policy.version))
             .or_default() += 1;
@@ -101,6 +101,12 @@ fn text(robots: &[(String, Status)]) -> String {
     });
     let versions: Vec<_> = versions.collect();
     line(format_args!("policies in use: {}", versions.join(", ")));
+    let twice = robots.iter().filter(|heard| heard.duplicate);
+    for Heard { robot, .. } in twice {
+        line(format_args!(
+            "two robots are called {robot}: give each its own name"
+        ));
+    }
     text
 }
 
@@ -136,10 +142,15 @@ mod tests {
             instance: 5,
             verdicts: [4, 3, 2, 1, 0],
         };
+        let heard = |robot: String, status| Heard {
+            duplicate: robot == "r07",
+            robot,
+            status,
+        };
         let mut robots: Vec<_> = (0..30)
-            .map(|i| (format!("r{i:02}"), status(Some(7), 0)))
+            .map(|i| heard(format!("r{i:02}"), status(Some(7), 0)))
             .collect();
-        robots.push(("z".into(), status(None, 3)));
+        robots.push(heard("z".into(), status(None, 3)));
         let text = text(&robots);
         let lines: Vec<_> = text.lines().collect();
         assert!(lines[0].contains("converged") && lines[0].ends_with("poor fit"));
@@ -147,7 +158,7 @@ mod tests {
             lines[1].starts_with('z') && lines[1].contains(" - "),
             "{text}"
         );
-        assert_eq!(lines.len(), 1 + ROWS + 3);
+        assert_eq!(lines.len(), 1 + ROWS + 4);
         assert_eq!(lines[ROWS + 1], "… and 7 more");
         let words: Vec<_> = lines[ROWS + 2].split_whitespace().collect();
         assert_eq!(
@@ -157,5 +168,6 @@ mod tests {
             ]
         );
         assert_eq!(lines[ROWS + 3], "policies in use: none: 1, version 7: 30");
+        assert!(lines[ROWS + 4].starts_with("two robots are called r07"));
     }
 }

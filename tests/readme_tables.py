@@ -1,0 +1,267 @@
+#!/usr/bin/env python3
+"""Measures the tables of the README and writes them into it.
+
+    tests/readme_tables.py DIR [--runs RUNS] [--only NAME ...]
+
+DIR is a collection in ModelNet40's layout, with pairs_models.h5 and pairs_categories.h5 in it (drawn with
+`host-train pairs` where they are missing). RUNS holds the training runs of the last three tables; those that are
+missing are trained, which takes hours. A table stands between `<!-- readme_tables.py NAME -->` and `<!-- end -->`;
+times are of one thread, and good for something where nothing else runs. Needs Python 3.9 and `cargo build --release`.
+"""
+
+import argparse
+import json
+import re
+import statistics
+import subprocess
+import tempfile
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+HOST = ROOT / "target/release/host-train"
+WEIGHTS = [ROOT / "core/weights" / f"{name}.rgw" for name in ("reagent", "reagent-int8", "reagent-compact-int8")]
+SEEDS = range(1, 6)
+# 97.5 % quantile of Student's t for n - 1 degrees of freedom.
+STUDENT = {2: 12.706, 3: 4.303, 4: 3.182, 5: 2.776, 6: 2.571, 7: 2.447, 8: 2.365}
+
+LABELS = {
+    "init": "initial",
+    "icp": "ICP",
+    "icp-plane": "ICP to planes",
+    "icp-trimmed": "ICP to planes, trimmed",
+    "fgr": "FGR as in Open3D",
+    "fgr-gnc": "FGR, graduated, normals outward",
+    "fgr+icp-plane": "FGR as in Open3D, then ICP to planes",
+    "init+verify": "verified without a policy",
+}
+POLICIES = {
+    "reagent": "bundled policy",
+    "reagent-int8": "the same in int8",
+    "reagent-compact-int8": "compact, int8",
+}
+ENDS = {"": "", "+icp": ", then ICP to planes", "+polish": ", polished", "+verify": ", verified"}
+
+DESIGN = {
+    "expert": ("without the stochastic policy: the expert's actions", ["--follow", "expert"]),
+    "argmax": ("without the stochastic policy: the likeliest actions", ["--follow", "argmax"]),
+    "plain": ("without augmentation", ["--no-augmentation"]),
+    "greedy": ("greedy expert", ["--expert", "greedy"]),
+    "basic": ("basic accumulation", ["--accumulation", "basic"]),
+    "local": ("local rotations", ["--accumulation", "local"]),
+    "ours": ("ours: stochastic, augmented, steady, global", []),
+}
+
+
+def run(*words):
+    print("host-train", *words, flush=True)
+    subprocess.run([HOST, *map(str, words)], check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+
+def measure(*words):
+    """What a command writes as JSON."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "numbers.json"
+        run(*words, "--json", path)
+        return json.loads(path.read_text())
+
+
+def label(method):
+    if method in LABELS:
+        return LABELS[method]
+    name, plus, end = method.partition("+")
+    return POLICIES.get(name, name) + ENDS[plus + end]
+
+
+def short(value, digits):
+    """A number without the zero before its point."""
+    return re.sub(r"^0\.", ".", f"{value:.{digits}f}")
+
+
+def accuracy(m):
+    """ISO R mean / median / ISO t / ADI AUC / recall."""
+    return (
+        f"{m['r_iso_deg']:.2f} / {m['r_iso_median_deg']:.2f} / {short(m['t_iso'], 3)} / "
+        f"{m['adi_auc_pct']:.1f} / {100 * m['recall_r5_t005']:.0f} %"
+    )
+
+
+def milliseconds(m):
+    if m["ms_median"] == 0:
+        return ""
+    p95 = f", p95 {m['ms_p95']:.1f}" if m["ms_p95"] > 1.5 * m["ms_median"] else ""
+    return f"{m['ms_median']:.1f}{p95}"
+
+
+def table(head, rows):
+    lines = [head, ["---"] * len(head), *rows]
+    return "".join("| " + " | ".join(line) + " |\n" for line in lines)
+
+
+def pairs(data, name):
+    path = data / f"pairs_{name}.h5"
+    if not path.exists():
+        run("pairs", "--data", data, "--protocol", f"m40-{name}", "--count", 100, "--out", path)
+    return path
+
+
+def both_halves(data, *words):
+    """The same on both files of pairs."""
+    return [measure("eval", "--pairs", pairs(data, name), *words)["methods"] for name in ("models", "categories")]
+
+
+def builtin(args):
+    methods = "init,icp,icp-plane,fgr-gnc,fgr+icp-plane,policy,policy+icp,policy+verify"
+    found = measure("eval", "--data", "procedural", "--protocol", "m40-models", "--count", 300, "--methods", methods)
+    rows = [[label(name), accuracy(m), short(m["chamfer_mod"], 4), milliseconds(m)] for name, m in found["methods"].items()]
+    return table(["method", "ISO R / median / ISO t / ADI AUC / recall", "modified CD", "ms"], rows)
+
+
+def halves(args):
+    methods = "init,icp,icp-plane,icp-trimmed,fgr,fgr-gnc,fgr+icp-plane,init+verify,policy,policy+icp,policy+polish,policy+verify"
+    first, second = both_halves(args.data, "--weights", *WEIGHTS, "--methods", methods)
+    rows = [[label(name), accuracy(first[name]), accuracy(second[name]), milliseconds(first[name])] for name in first]
+    return table(["method", "first half: ISO R / median / ISO t / ADI AUC / recall", "second half, same", "ms"], rows)
+
+
+def steps(args):
+    found = measure("eval", "--pairs", pairs(args.data, "models"), "--methods", "policy", "--per-step")
+    found = found["per_step"]["reagent"]
+    row = lambda what, cell: [what, *map(cell, found)]
+    rows = [
+        row("ISO R mean, deg", lambda m: f"{m['r_iso_deg']:.2f}"),
+        row("ISO R median, deg", lambda m: f"{m['r_iso_median_deg']:.2f}"),
+        row("ISO t mean", lambda m: short(m["t_iso"], 3)),
+    ]
+    return table(["step", *(str(m["step"]) for m in found)], rows)
+
+
+def scans(args):
+    words = ["--data", args.data / "real_scans", "--protocol", "scan", "--weights", *WEIGHTS]
+    found = measure("eval", *words, "--methods", "icp-plane,policy,policy+polish,policy+verify")
+    rows = [[label(name), accuracy(m)] for name, m in found["methods"].items()]
+    return table([f"{found['pairs']} scans", "ISO R / median / ISO t / ADI AUC / recall"], rows)
+
+
+def sweeps(args):
+    methods = "policy,policy+verify,icp-plane,fgr-gnc,fgr+icp-plane"
+    words = ["--data", args.data, "--protocol", "m40-models", "--vary", "all", "--count", 100, "--threads", args.threads]
+    rows, head = [], []
+    for varied in measure("sweep", *words, "--methods", methods)["sweep"]:
+        found = varied["methods"]
+        head = list(found)
+        for at in zip(*found.values()):
+            cells = [f"{m['summary']['r_iso_median_deg']:.2f} / {100 * m['summary']['recall_r5_t005']:.0f}" for m in at]
+            rows.append([varied["vary"], f"{at[0]['value']:g}", *cells])
+    return table(["varied", "value", *map(label, head)], rows)
+
+
+def verdict(args):
+    found = measure("calibrate", "--data", args.data, "--count", 400, "--seed", 7)["quality"]
+    rows = []
+    for line in found:
+        fitted, built_in = line["fitted"], line["built_in"]
+        auc = lambda quality: "" if quality["auc"] is None else short(quality["auc"], 3)
+        numbers = [auc(fitted), auc(built_in), short(built_in["brier"], 3), short(built_in["risk_coverage"], 3)]
+        mode, pairs = line["pairs"].split(" ", 1)
+        rows.append([f"{mode.lower()}, {pairs.lower()}", str(fitted["count"]), str(fitted["right"]), *numbers])
+    head = ["mode, pairs", "pairs", "right", "AUC of a fit to the other meshes", "AUC as built in", "Brier score", "risk over coverage"]
+    return table(head, rows)
+
+
+def trained(args, name, *words):
+    """The run of this name, trained if it is not there."""
+    path = args.runs / name
+    if not (path / "last.safetensors").exists():
+        run("train", "--data", args.data, *words, "--out", path)
+    return path
+
+
+def protocol(args):
+    pre = trained(args, "pre", "--stage", "pretrain")
+    ilrl = trained(args, "ilrl", "--stage", "ilrl", "--init", pre)
+    rows = []
+    files = [("pretrain", pre / "last.safetensors"), ("ilrl, best on validation", ilrl), ("ilrl, last", ilrl / "last.safetensors")]
+    kept = ROOT / "core/weights/protocol-int8.rgw"
+    for what, path in [*files, ("ilrl, last, in int8: `protocol-int8.rgw`", kept)]:
+        methods = "policy,policy+verify" if path == kept else "policy"
+        first, second = both_halves(args.data, "--weights", path, "--methods", methods)
+        for name in first:
+            end = ", verified" if name.endswith("+verify") else ""
+            rows.append([what + end, accuracy(first[name]), accuracy(second[name])])
+    return table(["run", "first half: ISO R / median / ISO t / ADI AUC / recall", "second half, held out, same"], rows)
+
+
+def interval(values, digits):
+    """Mean and 95 % confidence interval."""
+    half = STUDENT[len(values)] * statistics.stdev(values) / len(values) ** 0.5
+    return f"{short(statistics.mean(values), digits)} ± {short(half, digits)}"
+
+
+def seeds(args):
+    pre = trained(args, "pre", "--stage", "pretrain")
+    rows = []
+    for stage in ("il", "ilrl"):
+        found = {"m40-models": [], "m40-categories": []}
+        for seed in SEEDS:
+            path = trained(args, f"{stage}-{seed}", "--stage", stage, "--init", pre, "--epochs", 4, "--seed", seed)
+            for name, values in found.items():
+                words = ["--data", args.data, "--protocol", name, "--count", 300, "--seed", 1, "--threads", args.threads]
+                values.append(measure("eval", *words, "--weights", path / "last.safetensors")["methods"]["last"])
+        for name, values in found.items():
+            column = lambda key, factor, digits: interval([factor * v[key] for v in values], digits)
+            half = "first half" if name == "m40-models" else "second half, held out"
+            rows.append([
+                f"{stage}, {half}",
+                column("r_iso_deg", 1, 2),
+                column("r_iso_median_deg", 1, 2),
+                column("t_iso", 1, 4),
+                column("chamfer_mod", 1e4, 1),
+                column("recall_r5_t005", 100, 1),
+            ])
+    return table(["stage, 5 seeds", "ISO R mean", "median", "ISO t", "modified CD x 1e-4", "recall, %"], rows)
+
+
+def design(args):
+    rows = []
+    for name, (what, words) in DESIGN.items():
+        schedule = ["--stage", "pretrain", "--shape", "compact", "--epochs", 20, "--anneal", "cosine"]
+        path = trained(args, f"design-{name}", *schedule, *words)
+        row = [what]
+        for drawn in ("m40-clean", "m40-categories"):
+            words = ["--data", args.data, "--protocol", drawn, "--count", 300, "--seed", 1, "--threads", args.threads]
+            m = measure("eval", *words, "--weights", path / "last.safetensors")["methods"]["last"]
+            row += [f"{1e4 * m['chamfer_mod']:.2f}", f"{m['r_iso_deg']:.2f} / {m['r_iso_median_deg']:.2f}"]
+        rows.append(row)
+    head = ["design", "clean: modified CD x 1e-4", "ISO R / median", "held-out categories, noisy: modified CD x 1e-4", "ISO R / median"]
+    return table(head, rows)
+
+
+TABLES = [builtin, halves, scans, verdict, sweeps, steps, protocol, seeds, design]
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("data", type=Path)
+    parser.add_argument("--runs", type=Path, default=Path("runs"))
+    parser.add_argument("--threads", type=int, default=1, help="where times are not measured")
+    parser.add_argument("--only", nargs="+", choices=[t.__name__ for t in TABLES])
+    args = parser.parse_args()
+    if not HOST.exists():
+        parser.error("target/release/host-train is not there: cargo build --release --locked")
+    page = ROOT / "README.md"
+    for make in TABLES:
+        name = make.__name__
+        if args.only and name not in args.only:
+            continue
+        begin, end = f"<!-- readme_tables.py {name} -->\n", "<!-- end -->\n"
+        before, found, rest = page.read_text().partition(begin)
+        if not found:
+            parser.error(f"README.md has no place for {name}")
+        after = rest.partition(end)[2]
+        text = make(args)
+        page.write_text(before + begin + "\n" + text + "\n" + end + after)
+        print(text, flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -48,6 +48,11 @@ pub enum Error {
         /// Number format in the file.
         found: u16,
     },
+    /// The weight file decides in a way that this build does not know ([`crate::Decision`]).
+    WeightsDecision {
+        /// Decision in the file.
+        found: u16,
+    },
     /// A layer's shape or place in the file is not what this build expects.
     WeightsShape {
         /// Index in the layer table.
@@ -110,6 +115,12 @@ impl fmt::Display for Error {
             ),
             WeightsFormat { found } => {
                 write!(f, "weight number format {found} is not known to this build")
+            }
+            WeightsDecision { found } => {
+                write!(
+                    f,
+                    "weight file decides in way {found}, which this build does not know"
+                )
             }
             WeightsShape { layer } => write!(
                 f,

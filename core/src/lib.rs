@@ -6,8 +6,8 @@
 //! 1. [`weights`] checks a policy file once and views it in place; [`Policy::parse`].
 //! 2. [`Registrar::start`] checks two clouds and embeds the target, once.
 //! 3. Each [`Registrar::step`] sees the source under the accumulated [`Pose`] ([`net::View`]), embeds it
-//!    ([`net::embed`], on the [`kernels`] of the machine), asks both heads for their most likely
-//!    [`Action`] ([`steps`]) and accumulates it ([`Pose::accumulate`]).
+//!    ([`net::embed`], on the [`kernels`] of the machine), has both heads decide on an
+//!    [`Action`] ([`decision`], [`steps`]) and accumulates it ([`Pose::accumulate`]).
 //! 4. [`Registration::target_from_source`] is the pose, in the clouds' own units; [`Verdict`] says how
 //!    the steps ended.
 //! 5. [`polish`], for who wants more: a few robust steps of closest points; [`verify`] compares the
@@ -53,6 +53,7 @@
 
 pub mod chamfer;
 pub mod cloud;
+pub mod decision;
 pub mod dims;
 pub mod error;
 pub mod golden;
@@ -80,6 +81,7 @@ pub mod weights;
 pub mod wire;
 
 pub use cloud::Cloud;
+pub use decision::Decision;
 pub use error::Error;
 pub use grid::Grid;
 pub use pose::Pose;

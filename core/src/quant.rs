@@ -20,7 +20,7 @@
 //!    (1024..2048) codes, code = `R(a)` limited to 0..=8191; the same with 512 inputs; then
 //!    `logit = f32(a) * scale` with 256 inputs. The 4096 of features is part of the first bias.
 //!    Thirteen bits cost no time here: heads read weights as fast as memory gives them.
-//! 5. The action is the arg-max of each axis, the first of equals, as in the f32 network.
+//! 5. The action follows from the logits as in the f32 network, as the file says: [`crate::decision`].
 //!
 //! `R(a) = floor((a * factor + 2^(shift - 1)) / 2^shift)` is [`Requantise`]: in exact arithmetic, which
 //! fits 32 bits in step 2.

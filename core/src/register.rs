@@ -1,7 +1,8 @@
-//! One registration: observe, embed, arg-max, accumulate, verdict.
+//! One registration: observe, embed, decide, accumulate, verdict.
 
 use crate::cloud::Cloud;
-use crate::dims::{AXES, HEAD, LOGITS, QUANT_TILE, STEP_SIZES};
+use crate::decision::Decision;
+use crate::dims::{HEAD, LOGITS, QUANT_TILE};
 use crate::error::Error;
 use crate::kernels::Isa;
 use crate::net::{self, FloatScratch, Memory, Scratch, TargetHalf, View};
@@ -71,7 +72,7 @@ pub fn check_cloud(points: &[[f32; 3]]) -> Result<(), Error> {
 /// What the policy saw and did in one step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Step {
-    /// The arg-max action.
+    /// The action taken.
     pub action: Action,
     /// Translation logits, axis-major.
     pub logits_t: [f32; LOGITS],
@@ -257,11 +258,16 @@ impl<'c> Registration<'c> {
 }
 
 impl Registration<'_> {
-    /// Takes the arg-max action of both heads' logits.
-    fn act(&mut self, logits_t: [f32; LOGITS], logits_r: [f32; LOGITS]) -> Step {
+    /// Takes the action that follows from both heads' logits.
+    fn act(
+        &mut self,
+        decision: Decision,
+        logits_t: [f32; LOGITS],
+        logits_r: [f32; LOGITS],
+    ) -> Step {
         let action = Action {
-            translation: arg_max(&logits_t),
-            rotation: arg_max(&logits_r),
+            translation: decision.steps(&logits_t),
+            rotation: decision.steps(&logits_r),
         };
         self.accumulated = self.accumulated.accumulate(action.update());
         self.steps += 1;
@@ -367,7 +373,7 @@ impl<'w, 's> Registrar<'w, 's> {
         }
     }
 
-    /// One step: observe the source under the current pose, take the arg-max action, accumulate.
+    /// One step: observe the source under the current pose, decide, accumulate.
     pub fn step(&mut self, registration: &mut Registration<'_>) -> Step {
         loop {
             if let Some(step) = self.advance(registration, usize::MAX) {
@@ -486,19 +492,4 @@ impl<'w, 's> Registrar<'w, 's> {
             _ => {}
         }
     }
-}
-
-/// The most likely step of each axis; the first of equals.
-pub fn arg_max(logits: &[f32; LOGITS]) -> [u8; AXES] {
-    let mut ids = [0u8; AXES];
-    for (id, axis) in ids.iter_mut().zip(logits.chunks_exact(STEP_SIZES)) {
-        let mut best = f32::NEG_INFINITY;
-        for (i, &logit) in axis.iter().enumerate() {
-            if logit > best {
-                best = logit;
-                *id = i as u8;
-            }
-        }
-    }
-    ids
 }

@@ -9,7 +9,7 @@
 //! | 6 | u16 | number format: 0 = f32, 1 = int8 |
 //! | 8 | u32 | length of the whole file, check sum included |
 //! | 12 | u32 | layers, 9 |
-//! | 16 | `[u16; 8]` | network shape, in the paper 64, 128, 1024 (embedding), 512, 256 (head), 33 (logits); 0, 0 |
+//! | 16 | `[u16; 8]` | network shape, in the paper 64, 128, 1024 (embedding), 512, 256 (head), 33 (logits); decision ([`Decision`]: 0 = most likely, 1 = nearest to the mean); 0 |
 //! | 32 | 9 x 16 bytes | layer table: inputs, outputs, weight offset, bias offset, u32 each |
 //! | 192 | | payload; each array starts on a 64-byte boundary, gaps are zero |
 //! | length - 4 | u32 | CRC-32 (ISO-HDLC) of everything before |
@@ -19,6 +19,7 @@
 //! padded with zeros to whole panels: every kernel reads it in order, and lanes are outputs.
 //! Biases are padded likewise. Number format 1 is described in [`crate::quant`].
 
+use crate::decision::Decision;
 use crate::dims::{LAYERS, PANEL, padded};
 use crate::error::Error;
 use crate::kernels::{Isa, SplitDense, Tile, pack_split, packed_tiles};
@@ -33,6 +34,8 @@ pub const VERSION: u16 = 1;
 pub const FORMAT_F32: u16 = 0;
 /// Number format of 8-bit integer payloads ([`crate::quant`]).
 pub const FORMAT_INT8: u16 = 1;
+/// Where the header says how to decide.
+pub const DECISION_AT: usize = 28;
 /// Bytes before the layer table.
 pub const HEADER: usize = 32;
 /// Bytes of one row of the layer table.
@@ -142,6 +145,8 @@ pub enum Network<'a> {
 pub struct Policy<'a> {
     /// Its widths.
     pub shape: Shape,
+    /// How steps follow from its logits.
+    pub decision: Decision,
     /// The network.
     pub network: Network<'a>,
 }
@@ -217,6 +222,9 @@ impl<'a> Policy<'a> {
         for (i, width) in header.iter_mut().enumerate() {
             *width = half(16 + 2 * i).ok_or(cut)?;
         }
+        let [.., decision, _] = &mut header;
+        let found = core::mem::take(decision);
+        let decision = Decision::from_header(found).ok_or(Error::WeightsDecision { found })?;
         let shape = Shape::from_header(header).ok_or(Error::WeightsShape { layer: 0 })?;
         let (offsets, length) = layout(&shape, format);
         if bytes.len() != length {
@@ -268,7 +276,11 @@ impl<'a> Policy<'a> {
                 },
             })
         };
-        Ok(Policy { shape, network })
+        Ok(Policy {
+            shape,
+            decision,
+            network,
+        })
     }
 }
 

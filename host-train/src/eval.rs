@@ -12,10 +12,10 @@ use crate::metrics::{Errors, GroundTruth, PairMetrics, Summary, quantile};
 use crate::nn::Parameters;
 use crate::random::{Purpose, stream};
 use crate::refine::{Mode, refine};
-use crate::train::arg_max_poses;
+use crate::train::poses_of;
 use reagent_core::net::Scratch;
 use reagent_core::polish::Workspace;
-use reagent_core::{Error, Frame, Policy, Pose, Registrar};
+use reagent_core::{Decision, Error, Frame, Policy, Pose, Registrar};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -24,14 +24,16 @@ use std::time::Instant;
 #[derive(Clone, Copy, Debug)]
 #[allow(clippy::large_enum_variant, reason = "a handful exist at a time")]
 pub enum Method<'w> {
-    /// The learned policy, one arg-max action a step.
+    /// The learned policy, deciding as its file says.
     Policy(Policy<'w>),
-    /// A network that the core cannot run, by [`arg_max_poses`]; times are the trainer's, not a robot's.
+    /// A network that the core cannot run, by [`poses_of`]; times are the trainer's, not a robot's.
     Trained {
         /// The network.
         parameters: &'w Parameters,
         /// How its actions accumulate.
         accumulation: Accumulation,
+        /// How they follow from its logits.
+        decision: Decision,
     },
     /// The policy, then point-to-plane ICP from where it ended.
     PolicyIcp(Policy<'w>),
@@ -313,13 +315,15 @@ fn register(
         Method::Trained {
             parameters,
             accumulation,
+            decision,
         } => {
             let pair = [Problem::new(
                 source.to_vec(),
                 target.to_vec(),
                 Pose::IDENTITY,
             )];
-            let poses = arg_max_poses(parameters.clone(), accumulation, &pair, settings.steps);
+            let rules = (accumulation, decision);
+            let poses = poses_of(parameters.clone(), rules, &pair, settings.steps);
             let poses = poses.iter().flatten().skip(1);
             (poses.fold(Pose::IDENTITY, |_, &pose| reached(pose)), None)
         }

@@ -9,10 +9,10 @@ use crate::quantise::{self, Ranges};
 use reagent_core::dims::{LAYERS, LOGITS, padded};
 use reagent_core::kernels::Tile;
 use reagent_core::weights::{
-    FORMAT_F32, FORMAT_INT8, HEADER, MAGIC, TABLE_ROW, VERSION, checksum, file_len, offsets,
-    pack_panels,
+    DECISION_AT, FORMAT_F32, FORMAT_INT8, HEADER, MAGIC, TABLE_ROW, VERSION, checksum, file_len,
+    offsets, pack_panels,
 };
-use reagent_core::{Error, Policy};
+use reagent_core::{Decision, Error, Policy};
 use sha2::{Digest, Sha256};
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -103,9 +103,17 @@ impl WeightFile {
         Ok(file)
     }
 
-    /// The policy of a checkpoint.
+    /// The policy of a checkpoint, deciding as exported ones do unless they are told otherwise.
     pub fn from_checkpoint(checkpoint: Checkpoint) -> Result<Self, ExportError> {
-        Self::from_parameters(&deployable(checkpoint)?)
+        Ok(Self::from_parameters(&deployable(checkpoint)?)?.deciding(Decision::default()))
+    }
+
+    /// The same policy, deciding in this way.
+    pub fn deciding(mut self, decision: Decision) -> Self {
+        let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut self.words);
+        bytes[DECISION_AT..][..2].copy_from_slice(&decision.header().to_le_bytes());
+        seal(&mut bytes[..self.len]);
+        self
     }
 
     /// Reads and checks a policy file.
@@ -135,7 +143,8 @@ impl WeightFile {
         path.map_or_else(|| Ok(Self::pretrained()), Self::load)
     }
 
-    /// Serialises parameters as [`reagent_core::weights`] describes; the value head stays out.
+    /// Serialises parameters as [`reagent_core::weights`] describes; the value head stays out. The most likely steps
+    /// are taken, as in the paper, until [`Self::deciding`] says otherwise.
     pub fn from_parameters(parameters: &Parameters) -> Result<Self, ExportError> {
         let shape = robot_shape(parameters)?;
         let mut bytes = with_header(&shape, FORMAT_F32);
@@ -184,9 +193,7 @@ impl WeightFile {
 
     /// Adds the check sum and reads everything back.
     fn finished(mut bytes: Vec<u8>) -> Result<Self, ExportError> {
-        let end = bytes.len() - 4;
-        let sum = checksum(&bytes[..end]);
-        bytes[end..].copy_from_slice(&sum.to_le_bytes());
+        seal(&mut bytes);
         Self::from_bytes(&bytes).map_err(|source| ExportError::Policy {
             path: "the exported policy".into(),
             source,
@@ -216,6 +223,12 @@ impl WeightFile {
     pub fn sha256(&self) -> [u8; 32] {
         Sha256::digest(self.bytes()).into()
     }
+}
+
+/// Writes a file's check sum.
+fn seal(file: &mut [u8]) {
+    let (body, sum) = file.split_at_mut(file.len() - 4);
+    sum.copy_from_slice(&checksum(body).to_le_bytes());
 }
 
 /// The shape of a network as robots know it.
@@ -285,6 +298,23 @@ mod tests {
                 ..
             })
         ));
+    }
+
+    #[test]
+    fn a_file_says_how_it_decides() {
+        let parameters = Parameters::random(Shape::PAPER, 1);
+        let file = WeightFile::from_parameters(&parameters).expect("deployable");
+        assert_eq!(file.policy().decision, Decision::MostLikely);
+        let other = file.clone().deciding(Decision::NearestToMean);
+        assert_ne!(other.sha256(), file.sha256());
+        let read = WeightFile::from_bytes(other.bytes()).expect("its check sum is right");
+        assert_eq!(read.policy().decision, Decision::NearestToMean);
+        assert_eq!(read.deciding(Decision::MostLikely), file);
+        let mut unknown = other.bytes().to_vec();
+        unknown[DECISION_AT] = 2;
+        seal(&mut unknown);
+        let found = WeightFile::from_bytes(&unknown).expect_err("there is no such decision");
+        assert_eq!(found, Error::WeightsDecision { found: 2 });
     }
 
     #[test]

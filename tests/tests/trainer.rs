@@ -1,4 +1,4 @@
-//! The trainer's parts: what roll-outs record, what a step does to the parameters, and arg-max roll-outs.
+//! The trainer's parts: what roll-outs record, what a step does to the parameters, and roll-outs that decide.
 
 use host_train::augment::{clean_sample, noisy_sample};
 use host_train::dataset::{pairs::PairSet, procedural};
@@ -9,8 +9,8 @@ use host_train::nn::{Parameters, Shape};
 use host_train::optim::Adam;
 use host_train::random::{Purpose, stream};
 use host_train::reward::{CLOSER, FARTHER, SAME, chamfer};
-use host_train::train::{Follow, Method, RollOut, Trainer, arg_max_poses};
-use reagent_core::Action;
+use host_train::train::{Follow, Method, RollOut, Trainer, poses_of};
+use reagent_core::{Action, Decision};
 
 fn problems(count: u64, points: usize) -> Vec<Problem> {
     (0..count)
@@ -143,6 +143,7 @@ fn the_trainer_registers_as_the_robot_does() {
         method: Registers::Trained {
             parameters: &parameters,
             accumulation: Accumulation::Global,
+            decision: Decision::MostLikely,
         },
     };
     let settings = EvalSettings {
@@ -152,7 +153,8 @@ fn the_trainer_registers_as_the_robot_does() {
     };
     let outcomes = evaluate(&pairs, &[robot, trainer], &settings, &|| {}).expect("sound pairs");
     assert_eq!(outcomes[1].per_step.len(), 11);
-    let found = arg_max_poses(parameters, Accumulation::Global, &problems, 10);
+    let rules = (Accumulation::Global, Decision::MostLikely);
+    let found = poses_of(parameters, rules, &problems, 10);
     for (i, (poses, robot)) in found
         .iter()
         .zip(&outcomes[0].target_from_source)

@@ -102,6 +102,7 @@ impl From<Error> for ReagentStatus {
             Error::WeightsMagic => ReagentStatus::WeightsMagic,
             Error::WeightsVersion { .. }
             | Error::WeightsFormat { .. }
+            | Error::WeightsDecision { .. }
             | Error::WeightsShape { .. } => ReagentStatus::WeightsFormat,
             Error::WeightsCrc | Error::WeightsNotFinite { .. } | Error::WeightsRange { .. } => {
                 ReagentStatus::WeightsDamaged

@@ -103,7 +103,7 @@ impl Registrar<'_, '_> {
             registration.logits_t = logits;
             return None;
         }
-        Some(registration.act(registration.logits_t, logits))
+        Some(registration.act(self.policy.decision, registration.logits_t, logits))
     }
 }
 

@@ -38,12 +38,13 @@ impl<'w, 's, const N: usize> Team<'w, 's, N> {
         for (scratch, registration) in self.scratch.iter_mut().zip(registrations.iter_mut()) {
             Registrar::with_isa(self.isa, self.policy, scratch).observe(registration);
         }
+        let decision = self.policy.decision;
         let mut translation = self.logits(registrations, 0).into_iter();
         let mut rotation = self.logits(registrations, 1).into_iter();
         registrations.each_mut().map(|registration| {
             let mut next = || Some([translation.next()?, rotation.next()?]);
             let [logits_t, logits_r] = next().unwrap_or([[0.0; LOGITS]; 2]);
-            registration.act(logits_t, logits_r)
+            registration.act(decision, logits_t, logits_r)
         })
     }
 

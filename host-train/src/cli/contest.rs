@@ -8,8 +8,8 @@ use crate::export::{ExportError, WeightFile};
 use crate::nn::Parameters;
 use crate::refine::Mode;
 use clap::{Args, ValueEnum};
-use reagent_core::Policy;
 use reagent_core::dims::STEPS;
+use reagent_core::{Decision, Policy};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -25,12 +25,34 @@ pub(super) struct ContestArgs {
     /// What to run, separated by commas; "policy" stands for every file of --weights [default: policy]
     #[arg(long, value_enum, value_name = "LIST", value_delimiter = ',')]
     methods: Vec<MethodName>,
+    /// How a policy's steps follow from its probabilities [default: as the weight file says; mean for runs and
+    /// checkpoints]
+    #[arg(long, value_enum, value_name = "HOW")]
+    decide: Option<Decide>,
     /// Refinement steps of a policy
     #[arg(long, value_name = "N", default_value_t = STEPS, value_parser = source::positive())]
     pub(super) steps: usize,
     /// Threads over pairs; times are undisturbed only with 1
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = source::positive())]
     pub(super) threads: usize,
+}
+
+/// What `--decide` accepts.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub(super) enum Decide {
+    /// The most likely step of each axis, as in the paper
+    MostLikely,
+    /// The step nearest to the mean of each axis
+    Mean,
+}
+
+impl From<Decide> for Decision {
+    fn from(decide: Decide) -> Decision {
+        match decide {
+            Decide::MostLikely => Decision::MostLikely,
+            Decide::Mean => Decision::NearestToMean,
+        }
+    }
 }
 
 /// What `--methods` accepts. Correspondences of ICP are at most 0.5 apart; normals are estimated.
@@ -78,25 +100,32 @@ enum Weights {
     /// What robots run.
     File(WeightFile),
     /// What only the trainer runs: another network or accumulation.
-    Trained(Box<Parameters>, Accumulation),
+    Trained(Box<Parameters>, Accumulation, Decision),
 }
 
 impl Weights {
-    fn load(path: &Path) -> Result<Self, ExportError> {
+    fn load(path: &Path, decision: Option<Decision>) -> Result<Self, ExportError> {
+        let decided = |file: WeightFile| match decision {
+            Some(decision) => file.deciding(decision),
+            None => file,
+        };
         let checkpoint = path.is_dir() || path.extension().is_some_and(|e| e == "safetensors");
         if !checkpoint {
-            return WeightFile::load(path).map(Weights::File);
+            return Ok(Weights::File(decided(WeightFile::load(path)?)));
         }
         let checkpoint = Checkpoint::load(&Checkpoint::find(path)?)?;
         let accumulation = checkpoint.accumulation;
         let deployable = accumulation == Accumulation::Global
             && checkpoint.parameters.shape.deployed().is_some();
         if deployable {
-            WeightFile::from_checkpoint(checkpoint).map(Weights::File)
+            Ok(Weights::File(decided(WeightFile::from_checkpoint(
+                checkpoint,
+            )?)))
         } else {
             Ok(Weights::Trained(
                 Box::new(checkpoint.result()),
                 accumulation,
+                decision.unwrap_or_default(),
             ))
         }
     }
@@ -104,9 +133,10 @@ impl Weights {
     fn method(&self) -> Method<'_> {
         match self {
             Weights::File(file) => Method::Policy(file.policy()),
-            Weights::Trained(parameters, accumulation) => Method::Trained {
+            Weights::Trained(parameters, accumulation, decision) => Method::Trained {
                 parameters,
                 accumulation: *accumulation,
+                decision: *decision,
             },
         }
     }
@@ -145,11 +175,18 @@ impl ContestArgs {
                 "--weights is given, but no policy is among --methods",
             );
         }
+        let decision = self.decide.map(Decision::from);
         if self.weights.is_empty() {
-            let bundled = Weights::File(WeightFile::pretrained());
+            let bundled = WeightFile::pretrained();
+            let bundled = match decision {
+                Some(decision) => bundled.deciding(decision),
+                None => bundled,
+            };
+            let bundled = Weights::File(bundled);
             return Ok(Policies(vec![(BUNDLED.into(), bundled)]));
         }
-        let load = |path: &PathBuf| Weights::load(path).map(|weights| (stem(path), weights));
+        let load =
+            |path: &PathBuf| Weights::load(path, decision).map(|weights| (stem(path), weights));
         self.weights
             .iter()
             .map(load)

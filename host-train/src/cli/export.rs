@@ -1,10 +1,12 @@
 //! `host-train export`
 
+use super::contest::Decide;
 use super::source::{self, DataSource};
 use crate::dataset::pairs::PairSet;
 use crate::export::{WeightFile, parameters_of};
 use crate::protocol::Protocol;
 use clap::{Args, ValueEnum};
+use reagent_core::Decision;
 use std::path::PathBuf;
 
 /// Write the policy of a run as a weight file for robots
@@ -24,6 +26,9 @@ pub(super) struct ExportArgs {
         default_value = "procedural:128"
     )]
     calibration: DataSource,
+    /// How steps follow from probabilities [default: a weight file's own; mean for runs and checkpoints]
+    #[arg(long, value_enum, value_name = "HOW")]
+    decide: Option<Decide>,
     /// File to write
     #[arg(long, value_name = "FILE.rgw")]
     out: PathBuf,
@@ -41,6 +46,13 @@ enum Format {
 impl ExportArgs {
     pub(super) fn run(self, seed: u64) -> anyhow::Result<()> {
         let parameters = parameters_of(&self.run)?;
+        let decision = match self.decide {
+            Some(decide) => decide.into(),
+            None if self.run.extension().is_some_and(|e| e == "rgw") => {
+                WeightFile::load(&self.run)?.policy().decision
+            }
+            None => Decision::default(),
+        };
         let file = match self.format {
             Format::F32 => WeightFile::from_parameters(&parameters)?,
             Format::Int8 => {
@@ -48,7 +60,7 @@ impl ExportArgs {
                 WeightFile::from_parameters_int8(&parameters, &pairs)?
             }
         };
-        file.save(&self.out)?;
+        file.deciding(decision).save(&self.out)?;
         println!("{}", self.out.display());
         Ok(())
     }

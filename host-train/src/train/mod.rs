@@ -62,4 +62,4 @@ pub use roll_out::Agent;
 pub use run::{TrainError, run};
 pub use stats::UpdateStats;
 pub use trainer::{Diverged, Spent, Trainer};
-pub use validate::arg_max_poses;
+pub use validate::poses_of;

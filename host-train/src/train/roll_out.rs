@@ -13,7 +13,7 @@ use rand::RngExt;
 use rayon::prelude::*;
 use reagent_core::dims::STEP_SIZES;
 use reagent_core::net::View;
-use reagent_core::{Action, Pose};
+use reagent_core::{Action, Decision, Pose};
 
 /// The network, and the memory in which it works on batches of states.
 #[derive(Debug)]
@@ -68,9 +68,9 @@ impl Agent {
         );
     }
 
-    /// The most likely action in state `row` of the batch.
-    pub(super) fn most_likely(&self, row: usize) -> Action {
-        self.choose(row, |logits| log_sum_exp(logits).1)
+    /// The action that follows from the logits in state `row` of the batch.
+    pub(super) fn decide(&self, row: usize, decision: Decision) -> Action {
+        self.choose(row, |logits| usize::from(decision.step(&logits)))
     }
 
     /// Chooses a step on every axis from its logits.
@@ -156,7 +156,7 @@ pub(super) fn gather(
             let action = match method.follow {
                 Follow::Stochastic => agent.choose(row, |logits| draw(logits, rng)),
                 Follow::Expert => expert,
-                Follow::Argmax => agent.most_likely(row),
+                Follow::Argmax => agent.decide(row, Decision::MostLikely),
             };
             observations.push(Observation {
                 problem,

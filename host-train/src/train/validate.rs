@@ -1,4 +1,4 @@
-//! Validation: the errors of the arg-max policy on pairs of held-back meshes.
+//! Validation: the errors of the policy, deciding as exported ones do, on pairs of held-back meshes.
 
 use super::config::TrainConfig;
 use super::roll_out::Agent;
@@ -10,7 +10,7 @@ use crate::export::WeightFile;
 use crate::metrics::{GroundTruth, PairMetrics, Summary};
 use crate::nn::{Parameters, Search};
 use rayon::prelude::*;
-use reagent_core::Pose;
+use reagent_core::{Decision, Pose};
 
 /// Pairs that are registered side by side.
 const BATCH: usize = 128;
@@ -31,10 +31,11 @@ pub(super) fn validate(
                 Problem::new(source, target, pairs.target_from_source[i])
             })
             .collect();
-        let poses = arg_max_poses(parameters, accumulation, &problems, steps);
+        let rules = (accumulation, Decision::default());
+        let poses = poses_of(parameters, rules, &problems, steps);
         return Ok(summary(pairs, |i| poses[i][steps])?);
     }
-    let file = WeightFile::from_parameters(&parameters)?;
+    let file = WeightFile::from_parameters(&parameters)?.deciding(Decision::default());
     let contestant = Contestant {
         name: "policy".into(),
         method: Method::Policy(file.policy()),
@@ -48,11 +49,11 @@ pub(super) fn validate(
     Ok(outcomes[0].row.summary)
 }
 
-/// Registers problems by the most likely actions of any network under any accumulation, batched: for
-/// each its plain poses after 0 to `steps` steps.
-pub fn arg_max_poses(
+/// Registers problems by any network under any accumulation and decision, batched: for each its plain poses after 0
+/// to `steps` steps.
+pub fn poses_of(
     parameters: Parameters,
-    accumulation: Accumulation,
+    (accumulation, decision): (Accumulation, Decision),
     problems: &[Problem],
     steps: usize,
 ) -> Vec<Vec<Pose>> {
@@ -66,7 +67,7 @@ pub fn arg_max_poses(
         for _ in 0..steps {
             agent.act(problems, accumulation, &runs, &poses);
             for (row, pose) in poses.iter_mut().enumerate() {
-                *pose = accumulation.step(pose, agent.most_likely(row));
+                *pose = accumulation.step(pose, agent.decide(row, decision));
                 plain[row].push(accumulation.target_from_source(problems[row].centroid, pose));
             }
         }

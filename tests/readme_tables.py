@@ -104,6 +104,10 @@ def pairs(data, name):
     return path
 
 
+# The paper's rule: the most likely step of each axis.
+LIKELY = ["--decide", "most-likely"]
+
+
 def both_halves(data, *words):
     """The same on both files of pairs."""
     return [measure("eval", "--pairs", pairs(data, name), *words)["methods"] for name in ("models", "categories")]
@@ -120,6 +124,8 @@ def halves(args):
     methods = "init,icp,icp-plane,icp-trimmed,fgr,fgr-gnc,fgr+icp-plane,init+verify,policy,policy+icp,policy+polish,policy+verify"
     first, second = both_halves(args.data, "--weights", *WEIGHTS, "--methods", methods)
     rows = [[label(name), accuracy(first[name]), accuracy(second[name]), milliseconds(first[name])] for name in first]
+    first, second = both_halves(args.data, "--weights", *WEIGHTS, "--methods", "policy", *LIKELY)
+    rows += [[label(name) + ", most likely steps", accuracy(first[name]), accuracy(second[name]), ""] for name in first]
     return table(["method", "first half: ISO R / median / ISO t / ADI AUC / recall", "second half, same", "ms"], rows)
 
 
@@ -183,11 +189,12 @@ def protocol(args):
     files = [("pretrain", pre / "last.safetensors"), ("ilrl, best on validation", ilrl), ("ilrl, last", ilrl / "last.safetensors")]
     kept = ROOT / "core/weights/protocol-int8.rgw"
     for what, path in [*files, ("ilrl, last, in int8: `protocol-int8.rgw`", kept)]:
-        methods = "policy,policy+verify" if path == kept else "policy"
-        first, second = both_halves(args.data, "--weights", path, "--methods", methods)
-        for name in first:
-            end = ", verified" if name.endswith("+verify") else ""
-            rows.append([what + end, accuracy(first[name]), accuracy(second[name])])
+        runs = [("most likely steps", "policy", LIKELY), ("steps nearest to the mean", "policy", ["--decide", "mean"])]
+        if path == kept:
+            runs.append(("verified", "policy+verify", []))
+        for how, methods, words in runs:
+            first, second = both_halves(args.data, "--weights", path, "--methods", methods, *words)
+            rows += [[f"{what}, {how}", accuracy(first[name]), accuracy(second[name])] for name in first]
     return table(["run", "first half: ISO R / median / ISO t / ADI AUC / recall", "second half, held out, same"], rows)
 
 
@@ -201,17 +208,19 @@ def seeds(args):
     pre = trained(args, "pre", "--stage", "pretrain")
     rows = []
     for stage in ("il", "ilrl"):
-        found = {"m40-models": [], "m40-categories": []}
+        rules = ("most-likely", "mean")
+        found = {(name, rule): [] for name in ("m40-models", "m40-categories") for rule in rules}
         for seed in SEEDS:
             path = trained(args, f"{stage}-{seed}", "--stage", stage, "--init", pre, "--epochs", 4, "--seed", seed)
-            for name, values in found.items():
+            for (name, rule), values in found.items():
                 words = ["--data", args.data, "--protocol", name, "--count", 300, "--seed", 1, "--threads", args.threads]
-                values.append(measure("eval", *words, "--weights", path / "last.safetensors")["methods"]["last"])
-        for name, values in found.items():
+                words += ["--decide", rule, "--weights", path / "last.safetensors"]
+                values.append(measure("eval", *words)["methods"]["last"])
+        for (name, rule), values in found.items():
             column = lambda key, factor, digits: interval([factor * v[key] for v in values], digits)
             half = "first half" if name == "m40-models" else "second half, held out"
             rows.append([
-                f"{stage}, {half}",
+                f"{stage}, {half}, {rule.replace('-', ' ')}",
                 column("r_iso_deg", 1, 2),
                 column("r_iso_median_deg", 1, 2),
                 column("t_iso", 1, 4),
@@ -224,11 +233,11 @@ def seeds(args):
 def design(args):
     rows = []
     for name, (what, words) in DESIGN.items():
-        schedule = ["--stage", "pretrain", "--shape", "compact", "--epochs", 20, "--anneal", "cosine"]
+        schedule = ["--stage", "pretrain", "--shape", "compact", "--epochs", 10, "--anneal", "cosine"]
         path = trained(args, f"design-{name}", *schedule, *words)
         row = [what]
         for drawn in ("m40-clean", "m40-categories"):
-            words = ["--data", args.data, "--protocol", drawn, "--count", 300, "--seed", 1, "--threads", args.threads]
+            words = ["--data", args.data, "--protocol", drawn, "--count", 300, "--seed", 1, "--threads", args.threads, *LIKELY]
             m = measure("eval", *words, "--weights", path / "last.safetensors")["methods"]["last"]
             row += [f"{1e4 * m['chamfer_mod']:.2f}", f"{m['r_iso_deg']:.2f} / {m['r_iso_median_deg']:.2f}"]
         rows.append(row)

@@ -3,88 +3,16 @@
 mod support;
 
 use firmware_sim::client::{self, Client, RefineError};
-use firmware_sim::node::{Node, NodeConfig};
 use firmware_sim::session::{SessionArgs, open};
 use host_train::publish::{Publisher, manifest, sign};
 use reagent_core::wire::{self, RefineRequest, keys};
-use std::net::UdpSocket;
-use std::path::{Path, PathBuf};
-use std::process::Command;
 use std::time::Duration;
+use support::secured::{LAB, Secured, make_ca};
 use support::{key, random_cloud, random_policy, request, until};
-use zenoh::{Session, Wait};
+use zenoh::Wait;
 
-const FLEET: &str = "lab";
 /// What is forbidden is not answered within this time.
 const SILENCE: Duration = Duration::from_millis(500);
-
-/// Certificates and configurations of a fleet with two robots, and its router.
-struct Secured {
-    folder: tempfile::TempDir,
-    port: u16,
-    _router: Session,
-}
-
-fn make_ca(folder: &Path, port: u16) -> bool {
-    if Command::new("openssl").arg("version").output().is_err() {
-        eprintln!("skipped: openssl is not installed");
-        return false;
-    }
-    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../firmware-sim/deploy/make-ca");
-    let made = Command::new(script)
-        .arg(folder)
-        .args([FLEET, &format!("localhost:{port}"), "arm1", "arm2"])
-        .output()
-        .expect("bash runs");
-    let said = String::from_utf8_lossy(&made.stderr);
-    assert!(made.status.success(), "{said}");
-    true
-}
-
-impl Secured {
-    async fn start() -> Option<Secured> {
-        let folder = tempfile::tempdir().expect("a temporary directory");
-        let socket = UdpSocket::bind("127.0.0.1:0").expect("a free port");
-        let port = socket.local_addr().expect("it is bound").port();
-        drop(socket);
-        if !make_ca(folder.path(), port) {
-            return None;
-        }
-        let args = SessionArgs {
-            zenoh: Some(folder.path().join("router.json5")),
-            listen: vec![format!("quic/127.0.0.1:{port}?multistream=0")],
-            ..SessionArgs::default()
-        };
-        Some(Secured {
-            _router: open(&args).await.expect("the port is free"),
-            folder,
-            port,
-        })
-    }
-
-    fn config(&self, name: &str) -> PathBuf {
-        self.folder.path().join(format!("{name}.json5"))
-    }
-
-    async fn join(&self, name: &str) -> Session {
-        let args = SessionArgs {
-            zenoh: Some(self.config(name)),
-            ..SessionArgs::default()
-        };
-        open(&args).await.expect("the router lets it in")
-    }
-
-    async fn robot(&self, robot: &str) -> Node {
-        let config = NodeConfig {
-            fleet: FLEET.into(),
-            robot: robot.into(),
-            trusted: vec![key(1).verifying_key()],
-            state: None,
-        };
-        let node = Node::start(self.join(robot).await, config).await;
-        node.expect("good names")
-    }
-}
 
 #[tokio::test(flavor = "multi_thread")]
 async fn everybody_does_their_part_and_nothing_else() {
@@ -92,16 +20,16 @@ async fn everybody_does_their_part_and_nothing_else() {
         return;
     };
     let arm1 = secured.robot("arm1").await;
-    let mut publisher = Publisher::new(secured.join("trainer").await, FLEET, key(1));
+    let mut publisher = Publisher::new(secured.join("trainer").await, LAB, key(1));
     let publisher = publisher.as_mut().expect("a good name");
     let published = publisher.publish(1, "first", random_policy(1)).await;
     published.expect("a good policy");
     until(&arm1, |view| view.policy.is_some()).await;
 
     // A client asks by name and by load, takes back what it no longer wants, and reads traces.
-    let client = Client::new(secured.join("client").await, FLEET).await;
+    let client = Client::new(secured.join("client").await, LAB).await;
     let client = client.expect("a good name");
-    let traces = keys::all_traces(FLEET).expect("a good name");
+    let traces = keys::all_traces(LAB).expect("a good name");
     let traces = client.session().declare_subscriber(traces.as_str()).await;
     let traces = traces.expect("an open session");
     let cloud = random_cloud(1, 50);
@@ -126,7 +54,7 @@ async fn everybody_does_their_part_and_nothing_else() {
         _ = until(&arm1, |view| view.in_hand == 1) => {}
     }
     until(&arm1, |view| view.taken_back == 1).await;
-    let leaving = Client::new(secured.join("client").await, FLEET).await;
+    let leaving = Client::new(secured.join("client").await, LAB).await;
     let leaving = leaving.expect("a good name");
     tokio::select! {
         answer = leaving.refine("arm1", &long) => panic!("{answer:?}"),
@@ -138,7 +66,7 @@ async fn everybody_does_their_part_and_nothing_else() {
 
     // What is larger than any request does not reach the robot.
     let refused = arm1.watch().borrow().refused;
-    let refine = keys::refine(FLEET, "arm1").expect("good names");
+    let refine = keys::refine(LAB, "arm1").expect("good names");
     let too_large = vec![0; wire::REQUEST_BYTES + 1];
     let asked = client::ask(client.session(), &refine, "arm1", too_large, SILENCE).await;
     let unheard = matches!(
@@ -154,14 +82,14 @@ async fn everybody_does_their_part_and_nothing_else() {
     assert_eq!(arm1.watch().borrow().refused, refused + 1);
 
     // Two who are in, and go beyond their part: a client, and a robot.
-    let announced = keys::manifest(FLEET).expect("a good name");
+    let announced = keys::manifest(LAB).expect("a good name");
     let witness = secured.join("arm1").await;
     let heard = witness.declare_subscriber(announced.as_str()).await;
     let heard = heard.expect("an open session");
     let newer = manifest(9, "newer", &random_policy(2)).expect("a good policy");
     let signed = sign(&key(1), &newer);
     let other = secured.join("arm2").await;
-    let status = keys::status(FLEET, "arm1").expect("good names");
+    let status = keys::status(LAB, "arm1").expect("good names");
     // On a session of its own: what a session puts, it hears itself.
     let listener = secured.join("arm2").await;
     let overheard = listener.declare_subscriber("reagent/v1/lab/**").await;
@@ -262,7 +190,7 @@ async fn strangers_are_not_let_in() {
     for (attempt, outcome) in attempts.iter().zip([a, b, c, d]) {
         // In TLS 1.3, which QUIC uses, a client learns that it was refused after it believes itself connected.
         if let Ok(session) = outcome {
-            let key = keys::all_status(FLEET).expect("a good name");
+            let key = keys::all_status(LAB).expect("a good name");
             let replies = session.get(key.as_str()).timeout(SILENCE).await;
             let Ok(replies) = replies else { continue };
             while let Ok(reply) = replies.recv_async().await {

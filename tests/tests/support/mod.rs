@@ -1,7 +1,9 @@
 //! A Zenoh network on loopback, random policies and clouds, for tests that need a fleet.
 #![allow(dead_code, reason = "each test program uses a part")]
 
+pub(crate) mod datagrams;
 pub(crate) mod link;
+pub(crate) mod secured;
 
 use ed25519_dalek::SigningKey;
 use firmware_sim::node::{Node, NodeConfig};

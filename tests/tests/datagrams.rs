@@ -1,0 +1,50 @@
+//! Secured links over a network that loses, delays and reorders datagrams.
+
+mod support;
+
+use firmware_sim::client::Client;
+use futures::future::join_all;
+use host_train::publish::Publisher;
+use reagent_core::Pose;
+use reagent_core::wire::RefineRequest;
+use support::datagrams::Datagrams;
+use support::secured::{LAB, Secured};
+use support::{int8_policy, key, local_pose, random_cloud, request, until};
+
+#[tokio::test(flavor = "multi_thread")]
+async fn what_is_lost_late_or_overtaken_changes_no_pose() {
+    let Some(secured) = Secured::start().await else {
+        return;
+    };
+    let link = Datagrams::to(secured.port, 1).await;
+    let robot = secured.robot_at("arm1", link.port).await;
+    let mut publisher = Publisher::new(secured.join("trainer").await, LAB, key(1));
+    let publisher = publisher.as_mut().expect("a good name");
+    let policy = int8_policy();
+    let published = publisher.publish(1, "first", policy.clone()).await;
+    published.expect("a good policy");
+    until(&robot, |view| view.policy.is_some()).await;
+
+    let client = Client::new(secured.join("client").await, LAB).await;
+    let client = client.expect("a good name");
+    link.spoil();
+    let clouds: Vec<_> = [50, 60, 400].map(|points| random_cloud(1, points)).into();
+    let asked = clouds.iter().zip(1..).map(|(cloud, id)| {
+        let request = RefineRequest {
+            id,
+            ..request(cloud, cloud)
+        };
+        let client = &client;
+        async move { client.refine("arm1", &request).await }
+    });
+    for (answer, cloud) in join_all(asked).await.into_iter().zip(&clouds) {
+        let reply = answer.expect("a pose, if late");
+        let expected = local_pose(&policy, cloud, cloud, Pose::IDENTITY);
+        assert_eq!(reply.target_from_source, expected.to_rows());
+    }
+    let [lost, overtaken] = link.harm();
+    assert!(
+        lost > 10 && overtaken > 10,
+        "{lost} lost, {overtaken} overtaken"
+    );
+}

@@ -1,0 +1,90 @@
+//! A fleet whose members prove who they are: certificates and configurations by `firmware-sim/deploy/make-ca`.
+
+use super::key;
+use firmware_sim::node::{Node, NodeConfig};
+use firmware_sim::session::{SessionArgs, open};
+use std::net::UdpSocket;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use zenoh::Session;
+
+/// The fleet of those tests.
+pub(crate) const LAB: &str = "lab";
+
+/// Certificates and configurations of a fleet with two robots, and its router.
+pub(crate) struct Secured {
+    pub(crate) folder: tempfile::TempDir,
+    pub(crate) port: u16,
+    _router: Session,
+}
+
+pub(crate) fn make_ca(folder: &Path, port: u16) -> bool {
+    if Command::new("openssl").arg("version").output().is_err() {
+        eprintln!("skipped: openssl is not installed");
+        return false;
+    }
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../firmware-sim/deploy/make-ca");
+    let made = Command::new(script)
+        .arg(folder)
+        .args([LAB, &format!("localhost:{port}"), "arm1", "arm2"])
+        .output()
+        .expect("bash runs");
+    let said = String::from_utf8_lossy(&made.stderr);
+    assert!(made.status.success(), "{said}");
+    true
+}
+
+impl Secured {
+    pub(crate) async fn start() -> Option<Secured> {
+        let folder = tempfile::tempdir().expect("a temporary directory");
+        let socket = UdpSocket::bind("127.0.0.1:0").expect("a free port");
+        let port = socket.local_addr().expect("it is bound").port();
+        drop(socket);
+        if !make_ca(folder.path(), port) {
+            return None;
+        }
+        let args = SessionArgs {
+            zenoh: Some(folder.path().join("router.json5")),
+            listen: vec![format!("quic/127.0.0.1:{port}?multistream=0")],
+            ..SessionArgs::default()
+        };
+        Some(Secured {
+            _router: open(&args).await.expect("the port is free"),
+            folder,
+            port,
+        })
+    }
+
+    pub(crate) fn config(&self, name: &str) -> PathBuf {
+        self.folder.path().join(format!("{name}.json5"))
+    }
+
+    pub(crate) async fn join(&self, name: &str) -> Session {
+        self.join_at(name, self.port).await
+    }
+
+    /// Joins by another port of this machine than the router's own.
+    pub(crate) async fn join_at(&self, name: &str, port: u16) -> Session {
+        let args = SessionArgs {
+            zenoh: Some(self.config(name)),
+            connect: vec![format!("quic/localhost:{port}?multistream=0")],
+            ..SessionArgs::default()
+        };
+        open(&args).await.expect("the router lets it in")
+    }
+
+    pub(crate) async fn robot(&self, robot: &str) -> Node {
+        self.robot_at(robot, self.port).await
+    }
+
+    pub(crate) async fn robot_at(&self, robot: &str, port: u16) -> Node {
+        let config = NodeConfig {
+            fleet: LAB.into(),
+            robot: robot.into(),
+            trusted: vec![key(1).verifying_key()],
+            state: None,
+        };
+        let node = Node::start(self.join_at(robot, port).await, config).await;
+        node.expect("good names")
+    }
+}

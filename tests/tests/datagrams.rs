@@ -44,7 +44,7 @@ async fn what_is_lost_late_or_overtaken_changes_no_pose() {
     }
     let [lost, overtaken] = link.harm();
     assert!(
-        lost > 10 && overtaken > 10,
+        lost > 0 && overtaken > 0,
         "{lost} lost, {overtaken} overtaken"
     );
 }

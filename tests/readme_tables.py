@@ -72,6 +72,12 @@ def label(method):
     return POLICIES.get(name, name) + ENDS[plus + end]
 
 
+def ordered(found):
+    """Methods in the order of the tables above; those of one policy together."""
+    names = [*LABELS, *(policy + end for policy in POLICIES for end in ENDS)]
+    return sorted(found, key=lambda name: names.index(name) if name in names else len(names))
+
+
 def short(value, digits):
     """A number without the zero before its point."""
     return re.sub(r"^0\.", ".", f"{value:.{digits}f}")
@@ -116,16 +122,16 @@ def both_halves(data, *words):
 def builtin(args):
     methods = "init,icp,icp-plane,fgr-gnc,fgr+icp-plane,policy,policy+icp,policy+verify"
     found = measure("eval", "--data", "procedural", "--protocol", "m40-models", "--count", 300, "--methods", methods)
-    rows = [[label(name), accuracy(m), short(m["chamfer_mod"], 4), milliseconds(m)] for name, m in found["methods"].items()]
+    rows = [[label(name), accuracy(m), short(m["chamfer_mod"], 4), milliseconds(m)] for name, m in ((name, found["methods"][name]) for name in ordered(found["methods"]))]
     return table(["method", "ISO R / median / ISO t / ADI AUC / recall", "modified CD", "ms"], rows)
 
 
 def halves(args):
     methods = "init,icp,icp-plane,icp-trimmed,fgr,fgr-gnc,fgr+icp-plane,init+verify,policy,policy+icp,policy+polish,policy+verify"
     first, second = both_halves(args.data, "--weights", *WEIGHTS, "--methods", methods)
-    rows = [[label(name), accuracy(first[name]), accuracy(second[name]), milliseconds(first[name])] for name in first]
+    rows = [[label(name), accuracy(first[name]), accuracy(second[name]), milliseconds(first[name])] for name in ordered(first)]
     first, second = both_halves(args.data, "--weights", *WEIGHTS, "--methods", "policy", *LIKELY)
-    rows += [[label(name) + ", most likely steps", accuracy(first[name]), accuracy(second[name]), ""] for name in first]
+    rows += [[label(name) + ", most likely steps", accuracy(first[name]), accuracy(second[name]), ""] for name in ordered(first)]
     return table(["method", "first half: ISO R / median / ISO t / ADI AUC / recall", "second half, same", "ms"], rows)
 
 
@@ -144,7 +150,7 @@ def steps(args):
 def scans(args):
     words = ["--data", args.data / "real_scans", "--protocol", "scan", "--weights", *WEIGHTS]
     found = measure("eval", *words, "--methods", "icp-plane,policy,policy+polish,policy+verify")
-    rows = [[label(name), accuracy(m)] for name, m in found["methods"].items()]
+    rows = [[label(name), accuracy(m)] for name, m in ((name, found["methods"][name]) for name in ordered(found["methods"]))]
     return table([f"{found['pairs']} scans", "ISO R / median / ISO t / ADI AUC / recall"], rows)
 
 
@@ -154,8 +160,8 @@ def sweeps(args):
     rows, head = [], []
     for varied in measure("sweep", *words, "--methods", methods)["sweep"]:
         found = varied["methods"]
-        head = list(found)
-        for at in zip(*found.values()):
+        head = ordered(found)
+        for at in zip(*(found[name] for name in head)):
             cells = [f"{m['summary']['r_iso_median_deg']:.2f} / {100 * m['summary']['recall_r5_t005']:.0f}" for m in at]
             rows.append([varied["vary"], f"{at[0]['value']:g}", *cells])
     return table(["varied", "value", *map(label, head)], rows)

@@ -175,7 +175,7 @@ def verdict(args):
         auc = lambda quality: "" if quality["auc"] is None else short(quality["auc"], 3)
         numbers = [auc(fitted), auc(built_in), short(built_in["brier"], 3), short(built_in["risk_coverage"], 3)]
         mode, pairs = line["pairs"].split(" ", 1)
-        rows.append([f"{mode.lower()}, {pairs.lower()}", str(fitted["count"]), str(fitted["right"]), *numbers])
+        rows.append([f"{mode.lower()}, {pairs.lower()}", str(fitted["count"]), f"{100 * fitted['right']:.0f} %", *numbers])
     head = ["mode, pairs", "pairs", "right", "AUC of a fit to the other meshes", "AUC as built in", "Brier score", "risk over coverage"]
     return table(head, rows)
 

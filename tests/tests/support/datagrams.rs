@@ -53,15 +53,18 @@ impl Datagrams {
             let mut far_sides = HashMap::<SocketAddr, Arc<UdpSocket>>::new();
             let mut buffer = vec![0; 1 << 16];
             while let Ok((count, from)) = near.recv_from(&mut buffer).await {
-                if !far_sides.contains_key(&from) {
-                    let far = Arc::new(bind().await.expect("a free port"));
-                    far.connect((Ipv4Addr::LOCALHOST, router))
-                        .await
-                        .expect("loopback");
-                    far_sides.insert(from, far.clone());
-                    tokio::spawn(passed.clone().back(far, near.clone(), from));
-                }
-                passed.pass(&buffer[..count], far_sides[&from].clone(), None);
+                let far = match far_sides.get(&from) {
+                    Some(far) => far.clone(),
+                    None => {
+                        let far = Arc::new(bind().await.expect("a free port"));
+                        let router = (Ipv4Addr::LOCALHOST, router);
+                        far.connect(router).await.expect("loopback");
+                        far_sides.insert(from, far.clone());
+                        tokio::spawn(passed.clone().back(far.clone(), near.clone(), from));
+                        far
+                    }
+                };
+                passed.pass(&buffer[..count], far, None);
             }
         });
         Datagrams {

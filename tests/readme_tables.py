@@ -73,9 +73,10 @@ def label(method):
 
 
 def ordered(found):
-    """Methods in the order of the tables above; those of one policy together."""
+    """The same methods in the order of the tables above; those of one policy together."""
     names = [*LABELS, *(policy + end for policy in POLICIES for end in ENDS)]
-    return sorted(found, key=lambda name: names.index(name) if name in names else len(names))
+    place = lambda name: names.index(name) if name in names else len(names)
+    return {name: found[name] for name in sorted(found, key=place)}
 
 
 def short(value, digits):
@@ -122,7 +123,7 @@ def both_halves(data, *words):
 def builtin(args):
     methods = "init,icp,icp-plane,fgr-gnc,fgr+icp-plane,policy,policy+icp,policy+verify"
     found = measure("eval", "--data", "procedural", "--protocol", "m40-models", "--count", 300, "--methods", methods)
-    rows = [[label(name), accuracy(m), short(m["chamfer_mod"], 4), milliseconds(m)] for name, m in ((name, found["methods"][name]) for name in ordered(found["methods"]))]
+    rows = [[label(name), accuracy(m), short(m["chamfer_mod"], 4), milliseconds(m)] for name, m in ordered(found["methods"]).items()]
     return table(["method", "ISO R / median / ISO t / ADI AUC / recall", "modified CD", "ms"], rows)
 
 
@@ -150,7 +151,7 @@ def steps(args):
 def scans(args):
     words = ["--data", args.data / "real_scans", "--protocol", "scan", "--weights", *WEIGHTS]
     found = measure("eval", *words, "--methods", "icp-plane,policy,policy+polish,policy+verify")
-    rows = [[label(name), accuracy(m)] for name, m in ((name, found["methods"][name]) for name in ordered(found["methods"]))]
+    rows = [[label(name), accuracy(m)] for name, m in ordered(found["methods"]).items()]
     return table([f"{found['pairs']} scans", "ISO R / median / ISO t / ADI AUC / recall"], rows)
 
 
@@ -159,9 +160,9 @@ def sweeps(args):
     words = ["--data", args.data, "--protocol", "m40-models", "--vary", "all", "--count", 100, "--threads", args.threads]
     rows, head = [], []
     for varied in measure("sweep", *words, "--methods", methods)["sweep"]:
-        found = varied["methods"]
-        head = ordered(found)
-        for at in zip(*(found[name] for name in head)):
+        found = ordered(varied["methods"])
+        head = list(found)
+        for at in zip(*found.values()):
             cells = [f"{m['summary']['r_iso_median_deg']:.2f} / {100 * m['summary']['recall_r5_t005']:.0f}" for m in at]
             rows.append([varied["vary"], f"{at[0]['value']:g}", *cells])
     return table(["varied", "value", *map(label, head)], rows)

@@ -41,14 +41,36 @@ POLICIES = {
 }
 ENDS = {"": "", "+icp": ", then ICP to planes", "+polish": ", polished", "+verify": ", verified"}
 
+COMPACT = ["--shape", "compact"]
 DESIGN = {
-    "expert": ("without the stochastic policy: the expert's actions", ["--follow", "expert"]),
-    "argmax": ("without the stochastic policy: the likeliest actions", ["--follow", "argmax"]),
-    "plain": ("without augmentation", ["--no-augmentation"]),
-    "greedy": ("greedy expert", ["--expert", "greedy"]),
-    "basic": ("basic accumulation", ["--accumulation", "basic"]),
-    "local": ("local rotations", ["--accumulation", "local"]),
-    "ours": ("ours: stochastic, augmented, steady, global", []),
+    "expert": ("without the stochastic policy: the expert's actions", [*COMPACT, "--follow", "expert"]),
+    "argmax": ("without the stochastic policy: the likeliest actions", [*COMPACT, "--follow", "argmax"]),
+    "plain": ("without augmentation", [*COMPACT, "--no-augmentation"]),
+    "greedy": ("greedy expert", [*COMPACT, "--expert", "greedy"]),
+    "basic": ("basic accumulation", [*COMPACT, "--accumulation", "basic"]),
+    "local": ("local rotations", [*COMPACT, "--accumulation", "local"]),
+    "ours": ("ours: stochastic, augmented, steady, global", COMPACT),
+    "wide": ("ours, with the paper's network", []),
+    "deep": ("ours, with the deep network", ["--shape", "deep"]),
+}
+
+# One change at a time to six epochs of reinforcement after the same pre-training.
+COSINE = ["--anneal", "cosine"]
+HALVED = ["--anneal", "halve", "--halve-every", 2]
+TRIED = {
+    "ours-1": ("annealed along a cosine, 6 epochs", COSINE),
+    "ours-2": ("the same, another seed", [*COSINE, "--seed", 2]),
+    "ours-3": ("the same, a third seed", [*COSINE, "--seed", 3]),
+    "long": ("18 epochs", [*COSINE, "--epochs", 18]),
+    "halved": ("learning rate halved every second epoch", HALVED),
+    "average": ("halved, and averaged weights (`--average 0.999`)", [*HALVED, "--average", 0.999]),
+    "batch": ("mini-batches of 128 instead of 32", [*COSINE, "--mini-batch", 128]),
+    "greedy": ("greedy expert", [*COSINE, "--expert", "greedy"]),
+    "alpha": ("less reinforcement (`--alpha 0.1`)", [*COSINE, "--alpha", 0.1]),
+    "normalised": ("normalised advantages", [*COSINE, "--normalise-advantages"]),
+    "clipped": ("clipped values", [*COSINE, "--clip-values"]),
+    "bootstrap": ("value of the last state in the returns", [*COSINE, "--bootstrap"]),
+    "crops": ("half of the sources cropped and cluttered", [*COSINE, "--min-overlap", 0.7, "--max-outliers", 0.1]),
 }
 
 
@@ -131,9 +153,49 @@ def halves(args):
     methods = "init,icp,icp-plane,icp-trimmed,fgr,fgr-gnc,fgr+icp-plane,init+verify,policy,policy+icp,policy+polish,policy+verify"
     first, second = both_halves(args.data, "--weights", *WEIGHTS, "--methods", methods)
     rows = [[label(name), accuracy(first[name]), accuracy(second[name]), milliseconds(first[name])] for name in ordered(first)]
-    first, second = both_halves(args.data, "--weights", *WEIGHTS, "--methods", "policy", *LIKELY)
-    rows += [[label(name) + ", most likely steps", accuracy(first[name]), accuracy(second[name]), ""] for name in ordered(first)]
+    for rule, words in ((", one way", ["--decide", "mean"]), (", most likely steps", LIKELY)):
+        first, second = both_halves(args.data, "--weights", *WEIGHTS, "--methods", "policy", *words)
+        rows += [[label(name) + rule, accuracy(first[name]), accuracy(second[name]), ""] for name in ordered(first)]
     return table(["method", "first half: ISO R / median / ISO t / ADI AUC / recall", "second half, same", "ms"], rows)
+
+
+# Keys of the JSON, factors and decimals.
+INT8 = {
+    "ISO R mean, deg": ("r_iso_deg", 1, 3),
+    "ISO R median, deg": ("r_iso_median_deg", 1, 3),
+    "MAE R, deg": ("r_mae_deg", 1, 3),
+    "ISO t": ("t_iso", 1, 4),
+    "ISO t median": ("t_iso_median", 1, 4),
+    "MAE t": ("t_mae", 1, 4),
+    "ADI AUC, %": ("adi_auc_pct", 1, 2),
+    "ADD AUC, %": ("add_auc_pct", 1, 2),
+    "modified CD x 1e-4": ("chamfer_mod", 1e4, 2),
+    "modified CD median x 1e-4": ("chamfer_mod_median", 1e4, 2),
+    "recall, %": ("recall_r5_t005", 100, 2),
+}
+
+
+def int8(args):
+    """Means over four sets of 1000 pairs, and of medians their mean too."""
+    words = ["--count", 1000, "--weights", *WEIGHTS[:2], "--methods", "policy", "--agreement", "--threads", args.threads]
+    sets = [
+        measure("eval", "--data", args.data, "--protocol", f"m40-{name}", "--seed", seed, *words)
+        for name in ("models", "categories")
+        for seed in (1, 2)
+    ]
+    change = lambda exact, found: f"{100 * (found / exact - 1):+.1f}".replace("-0.0", "0.0").replace("+0.0", "0.0")
+    rows = []
+    for what, (key, factor, digits) in INT8.items():
+        exact, found = ([factor * s["methods"][name][key] for s in sets] for name in ("reagent", "reagent-int8"))
+        means = statistics.mean(exact), statistics.mean(found)
+        single = ", ".join(map(change, exact, found))
+        rows.append([what, *(short(mean, digits) for mean in means), change(*means) + " %", single])
+    equal = zip(*(s["agreement"]["reagent-int8"]["equal"] for s in sets))
+    equal = [100 * statistics.mean(step) for step in equal]
+    text = table(["4,000 pairs", "f32", "int8", "int8 to f32", "in the single sets, %"], rows)
+    cells = [f"{share:.0f}" for share in equal]
+    head = ["step", *map(str, range(1, len(cells) + 1)), "all"]
+    return text + "\n" + table(head, [["equal actions, % of axes", *cells, f"{statistics.mean(equal):.0f}"]])
 
 
 def steps(args):
@@ -196,7 +258,7 @@ def protocol(args):
     files = [("pretrain", pre / "last.safetensors"), ("ilrl, best on validation", ilrl), ("ilrl, last", ilrl / "last.safetensors")]
     kept = ROOT / "core/weights/protocol-int8.rgw"
     for what, path in [*files, ("ilrl, last, in int8: `protocol-int8.rgw`", kept)]:
-        runs = [("most likely steps", "policy", LIKELY), ("steps nearest to the mean", "policy", ["--decide", "mean"])]
+        runs = [("most likely steps", "policy", LIKELY), ("both ways", "policy", ["--decide", "both-ways"])]
         if path == kept:
             runs.append(("verified", "policy+verify", []))
         for how, methods, words in runs:
@@ -215,7 +277,7 @@ def seeds(args):
     pre = trained(args, "pre", "--stage", "pretrain")
     rows = []
     for stage in ("il", "ilrl"):
-        rules = ("most-likely", "mean")
+        rules = ("most-likely", "both-ways")
         found = {(name, rule): [] for name in ("m40-models", "m40-categories") for rule in rules}
         for seed in SEEDS:
             path = trained(args, f"{stage}-{seed}", "--stage", stage, "--init", pre, "--epochs", 4, "--seed", seed)
@@ -240,7 +302,7 @@ def seeds(args):
 def design(args):
     rows = []
     for name, (what, words) in DESIGN.items():
-        schedule = ["--stage", "pretrain", "--shape", "compact", "--epochs", 10, "--anneal", "cosine"]
+        schedule = ["--stage", "pretrain", "--epochs", 10, "--anneal", "cosine"]
         path = trained(args, f"design-{name}", *schedule, *words)
         row = [what]
         for drawn in ("m40-clean", "m40-categories"):
@@ -252,7 +314,25 @@ def design(args):
     return table(head, rows)
 
 
-TABLES = [builtin, halves, scans, verdict, sweeps, steps, protocol, seeds, design]
+def tried(args):
+    schedule = ["--stage", "pretrain", *COMPACT, "--epochs", 20, "--learning-rate", 1e-3, *COSINE]
+    pre = trained(args, "tried-pre", *schedule)
+    rows = []
+    for name, (what, words) in TRIED.items():
+        defaults = {"--epochs": 6, "--seed": 1}
+        words = words + [word for key, value in defaults.items() if key not in words for word in (key, value)]
+        common = ["--stage", "ilrl", *COMPACT, "--init", pre, "--learning-rate", 3e-4]
+        path = trained(args, f"tried-{name}", *common, *words)
+        cells = []
+        for rule in ("most-likely", "both-ways"):
+            words = ["--data", "procedural", "--protocol", "m40-models", "--count", 600, "--seed", 5, "--threads", args.threads]
+            m = measure("eval", *words, "--decide", rule, "--weights", path / "last.safetensors")["methods"]["last"]
+            cells.append(f"{m['r_iso_deg']:.2f} / {m['r_iso_median_deg']:.2f} / {100 * m['recall_r5_t005']:.0f} %")
+        rows.append([what, *cells])
+    return table(["tried", "most likely steps: ISO R / median / recall", "both ways, same"], rows)
+
+
+TABLES = [builtin, halves, scans, verdict, sweeps, steps, int8, protocol, seeds, design, tried]
 
 
 def main():
@@ -270,11 +350,11 @@ def main():
         if args.only and name not in args.only:
             continue
         begin, end = f"<!-- readme_tables.py {name} -->\n", "<!-- end -->\n"
-        before, found, rest = page.read_text().partition(begin)
-        if not found:
+        if begin not in page.read_text():
             parser.error(f"README.md has no place for {name}")
-        after = rest.partition(end)[2]
         text = make(args)
+        before, _, rest = page.read_text().partition(begin)
+        after = rest.partition(end)[2]
         page.write_text(before + begin + "\n" + text + "\n" + end + after)
         print(text, flush=True)
 

@@ -1,13 +1,16 @@
 //! A control loop that follows a part in front of a depth camera: `cargo run --release -p reagent-core
-//! --features pretrained --example depth_camera`.
+//! --features pretrained-compact --example depth_camera`.
 //!
 //! Every frame is a picture of depths in millimetres, back-projected to points. Its registration starts
-//! from the pose of the frame before, and takes as many steps as the frame has time for. All memory is
-//! allocated once, at the start; nothing here but `println!` and the camera needs an operating system.
+//! from the pose of the frame before, takes as many steps as the frame has time for, and is sliced so that
+//! the loop's other work never waits for more than 16 points. As in firmware the policy is the small one in 8-bit
+//! integers, read where it lies, and all memory is static; nothing here but `println!` and the camera needs an
+//! operating system.
 
 use reagent_core::net::Scratch;
 use reagent_core::pose::rotation_from_euler;
-use reagent_core::{Error, Frame, Policy, Pose, Registrar, Registration, Verdict};
+use reagent_core::{Error, Frame, Policy, Pose, Registrar, Registration};
+use std::sync::Mutex;
 
 const WIDTH: usize = 96;
 const HEIGHT: usize = 72;
@@ -17,18 +20,36 @@ const FOCAL: f32 = 200.0;
 const MODEL: usize = 40 * 30;
 /// Steps that one frame has time for.
 const STEPS_A_FRAME: usize = 4;
+/// Points of one slice: the loop's period is longer than they take.
+const SLICE: usize = 16;
+
+/// Memory of the whole loop.
+struct Memory {
+    scratch: Scratch,
+    model: [[f32; 3]; MODEL],
+    depths: [[u16; WIDTH]; HEIGHT],
+    cloud: [[f32; 3]; MODEL],
+}
+
+/// The lock takes the place of a microcontroller's `StaticCell`.
+static MEMORY: Mutex<Memory> = Mutex::new(Memory {
+    scratch: Scratch::new(),
+    model: [[0.0; 3]; MODEL],
+    depths: [[0; WIDTH]; HEIGHT],
+    cloud: [[0.0; 3]; MODEL],
+});
 
 /// A part of 80 x 60 mm as it was designed: a step with a ramp beside it.
-fn model() -> [[f32; 3]; MODEL] {
-    core::array::from_fn(|i| {
+fn design(model: &mut [[f32; 3]; MODEL]) {
+    for (i, point) in model.iter_mut().enumerate() {
         let (x, y) = ((i % 40) as f32 * 2.0 - 39.0, (i / 40) as f32 * 2.0 - 29.0);
         let z = match (x < -10.0, y < 0.0) {
             (true, _) => -25.0,
             (false, true) => -0.4 * (x + 10.0),
             (false, false) => 0.0,
         };
-        [x, y, z]
-    })
+        *point = [x, y, z];
+    }
 }
 
 /// Where the part is in the camera's frame: half a metre away, drifting and turning.
@@ -71,37 +92,43 @@ fn points(depths: &[[u16; WIDTH]; HEIGHT], cloud: &mut [[f32; 3]; MODEL]) -> usi
     count
 }
 
+/// Whatever cannot wait for a step: motors, limits, the watchdog.
+fn control(turns: &mut usize) {
+    *turns += 1;
+}
+
 fn main() -> Result<(), Error> {
-    let policy = Policy::pretrained()?;
-    let mut scratch = Box::new(Scratch::new());
-    let mut registrar = Registrar::new(policy, &mut scratch);
-    let model = model();
-    let frame_of_model = Frame::of(&model)?;
-    let mut depths = [[0; WIDTH]; HEIGHT];
-    let mut cloud = [[0.0; 3]; MODEL];
+    let mut memory = MEMORY.lock().expect("nobody else uses it");
+    let Memory {
+        scratch,
+        model,
+        depths,
+        cloud,
+    } = &mut *memory;
+    let mut registrar = Registrar::new(Policy::pretrained_compact()?, scratch);
+    design(model);
+    let frame_of_model = Frame::of(model)?;
 
     // The first guess is where the part is fed in.
     let mut model_from_camera = camera_from_model(0).inverse();
-    println!("frame  points  steps  verdict     off by mm  deg");
+    println!("frame  points  steps  verdict     turns  off by mm  deg");
     for frame in 0..20 {
         let truth = camera_from_model(frame);
-        picture(&model, truth, &mut depths);
-        let seen = points(&depths, &mut cloud);
+        picture(model, truth, depths);
+        let seen = points(depths, cloud);
 
         let mut registration = Registration::new();
-        registrar.start_in(
+        registrar.begin_in(
             &mut registration,
             &cloud[..seen],
-            &model,
+            model,
             frame_of_model,
             model_from_camera,
         )?;
-        for _ in 0..STEPS_A_FRAME {
-            // Here the loop's other work has its turn.
-            registrar.step(&mut registration);
-            if registration.verdict() == Verdict::Converged {
-                break;
-            }
+        let mut turns = 0;
+        while registration.steps() < STEPS_A_FRAME && !registration.rests() {
+            registrar.advance(&mut registration, SLICE);
+            control(&mut turns);
         }
         model_from_camera = registration.target_from_source();
 
@@ -110,7 +137,7 @@ fn main() -> Result<(), Error> {
             .map(|(i, column)| column[i])
             .sum::<f32>();
         println!(
-            "{frame:>5}  {seen:>6}  {:>5}  {:<10}  {:>9.1}  {:>3.1}",
+            "{frame:>5}  {seen:>6}  {:>5}  {:<10}  {turns:>5}  {:>9.1}  {:>3.1}",
             registration.steps(),
             registration.verdict(),
             error.translation.length(),

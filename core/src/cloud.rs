@@ -6,7 +6,7 @@ use crate::grid::Grid;
 use core::ops::Range;
 
 /// Points that somebody else holds.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Cloud<'c> {
     /// Coordinates, 12 bytes a point.
     F32(&'c [[f32; 3]]),

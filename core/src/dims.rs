@@ -19,6 +19,8 @@ pub const STEP_SIZES: usize = 11;
 pub const LOGITS: usize = AXES * STEP_SIZES;
 /// Refinement steps of one registration, `n` in the paper.
 pub const STEPS: usize = 10;
+/// Steps before those in which a policy that decides so looks both ways ([`crate::Decision::BothWays`]).
+pub const STEPS_ONE_WAY: usize = 4;
 
 /// Fewest points that fix a rigid transform.
 pub const MIN_POINTS: usize = 3;
@@ -39,6 +41,10 @@ pub(crate) const PANELS_TOGETHER: usize = 8;
 
 /// Points whose 8-bit codes are held at once.
 pub const QUANT_TILE: usize = if HOST { 192 } else { 8 };
+
+/// Heads for which a registration keeps what its target adds to their first layer; where memory is short it is
+/// computed in every step.
+pub(crate) const TARGETS_KEPT: usize = if HOST { 2 } else { 0 };
 
 /// Whether there is memory for large tiles.
 const HOST: bool = cfg!(any(target_arch = "x86_64", target_arch = "aarch64"));
@@ -66,14 +72,32 @@ pub const COMPACT_POLICY_BYTES: usize = file_len(&Shape::COMPACT, FORMAT_INT8);
 
 /// Most RAM beyond the policy for two clouds of 1024 points on a microcontroller, stack included, bytes.
 pub const RAM_BUDGET: usize = 48 * 1024;
-/// Of it, what is left for frames on the line and the rest of the stack.
+/// The same where the clouds are on a grid of 16-bit codes, bytes.
+pub const GRID_RAM_BUDGET: usize = RAM_BUDGET - (CLOUD_BYTES - GRID_CLOUD_BYTES);
+/// Of both, what is left for frames on the line and the rest of the stack.
 pub const RAM_REST: usize = 9 * 1024;
+/// Of both, what the stack may take, bytes: the simulated boards reserve it.
+pub const STACK_BUDGET: usize = 13 * 1024;
 /// Most flash of a policy in 8-bit integers, bytes.
 pub const FLASH_BUDGET: usize = 2_700_000;
 /// Most flash that this library adds to a program for a microcontroller, its constants included, bytes.
 pub const CODE_BUDGET: usize = 40 * 1024;
 /// Most flash of a policy of the compact shape in 8-bit integers, bytes.
 pub const COMPACT_FLASH_BUDGET: usize = 256 * 1024;
+
+/// Multiply-adds of a registration of two clouds of 1024 points in [`STEPS`] steps.
+pub const MULTIPLY_ADDS: u64 = Shape::FULL.macs_registration(1024, STEPS);
+/// The same of the compact shape.
+pub const COMPACT_MULTIPLY_ADDS: u64 = Shape::COMPACT.macs_registration(1024, STEPS);
+/// Most of [`MULTIPLY_ADDS`].
+pub const MULTIPLY_ADD_BUDGET: u64 = 1_650_000_000;
+/// Most of [`COMPACT_MULTIPLY_ADDS`].
+pub const COMPACT_MULTIPLY_ADD_BUDGET: u64 = 330_000_000;
+/// Most instructions of a Cortex-M7, with DSP, for a multiply-add of the embedding of the largest shape in 8-bit
+/// integers; simulated, not silicon.
+pub const CORTEX_M7_INSTRUCTION_BUDGET: f64 = 1.2;
+/// The same of a Cortex-M55, with Helium.
+pub const CORTEX_M55_INSTRUCTION_BUDGET: f64 = 0.25;
 
 /// RAM of [`crate::polish::Workspace`], bytes: only for who polishes.
 pub const WORKSPACE_BYTES: usize = core::mem::size_of::<crate::polish::Workspace>();
@@ -82,6 +106,8 @@ const _: () = assert!(FEATURES.is_multiple_of(PANEL) && HEAD[0].is_multiple_of(P
 const _: () = assert!(SCRATCH_BYTES < 96 * 1024);
 const _: () = assert!(POLICY_BYTES <= FLASH_BUDGET);
 const _: () = assert!(COMPACT_POLICY_BYTES <= COMPACT_FLASH_BUDGET);
+const _: () = assert!(MULTIPLY_ADDS <= MULTIPLY_ADD_BUDGET);
+const _: () = assert!(COMPACT_MULTIPLY_ADDS <= COMPACT_MULTIPLY_ADD_BUDGET);
 // The tiles of hosts are larger.
 const _: () = assert!(
     !cfg!(target_os = "none")

@@ -32,6 +32,21 @@ pub struct FloatScratch {
     head2: [f32; HEAD[1]],
 }
 
+// The tiles are free while the heads run: the hidden layers of the second way have room there.
+const _: () = assert!(TILE * EMBED[1] >= HEAD[0] && TILE * EMBED[0] >= HEAD[1]);
+
+impl FloatScratch {
+    /// The source's feature, and a head's hidden layers for either way.
+    fn parts(&mut self) -> (&Feature, [[&mut [f32]; 2]; 2]) {
+        let Tiles { hidden1, hidden2 } = &mut self.tiles;
+        let ways = [
+            [&mut self.head1[..], &mut self.head2[..]],
+            [&mut hidden2[..], &mut hidden1[..]],
+        ];
+        (&self.feature, ways)
+    }
+}
+
 /// Working memory by number format: one of them at a time, in the same place.
 #[derive(Clone, Debug)]
 #[allow(
@@ -316,11 +331,10 @@ fn embed_tiles(
     }
 }
 
-/// The part of a head's first layer that the target's feature determines, bias included: constant
-/// over a registration; as much of it as the layer has outputs.
+/// What a target adds to the first layer of a head, bias included; as much of it as the layer has outputs.
 pub type TargetHalf = [f32; HEAD[0]];
 
-/// What a target adds to a head: `b + W[:, 1024..] φ(Y)`.
+/// What a target adds to the first layer of a head: `b + W[:, 1024..] φ(Y)`.
 pub fn target_half(isa: Isa, head: &Head<'_>, target: &Feature, half: &mut TargetHalf) {
     let [fc1, _, _] = &head.layers;
     let features = fc1.inputs / 2;
@@ -332,70 +346,81 @@ pub fn target_half(isa: Isa, head: &Head<'_>, target: &Feature, half: &mut Targe
 /// One registration in a pass over the weights of a head.
 #[derive(Debug)]
 pub struct Lane<'a> {
-    /// What its target adds.
-    pub target: &'a TargetHalf,
+    /// Feature of its target.
+    pub target: &'a Feature,
+    /// What the target adds to this head, if it is known.
+    pub half: Option<&'a TargetHalf>,
     /// Where its source has been embedded.
     pub scratch: &'a mut FloatScratch,
-    /// What comes out, axis-major.
-    pub logits: &'a mut [f32; LOGITS],
+    /// What comes out, axis-major: of (source, target), and of (target, source) if there is a second place.
+    pub ways: &'a mut [[f32; LOGITS]],
 }
 
-/// Logits of one head for the sources embedded last.
+/// Logits of one head for the sources embedded last. Some panels of a layer are taken at a time: their weights come
+/// from memory for the first lane and way, and from the cache for the others.
 pub fn logits(isa: Isa, head: &Head<'_>, lanes: &mut [Lane<'_>]) {
     let [fc1, fc2, out] = &head.layers;
-    for (first, part) in parts(fc1, lanes.len()) {
-        for Lane {
-            target, scratch, ..
-        } in lanes.iter_mut()
-        {
-            let (Some(x), Some(start), Some(y)) = (
-                scratch.feature.get(..fc1.inputs / 2),
-                target.get(first..),
-                scratch.head1.get_mut(first..first + part.outputs),
-            ) else {
-                continue;
-            };
-            isa.gemv(&part, start, 0, x, y);
-            relu(y);
+    let features = fc1.inputs / 2;
+    for (first, part) in parts(fc1) {
+        for lane in lanes.iter_mut() {
+            let (source, hidden) = lane.scratch.parts();
+            let outputs = first..first + part.outputs;
+            let known = lane.half.and_then(|half| half.get(outputs.clone()));
+            let orders = [(source, lane.target, known), (lane.target, source, None)];
+            for ((x, y, known), [head1, _]) in orders.into_iter().zip(hidden).take(lane.ways.len())
+            {
+                let (Some(x), Some(y), Some(head1)) = (
+                    x.get(..features),
+                    y.get(..features),
+                    head1.get_mut(outputs.clone()),
+                ) else {
+                    continue;
+                };
+                let mut start = [0.0; PANELS_TOGETHER * PANEL];
+                let start = known.unwrap_or_else(|| {
+                    isa.gemv(&part, part.bias, features, y, &mut start);
+                    &start
+                });
+                isa.gemv(&part, start, 0, x, head1);
+                relu(head1);
+            }
         }
     }
-    for (first, part) in parts(fc2, lanes.len()) {
-        for Lane { scratch, .. } in lanes.iter_mut() {
-            let (Some(x), Some(y)) = (
-                scratch.head1.get(..fc2.inputs),
-                scratch.head2.get_mut(first..first + part.outputs),
-            ) else {
-                continue;
-            };
-            isa.gemv(&part, part.bias, 0, x, y);
-            relu(y);
+    for (first, part) in parts(fc2) {
+        for lane in lanes.iter_mut() {
+            let (_, hidden) = lane.scratch.parts();
+            for [head1, head2] in hidden.into_iter().take(lane.ways.len()) {
+                let (Some(x), Some(head2)) = (
+                    head1.get(..fc2.inputs),
+                    head2.get_mut(first..first + part.outputs),
+                ) else {
+                    continue;
+                };
+                isa.gemv(&part, part.bias, 0, x, head2);
+                relu(head2);
+            }
         }
     }
-    for Lane {
-        scratch, logits, ..
-    } in lanes
-    {
-        let mut padded_logits = [0.0; padded(LOGITS)];
-        if let Some(x) = scratch.head2.get(..out.inputs) {
-            isa.gemv(out, out.bias, 0, x, &mut padded_logits);
-        }
-        for (logit, value) in logits.iter_mut().zip(padded_logits) {
-            *logit = value;
+    for lane in lanes {
+        let (_, hidden) = lane.scratch.parts();
+        for (logits, [_, head2]) in lane.ways.iter_mut().zip(hidden) {
+            let mut padded_logits = [0.0; padded(LOGITS)];
+            if let Some(x) = head2.get(..out.inputs) {
+                isa.gemv(out, out.bias, 0, x, &mut padded_logits);
+            }
+            for (logit, value) in logits.iter_mut().zip(padded_logits) {
+                *logit = value;
+            }
         }
     }
 }
 
-/// A layer, each part with its first output: whole for one lane; for several some panels at a time, whose
-/// weights come from memory for the first lane and from the cache for the others.
-fn parts<'a>(layer: &Dense<'a>, lanes: usize) -> impl Iterator<Item = (usize, Dense<'a>)> {
+/// Some panels of a layer at a time, each part with its first output.
+fn parts<'a>(layer: &Dense<'a>) -> impl Iterator<Item = (usize, Dense<'a>)> {
     let inputs = layer.inputs;
-    let outputs = if lanes > 1 {
-        PANELS_TOGETHER * PANEL
-    } else {
-        layer.bias.len()
-    };
+    let outputs = PANELS_TOGETHER * PANEL;
     let panels = layer.panels.chunks((inputs * outputs).max(1));
-    let parts = panels.zip(layer.bias.chunks(outputs.max(1)));
+    let parts = panels.zip(layer.bias.chunks(outputs));
     parts.enumerate().map(move |(i, (panels, bias))| {
         let part = Dense {
             inputs,

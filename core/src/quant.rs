@@ -20,6 +20,7 @@
 //!    (1024..2048) codes, code = `R(a)` limited to 0..=8191; the same with 512 inputs; then
 //!    `logit = f32(a) * scale` with 256 inputs. The 4096 of features is part of the first bias.
 //!    Thirteen bits cost no time here: heads read weights as fast as memory gives them.
+//!    Where the policy looks both ways, the heads run once more with the features of source and target exchanged.
 //! 5. The action follows from the logits as in the f32 network, as the file says: [`crate::decision`].
 //!
 //! `R(a) = floor((a * factor + 2^(shift - 1)) / 2^shift)` is [`Requantise`]: in exact arithmetic, which
@@ -31,13 +32,37 @@
 //! to multiples of 16 with zeros. The bias offset of the layer table points at the bias, and what comes
 //! after it starts where the padded bias ends.
 //!
-//! Why so plain: over 3,000 noisy pairs (1,000 each of known and of new categories of meshes, and of
-//! built-in shapes) the shipped policy in integers has a mean ISO error of 7.70 deg where f32 has 7.65,
-//! MAE of 4.04 deg against 3.98, translation errors within 0.3 %, modified Chamfer distance within
-//! 1.5 %, recall within 1 %; single sets scatter by 4 % either way. The same actions are another matter:
-//! 84 to 91 % of f32's in the first step and 57 to 70 % in the last, where the source is in place and
-//! "stop" and the smallest step are nearly as likely. More of them would be kept by a search in 8 bits with the winners computed anew in higher
-//! precision, which no metric asked for.
+//! # In floating point
+//!
+//! IEEE single precision, round to nearest even, each operation rounded on its own, sums from left to right as written;
+//! f64 only where it says so. Vectors and matrices are operated on component by component, `M = [c₀ c₁ c₂]` by columns:
+//! `M v = (c₀ v₀ + c₁ v₁) + c₂ v₂`, and `M N` has the columns `M n₀, M n₁, M n₂`.
+//!
+//! - **Centroid** `μ` of the source: for each axis, the sum in f64 in the order of the points from 0, divided by their
+//!   number in f64, rounded to f32. A point on a grid is decoded first ([`crate::grid`]).
+//! - **Frame** (`centre`, `scale`) is given; that of a target is its centroid and the greatest length
+//!   `√((x² + y²) + z²)` of a point minus it. With `i = 1 / scale`, the target is seen through `Q = I i`, `o = centre`,
+//!   `p = 0`; the source through `Q = R i`, `o = μ`, `p = (μ - centre) i + t`.
+//! - **Seeing** a point ([`View::see`]): `x = Q (point - o) + p`.
+//! - **Start** from a pose `(R₀, t₀)`: `R = R₀`, `t = ((t₀ - μ) + R₀ μ) / scale`.
+//! - **Step** ([`crate::steps`]): from the ids of the axes the table gives `t̂`, sines `s` and cosines `c`, and
+//!   `R̂ = Rx Ry Rz` with the rows `(c₁c₂, -c₁s₂, s₁)`, `(c₀s₂ + (s₀s₁)c₂, c₀c₂ - (s₀s₁)s₂, -s₀c₁)`,
+//!   `(s₀s₂ - (c₀s₁)c₂, s₀c₂ + (c₀s₁)s₂, c₀c₁)`. Then `R = R̂ R`, `t = t̂ + t`.
+//! - **Pose** of the registration: `R` and `(t scale + μ) - R μ`.
+//! - **Probabilities** of an axis's eleven logits `l`: `w = exp(l - max l)`; `p = w / Σ w`, the sum in the order of the
+//!   table from 0.
+//! - **Both ways** (after [`crate::dims::STEPS_ONE_WAY`] steps, if the file says so): with `p` of (source, target) and
+//!   `q` of (target, source), the logit of step `k` becomes `log(max(0.5 (p[k] + q[10 - k]), 2^-126))`, and
+//!   probabilities are taken of these logits anew.
+//! - **Decision**: the most likely step is that of the greatest logit; else `m = Σ p step` in the order of the table
+//!   from 0, and the step is that of the least `|step - m|`. The first of equals.
+//! - `exp` and `log` are those of FreeBSD's msun (`e_expf.c`, `e_logf.c`), which the crate `libm` ports; a square root
+//!   is correctly rounded.
+//!
+//! Why so plain: metrics stay those of f32, whose table is in the README with the command that measures it. The same
+//! actions are another matter: where the source is in place, "stop" and the smallest step are nearly as likely, and the
+//! two formats choose differently without loss. More of f32's actions would be kept by a search in 8 bits with the
+//! winners computed anew in higher precision, which no metric asked for.
 
 use crate::dims::{EMBED, FEATURES, HEAD, LOGITS, PANEL, PANELS_TOGETHER, QUANT_TILE, padded};
 use crate::error::Error;
@@ -247,10 +272,14 @@ pub struct QuantScratch {
     hidden2: [u8; QUANT_TILE * EMBED[1]],
     max: [i32; FEATURES],
     /// Feature of the cloud embedded last.
-    feature: Wide<FEATURES>,
-    head1: Wide<{ HEAD[0] }>,
-    head2: Wide<{ HEAD[1] }>,
+    pub(crate) feature: Feature,
+    /// Hidden layers of a head, for the features in one order and in the other.
+    head1: [Wide<{ HEAD[0] }>; 2],
+    head2: [Wide<{ HEAD[1] }>; 2],
 }
+
+/// A global feature vector in codes, one a channel; as many as the network has features.
+pub type Feature = Wide<FEATURES>;
 
 impl QuantScratch {
     pub(crate) const ZERO: Self = QuantScratch {
@@ -258,8 +287,8 @@ impl QuantScratch {
         hidden2: [0; QUANT_TILE * EMBED[1]],
         max: [0; FEATURES],
         feature: Wide::ZERO,
-        head1: Wide::ZERO,
-        head2: Wide::ZERO,
+        head1: [Wide::ZERO; 2],
+        head2: [Wide::ZERO; 2],
     };
 }
 
@@ -310,15 +339,14 @@ pub fn finish(network: &QuantNetwork<'_>, scratch: &mut QuantScratch) {
     scratch.feature.set(codes);
 }
 
-/// What the target's feature adds to the first layer of a head, bias included; as much of it as the layer
-/// has outputs.
+/// What a target adds to the first layer of a head, bias included; as much of it as the layer has outputs.
 pub type TargetSums = [i32; HEAD[0]];
 
-/// What the target embedded last adds to the first layer of a head.
+/// What a target adds to the first layer of a head.
 pub fn target_sums(
     isa: Isa,
     [fc1, _, _]: &[QuantLayer<'_>; 3],
-    scratch: &QuantScratch,
+    target: &Feature,
     sums: &mut TargetSums,
 ) {
     let features = fc1.codes.inputs / 2;
@@ -328,84 +356,137 @@ pub fn target_sums(
     for (sum, &bias) in sums.iter_mut().zip(fc1.bias) {
         *sum = bias;
     }
-    isa.gemv_codes(&fc1.codes, features, scratch.feature.planes(features), sums);
+    isa.gemv_codes(&fc1.codes, features, target.planes(features), sums);
 }
 
 /// One registration in a pass over the weights of a head.
 #[derive(Debug)]
 pub struct Lane<'a> {
-    /// What its target adds.
-    pub target: &'a TargetSums,
+    /// Feature of its target.
+    pub target: &'a Feature,
+    /// What the target adds to this head, if it is known.
+    pub sums: Option<&'a TargetSums>,
     /// Where its source has been embedded.
     pub scratch: &'a mut QuantScratch,
-    /// What comes out, axis-major.
-    pub logits: &'a mut [f32; LOGITS],
+    /// What comes out, axis-major: of (source, target), and of (target, source) if there is a second place.
+    pub ways: &'a mut [[f32; LOGITS]],
+}
+
+/// One way of a lane: the features in their order, sums, and the hidden layers.
+struct Way<'a> {
+    features: [&'a Feature; 2],
+    /// What the second of them adds, if it is known.
+    known: Option<&'a TargetSums>,
+    sums: &'a mut [i32; HEAD[0]],
+    head1: &'a mut Wide<{ HEAD[0] }>,
+    head2: &'a mut Wide<{ HEAD[1] }>,
+    logits: &'a mut [f32; LOGITS],
+}
+
+impl Lane<'_> {
+    fn ways(&mut self) -> impl Iterator<Item = Way<'_>> {
+        let scratch = &mut *self.scratch;
+        let source = &scratch.feature;
+        let orders = [
+            ([source, self.target], self.sums),
+            ([self.target, source], None),
+        ];
+        // The maxima have become the feature: their place is free for sums, and the stack stays small.
+        let (sums, _) = scratch.max.as_chunks_mut();
+        let memory = sums
+            .iter_mut()
+            .zip(&mut scratch.head1)
+            .zip(&mut scratch.head2);
+        let ways = orders.into_iter().zip(memory).zip(self.ways.iter_mut());
+        ways.map(
+            |(((features, known), ((sums, head1), head2)), logits)| Way {
+                features,
+                known,
+                sums,
+                head1,
+                head2,
+                logits,
+            },
+        )
+    }
 }
 
 /// Logits of one head for the sources embedded last.
 pub fn logits(isa: Isa, [fc1, fc2, out]: &[QuantLayer<'_>; 3], lanes: &mut [Lane<'_>]) {
-    // The maxima have become the feature: their place is free for sums, and the stack stays small.
-    for Lane {
-        target, scratch, ..
-    } in lanes.iter_mut()
-    {
-        for (sum, &start) in scratch.max.iter_mut().zip(*target) {
-            *sum = start;
+    let width = fc1.codes.inputs / 2;
+    product(isa, fc1, lanes, |way| {
+        let [first, second] = way.features.map(|feature| feature.planes(width));
+        let second = way.known.is_none().then_some((width, second));
+        Product {
+            start: way.known,
+            inputs: [Some((0, first)), second],
+            sums: way.sums,
         }
-    }
-    let features = fc1.codes.inputs / 2;
-    product(isa, &fc1.codes, lanes, |s| {
-        (s.feature.planes(features), &mut s.max)
     });
-    for Lane { scratch, .. } in lanes.iter_mut() {
-        let codes = scratch.max.iter().zip(fc1.requantise);
-        scratch
-            .head1
-            .set(codes.map(|(&s, &r)| Requantise(r).apply(s)));
-        scratch.max.fill(0);
+    for way in lanes.iter_mut().flat_map(Lane::ways) {
+        let codes = way.sums.iter().zip(fc1.requantise);
+        way.head1.set(codes.map(|(&s, &r)| Requantise(r).apply(s)));
     }
-    product(isa, &fc2.codes, lanes, |s| {
-        (s.head1.planes(fc2.codes.inputs), &mut s.max)
+    product(isa, fc2, lanes, |way| Product {
+        start: None,
+        inputs: [Some((0, way.head1.planes(fc2.codes.inputs))), None],
+        sums: way.sums,
     });
-    for Lane { scratch, .. } in lanes.iter_mut() {
-        let biased = scratch.max.iter().zip(fc2.bias).zip(fc2.requantise);
-        scratch
-            .head2
-            .set(biased.map(|((s, b), &r)| Requantise(r).apply(s + b)));
-        scratch.max.fill(0);
+    for way in lanes.iter_mut().flat_map(Lane::ways) {
+        let codes = way.sums.iter().zip(fc2.requantise);
+        way.head2.set(codes.map(|(&s, &r)| Requantise(r).apply(s)));
     }
-    product(isa, &out.codes, lanes, |s| {
-        (s.head2.planes(out.codes.inputs), &mut s.max)
+    product(isa, out, lanes, |way| Product {
+        start: None,
+        inputs: [Some((0, way.head2.planes(out.codes.inputs))), None],
+        sums: way.sums,
     });
-    for Lane {
-        scratch, logits, ..
-    } in lanes
-    {
-        let biased = scratch.max.iter().zip(out.bias).zip(out.requantise);
-        for (logit, ((s, b), scale)) in logits.iter_mut().zip(biased) {
-            *logit = (s + b) as f32 * f32::from_bits(*scale);
+    for way in lanes.iter_mut().flat_map(Lane::ways) {
+        let sums = way.sums.iter().zip(out.requantise);
+        for (logit, (&sum, &scale)) in way.logits.iter_mut().zip(sums) {
+            *logit = sum as f32 * f32::from_bits(scale);
         }
     }
 }
 
-/// `sums += W codes` of each lane. Several lanes take some panels at a time: weights come from memory for
-/// the first lane and from the cache for the others.
+/// From which column on, and codes in two planes.
+type Inputs<'a> = (usize, [&'a [u8]; 2]);
+
+/// `sums = start + W codes`.
+struct Product<'a> {
+    /// The bias where there is none.
+    start: Option<&'a TargetSums>,
+    inputs: [Option<Inputs<'a>>; 2],
+    sums: &'a mut [i32; HEAD[0]],
+}
+
+/// A product for each way of each lane, some panels at a time: weights come from memory for the first, and from the
+/// cache for the others.
 fn product(
     isa: Isa,
-    layer: &Codes<'_>,
+    layer: &QuantLayer<'_>,
     lanes: &mut [Lane<'_>],
-    operands: impl Fn(&mut QuantScratch) -> ([&[u8]; 2], &mut [i32; FEATURES]),
+    operands: impl for<'w> Fn(Way<'w>) -> Product<'w>,
 ) {
-    let panels = if lanes.len() > 1 {
-        PANELS_TOGETHER
-    } else {
-        layer.outputs / PANEL
-    };
-    for (first, part) in layer.parts(panels) {
-        for lane in lanes.iter_mut() {
-            let (planes, sums) = operands(lane.scratch);
-            if let Some(sums) = sums.get_mut(first..first + part.outputs) {
-                isa.gemv_codes(&part, 0, planes, sums);
+    for (first, part) in layer.codes.parts(PANELS_TOGETHER) {
+        let outputs = first..first + part.outputs;
+        for way in lanes.iter_mut().flat_map(Lane::ways) {
+            let Product {
+                start,
+                inputs,
+                sums,
+            } = operands(way);
+            let start = start.map_or(layer.bias, |known| known);
+            let (Some(sums), Some(start)) =
+                (sums.get_mut(outputs.clone()), start.get(outputs.clone()))
+            else {
+                continue;
+            };
+            for (sum, &start) in sums.iter_mut().zip(start) {
+                *sum = start;
+            }
+            for (from, planes) in inputs.into_iter().flatten() {
+                isa.gemv_codes(&part, from, planes, sums);
             }
         }
     }

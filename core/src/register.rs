@@ -2,7 +2,7 @@
 
 use crate::cloud::Cloud;
 use crate::decision::Decision;
-use crate::dims::{HEAD, LOGITS, QUANT_TILE};
+use crate::dims::{FEATURES, HEAD, LOGITS, QUANT_TILE, TARGETS_KEPT};
 use crate::error::Error;
 use crate::kernels::Isa;
 use crate::net::{self, FloatScratch, Memory, Scratch, TargetHalf, View};
@@ -13,6 +13,7 @@ use crate::verdict::Verdict;
 use crate::weights::{Network, Policy};
 use glam::Vec3;
 
+mod heads;
 mod slices;
 mod together;
 
@@ -91,11 +92,39 @@ pub struct Outcome {
     pub verdict: Verdict,
 }
 
-/// What the target's feature contributes to both heads.
+/// Feature of the target, and what it adds to the heads where that is kept.
 #[derive(Clone, Debug)]
-enum TargetState {
-    F32([TargetHalf; 2]),
-    Int8([TargetSums; 2]),
+#[allow(
+    clippy::large_enum_variant,
+    reason = "the caller's registration holds either"
+)]
+enum TargetFeature {
+    F32(net::Feature, [TargetHalf; TARGETS_KEPT]),
+    Int8(quant::Feature, [TargetSums; TARGETS_KEPT]),
+}
+
+impl TargetFeature {
+    /// Makes it that of a number format.
+    fn fit(&mut self, network: &Network<'_>) {
+        match (network, &*self) {
+            (Network::F32(_), TargetFeature::Int8(..)) => self.become_f32(),
+            (Network::Int8(_), TargetFeature::F32(..)) => self.become_int8(),
+            _ => {}
+        }
+    }
+
+    // Out of line, so that their copies are on nobody's stack who does not call them.
+    #[cold]
+    #[inline(never)]
+    fn become_f32(&mut self) {
+        *self = TargetFeature::F32([0.0; FEATURES], [[0.0; HEAD[0]]; TARGETS_KEPT]);
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn become_int8(&mut self) {
+        *self = TargetFeature::Int8(quant::Feature::ZERO, [[0; HEAD[0]]; TARGETS_KEPT]);
+    }
 }
 
 /// A registration under way: the accumulated pose and what stays constant over its steps.
@@ -115,35 +144,12 @@ pub struct Registration<'c> {
     frame: Frame,
     /// Disentangled accumulator, translation in normalised units.
     accumulated: Pose,
-    target: TargetState,
+    target: TargetFeature,
     steps: usize,
     /// The last two actions; "stop" before the first.
     before: Action,
     last: Action,
-}
-
-impl TargetState {
-    /// Makes it that of a number format.
-    fn fit(&mut self, network: &Network<'_>) {
-        match (network, &*self) {
-            (Network::F32(_), TargetState::Int8(_)) => self.become_f32(),
-            (Network::Int8(_), TargetState::F32(_)) => self.become_int8(),
-            _ => {}
-        }
-    }
-
-    // Out of line, so that their copies are on nobody's stack who does not call them.
-    #[cold]
-    #[inline(never)]
-    fn become_f32(&mut self) {
-        *self = TargetState::F32([[0.0; HEAD[0]]; 2]);
-    }
-
-    #[cold]
-    #[inline(never)]
-    fn become_int8(&mut self) {
-        *self = TargetState::Int8([[0; HEAD[0]]; 2]);
-    }
+    rests: bool,
 }
 
 impl Registration<'_> {
@@ -159,10 +165,11 @@ impl Registration<'_> {
             centroid: Vec3::ZERO,
             frame: Frame::IDENTITY,
             accumulated: Pose::IDENTITY,
-            target: TargetState::Int8([[0; HEAD[0]]; 2]),
+            target: TargetFeature::Int8(quant::Feature::ZERO, [[0; HEAD[0]]; TARGETS_KEPT]),
             steps: 0,
             before: Action::STOP,
             last: Action::STOP,
+            rests: false,
         }
     }
 
@@ -173,6 +180,11 @@ impl Registration<'_> {
             translation: self.accumulated.translation * self.frame.scale,
         }
         .to_global(self.centroid)
+    }
+
+    /// Whether it was started: no cloud that is accepted is empty.
+    fn has_begun(&self) -> bool {
+        !self.source.is_empty()
     }
 
     /// Steps taken so far.
@@ -189,9 +201,25 @@ impl Registration<'_> {
         }
     }
 
+    /// Goes on from where another registration of the same clouds is, of another policy perhaps: to compare what two
+    /// policies do there.
+    pub fn follow(&mut self, other: &Registration<'_>) {
+        self.accumulated = other.accumulated;
+        self.steps = other.steps;
+        self.before = other.before;
+        self.last = other.last;
+        self.rests = other.rests;
+    }
+
     /// Whether slices still embed the target ([`Registrar::advance`]).
     pub fn is_at_target(&self) -> bool {
         !self.unseen.is_empty()
+    }
+
+    /// Whether further steps would change nothing: the last one stopped on every axis, in all the ways in which the
+    /// policy ever looks.
+    pub fn rests(&self) -> bool {
+        self.rests
     }
 
     /// Verdict if no further step is taken.
@@ -253,6 +281,7 @@ impl<'c> Registration<'c> {
         self.steps = 0;
         self.before = Action::STOP;
         self.last = Action::STOP;
+        self.rests = false;
         Ok(())
     }
 }
@@ -270,6 +299,8 @@ impl Registration<'_> {
             rotation: decision.steps(&logits_r),
         };
         self.accumulated = self.accumulated.accumulate(action.update());
+        self.rests =
+            action == Action::STOP && decision.ways(self.steps) == decision.ways(usize::MAX);
         self.steps += 1;
         self.before = core::mem::replace(&mut self.last, action);
         Step {
@@ -290,7 +321,7 @@ impl Default for Registration<'_> {
 #[derive(Debug)]
 pub struct Registrar<'w, 's> {
     isa: Isa,
-    policy: Policy<'w>,
+    pub(crate) policy: Policy<'w>,
     scratch: &'s mut Scratch,
 }
 
@@ -346,26 +377,27 @@ impl<'w, 's> Registrar<'w, 's> {
         self.scratch.begin();
         self.embed(target, &view);
         self.finish();
-        self.read_target(registration, 0);
-        self.read_target(registration, 1);
+        self.read_target(registration);
         Ok(())
     }
 
-    /// What the target that is embedded contributes to a head, translation or rotation.
-    fn read_target(&self, registration: &mut Registration<'_>, head: usize) {
+    /// Takes the feature of the target that is embedded.
+    fn read_target(&self, registration: &mut Registration<'_>) {
         let isa = self.isa;
         let target = &mut registration.target;
         target.fit(&self.policy.network);
         match (&self.policy.network, &self.scratch.memory, target) {
-            (Network::F32(network), Memory::F32(scratch), TargetState::F32(halves)) => {
+            (Network::F32(network), Memory::F32(scratch), TargetFeature::F32(feature, halves)) => {
+                *feature = scratch.feature;
                 let heads = [&network.translation, &network.rotation];
-                if let Some((head, half)) = heads.get(head).zip(halves.get_mut(head)) {
-                    net::target_half(isa, head, &scratch.feature, half);
+                for (head, half) in heads.into_iter().zip(halves) {
+                    net::target_half(isa, head, feature, half);
                 }
             }
-            (Network::Int8(network), Memory::Int8(scratch), TargetState::Int8(sums)) => {
-                if let Some((head, sums)) = network.heads.get(head).zip(sums.get_mut(head)) {
-                    quant::target_sums(isa, head, scratch, sums);
+            (Network::Int8(network), Memory::Int8(scratch), TargetFeature::Int8(feature, sums)) => {
+                feature.clone_from(&scratch.feature);
+                for (head, sums) in network.heads.iter().zip(sums) {
+                    quant::target_sums(isa, head, feature, sums);
                 }
             }
             // The memory was made that of the network's format, and stays so.
@@ -402,41 +434,10 @@ impl<'w, 's> Registrar<'w, 's> {
     }
 
     /// Logits of a head, translation or rotation, for the source that is embedded.
-    fn logits(&mut self, target: &TargetState, head: usize) -> [f32; LOGITS] {
-        let mut logits = [0.0; LOGITS];
-        match (&self.policy.network, &mut self.scratch.memory, target) {
-            (Network::F32(network), Memory::F32(scratch), TargetState::F32(halves)) => {
-                let heads = [&network.translation, &network.rotation];
-                if let Some((head, target)) = heads.get(head).zip(halves.get(head)) {
-                    let logits = &mut logits;
-                    net::logits(
-                        self.isa,
-                        head,
-                        &mut [net::Lane {
-                            target,
-                            scratch,
-                            logits,
-                        }],
-                    );
-                }
-            }
-            (Network::Int8(network), Memory::Int8(scratch), TargetState::Int8(sums)) => {
-                if let Some((head, target)) = network.heads.get(head).zip(sums.get(head)) {
-                    let logits = &mut logits;
-                    quant::logits(
-                        self.isa,
-                        head,
-                        &mut [quant::Lane {
-                            target,
-                            scratch,
-                            logits,
-                        }],
-                    );
-                }
-            }
-            // A registration that another registrar started with another number format: no step.
-            _ => {}
-        }
+    fn logits(&mut self, registration: &Registration<'_>, head: usize) -> [f32; LOGITS] {
+        let scratch = core::array::from_mut(&mut *self.scratch);
+        let registration = core::array::from_ref(registration);
+        let [logits] = heads::logits(self.isa, &self.policy, head, scratch, registration);
         logits
     }
 

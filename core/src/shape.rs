@@ -3,7 +3,7 @@
 //! One build runs every [runnable](Shape::is_runnable) shape: working memory is that of the largest,
 //! [`Shape::FULL`].
 
-use crate::dims::{LAYERS, LOGITS, padded};
+use crate::dims::{LAYERS, LOGITS, STEPS_ONE_WAY, padded};
 use crate::kernels::CODES;
 
 /// Widths of a network: embedding `3 -> embed[0] -> embed[1] -> embed[2]`, two heads
@@ -103,11 +103,20 @@ impl Shape {
         2 * self.features() * self.head[0]
     }
 
-    /// Multiply-adds of both heads in one step of a registration: the target's half of their first layers
-    /// is computed once only.
+    /// Multiply-adds of both heads that look one way, the target's half of their first layers not counted: hosts
+    /// keep it.
     pub const fn macs_step(&self) -> usize {
         let [h1, h2] = self.head;
         self.macs_half() + 2 * (h1 * h2 + h2 * LOGITS)
+    }
+
+    /// Multiply-adds of a whole registration of two clouds of `points` points in `steps` steps on a microcontroller,
+    /// which keeps nothing of the target but its feature, by a policy that looks both ways.
+    pub const fn macs_registration(&self, points: usize, steps: usize) -> u64 {
+        let embedding = (points * self.macs_per_point()) as u64;
+        let way = (self.macs_half() + self.macs_step()) as u64;
+        let ways = steps as u64 + steps.saturating_sub(STEPS_ONE_WAY) as u64;
+        (steps as u64 + 1) * embedding + ways * way
     }
 }
 

@@ -24,6 +24,10 @@ struct Bounds {
 }
 
 impl Bounds {
+    const ZERO: Bounds = Bounds {
+        low: [0.0; 3],
+        high: [0.0; 3],
+    };
     const EMPTY: Bounds = Bounds {
         low: [f32::INFINITY; 3],
         high: [f32::NEG_INFINITY; 3],
@@ -73,22 +77,22 @@ pub(crate) struct Surface {
     pub(crate) radius: f32,
     /// Sort keys while the surface is filled, then what a median is selected from.
     keys: [u32; SURFACE_POINTS],
-    /// Matches of every `every`-th point.
-    every: usize,
+    /// Points between two that are matched.
+    skipped: usize,
     place: [u16; SURFACE_POINTS],
     squared: [f32; SURFACE_POINTS],
 }
 
 impl Surface {
-    /// Without points.
+    /// Without points. All bits are zero, so that a static one takes no room in a program's file.
     pub(crate) const EMPTY: Surface = Surface {
         len: 0,
         points: [[0.0; 3]; SURFACE_POINTS],
         normals: [[0.0; 3]; SURFACE_POINTS],
-        boxes: [Bounds::EMPTY; BLOCKS],
+        boxes: [Bounds::ZERO; BLOCKS],
         radius: 0.0,
         keys: [0; SURFACE_POINTS],
-        every: 1,
+        skipped: 0,
         place: [0; SURFACE_POINTS],
         squared: [0.0; SURFACE_POINTS],
     };
@@ -112,7 +116,7 @@ impl Surface {
             (Vec3::from_array(p.unwrap_or_default()) - centre) * factor
         };
         self.len = n;
-        self.every = 1;
+        self.skipped = 0;
         let mut around = Bounds::EMPTY;
         (0..n).for_each(|i| around.add(seen(i).to_array()));
         let low = Vec3::from_array(around.low);
@@ -139,8 +143,9 @@ impl Surface {
 
     /// Finds the nearest point of `other` to every `every`-th point, seen under `pose`.
     pub(crate) fn match_to(&mut self, isa: Isa, other: &Surface, pose: Pose, every: usize) {
-        self.every = every.max(1);
-        let sampled = self.points.iter().take(self.len).step_by(self.every);
+        let every = every.max(1);
+        self.skipped = every - 1;
+        let sampled = self.points.iter().take(self.len).step_by(every);
         let mut seen = sampled.map(|&p| pose.apply(Vec3::from_array(p)));
         let (places, _) = self.place.as_chunks_mut::<BATCH>();
         let (squared, _) = self.squared.as_chunks_mut::<BATCH>();
@@ -158,9 +163,9 @@ impl Surface {
     /// What [`Self::match_to`] found.
     pub(crate) fn matches(&self) -> impl Iterator<Item = Match> {
         let found = self.place.iter().zip(&self.squared).enumerate();
-        let count = self.len.div_ceil(self.every);
+        let count = self.len.div_ceil(1 + self.skipped);
         found.take(count).map(|(k, (&to, &squared))| Match {
-            of: k * self.every,
+            of: k * (1 + self.skipped),
             to: usize::from(to),
             squared,
         })
@@ -168,7 +173,7 @@ impl Surface {
 
     /// Median squared distance of the matches.
     pub(crate) fn median_squared(&mut self) -> f32 {
-        let count = self.len.div_ceil(self.every);
+        let count = self.len.div_ceil(1 + self.skipped);
         for (key, squared) in self.keys.iter_mut().zip(&self.squared).take(count) {
             *key = squared.to_bits(); // in the order of the distances: they are not negative
         }

@@ -3,7 +3,7 @@
 //! | stage | hypotheses | what |
 //! |---|---|---|
 //! | polish | the pose given | [`Refiner::polish`]; done where its residual is explained |
-//! | screen | copies of it turned about axes through the centroid, alignments of principal axes | few steps on few points |
+//! | screen | copies of it turned about axes through the centroid, alignments of principal axes, turns about the axis that planes fix least | few steps on few points |
 //! | sift | the best of those | more steps on more points |
 //! | polish | the best of those that differ | the least residual wins |
 
@@ -97,7 +97,7 @@ impl<const N: usize> Best<N> {
 
 impl Refiner<'_> {
     /// Refines a pose, and where its residual is not explained by two samples of one surface, compares it with
-    /// others: the least residual wins. Bounded: at most 54 hypotheses.
+    /// others: the least residual wins. Bounded: at most 214 hypotheses.
     ///
     /// # Errors
     /// [`Error::BadPose`] for an initial pose that is not rigid.

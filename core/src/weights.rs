@@ -9,7 +9,7 @@
 //! | 6 | u16 | number format: 0 = f32, 1 = int8 |
 //! | 8 | u32 | length of the whole file, check sum included |
 //! | 12 | u32 | layers, 9 |
-//! | 16 | `[u16; 8]` | network shape, in the paper 64, 128, 1024 (embedding), 512, 256 (head), 33 (logits); decision ([`Decision`]: 0 = most likely, 1 = nearest to the mean); 0 |
+//! | 16 | `[u16; 8]` | network shape, in the paper 64, 128, 1024 (embedding), 512, 256 (head), 33 (logits); decision ([`Decision`]: 0 = most likely, 1 = nearest to the mean, 2 = both ways); 0 |
 //! | 32 | 9 x 16 bytes | layer table: inputs, outputs, weight offset, bias offset, u32 each |
 //! | 192 | | payload; each array starts on a 64-byte boundary, gaps are zero |
 //! | length - 4 | u32 | CRC-32 (ISO-HDLC) of everything before |

@@ -4,8 +4,10 @@ use std::{env, fs, path::PathBuf};
 
 /// RAM for everything: clouds, working memory, stack.
 const RAM: usize = 48 * 1024;
+/// The same where clouds are on a grid.
+const RAM_ON_GRID: usize = 36 * 1024;
 /// The stack's part of it, at its low end: what is deeper faults instead of overwriting statics.
-const STACK: usize = 13 * 1024 + 512;
+const STACK: usize = 13 * 1024;
 
 fn main() {
     let target = env::var("TARGET").expect("set by cargo");
@@ -15,11 +17,15 @@ fn main() {
         "thumbv8m.main-none-eabihf" => ("an547", 0x1000_0000, 0x6000_0000, 0x3000_0000),
         _ => panic!("build for thumbv7em-none-eabihf or thumbv8m.main-none-eabihf"),
     };
+    let all = match env::var_os("CARGO_FEATURE_GRID") {
+        Some(_) => RAM_ON_GRID,
+        None => RAM,
+    };
     let memory = format!(
         "MEMORY {{
             FLASH : ORIGIN = {flash:#x}, LENGTH = 256K
             POLICY : ORIGIN = {policy:#x}, LENGTH = 3M
-            RAM : ORIGIN = {ram:#x} + {STACK}, LENGTH = {RAM} - {STACK}
+            RAM : ORIGIN = {ram:#x} + {STACK}, LENGTH = {all} - {STACK}
         }}
         _stack_start = ORIGIN(RAM);
         _stack_end = ORIGIN(RAM) - {STACK};

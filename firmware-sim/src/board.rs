@@ -19,8 +19,8 @@ pub const QEMU: &str = "qemu-system-arm";
 const SETPRIV: &str = "setpriv";
 /// A board that says nothing for longer is not working. A step takes seconds on a busy machine.
 pub const SILENCE: Duration = Duration::from_secs(120);
-/// Bytes of a policy that go to a board at once: what fits beside a request's clouds.
-const CHUNK_BYTES: u32 = 16 * 1024;
+/// Bytes of a policy that go to a board at once: what fits where a request's clouds on a grid do.
+const CHUNK_BYTES: u32 = 8 * 1024;
 
 /// The boards there are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -156,11 +156,21 @@ fn no_thread() -> BoardError {
     BoardError::Process(io::Error::other("no thread to start it from"))
 }
 
+/// What the image has memory for: clouds of 1024 points each.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum Clouds {
+    /// As floats, or on a grid
+    #[default]
+    Floats,
+    /// On a grid of 16-bit codes, in half of the memory; half as many points as floats
+    Grid,
+}
+
 /// Builds the image with cargo and gives its path; a moment where nothing has changed.
 ///
 /// # Errors
 /// `NoTarget`, `Build`.
-pub fn build_image(kind: Kind) -> Result<PathBuf, BoardError> {
+pub fn build_image(kind: Kind, clouds: Clouds) -> Result<PathBuf, BoardError> {
     let directory = Path::new(env!("CARGO_MANIFEST_DIR")).join("../firmware-sim/cortex-m");
     let target = kind.target();
     let failed = |reason: String| BoardError::Build {
@@ -168,13 +178,19 @@ pub fn build_image(kind: Kind) -> Result<PathBuf, BoardError> {
         directory: directory.display().to_string(),
         reason,
     };
+    // Each in a folder of its own, so that nobody's is replaced while it runs.
+    let (folder, features) = match clouds {
+        Clouds::Floats => ("../../target/cortex-m", ""),
+        Clouds::Grid => ("../../target/cortex-m-grid", "grid"),
+    };
     let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
     let mut build = Command::new(cargo);
     build
         .args(["build", "--release", "--locked", "--target", target])
+        .args(["--target-dir", folder, "--features", features])
         .current_dir(&directory);
-    // The image has flags and a target directory of its own.
-    for variable in ["RUSTFLAGS", "CARGO_ENCODED_RUSTFLAGS", "CARGO_TARGET_DIR"] {
+    // The image has flags of its own.
+    for variable in ["RUSTFLAGS", "CARGO_ENCODED_RUSTFLAGS"] {
         build.env_remove(variable);
     }
     let output = build.output().map_err(|error| failed(error.to_string()))?;
@@ -187,7 +203,7 @@ pub fn build_image(kind: Kind) -> Result<PathBuf, BoardError> {
         return Err(failed(error.unwrap_or("no reason given").to_owned()));
     }
     Ok(directory
-        .join("../../target/cortex-m")
+        .join(folder)
         .join(target)
         .join("release/reagent-cortex-m"))
 }
@@ -216,6 +232,7 @@ pub struct Simulation<'a> {
 /// A running board.
 #[derive(Debug)]
 pub struct Board {
+    kind: Kind,
     process: Child,
     line: ChildStdin,
     frames: Receiver<Vec<u8>>,
@@ -269,11 +286,17 @@ impl Board {
             .map_err(not_started)?;
         let line = process.stdin.take().expect("piped");
         Ok(Board {
+            kind,
             process,
             line,
             frames,
             reports: 1,
         })
+    }
+
+    /// What it is.
+    pub fn kind(&self) -> Kind {
+        self.kind
     }
 
     /// Number of the simulator's process.

@@ -1,12 +1,15 @@
 //! The refinement service of a node whose controller is a board: frames go over its line as they come,
 //! and so does the policy.
 
-use crate::board::{Board, BoardError};
+use crate::board::{Board, BoardError, Kind};
 use crate::policy::{LoadedPolicy, UpdateError};
 use crate::queue::{Queue, Stop};
-use crate::service::{Outlet, Work, next_work, read_request};
+use crate::service::{Outlet, Work, next_work, read_request, trace_frame};
 use crate::view::View;
-use reagent_core::wire::{Manifest, Reason, RefineReply, Refusal};
+use reagent_core::wire::{
+    KernelName, Manifest, PolicyId, Reason, RefineReply, Refusal, STEP_BYTES, StepsView, Trace,
+    step_bytes,
+};
 use std::ops::ControlFlow;
 use std::sync::Arc;
 use tokio::sync::watch;
@@ -32,10 +35,14 @@ pub(crate) fn serve(
             Some(Work::Job(job)) => {
                 let payload = job.query.payload().map(|p| p.to_bytes());
                 let payload = payload.unwrap_or_default();
+                let mut steps = Vec::new();
                 let answer = job.check().ok().map(|()| {
-                    let answer = board.refine(&payload, |_| match job.check() {
-                        Ok(()) => ControlFlow::Continue(()),
-                        Err(_) => ControlFlow::Break(()),
+                    let answer = board.refine(&payload, |taken| {
+                        steps.push(step_bytes(taken.action, taken.target_from_source));
+                        match job.check() {
+                            Ok(()) => ControlFlow::Continue(()),
+                            Err(_) => ControlFlow::Break(()),
+                        }
                     });
                     if let Err(BoardError::Restarted) = answer {
                         policies.mark_changed();
@@ -53,9 +60,34 @@ pub(crate) fn serve(
                     (Err(Stop::Deadline), _) | (_, None) => refusal(&payload, Reason::Deadline),
                 };
                 outlet.settle(&job.query, answer);
+                if let (Ok(reply), Some(manifest)) = (answer, &in_flash)
+                    && read_request(&payload).is_ok_and(|request| request.trace)
+                {
+                    outlet.publish_trace(traced(board.kind(), manifest, &payload, &steps, reply));
+                }
             }
         }
     }
+}
+
+/// The frame of a board's trace.
+fn traced(
+    kind: Kind,
+    manifest: &Manifest,
+    request: &[u8],
+    steps: &[[u8; STEP_BYTES]],
+    reply: RefineReply,
+) -> Vec<u8> {
+    trace_frame(Trace {
+        policy: PolicyId {
+            version: manifest.version,
+            sha256: manifest.sha256,
+        },
+        kernels: KernelName::try_from(kind.name()).unwrap_or_default(),
+        request,
+        steps: StepsView::of(steps),
+        reply,
+    })
 }
 
 /// Writes a policy into the board's flash. What the board refuses, the node does not claim to have.

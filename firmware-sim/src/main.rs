@@ -2,7 +2,7 @@
 
 use clap::{Parser, Subcommand};
 use ed25519_dalek::VerifyingKey;
-use firmware_sim::board::{Board, Kind, Simulation, build_image, check_simulator};
+use firmware_sim::board::{Board, Clouds, Kind, Simulation, build_image, check_simulator};
 use firmware_sim::node::{Node, NodeConfig};
 use firmware_sim::session::{SessionArgs, open};
 use std::io::{IsTerminal, Write};
@@ -49,6 +49,15 @@ struct NodeArgs {
     /// in int8 and clouds of at most 1024 points [default: this program does it]
     #[arg(long, value_enum, value_name = "BOARD")]
     board: Option<Kind>,
+    /// What clouds the board has memory for
+    #[arg(
+        long,
+        value_enum,
+        value_name = "CLOUDS",
+        default_value = "floats",
+        requires = "board"
+    )]
+    board_clouds: Clouds,
     #[command(flatten)]
     session: SessionArgs,
 }
@@ -70,7 +79,8 @@ impl RouterArgs {
 
 impl NodeArgs {
     async fn run(self) -> anyhow::Result<()> {
-        let board = self.board.map(start_board).transpose()?;
+        let board = self.board.map(|kind| start_board(kind, self.board_clouds));
+        let board = board.transpose()?;
         let session = open(&self.session).await?;
         let config = NodeConfig {
             fleet: self.fleet,
@@ -84,10 +94,10 @@ impl NodeArgs {
     }
 }
 
-fn start_board(kind: Kind) -> anyhow::Result<Board> {
+fn start_board(kind: Kind, clouds: Clouds) -> anyhow::Result<Board> {
     check_simulator()?;
     tracing::info!("building the image for {}", kind.target());
-    let image = build_image(kind)?;
+    let image = build_image(kind, clouds)?;
     let mut board = Board::start(kind, &image, Simulation::default())?;
     let (_, report) = board.status_and_report()?;
     tracing::info!(

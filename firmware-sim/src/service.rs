@@ -11,7 +11,7 @@ use reagent_core::register::check_cloud;
 use reagent_core::verdict::Evidence;
 use reagent_core::wire::{
     self, Cloud, CloudView, KernelName, Message, Mode, PolicyId, Reason, RefineReply,
-    RefineRequest, Refusal, StepsView, Trace, keys, step_bytes,
+    RefineRequest, Refusal, STEP_BYTES, StepsView, Trace, keys, step_bytes,
 };
 use reagent_core::{Error, Frame, Pose, Registrar, Verdict};
 use std::sync::Arc;
@@ -172,7 +172,7 @@ fn answer(
     let mut steps = Vec::new();
     let mut taken = 0;
     // After a stop on every axis each further step would see the same and stop again.
-    while taken < request.max_steps && registration.verdict() != Verdict::Converged {
+    while taken < request.max_steps && !registration.rests() {
         check()?;
         let action = registrar.step(&mut registration).action;
         taken += 1;
@@ -215,21 +215,25 @@ fn answer(
         reply.probability = Some(evidence.probability());
     }
     reply.micros = micros(started.elapsed());
-    let trace = request.trace.then(|| {
-        let trace = Trace {
+    let trace = || {
+        trace_frame(Trace {
             policy: *policy,
             kernels: KernelName::try_from(Isa::best().name()).unwrap_or_default(),
             request: payload,
             steps: StepsView::of(&steps),
             reply,
-        };
-        let mut frame =
-            vec![0; wire::SMALL_FRAME_BYTES + payload.len() + steps.as_flattened().len()];
-        let length = wire::encode(&Message::Trace(trace), &mut frame).map_or(0, <[u8]>::len);
-        frame.truncate(length);
-        frame
-    });
-    Ok((reply, trace))
+        })
+    };
+    Ok((reply, request.trace.then(trace)))
+}
+
+/// The frame of a trace.
+pub(crate) fn trace_frame(trace: Trace<'_>) -> Vec<u8> {
+    let steps = trace.steps.iter().count() * STEP_BYTES;
+    let mut frame = vec![0; wire::SMALL_FRAME_BYTES + trace.request.len() + steps];
+    let length = wire::encode(&Message::Trace(trace), &mut frame).map_or(0, <[u8]>::len);
+    frame.truncate(length);
+    frame
 }
 
 fn micros(time: Duration) -> u32 {
@@ -276,7 +280,8 @@ impl Outlet {
         }
     }
 
-    fn publish_trace(&self, frame: Vec<u8>) {
+    /// Publishes the frame of a trace.
+    pub(crate) fn publish_trace(&self, frame: Vec<u8>) {
         let sent = self
             .session
             .put(self.trace_key.as_str(), frame)

@@ -20,7 +20,7 @@ pub struct Job<'a> {
     pub initial: Pose,
 }
 
-/// Registrations that a thread does in step ([`Team`]).
+/// Registrations that a thread does in step ([`Team`]), if there are enough for all threads.
 const TOGETHER: usize = 4;
 
 /// Registers every job, `steps` steps each: the results in the order of the jobs.
@@ -31,9 +31,11 @@ pub fn register(
     steps: usize,
 ) -> Vec<Result<Outcome, Error>> {
     let memory = || [const { Scratch::new() }; TOGETHER];
-    let groups = for_each(jobs.len().div_ceil(TOGETHER), memory, |scratch, i| {
-        let first = i * TOGETHER;
-        let jobs = &jobs[first..jobs.len().min(first + TOGETHER)];
+    let share = jobs.len().div_ceil(rayon::current_num_threads());
+    let together = share.clamp(1, TOGETHER);
+    let groups: Vec<&[Job<'_>]> = jobs.chunks(together).collect();
+    let groups = for_each(groups.len(), memory, |scratch, i| {
+        let jobs = groups[i];
         let mut team = Team::with_isa(isa, policy, scratch);
         let mut registrations = [const { Registration::new() }; TOGETHER];
         let lanes = registrations.iter_mut().enumerate();
@@ -81,11 +83,13 @@ fn boxed<M>(memory: impl Fn() -> M) -> Box<M> {
 mod tests {
     use super::*;
     use crate::dataset::procedural;
+    use crate::export::WeightFile;
     use crate::protocol::{self, Protocol};
+    use reagent_core::dims::STEPS_ONE_WAY;
+    use reagent_core::{Decision, Registrar};
 
     #[test]
     fn results_depend_neither_on_threads_nor_on_order() {
-        let policy = Policy::pretrained().expect("the bundled policy");
         let pairs = protocol::draw(&procedural::models(5, 4), Protocol::M40Models, 6, 5);
         let mut jobs: Vec<Job<'_>> = pairs
             .source
@@ -99,18 +103,37 @@ mod tests {
             })
             .collect();
         jobs[2].source = &[];
-        let on = |threads: usize, jobs: &[Job<'_>]| {
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-            let pool = pool.expect("a pool of threads");
-            pool.install(|| register(Isa::best(), policy, jobs, 3))
-        };
-        let expected = on(1, &jobs);
-        assert_eq!(expected[2], Err(Error::EmptyCloud));
-        assert_eq!(expected.iter().filter(|result| result.is_ok()).count(), 5);
-        assert_eq!(on(3, &jobs), expected);
-        jobs.reverse();
-        let mut reversed = on(2, &jobs);
-        reversed.reverse();
-        assert_eq!(reversed, expected);
+        let parameters = WeightFile::pretrained().parameters(0).expect("f32");
+        let integers = WeightFile::from_parameters_int8(&parameters, &pairs).expect("deployable");
+        for file in [WeightFile::pretrained(), integers] {
+            let file = file.deciding(Decision::BothWays);
+            let on = |threads: usize, jobs: &[Job<'_>]| {
+                let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+                let pool = pool.expect("a pool of threads");
+                pool.install(|| register(Isa::best(), file.policy(), jobs, STEPS_ONE_WAY + 2))
+            };
+            let mut scratch = Scratch::new();
+            let mut registrar = Registrar::new(file.policy(), &mut scratch);
+            let expected: Vec<_> = jobs
+                .iter()
+                .map(|job| {
+                    let (source, target) = (job.source, job.target);
+                    let steps = STEPS_ONE_WAY + 2;
+                    registrar.register(source, target, job.frame, job.initial, steps)
+                })
+                .collect();
+            assert_eq!(expected[2], Err(Error::EmptyCloud));
+            assert_eq!(expected.iter().filter(|result| result.is_ok()).count(), 5);
+            for threads in [1, 2, 3, 8] {
+                assert_eq!(on(threads, &jobs), expected);
+            }
+            jobs.reverse();
+            let mut reversed = on(2, &jobs);
+            jobs.reverse();
+            reversed.reverse();
+            assert_eq!(reversed, expected);
+        }
+        let none = register(Isa::best(), Policy::pretrained().expect("sound"), &[], 3);
+        assert_eq!(none, []);
     }
 }

@@ -3,7 +3,7 @@
 
 use crate::dataset::Model;
 use crate::dataset::pairs::PairSet;
-use crate::metrics::{GroundTruth, PairMetrics};
+use crate::metrics::GroundTruth;
 use crate::protocol::{Conditions, Protocol, draw, draw_under};
 use crate::refine::{Mode, Refinement, refine};
 use nalgebra::{SMatrix, SVector};
@@ -15,10 +15,6 @@ use reagent_core::verdict::FEATURES;
 use reagent_core::{Error, Frame, Policy, Pose, Registrar};
 use serde::Serialize;
 
-/// Rotation error below which a pose is right, degrees.
-const RIGHT_R_DEG: f64 = 5.0;
-/// Translation error below which a pose is right.
-const RIGHT_T: f64 = 0.05;
 /// Newton steps of the fit.
 const NEWTON: usize = 30;
 /// Weight of the squared weights in the fit.
@@ -141,7 +137,6 @@ fn rows(
     }
     let initial = registration.target_from_source();
     let truth = GroundTruth::new(source, target, None, set.target_from_source[i])?;
-    let is_right = |m: PairMetrics| m.r_iso_deg < RIGHT_R_DEG && m.t_iso < RIGHT_T;
     let mut row = |mode| -> Result<Row, Error> {
         let found = refine(source, target, initial, mode, &mut memory.1)?;
         let Refinement {
@@ -149,7 +144,7 @@ fn rows(
         } = found.expect("neither mode is fast");
         Ok(Row {
             features: evidence.features(),
-            right: kind != Kind::Wrong && is_right(truth.measure(refined.target_from_source)),
+            right: kind != Kind::Wrong && truth.measure(refined.target_from_source).is_right(),
             probability: evidence.probability(),
         })
     };

@@ -1,7 +1,7 @@
 //! Policies and baselines side by side on the same pairs: the paper's tables.
 //!
-//! Clouds are used as they are, as in the paper's experiments: no normalisation. A policy takes its most
-//! likely action in every step, on core's kernels.
+//! Clouds are used as they are, as in the paper's experiments: no normalisation. A policy decides as its
+//! file says, on core's kernels; it takes all steps, also after one that stops on every axis.
 
 use crate::baselines::{FgrSettings, IcpSettings, fgr, icp};
 use crate::batch;
@@ -13,9 +13,10 @@ use crate::nn::Parameters;
 use crate::random::{Purpose, stream};
 use crate::refine::{Mode, refine};
 use crate::train::poses_of;
+use reagent_core::dims::AXES;
 use reagent_core::net::Scratch;
 use reagent_core::polish::Workspace;
-use reagent_core::{Decision, Error, Frame, Policy, Pose, Registrar};
+use reagent_core::{Action, Decision, Error, Frame, Policy, Pose, Registrar};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -174,13 +175,7 @@ pub fn evaluate(
             return Err(EvalError::SameName(a.name.clone()));
         }
     }
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(settings.threads)
-        .build()
-        .map_err(|source| EvalError::Threads {
-            threads: settings.threads,
-            source,
-        })?;
+    let pool = pool(settings.threads)?;
 
     let trajectories: Vec<Vec<Trajectory>> = contestants
         .iter()
@@ -359,6 +354,11 @@ fn register(
     Ok(track)
 }
 
+fn pool(threads: usize) -> Result<rayon::ThreadPool, EvalError> {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+    pool.map_err(|source| EvalError::Threads { threads, source })
+}
+
 /// Runs `f` for every pair on the pool, each thread with its own working memory. The first failing pair, by
 /// index, is the one reported.
 fn for_each_pair<T: Send>(
@@ -373,8 +373,80 @@ fn for_each_pair<T: Send>(
         .collect()
 }
 
+/// How often a policy acts as another does where that one goes.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Agreement {
+    /// The policy whose way both see.
+    pub along: String,
+    /// Share of the six axes of all pairs on which the actions are equal, step by step.
+    pub equal: Vec<f64>,
+}
+
+/// Compares the actions of every policy after the first with the first one's, in each step from the pose that the
+/// first has reached: what a difference leads to later does not count again. Other methods are passed over.
+///
+/// # Errors
+/// A pair with a cloud that the core refuses.
+pub fn agreement(
+    set: &PairSet,
+    contestants: &[Contestant<'_>],
+    settings: &EvalSettings,
+) -> Result<BTreeMap<String, Agreement>, EvalError> {
+    let policies: Vec<(&str, Policy<'_>)> = contestants
+        .iter()
+        .filter_map(|c| match c.method {
+            Method::Policy(policy) => Some((c.name.as_str(), policy)),
+            _ => None,
+        })
+        .collect();
+    let [(along, first), others @ ..] = policies.as_slice() else {
+        return Ok(BTreeMap::new());
+    };
+    let pool = pool(settings.threads)?;
+    let pairs = set.source.len();
+    let compare = |&(name, policy): &(&str, Policy<'_>)| {
+        let counts = for_each_pair(&pool, pairs, |memory, i| {
+            let (source, target) = (&set.source[i], &set.target[i]);
+            equal_axes([*first, policy], source, target, settings.steps, memory)
+        })?;
+        let share = |step: usize| {
+            let equal: usize = counts.iter().map(|of_pair| of_pair[step]).sum();
+            equal as f64 / (2 * AXES * pairs) as f64
+        };
+        let agreement = Agreement {
+            along: (*along).into(),
+            equal: (0..settings.steps).map(share).collect(),
+        };
+        Ok((name.to_owned(), agreement))
+    };
+    others.iter().map(compare).collect()
+}
+
+/// Axes on which two policies act equally, step by step along the way of the first.
+fn equal_axes(
+    [first, second]: [Policy<'_>; 2],
+    source: &[Point],
+    target: &[Point],
+    steps: usize,
+    memory: &mut Memory,
+) -> Result<Vec<usize>, Error> {
+    let mut scratch = Box::new(Scratch::new());
+    let mut leader = Registrar::new(first, &mut memory.scratch);
+    let mut follower = Registrar::new(second, &mut scratch);
+    let mut led = leader.start(source, target, Frame::IDENTITY, Pose::IDENTITY)?;
+    let mut seen = follower.start(source, target, Frame::IDENTITY, Pose::IDENTITY)?;
+    let equal = (0..steps).map(|_| {
+        seen.follow(&led);
+        let [a, b] = [leader.step(&mut led), follower.step(&mut seen)].map(|step| step.action);
+        let axes = |action: Action| action.translation.into_iter().chain(action.rotation);
+        axes(a).zip(axes(b)).filter(|(a, b)| a == b).count()
+    });
+    Ok(equal.collect())
+}
+
 /// The document that `eval --json` writes: the number of pairs, the rows of every method, step by step where
-/// asked for, the final errors pair by pair, and the probabilities that methods with a verdict gave their poses.
+/// asked for, the final errors pair by pair, the probabilities that methods with a verdict gave their poses, and where
+/// asked for the agreement of policies.
 #[derive(Debug, Serialize)]
 pub struct Document<'a> {
     pairs: usize,
@@ -383,12 +455,19 @@ pub struct Document<'a> {
     errors: BTreeMap<&'a str, &'a Errors>,
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     probability: BTreeMap<&'a str, &'a [f32]>,
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    agreement: BTreeMap<String, Agreement>,
 }
 
 impl<'a> Document<'a> {
-    /// The document for outcomes on a set of `pairs` pairs.
-    pub fn new(pairs: usize, outcomes: &'a [Outcome]) -> Document<'a> {
+    /// The document for outcomes on a set of `pairs` pairs, and what [`agreement`] found.
+    pub fn new(
+        pairs: usize,
+        outcomes: &'a [Outcome],
+        agreement: BTreeMap<String, Agreement>,
+    ) -> Document<'a> {
         Document {
+            agreement,
             pairs,
             methods: outcomes.iter().map(|o| (o.name.as_str(), &o.row)).collect(),
             per_step: outcomes

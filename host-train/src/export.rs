@@ -311,10 +311,10 @@ mod tests {
         assert_eq!(read.policy().decision, Decision::NearestToMean);
         assert_eq!(read.deciding(Decision::MostLikely), file);
         let mut unknown = other.bytes().to_vec();
-        unknown[DECISION_AT] = 2;
+        unknown[DECISION_AT] = 3;
         seal(&mut unknown);
         let found = WeightFile::from_bytes(&unknown).expect_err("there is no such decision");
-        assert_eq!(found, Error::WeightsDecision { found: 2 });
+        assert_eq!(found, Error::WeightsDecision { found: 3 });
     }
 
     #[test]

@@ -6,9 +6,9 @@ use crate::dataset::procedural;
 use crate::export::{ExportError, WeightFile};
 use crate::protocol::{self, Protocol};
 use reagent_core::dims::{SCRATCH_BYTES, STEPS};
-use reagent_core::kernels::{Arithmetic, Isa};
+use reagent_core::kernels::{Arithmetic, Isa, Tile};
 use reagent_core::net::Scratch;
-use reagent_core::{Frame, Policy, Pose, Registrar};
+use reagent_core::{Frame, Policy, Pose, Registrar, Registration};
 use serde::Serialize;
 use std::time::Instant;
 
@@ -33,13 +33,16 @@ pub struct Latency {
     pub cpu_ms_best: f64,
     /// Registrations a second by [`batch::register`], all threads together.
     pub per_second: f64,
-    /// Share of the measured arithmetic peak that the fastest one reached; none where no peak is known.
+    /// Share of the measured arithmetic peak that the fastest one reached; none where no peak is known. In f32 the
+    /// peak is that of fused multiply-adds, although the last embedding layer runs on AMX tiles where there are any.
     pub share_of_peak: Option<f64>,
 }
 
 /// What was measured, and on what.
 #[derive(Clone, Debug, Serialize)]
 pub struct Report {
+    /// What the system calls the processor; nothing where it does not say.
+    pub processor: Option<String>,
     /// Instruction set.
     pub kernels: &'static str,
     /// Multiply-adds a second of one core on registers, in billions: f32, bytes.
@@ -48,6 +51,10 @@ pub struct Report {
     pub weight_bytes: [usize; 2],
     /// Working memory of one registration beside its clouds, bytes.
     pub scratch_bytes: usize,
+    /// What stays of a registration from step to step, bytes.
+    pub registration_bytes: usize,
+    /// The last layer once more, in the parts that AMX takes (f32), bytes.
+    pub split_bytes: usize,
     /// One row a configuration.
     pub rows: Vec<Latency>,
 }
@@ -69,6 +76,7 @@ pub fn measure(
     let models = procedural::models(seed, CALIBRATION);
     let pairs = protocol::draw(&models, Protocol::M40Models, CALIBRATION, seed);
     let integers = WeightFile::from_parameters_int8(&parameters, &pairs)?;
+    let integers = integers.deciding(file.policy().decision);
     let peaks = [Arithmetic::F32, Arithmetic::Bytes].map(|a| peak(isa, a));
     let mut rows = Vec::new();
     for &points in points {
@@ -89,12 +97,22 @@ pub fn measure(
         }
     }
     Ok(Report {
+        processor: processor(),
         kernels: isa.name(),
         peak_gmac_per_s: peaks.map(|p| p / 1e9),
         weight_bytes: [file.bytes().len(), integers.bytes().len()],
         scratch_bytes: SCRATCH_BYTES,
+        registration_bytes: size_of::<Registration<'_>>(),
+        split_bytes: file.policy().split_tiles().unwrap_or(0) * size_of::<Tile>(),
         rows,
     })
+}
+
+/// The processor's name, from Linux.
+fn processor() -> Option<String> {
+    let all = std::fs::read_to_string("/proc/cpuinfo").ok()?;
+    let line = all.lines().find(|line| line.starts_with("model name"))?;
+    Some(line.split_once(':')?.1.trim().to_owned())
 }
 
 /// Multiply-adds a second of this core on registers: the best of several short runs.
@@ -159,7 +177,10 @@ fn run(
     times.sort_by(f64::total_cmp);
     let points = pairs.source.first().map_or(0, Vec::len);
     let shape = policy.shape;
-    let macs = (STEPS + 1) * points * shape.macs_per_point() + STEPS * shape.macs_step();
+    // Each way takes both clouds' halves of the first layers.
+    let way = shape.macs_half() + shape.macs_step();
+    let ways: usize = (0..STEPS).map(|step| policy.decision.ways(step)).sum();
+    let macs = (STEPS + 1) * points * shape.macs_per_point() + ways * way;
     Latency {
         format,
         points,

@@ -2,7 +2,7 @@
 //! instructions are not cycles of silicon: memory, caches and dual issue are not in them.
 
 use crate::board::{
-    Board, BoardError, Kind, Simulation, build_image, check_simulator, flash_content,
+    Board, BoardError, Clouds, Kind, Simulation, build_image, check_simulator, flash_content,
 };
 use crate::dataset::procedural;
 use crate::export::{ExportError, WeightFile};
@@ -11,7 +11,12 @@ use crate::latency::CALIBRATION;
 use crate::nn::{Parameters, Shape};
 use crate::protocol::{self, Protocol};
 use crate::publish;
-use reagent_core::dims::{CLOUD_BYTES, STEPS};
+use reagent_core::dims::{
+    CLOUD_BYTES, CODE_BUDGET, COMPACT_FLASH_BUDGET, COMPACT_MULTIPLY_ADD_BUDGET,
+    CORTEX_M7_INSTRUCTION_BUDGET, CORTEX_M55_INSTRUCTION_BUDGET, FLASH_BUDGET, GRID_RAM_BUDGET,
+    MULTIPLY_ADD_BUDGET, RAM_BUDGET, STACK_BUDGET, STEPS,
+};
+use reagent_core::grid::Grid;
 use reagent_core::wire::{self, CloudView, Message, REQUEST_OVERHEAD_BYTES, RefineRequest};
 use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
@@ -67,6 +72,8 @@ pub struct Budget {
     pub static_bytes: usize,
     /// RAM that the stack has reached.
     pub stack_bytes: usize,
+    /// RAM, stack included, of the image whose clouds are on a grid of 16-bit codes.
+    pub grid_ram_bytes: usize,
     /// Multiply-adds.
     pub multiply_adds: u64,
     /// Instructions, simulated.
@@ -103,7 +110,7 @@ pub fn measure_all(file: &WeightFile, seed: u64) -> Result<Vec<Budget>, McuError
     Ok(budgets)
 }
 
-/// Runs a registration on a simulated board that counts instructions.
+/// Runs registrations on simulated boards: one that counts instructions, one with clouds on a grid.
 fn measure(
     kind: Kind,
     policy: &WeightFile,
@@ -111,9 +118,10 @@ fn measure(
     target: &[[f32; 3]],
 ) -> Result<Budget, McuError> {
     let manifest = publish::manifest(1, "", policy).expect("no name is short enough");
-    let image = build_image(kind)?;
+    let image = build_image(kind, Clouds::Floats)?;
+    let grid_image = build_image(kind, Clouds::Grid)?;
     let library = image::read(&image.with_file_name("registration"))?;
-    for image in [&image::read(&image)?, &library] {
+    for image in [&image::read(&image)?, &image::read(&grid_image)?, &library] {
         if let Some(symbol) = image.panics.first() {
             return Err(McuError::Panics(symbol.clone()));
         }
@@ -124,16 +132,23 @@ fn measure(
         path: flash.display().to_string(),
         reason,
     })?;
-    let report = run(kind, &image, &flash, source, target);
+    let mut simulation = Simulation {
+        flash: Some(&flash),
+        count_instructions: true,
+    };
+    let floats = [source, target].map(CloudView::of);
+    let report = run(kind, &image, simulation, floats);
+    simulation.count_instructions = false;
+    let [source, target] = [source, target].map(on_grid);
+    let codes = [&source, &target].map(|(grid, codes)| CloudView::on_grid(*grid, codes));
+    let on_grid = run(kind, &grid_image, simulation, codes);
     std::fs::remove_file(&flash).ok();
-    let report = report?;
+    let (report, on_grid) = (report?, on_grid?);
 
     let instructions = |ticks: u32| u64::from(ticks) * 1_000_000_000 / u64::from(report.hertz);
     let shape = policy.policy().shape;
-    let embedding = (POINTS * shape.macs_per_point()) as u64;
-    let target = embedding + shape.macs_half() as u64;
-    let steps = STEPS as u64;
-    let total = instructions(report.target_ticks) + steps * instructions(report.step_ticks);
+    let target = POINTS * shape.macs_per_point();
+    let total = instructions(report.target_ticks) + STEPS as u64 * instructions(report.step_ticks);
     Ok(Budget {
         board: kind.name().to_owned(),
         network: widths(&shape),
@@ -143,7 +158,8 @@ fn measure(
         cloud_bytes: CLOUD_BYTES,
         static_bytes: report.static_bytes as usize,
         stack_bytes: report.stack_bytes as usize,
-        multiply_adds: target + steps * (embedding + shape.macs_step() as u64),
+        grid_ram_bytes: (on_grid.static_bytes + on_grid.stack_bytes) as usize,
+        multiply_adds: shape.macs_registration(POINTS, STEPS),
         instructions: total,
         slice_instructions: instructions(report.slice_ticks),
         instructions_per_multiply_add: instructions(report.target_ticks) as f64 / target as f64,
@@ -156,22 +172,24 @@ fn widths(shape: &reagent_core::Shape) -> String {
     widths.join("-")
 }
 
-/// Two steps: the others are alike.
+/// A cloud on its finest grid.
+fn on_grid(cloud: &[[f32; 3]]) -> (Grid, Vec<[i16; 3]>) {
+    let grid = Grid::of(cloud).expect("drawn clouds are finite");
+    let codes = cloud.iter().map(|&point| grid.encode(point)).collect();
+    (grid, codes)
+}
+
+/// Two steps: the others are alike, but for the heads of those that look both ways, a hundredth more.
 fn run(
     kind: Kind,
     image: &Path,
-    flash: &Path,
-    source: &[[f32; 3]],
-    target: &[[f32; 3]],
+    simulation: Simulation<'_>,
+    [source, target]: [CloudView<'_>; 2],
 ) -> Result<wire::Board, McuError> {
-    let simulation = Simulation {
-        flash: Some(flash),
-        count_instructions: true,
-    };
     let request = RefineRequest {
         max_steps: 2,
         budget_ms: u32::MAX,
-        ..RefineRequest::new(1, CloudView::of(source), CloudView::of(target))
+        ..RefineRequest::new(1, source, target)
     };
     let mut buffer = vec![0; REQUEST_OVERHEAD_BYTES + CLOUD_BYTES];
     let frame = wire::encode(&Message::RefineRequest(request), &mut buffer)
@@ -184,14 +202,87 @@ fn run(
     Ok(board.ask()?.1)
 }
 
+/// Why these numbers are not to be committed, a line each: rows that have become worse than `before`, that are
+/// only in one of both, or that are over budget.
+pub fn complaints(now: &[Budget], before: &[Budget]) -> Vec<String> {
+    let row = |budget: &Budget| format!("{}, {}", budget.board, budget.network);
+    let find = |budgets: &[Budget], of: &Budget| {
+        let same = |budget: &&Budget| row(budget) == row(of);
+        budgets.iter().find(same).cloned()
+    };
+    let mut lines = Vec::new();
+    for budget in now {
+        let worse = match find(before, budget) {
+            Some(before) => regressions(budget, &before),
+            None => vec!["not in the file".to_owned()],
+        };
+        let all = worse.into_iter().chain(excesses(budget));
+        lines.extend(all.map(|line| format!("{}: {line}", row(budget))));
+    }
+    let gone = before.iter().filter(|before| find(now, before).is_none());
+    lines.extend(gone.map(|before| format!("{}: not measured", row(before))));
+    lines
+}
+
+/// A limit of [`reagent_core::dims`]: what is limited, what was measured, what is allowed.
+type Limit = (&'static str, f64, f64);
+
+/// What the library promises of a board.
+pub fn limits(budget: &Budget) -> Vec<Limit> {
+    let compact = budget.network == widths(&reagent_core::Shape::COMPACT);
+    let (flash, multiply_adds) = if compact {
+        (COMPACT_FLASH_BUDGET, COMPACT_MULTIPLY_ADD_BUDGET)
+    } else {
+        (FLASH_BUDGET, MULTIPLY_ADD_BUDGET)
+    };
+    let ram = budget.static_bytes + budget.stack_bytes;
+    let bytes = |what, bytes: usize, most: usize| (what, bytes as f64, most as f64);
+    let mut limits = vec![
+        bytes("bytes of the policy", budget.policy_bytes, flash),
+        bytes("bytes of the library", budget.library_bytes, CODE_BUDGET),
+        bytes("bytes of RAM", ram, RAM_BUDGET),
+        bytes(
+            "bytes of RAM on a grid",
+            budget.grid_ram_bytes,
+            GRID_RAM_BUDGET,
+        ),
+        bytes("bytes of stack", budget.stack_bytes, STACK_BUDGET),
+        (
+            "multiply-adds",
+            budget.multiply_adds as f64,
+            multiply_adds as f64,
+        ),
+    ];
+    if budget.network == widths(&reagent_core::Shape::FULL) {
+        let most = if budget.board == Kind::CortexM7.name() {
+            CORTEX_M7_INSTRUCTION_BUDGET
+        } else {
+            CORTEX_M55_INSTRUCTION_BUDGET
+        };
+        let instructions = budget.instructions_per_multiply_add;
+        limits.push(("instructions per multiply-add", instructions, most));
+    }
+    limits
+}
+
+/// The limits that are passed, a line each.
+fn excesses(budget: &Budget) -> Vec<String> {
+    let over = limits(budget)
+        .into_iter()
+        .filter(|(_, now, most)| now > most);
+    over.map(|(what, now, most)| format!("{now} {what}, at most {most} are allowed"))
+        .collect()
+}
+
 /// What has become worse than `before` by more than a twentieth, a line each.
-pub fn regressions(now: &Budget, before: &Budget) -> Vec<String> {
+fn regressions(now: &Budget, before: &Budget) -> Vec<String> {
     let bytes = |what: fn(&Budget) -> usize| (what(now) as f64, what(before) as f64);
     let numbers = [
         ("library bytes", bytes(|b| b.library_bytes)),
         ("program bytes", bytes(|b| b.program_bytes)),
         ("static bytes", bytes(|b| b.static_bytes)),
         ("stack bytes", bytes(|b| b.stack_bytes)),
+        ("bytes of RAM on a grid", bytes(|b| b.grid_ram_bytes)),
         (
             "instructions",
             (now.instructions as f64, before.instructions as f64),
@@ -227,7 +318,7 @@ type Row = (&'static str, fn(&Budget) -> String);
 
 /// A table in Markdown, a column for each board.
 fn table(budgets: &[Budget]) -> String {
-    let rows: [Row; 10] = [
+    let rows: [Row; 11] = [
         ("flash, policy", |b| grouped(b.policy_bytes)),
         (
             "flash, library: a program that registers and nothing else",
@@ -242,6 +333,9 @@ fn table(budgets: &[Budget]) -> String {
         }),
         ("RAM, stack at its highest", |b| grouped(b.stack_bytes)),
         ("RAM, together", |b| grouped(b.static_bytes + b.stack_bytes)),
+        ("RAM, together, with clouds in 16 bits", |b| {
+            grouped(b.grid_ram_bytes)
+        }),
         ("multiply-adds", |b| millions(b.multiply_adds)),
         ("instructions, simulated", |b| millions(b.instructions)),
         ("instructions of the longest slice", |b| {
@@ -278,3 +372,6 @@ fn grouped(bytes: usize) -> String {
 fn millions(count: u64) -> String {
     format!("{:.1} M", count as f64 / 1e6)
 }
+
+#[cfg(test)]
+mod tests;

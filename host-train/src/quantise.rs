@@ -8,12 +8,12 @@ use crate::export::WeightFile;
 use crate::heads::Activations;
 use crate::nn::{PackedEmbedding, Parameters, Search};
 use rayon::prelude::*;
-use reagent_core::dims::{AXES, LAYERS, LOGITS, PANEL, STEP_SIZES, STEPS, padded};
+use reagent_core::dims::{LAYERS, LOGITS, PANEL, STEPS, padded};
 use reagent_core::kernels::Isa;
 use reagent_core::net::{Scratch, View};
 use reagent_core::quant::{CODE_MAX, Requantise, WIDE_MAX};
 use reagent_core::weights::{FORMAT_INT8, Offsets, offsets, pack_panels};
-use reagent_core::{Action, Frame, Pose, Registrar, Shape};
+use reagent_core::{Action, Decision, Frame, Pose, Registrar, Shape};
 
 /// Head room of the heads' hidden layers above what calibration saw: their 13 bits afford it.
 const HEAD_ROOM: f32 = 1.5;
@@ -36,7 +36,8 @@ pub(crate) struct Ranges {
 }
 
 impl Ranges {
-    /// What the network's activations reach while it registers pairs, each for the usual steps.
+    /// What the network's activations reach while it registers pairs, each for the usual steps, the most likely ones:
+    /// they roam farther than those that policies take.
     pub(crate) fn calibrate(parameters: &Parameters, pairs: &PairSet) -> Ranges {
         let width = parameters.shape.features();
         let packed = PackedEmbedding::with_search(parameters, Search::F32);
@@ -85,17 +86,12 @@ impl Ranges {
             ranges.see_clouds(&packed, &seen);
             ranges.see_features(&source);
             activations.forward(parameters, (&source, &rows), (&target, &rows));
-            for (ranges, hidden) in ranges.heads.iter_mut().zip(activations.hidden()) {
-                for (range, hidden) in ranges.iter_mut().zip(hidden) {
-                    for (range, row) in range.iter_mut().zip(hidden.chunks_exact(rows.len())) {
-                        *range = row.iter().fold(*range, |m, &v| m.max(v));
-                    }
-                }
-            }
+            ranges.see_heads(&activations);
             for (b, pose) in poses.iter_mut().enumerate() {
                 let [translation, rotation] = [0, 1].map(|head| {
-                    let logits = &activations.heads[head].logits;
-                    most_likely(|i| logits[i * rows.len() + b])
+                    let all = &activations.heads[head].logits;
+                    let logits = std::array::from_fn(|i| all[i * rows.len() + b]);
+                    Decision::MostLikely.steps(&logits)
                 });
                 let action = Action {
                     translation,
@@ -126,6 +122,16 @@ impl Ranges {
                     }
                 }
                 x = y;
+            }
+        }
+    }
+
+    fn see_heads(&mut self, activations: &Activations) {
+        for (ranges, hidden) in self.heads.iter_mut().zip(activations.hidden()) {
+            for (range, hidden) in ranges.iter_mut().zip(hidden) {
+                for (range, row) in range.iter_mut().zip(hidden.chunks_exact(activations.batch)) {
+                    *range = row.iter().fold(*range, |m, &v| m.max(v));
+                }
             }
         }
     }
@@ -194,20 +200,6 @@ pub(crate) fn logit_errors(
     let count = (errors.len() * STEPS).max(1) as f64;
     std::array::from_fn(|head| {
         std::array::from_fn(|i| errors.iter().map(|e| e[head][i]).sum::<f64>() / count)
-    })
-}
-
-fn most_likely(logit: impl Fn(usize) -> f32) -> [u8; AXES] {
-    std::array::from_fn(|axis| {
-        let best = (0..STEP_SIZES).fold(0, |best, i| {
-            let at = axis * STEP_SIZES;
-            if logit(at + i) > logit(at + best) {
-                i
-            } else {
-                best
-            }
-        });
-        best as u8
     })
 }
 

@@ -194,7 +194,7 @@ fn once_more(
     };
     let mut here = 0;
     let mut on_robot = trace.steps.iter();
-    while here < usize::from(request.max_steps) && registration.verdict() != Verdict::Converged {
+    while here < usize::from(request.max_steps) && !registration.rests() {
         let action = registrar.step(&mut registration).action;
         here += 1;
         let rows = registration.target_from_source().to_rows();

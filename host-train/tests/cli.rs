@@ -53,6 +53,21 @@ fn every_command_explains_itself() {
 }
 
 #[test]
+fn a_short_calibration_is_pointed_out() {
+    let folder = folder();
+    write_weights(&folder.path().join("w.rgw"));
+    for (count, told) in [(63, true), (64, false)] {
+        let export = format!(
+            "export --run w.rgw --format int8 --calibration procedural:{count} --out int8.rgw"
+        );
+        let output = run(folder.path(), &export);
+        assert!(output.status.success());
+        let told_so = String::from_utf8_lossy(&output.stderr).contains("calibrated on 63 clouds");
+        assert_eq!(told_so, told, "{count}");
+    }
+}
+
+#[test]
 fn missing_files_are_named() {
     let folder = folder();
     let at = folder.path();

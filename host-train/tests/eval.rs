@@ -3,6 +3,9 @@
 mod support;
 
 use host_train::dataset::pairs::load_poses;
+use host_train::export::WeightFile;
+use host_train::nn::{Parameters, Shape};
+use reagent_core::Decision;
 use reagent_tests::shared;
 use serde_json::Value;
 use std::path::PathBuf;
@@ -93,6 +96,40 @@ fn clouds_beyond_the_capacity_are_sampled() {
     let first = register(1, "1.json");
     assert_eq!(first["source_points"], 2048);
     assert_eq!(first, register(1, "again.json"));
+}
+
+#[test]
+fn agreement_is_with_the_first_policy_along_its_way() {
+    let folder = folder();
+    let at = folder.path();
+    write_weights(&at.join("a.rgw"));
+    write_weights(&at.join("same.rgw"));
+    let other = WeightFile::from_parameters(&Parameters::random(Shape::PAPER, 6));
+    let other = other.expect("deployable").deciding(Decision::default());
+    other.save(&at.join("other.rgw")).expect("written");
+    let run = "eval --data procedural --protocol m40-models --count 4 --steps 6 --methods policy,init --agreement";
+    let text = succeed(
+        at,
+        &format!("{run} --weights a.rgw same.rgw other.rgw --json all.json"),
+    );
+    assert!(text.contains("same acts as a on"), "{text}");
+    let found = &read_json(&at.join("all.json"))["agreement"];
+    assert_eq!(found["same"]["along"], "a");
+    assert_eq!(found["same"]["equal"], serde_json::json!(vec![1.0; 6]));
+    let shares = found["other"]["equal"].as_array().expect("shares");
+    let shares: Vec<f64> = shares.iter().filter_map(Value::as_f64).collect();
+    assert_eq!(shares.len(), 6);
+    assert!(
+        shares.iter().all(|share| (0.0..1.0).contains(share)),
+        "{shares:?}"
+    );
+    // Whole axes of whole pairs.
+    assert!(
+        shares
+            .iter()
+            .all(|share| (share * 24.0).fract().abs() < 1e-9),
+        "{shares:?}"
+    );
 }
 
 #[test]

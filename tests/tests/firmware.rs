@@ -14,7 +14,7 @@ mod support;
 
 use bits::{bits, trajectory};
 use firmware_sim::board::{
-    Board, BoardError, Kind, Simulation, build_image, check_simulator, flash_content,
+    Board, BoardError, Clouds, Kind, Simulation, build_image, check_simulator, flash_content,
 };
 use firmware_sim::client::{self, Client, RefineError};
 use firmware_sim::node::{Node, NodeConfig};
@@ -24,11 +24,12 @@ use host_train::nn::{Parameters, Shape};
 use host_train::protocol::{self, Protocol};
 use host_train::publish;
 use host_train::random::{Purpose, Rng, stream};
+use host_train::replay::replay;
 use rand::RngExt;
 use reagent_core::kernels::Isa;
 use reagent_core::wire::serial::{self, line_bytes};
 use reagent_core::wire::{
-    self, Chunk, Cloud, CloudView, Manifest, Message, Reason, RefineRequest, Refusal,
+    self, Chunk, Cloud, CloudView, Manifest, Message, Reason, RefineRequest, Refusal, keys,
 };
 use std::ops::ControlFlow;
 use std::path::PathBuf;
@@ -56,9 +57,14 @@ fn manifest_of(file: &WeightFile, version: u64) -> Manifest {
     publish::manifest(version, "test", file).expect("a short name")
 }
 
-/// Images that can be built here, all at once; says why others cannot.
+/// Images that can be built here; says why others cannot.
 fn images() -> Vec<(Kind, PathBuf)> {
-    let build = |kind| match build_image(kind) {
+    images_for(Clouds::Floats)
+}
+
+/// The same, with memory for such clouds.
+fn images_for(clouds: Clouds) -> Vec<(Kind, PathBuf)> {
+    let build = |kind| match build_image(kind, clouds) {
         Ok(image) => Some((kind, image)),
         Err(error @ BoardError::NoTarget { .. }) => {
             eprintln!("skipped: {error}");
@@ -71,12 +77,17 @@ fn images() -> Vec<(Kind, PathBuf)> {
 
 /// Runs `test` on each board, side by side, with the policy in flash.
 fn on_boards(with_policy: bool, test: impl Fn(Kind, Board) + Sync) {
-    let content = with_policy.then(|| flash_content(&manifest_of(&POLICY, 5), POLICY.bytes()));
-    on_boards_with(content.as_deref(), test);
+    on_boards_for(Clouds::Floats, with_policy, test);
 }
 
-/// Runs `test` on each board, side by side, with this in its flash.
-fn on_boards_with(content: Option<&[u8]>, test: impl Fn(Kind, Board) + Sync) {
+/// The same, on boards with memory for such clouds.
+fn on_boards_for(clouds: Clouds, with_policy: bool, test: impl Fn(Kind, Board) + Sync) {
+    let content = with_policy.then(|| flash_content(&manifest_of(&POLICY, 5), POLICY.bytes()));
+    on_boards_with(clouds, content.as_deref(), test);
+}
+
+/// Runs `test` on each board with memory for such clouds, side by side, with this in its flash.
+fn on_boards_with(clouds: Clouds, content: Option<&[u8]>, test: impl Fn(Kind, Board) + Sync) {
     let directory = tempfile::tempdir().expect("a temporary directory");
     let path = directory.path().join("flash");
     let flash = content.map(|content| {
@@ -84,7 +95,7 @@ fn on_boards_with(content: Option<&[u8]>, test: impl Fn(Kind, Board) + Sync) {
         path.as_path()
     });
     thread::scope(|scope| {
-        for (kind, image) in images() {
+        for (kind, image) in images_for(clouds) {
             let test = &test;
             scope.spawn(move || {
                 let simulation = Simulation {
@@ -101,10 +112,14 @@ fn on_boards_with(content: Option<&[u8]>, test: impl Fn(Kind, Board) + Sync) {
 }
 
 fn request(id: u64, max_steps: u8, source: &[[f32; 3]], target: &[[f32; 3]]) -> Vec<u8> {
+    request_of(id, max_steps, CloudView::of(source), CloudView::of(target))
+}
+
+fn request_of(id: u64, max_steps: u8, source: CloudView<'_>, target: CloudView<'_>) -> Vec<u8> {
     let request = RefineRequest {
         max_steps,
         budget_ms: u32::MAX,
-        ..RefineRequest::new(id, CloudView::of(source), CloudView::of(target))
+        ..RefineRequest::new(id, source, target)
     };
     let mut buffer = vec![0; wire::REQUEST_OVERHEAD_BYTES + 12 * (source.len() + target.len())];
     let frame = wire::encode(&Message::RefineRequest(request), &mut buffer);
@@ -319,7 +334,7 @@ fn a_policy_comes_over_the_line_and_counts_when_it_is_whole() {
         board
             .send(&Message::Manifest(manifest_of(&COMPACT, 6)))
             .expect("it runs");
-        let bytes = &COMPACT.bytes()[16 * 1024..][..16 * 1024];
+        let bytes = &COMPACT.bytes()[8 * 1024..][..8 * 1024];
         board
             .send(&Message::Chunk(Chunk { index: 1, bytes }))
             .expect("it runs");
@@ -360,11 +375,15 @@ async fn a_board_serves_a_fleet() {
     let node = Node::start_with(network.join().await, config, Some(board));
     let node = node.await.expect("good names");
     let client = network.join().await;
+    let key = keys::trace(FLEET, "board").expect("good names");
+    let traces = client.declare_subscriber(key.as_str()).await;
+    let traces = traces.expect("an open session");
     let mut rng: Rng = stream(5, Purpose::Shape, 0);
     let (source, target) = (cloud(&mut rng, 20), cloud(&mut rng, 30));
     // A simulated line takes as long as the machine has other work to do.
     let request = RefineRequest {
         budget_ms: u32::MAX,
+        trace: true,
         ..request_to(&source, &target)
     };
     let early = client::refine(&client, FLEET, "board", &request).await;
@@ -385,6 +404,14 @@ async fn a_board_serves_a_fleet() {
         (bits(reply.target_from_source), reply.policy_version),
         (last, 3)
     );
+    // What the board did, done again here.
+    let trace = traces.recv_async().await.expect("an open session");
+    let again = replay(
+        &line(&trace.payload().to_bytes()),
+        std::slice::from_ref(&*COMPACT),
+    );
+    let again = &again.expect("a trace")[0];
+    assert_eq!((again.steps, &again.difference), (expected.len(), &None));
 
     // What nobody waits for ends on the board, too.
     let leaving = Client::new(network.join().await, FLEET).await;

@@ -10,7 +10,7 @@ use reagent_core::kernels::Isa;
 use reagent_core::net::Scratch;
 use reagent_core::register::Step;
 use reagent_core::weights::{FORMAT_F32, FORMAT_INT8, checksum, file_len, offsets};
-use reagent_core::{Error, Frame, Policy, Pose, Registrar};
+use reagent_core::{Action, Decision, Error, Frame, Policy, Pose, Registrar};
 
 fn pairs(seed: u64, count: usize) -> PairSet {
     let models = procedural::models(seed, count);
@@ -19,7 +19,13 @@ fn pairs(seed: u64, count: usize) -> PairSet {
 
 fn integers() -> WeightFile {
     let parameters = WeightFile::pretrained().parameters(0).expect("f32");
-    WeightFile::from_parameters_int8(&parameters, &pairs(1, 24)).expect("deployable")
+    let file = WeightFile::from_parameters_int8(&parameters, &pairs(1, 64)).expect("deployable");
+    as_shipped(file)
+}
+
+/// The same network deciding as exported policies do: both ways after the first steps.
+fn as_shipped(file: WeightFile) -> WeightFile {
+    file.deciding(Decision::default())
 }
 
 /// A compact network that nobody trained, in f32 and in 8-bit integers.
@@ -27,7 +33,7 @@ fn compact() -> (WeightFile, WeightFile) {
     let parameters = Parameters::random(nn::Shape::COMPACT, 5);
     let integer = WeightFile::from_parameters_int8(&parameters, &pairs(1, 24)).expect("deployable");
     let float = WeightFile::from_parameters(&parameters).expect("deployable");
-    (float, integer)
+    (as_shipped(float), as_shipped(integer))
 }
 
 /// Ten steps of one registration.
@@ -47,14 +53,16 @@ fn steps(isa: Isa, policy: Policy<'_>, pairs: &PairSet, i: usize) -> (Vec<Step>,
 fn every_kernel_gives_the_same_bits() {
     let pairs = pairs(2, 2);
     let bits = |(steps, pose): (Vec<Step>, Pose)| {
-        let logits: Vec<u32> = steps
+        let logits = steps
             .iter()
-            .flat_map(|s| s.logits_t.iter().chain(&s.logits_r))
-            .map(|l| l.to_bits())
-            .collect();
-        (logits, pose)
+            .flat_map(|s| s.logits_t.iter().chain(&s.logits_r));
+        let pose = pose.to_rows().into_iter().flatten();
+        let floats: Vec<u32> = logits.copied().chain(pose).map(f32::to_bits).collect();
+        let actions: Vec<Action> = steps.iter().map(|s| s.action).collect();
+        (floats, actions)
     };
     for file in [integers(), compact().1] {
+        assert_eq!(file.policy().decision, Decision::BothWays);
         for i in 0..pairs.source.len() {
             let expected = bits(steps(Isa::PORTABLE, file.policy(), &pairs, i));
             for isa in Isa::all() {
@@ -71,10 +79,8 @@ fn a_compact_network_is_small_and_runs_in_both_formats() {
     assert!(integer.bytes().len() <= 256 * 1024);
     assert_eq!(integer.policy().shape, Shape::COMPACT);
     let back = float.parameters(7).expect("f32");
-    assert_eq!(
-        WeightFile::from_parameters(&back).expect("deployable"),
-        float
-    );
+    let again = WeightFile::from_parameters(&back).expect("deployable");
+    assert_eq!(as_shipped(again), float);
 
     let pairs = pairs(2, 1);
     let logits = |isa, file: &WeightFile| {
@@ -94,10 +100,11 @@ fn a_compact_network_is_small_and_runs_in_both_formats() {
     );
 }
 
+/// 97 % do when 64 clouds set the ranges (with 24 it is 93 %): `README.md` says how many to take.
 #[test]
 fn first_actions_agree_with_f32() {
     let (float, integer) = (WeightFile::pretrained(), integers());
-    let pairs = pairs(3, 12);
+    let pairs = pairs(3, 200);
     let mut agree = 0;
     for i in 0..pairs.source.len() {
         let [a, b] =
@@ -105,7 +112,8 @@ fn first_actions_agree_with_f32() {
         let axes = |a: reagent_core::Action| a.translation.into_iter().chain(a.rotation);
         agree += axes(a).zip(axes(b)).filter(|(a, b)| a == b).count();
     }
-    assert!(agree * 10 >= pairs.source.len() * 6 * 9, "{agree}");
+    let axes = pairs.source.len() * 6;
+    assert!(agree * 100 >= axes * 95, "{agree} of {axes}");
 }
 
 #[test]

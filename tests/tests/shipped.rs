@@ -1,6 +1,11 @@
 //! The policies in core/weights: what their records say, and what they do.
 
-use reagent_core::{Policy, Shape};
+use host_train::dataset::procedural;
+use host_train::eval::{Contestant, EvalSettings, Method, evaluate};
+use host_train::protocol::{self, Protocol};
+use host_train::refine::Mode;
+use reagent_core::dims::STEPS;
+use reagent_core::{Decision, Policy, Shape};
 use sha2::{Digest, Sha256};
 
 const RECORDS: [&str; 2] = [
@@ -38,4 +43,35 @@ fn each_is_of_its_shape_and_size() {
         [Ok(Shape::FULL), Ok(Shape::FULL), Ok(Shape::COMPACT)]
     );
     assert!(Policy::pretrained_compact_bytes().len() <= 256 * 1024);
+}
+
+#[test]
+fn each_reaches_on_shapes_of_its_own_what_it_is_shipped_for() {
+    let pairs = protocol::draw(&procedural::models(40, 40), Protocol::M40Models, 40, 4);
+    let settings = EvalSettings {
+        steps: STEPS,
+        threads: 2,
+        per_step: false,
+    };
+    for (name, file) in shipped() {
+        let policy = Policy::parse(file).expect("a sound policy");
+        assert_eq!(policy.decision, Decision::BothWays, "{name}");
+        let contestants: Vec<Contestant<'_>> = [
+            Method::Policy(policy),
+            Method::PolicyRefined(policy, Mode::Verify),
+        ]
+        .into_iter()
+        .zip(["alone", "verified"])
+        .map(|(method, name)| Contestant {
+            name: name.into(),
+            method,
+        })
+        .collect();
+        let found = evaluate(&pairs, &contestants, &settings, &|| {}).expect("sound pairs");
+        let [alone, verified] = [0, 1].map(|i| &found[i].row.summary);
+        assert!(alone.r_iso_median_deg < 2.5, "{name}: {alone:?}");
+        assert!(alone.recall_r5_t005 > 0.75, "{name}: {alone:?}");
+        assert!(verified.r_iso_deg < 1.5, "{name}: {verified:?}");
+        assert!(verified.recall_r5_t005 > 0.95, "{name}: {verified:?}");
+    }
 }

@@ -1,6 +1,6 @@
 /*
- * Registers pairs of clouds from a file, every second one in slices, and prints each step as bits:
- * ./pairs policy.rgw clouds. The file holds words of 32 bits, little-endian: the number of pairs; for each, the
+ * Registers pairs of clouds from a file, every second one in slices, every second two of them on grids of 16-bit
+ * codes, and prints each step as bits: ./pairs policy.rgw clouds. The file holds words of 32 bits, little-endian: the number of pairs; for each, the
  * points of source and target, and the coordinates of both, as floats.
  */
 #include "reagent.h"
@@ -29,6 +29,15 @@ static void check(ReagentStatus status) {
         fprintf(stderr, "status %d\n", (int)status);
         exit(1);
     }
+}
+
+/* Puts a cloud on the finest grid of it. */
+static int16_t *codes_of(const float *xyz, size_t points, ReagentGrid *grid) {
+    int16_t *codes = malloc(points * 3 * sizeof *codes);
+    if (codes == NULL) exit(2);
+    check(reagent_grid_of(xyz, points, grid));
+    check(reagent_encode(grid, xyz, points, codes));
+    return codes;
 }
 
 static void print_step(const ReagentStep *step, const ReagentResult *result) {
@@ -60,14 +69,21 @@ int main(int count, char **arguments) {
         words += 3 * (points + target_points);
         ReagentStep step;
         ReagentResult result;
-        check(reagent_set_target(&memory, target, target_points));
-        if (pair % 2 == 0) {
-            check(reagent_set_source(&memory, source, points, NULL));
+        const bool sliced = pair % 2 == 1, on_grid = pair % 4 >= 2;
+        int16_t *source_codes = NULL, *target_codes = NULL;
+        if (on_grid) {
+            ReagentGrid source_grid, target_grid;
+            source_codes = codes_of(source, points, &source_grid);
+            target_codes = codes_of(target, target_points, &target_grid);
+            check(reagent_set_target_on_grid(&memory, &target_grid, target_codes, target_points));
+            check((sliced ? reagent_begin_on_grid : reagent_set_source_on_grid)(
+                &memory, &source_grid, source_codes, points, NULL));
         } else {
-            check(reagent_begin(&memory, source, points, NULL));
+            check(reagent_set_target(&memory, target, target_points));
+            check((sliced ? reagent_begin : reagent_set_source)(&memory, source, points, NULL));
         }
         do {
-            bool stepped = pair % 2 == 0;
+            bool stepped = !sliced;
             if (stepped) {
                 check(reagent_step(&memory, &step));
             }
@@ -75,6 +91,8 @@ int main(int count, char **arguments) {
             check(reagent_result(&memory, &result));
             print_step(&step, &result);
         } while (result.steps < 10 && !result.converged);
+        free(source_codes);
+        free(target_codes);
     }
     return 0;
 }

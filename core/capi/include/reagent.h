@@ -1,8 +1,9 @@
 /*
- * ReAgent point cloud registration. Made by cbindgen from core/capi/src/lib.rs: do not edit.
+ * ReAgent point cloud registration. Made by cbindgen from core/capi/src: do not edit.
  *
  * Order of calls: reagent_init once; reagent_set_target, reagent_set_source and then reagent_step as often
- * as steps are wanted, usually ten, for each registration; reagent_result at any time after the source.
+ * as steps are wanted, usually ten, for each registration; reagent_result at any time after the source. What it
+ * tells may go on to reagent_polish or reagent_verify, which say how sure the pose is.
  * Nothing is allocated and nothing is global: two memories are two independent users.
  */
 
@@ -15,13 +16,16 @@
 
 #if (defined(__x86_64__) || defined(__aarch64__))
 // Words of a ReagentMemory.
-#define REAGENT_MEMORY_WORDS 6400
+#define REAGENT_MEMORY_WORDS 6912
 #endif
 
 #if !(defined(__x86_64__) || defined(__aarch64__))
 // Words of a ReagentMemory.
-#define REAGENT_MEMORY_WORDS 1920
+#define REAGENT_MEMORY_WORDS 1984
 #endif
+
+// Words of a ReagentWorkspace.
+#define REAGENT_WORKSPACE_WORDS 17800
 
 // What came of a call. Whatever is not OK has changed nothing.
 typedef enum {
@@ -59,11 +63,25 @@ typedef enum {
   REAGENT_STATUS_OTHER = 15,
 } ReagentStatus;
 
+// Where the codes of a cloud lie in space: code c of an axis stands for the coordinate origin + c * step.
+// A cloud of codes takes half the memory of one of floats.
+typedef struct {
+  // Point of the codes 0, 0, 0.
+  float origin[3];
+  // Distance between neighbouring codes, the same along every axis.
+  float step;
+} ReagentGrid;
+
 // Memory of one registrar: the caller's, of any content, where it likes. It must not be moved or
 // copied between calls.
 typedef struct {
   uint64_t words[REAGENT_MEMORY_WORDS];
 } ReagentMemory;
+
+// Memory of reagent_polish and reagent_verify: the caller's, of any content, for as long as the call.
+typedef struct {
+  uint64_t words[REAGENT_WORKSPACE_WORDS];
+} ReagentWorkspace;
 
 // A rigid transform that maps the source onto the target, as rows of [R | t], in the clouds' units.
 typedef struct {
@@ -85,13 +103,31 @@ typedef struct {
   ReagentPose target_from_source;
   // Steps taken.
   uint32_t steps;
-  // The last step was "stop" on every axis: further ones change nothing.
+  // Further steps change nothing: the last was "stop" on every axis, in all the ways in which the policy looks.
   bool converged;
 } ReagentResult;
 
 #ifdef __cplusplus
 extern "C" {
 #endif // __cplusplus
+
+// The finest grid whose codes cover the cloud: each coordinate comes back within about half of its step, which
+// is 1/65534 of the longest side of the cloud's box.
+//
+// # Safety
+// `xyz` points to 3 * `points` floats, `grid` to where the grid is to be put.
+ReagentStatus reagent_grid_of(const float *xyz,
+                              size_t points,
+                              ReagentGrid *grid);
+
+// Puts a cloud on a grid: the nearest codes of each point, `points` times three; beyond the grid its edge.
+//
+// # Safety
+// `grid` points to a grid; `xyz` to 3 * `points` floats; `codes` to where as many codes are to be put, elsewhere.
+ReagentStatus reagent_encode(const ReagentGrid *grid,
+                             const float *xyz,
+                             size_t points,
+                             int16_t *codes);
 
 // Checks a policy file (.rgw), which is read in place from then on, and makes the memory ready.
 //
@@ -102,6 +138,61 @@ ReagentStatus reagent_init(ReagentMemory *memory,
                            const uint8_t *weights,
                            size_t length);
 
+#if defined(REAGENT_PRETRAINED)
+// The policy that ships with ReAgent in f32, for reagent_init; its bytes into `length`. Of a library built with
+// the feature pretrained: define REAGENT_PRETRAINED.
+//
+// # Safety
+// `length` points to a size, or is null.
+const uint8_t *reagent_pretrained(size_t *length);
+#endif
+
+#if defined(REAGENT_PRETRAINED_INT8)
+// The policy that ships with ReAgent in 8-bit integers, for reagent_init; its bytes into `length`. Of a
+// library built with the feature pretrained-int8: define REAGENT_PRETRAINED_INT8.
+//
+// # Safety
+// `length` points to a size, or is null.
+const uint8_t *reagent_pretrained_int8(size_t *length);
+#endif
+
+#if defined(REAGENT_PRETRAINED_COMPACT)
+// The policy for small microcontrollers, for reagent_init; its bytes into `length`. Of a library built with
+// the feature pretrained-compact: define REAGENT_PRETRAINED_COMPACT.
+//
+// # Safety
+// `length` points to a size, or is null.
+const uint8_t *reagent_pretrained_compact(size_t *length);
+#endif
+
+// Makes a pose better by at most 22 robust steps of closest points, both ways; it fits no worse afterwards. Of
+// more than 2048 points of a cloud so many are used. `probability` is where it is told how likely the pose is
+// within 5 degrees and .05 radii of the right one, or null: below .5 it should not be trusted.
+//
+// # Safety
+// `workspace` points to a whole ReagentWorkspace; `source` and `target` to 3 * as many floats as they have
+// points; `pose` to a pose, where the better one is put; `probability` is null or points to a float.
+ReagentStatus reagent_polish(ReagentWorkspace *workspace,
+                             const float *source,
+                             size_t source_points,
+                             const float *target,
+                             size_t target_points,
+                             ReagentPose *pose,
+                             float *probability);
+
+// As reagent_polish; where the clouds are farther apart than two samples of one surface explain, 214 other poses
+// are tried, too, and the best one is taken if it is clearly better. That takes some twenty times as long.
+//
+// # Safety
+// As reagent_polish.
+ReagentStatus reagent_verify(ReagentWorkspace *workspace,
+                             const float *source,
+                             size_t source_points,
+                             const float *target,
+                             size_t target_points,
+                             ReagentPose *pose,
+                             float *probability);
+
 // Sets the target, the model or reference cloud: `points` times x, y, z. It is read again when a
 // source is set, and not after. A registration under way ends.
 //
@@ -109,6 +200,15 @@ ReagentStatus reagent_init(ReagentMemory *memory,
 // `memory` is as reagent_init left it; `xyz` points to 3 * `points` floats that stay as they are
 // until the last source is set.
 ReagentStatus reagent_set_target(ReagentMemory *memory, const float *xyz, size_t points);
+
+// As reagent_set_target, of a cloud on a grid: `points` times three codes.
+//
+// # Safety
+// As reagent_set_target; `grid` points to a grid, which is copied, and `codes` to 3 * `points` codes.
+ReagentStatus reagent_set_target_on_grid(ReagentMemory *memory,
+                                         const ReagentGrid *grid,
+                                         const int16_t *codes,
+                                         size_t points);
 
 // Sets the source, the observed cloud, in the target's units, and begins a registration: embeds the
 // target, which takes as long as one step of as many points; reagent_begin leaves that to slices. `initial`
@@ -122,6 +222,16 @@ ReagentStatus reagent_set_source(ReagentMemory *memory,
                                  size_t points,
                                  const ReagentPose *initial);
 
+// As reagent_set_source, of a cloud on a grid; the target may be on another, or of floats.
+//
+// # Safety
+// As reagent_set_source; `grid` points to a grid, which is copied, and `codes` to 3 * `points` codes.
+ReagentStatus reagent_set_source_on_grid(ReagentMemory *memory,
+                                         const ReagentGrid *grid,
+                                         const int16_t *codes,
+                                         size_t points,
+                                         const ReagentPose *initial);
+
 // As reagent_set_source, but only looks through the clouds: the slices of reagent_advance embed the target.
 //
 // # Safety
@@ -130,6 +240,16 @@ ReagentStatus reagent_begin(ReagentMemory *memory,
                             const float *xyz,
                             size_t points,
                             const ReagentPose *initial);
+
+// As reagent_begin, of a cloud on a grid.
+//
+// # Safety
+// As reagent_begin; `grid` points to a grid, which is copied, and `codes` to 3 * `points` codes.
+ReagentStatus reagent_begin_on_grid(ReagentMemory *memory,
+                                    const ReagentGrid *grid,
+                                    const int16_t *codes,
+                                    size_t points,
+                                    const ReagentPose *initial);
 
 // Does the next slice of the registration's work: looks at no more than `points` points (but at least one) of
 // either cloud, or takes what was seen in, which is as much work as about 20 points are. `step` is where it is
@@ -150,24 +270,6 @@ ReagentStatus reagent_advance(ReagentMemory *memory,
 // # Safety
 // `memory` is as reagent_set_source left it; `step` is null or points to a step.
 ReagentStatus reagent_step(ReagentMemory *memory, ReagentStep *step);
-
-#if defined(REAGENT_PRETRAINED_INT8)
-// The policy that ships with ReAgent in 8-bit integers, for reagent_init; its bytes into `length`. Of a
-// library built with the feature pretrained-int8: define REAGENT_PRETRAINED_INT8.
-//
-// # Safety
-// `length` points to a size, or is null.
-const uint8_t *reagent_pretrained_int8(size_t *length);
-#endif
-
-#if defined(REAGENT_PRETRAINED_COMPACT)
-// The policy for small microcontrollers, for reagent_init; its bytes into `length`. Of a library built with
-// the feature pretrained-compact: define REAGENT_PRETRAINED_COMPACT.
-//
-// # Safety
-// `length` points to a size, or is null.
-const uint8_t *reagent_pretrained_compact(size_t *length);
-#endif
 
 // Where the registration is.
 //

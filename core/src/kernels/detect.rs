@@ -27,14 +27,15 @@ pub(super) fn has(wanted: u8) -> bool {
 }
 
 /// `cpufeatures` asks whether the system saves the registers; the extensions it does not know need
-/// no more than that, but AMX, for which Linux is asked.
+/// no more than that, but AMX, for which Linux is asked. The AVX-512 kernels use AVX2 and FMA too, which a machine (or
+/// whoever masks its features) announces on their own.
 fn detect() -> u8 {
-    let mut found = 0;
-    if has_avx2::get() {
-        found |= AVX2;
-        if __cpuid_count(7, 1).eax & (1 << 4) != 0 {
-            found |= AVX_VNNI;
-        }
+    if !has_avx2::get() {
+        return 0;
+    }
+    let mut found = AVX2;
+    if __cpuid_count(7, 1).eax & (1 << 4) != 0 {
+        found |= AVX_VNNI;
     }
     if has_avx512::get() {
         found |= AVX512;

@@ -1,9 +1,16 @@
-//! Dense kernels, one file per target; the only place with `unsafe`.
+//! Kernels of the machine, one file per target. No other module of this crate has `unsafe`; around it, the C interface
+//! (`core/capi`) and the microcontroller images have some, for pointers and for what starts a board.
 //!
-//! Three operations cover the network: a dense layer with ReLU over a tile of points, the last
-//! embedding layer fused with the max over points (so that 1024 running maxima take the place of a
-//! `[1024, N]` buffer), and a matrix-vector product for the heads. Weights come in panels of
-//! [`PANEL`] outputs (see [`crate::weights`]); lanes are outputs, and sums run over the inputs in order.
+//! - **Network in f32** (`floats`): a dense layer with ReLU over a tile of points, the last embedding layer fused with
+//!   the max over points (so that 1024 running maxima take the place of a `[1024, N]` buffer), and a matrix-vector
+//!   product for the heads. Weights come in panels of [`PANEL`] outputs (see [`crate::weights`]); lanes are outputs,
+//!   and sums run over the inputs in order.
+//! - **Network in integers** (`integers`): points to codes, and the same three on codes; [`crate::quant`] has the
+//!   numbers.
+//! - **Training** (`critical`): the search for critical points in bytes and the gradient through them.
+//! - **Refinement and metrics**: distances to the nearest points (`nearest`), plane fits over neighbours
+//!   (`neighbours`).
+//! - **Measurement** (`peak`): multiply-adds on registers, as many as the core can.
 //!
 //! Where a machine multiplies bf16 in tiles (AMX), the last embedding layer may be split into parts of bf16
 //! ([`SplitDense`]): the numbers of f32 in about 60 % of the time.
@@ -73,6 +80,7 @@ enum Kind {
     /// AVX2 with AVX-VNNI.
     #[cfg(target_arch = "x86_64")]
     AvxVnni,
+    /// AVX-512F, with AVX2 and FMA as all that follow.
     #[cfg(target_arch = "x86_64")]
     Avx512,
     /// AVX-512F with AVX-512 VNNI.

@@ -60,11 +60,23 @@ fn others() -> Vec<Isa> {
     found
 }
 
-/// Bound on the difference of two summation orders: 1e-5 of the sum of magnitudes.
-fn tolerance(case: &Case) -> f32 {
-    let x = case.x.iter().fold(1.0f32, |m, v| m.max(v.abs()));
-    let w = case.panels.iter().fold(1.0f32, |m, v| m.max(v.abs()));
-    1e-6 * (case.inputs as f32 + 1.0) * x * w
+impl Case {
+    /// The same with the magnitudes of all numbers: its outputs are sums of the magnitudes of terms.
+    fn magnitudes(&self) -> Case {
+        let all = |values: &[f32]| values.iter().map(|v| v.abs()).collect();
+        Case {
+            panels: all(&self.panels),
+            bias: all(&self.bias),
+            x: all(&self.x),
+            ..*self
+        }
+    }
+}
+
+/// Whether the results of two orders of summation agree: to 1e-5 of the magnitudes of their terms. Below the least
+/// normal number, bits are lost.
+fn close(a: f32, b: f32, magnitude: f32) -> bool {
+    a == b || (a - b).abs() <= 1e-5 * magnitude + f32::MIN_POSITIVE
 }
 
 proptest! {
@@ -76,11 +88,13 @@ proptest! {
         let n = case.x.len() / case.inputs * padded(case.outputs);
         let mut expected = vec![0.0; n];
         Isa::PORTABLE.dense_relu(&layer, &case.x, &mut expected);
+        let (magnitudes, mut magnitude) = (case.magnitudes(), vec![0.0; n]);
+        Isa::PORTABLE.dense_relu(&magnitudes.layer(), &magnitudes.x, &mut magnitude);
         for isa in others() {
             let mut y = vec![7.0; n];
             isa.dense_relu(&layer, &case.x, &mut y);
-            for (a, b) in y.iter().zip(&expected) {
-                prop_assert!((a - b).abs() <= tolerance(&case), "{}: {a} {b}", isa.name());
+            for ((&a, &b), &m) in y.iter().zip(&expected).zip(&magnitude) {
+                prop_assert!(close(a, b, m), "{}: {a} {b}", isa.name());
             }
         }
     }
@@ -92,6 +106,8 @@ proptest! {
         let points = case.x.len() / case.inputs;
         let mut expected = vec![f32::NEG_INFINITY; n];
         Isa::PORTABLE.dense_max(&layer, &case.x, &mut expected);
+        let (magnitudes, mut magnitude) = (case.magnitudes(), vec![0.0; n]);
+        Isa::PORTABLE.dense_max(&magnitudes.layer(), &magnitudes.x, &mut magnitude);
         for isa in others() {
             let mut max = vec![f32::NEG_INFINITY; n];
             isa.dense_max(&layer, &case.x, &mut max);
@@ -99,7 +115,7 @@ proptest! {
             isa.dense_argmax(&layer, &case.x, 100, &mut kept, &mut arg);
             prop_assert_eq!(&kept, &max, "{}", isa.name());
             for o in 0..n {
-                let close = max[o] == expected[o] || (max[o] - expected[o]).abs() <= tolerance(&case);
+                let close = close(max[o], expected[o], magnitude[o]);
                 prop_assert!(close, "{}: {} {}", isa.name(), max[o], expected[o]);
                 if points > 0 {
                     let row = (arg[o] - 100) as usize;
@@ -175,11 +191,14 @@ proptest! {
         let x = &case.x[..case.inputs - from];
         let mut expected = vec![0.0; padded(case.outputs)];
         Isa::PORTABLE.gemv(&layer, &case.bias, from, x, &mut expected);
+        let (magnitudes, mut magnitude) = (case.magnitudes(), vec![0.0; expected.len()]);
+        let x_m = &magnitudes.x[..x.len()];
+        Isa::PORTABLE.gemv(&magnitudes.layer(), &magnitudes.bias, from, x_m, &mut magnitude);
         for isa in others() {
             let mut y = vec![7.0; expected.len()];
             isa.gemv(&layer, &case.bias, from, x, &mut y);
-            for (a, b) in y.iter().zip(&expected) {
-                prop_assert!((a - b).abs() <= tolerance(&case), "{}: {a} {b}", isa.name());
+            for ((&a, &b), &m) in y.iter().zip(&expected).zip(&magnitude) {
+                prop_assert!(close(a, b, m), "{}: {a} {b}", isa.name());
             }
         }
     }

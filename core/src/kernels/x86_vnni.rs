@@ -84,24 +84,7 @@ unsafe fn block<const P: usize, const N: usize>(
 ) -> usize {
     // SAFETY: the caller guarantees `P` panels from `panel` on, `N` rows at `x` and as many scales.
     unsafe {
-        let weights: [*const i8; P] = core::array::from_fn(|p| {
-            layer
-                .panels
-                .as_ptr()
-                .add((panel + p) * layer.inputs * PANEL)
-        });
-        let mut sum = [[_mm512_setzero_si512(); P]; N];
-        for k in 0..layer.inputs / 4 {
-            let w: [__m512i; P] =
-                core::array::from_fn(|p| _mm512_loadu_si512(weights[p].add(k * QUAD).cast()));
-            for n in 0..N {
-                let quad = x.add(n * layer.inputs + 4 * k).cast::<i32>();
-                let quad = _mm512_set1_epi32(quad.read_unaligned());
-                for p in 0..P {
-                    sum[n][p] = _mm512_dpbusd_epi32(sum[n][p], quad, w[p]);
-                }
-            }
-        }
+        let sum = sums::<P, N>(layer, panel, x);
         for n in 0..N {
             let place = _mm512_set1_epi32((place + n) as i32);
             for p in 0..P {

@@ -1,12 +1,11 @@
 //! Several registrations in step, on hosts: the heads' weights, which one registration reads as fast as
 //! memory gives them, are read once for all.
 
-use super::{Registrar, Registration, Step, TargetState};
+use super::{Registrar, Registration, Step, heads};
 use crate::dims::LOGITS;
 use crate::kernels::Isa;
-use crate::net::{self, Memory, Scratch};
-use crate::quant;
-use crate::weights::{Network, Policy};
+use crate::net::Scratch;
+use crate::weights::Policy;
 
 /// Runs `N` registrations in step with one policy on caller-owned working memory.
 #[derive(Debug)]
@@ -33,104 +32,131 @@ impl<'w, 's, const N: usize> Team<'w, 's, N> {
     }
 
     /// One step of each registration, as [`Registrar::step`] takes it: in 8-bit integers to the bit. Slices of
-    /// a step that were under way ([`Registrar::advance`]) begin anew.
+    /// a step that were under way ([`Registrar::advance`]) begin anew. Places of registrations that never began cost
+    /// nothing; their steps mean nothing.
     pub fn step(&mut self, registrations: &mut [Registration<'_>; N]) -> [Step; N] {
         for (scratch, registration) in self.scratch.iter_mut().zip(registrations.iter_mut()) {
-            Registrar::with_isa(self.isa, self.policy, scratch).observe(registration);
+            if registration.has_begun() {
+                Registrar::with_isa(self.isa, self.policy, scratch).observe(registration);
+            }
         }
-        let decision = self.policy.decision;
-        let mut translation = self.logits(registrations, 0).into_iter();
-        let mut rotation = self.logits(registrations, 1).into_iter();
+        let Team {
+            isa,
+            policy,
+            scratch,
+        } = self;
+        let [translation, rotation] =
+            [0, 1].map(|head| heads::logits(*isa, policy, head, scratch, registrations));
+        let mut logits = translation.into_iter().zip(rotation);
         registrations.each_mut().map(|registration| {
-            let mut next = || Some([translation.next()?, rotation.next()?]);
-            let [logits_t, logits_r] = next().unwrap_or([[0.0; LOGITS]; 2]);
-            registration.act(decision, logits_t, logits_r)
+            let (logits_t, logits_r) = logits.next().unwrap_or(([0.0; LOGITS], [0.0; LOGITS]));
+            registration.act(policy.decision, logits_t, logits_r)
         })
-    }
-
-    /// Logits of a head, translation or rotation, for the sources that are embedded.
-    fn logits(&mut self, registrations: &[Registration<'_>; N], head: usize) -> [[f32; LOGITS]; N] {
-        let mut all = [[0.0; LOGITS]; N];
-        let lanes = self.scratch.iter_mut().zip(registrations).zip(&mut all);
-        match &self.policy.network {
-            Network::F32(network) => {
-                let mut lanes: heapless::Vec<net::Lane<'_>, N> = lanes
-                    .filter_map(|((scratch, registration), logits)| {
-                        let Memory::F32(scratch) = &mut scratch.memory else {
-                            return None;
-                        };
-                        let TargetState::F32(halves) = &registration.target else {
-                            return None;
-                        };
-                        let target = halves.get(head)?;
-                        Some(net::Lane {
-                            target,
-                            scratch,
-                            logits,
-                        })
-                    })
-                    .collect();
-                if let Some(head) = [&network.translation, &network.rotation].get(head) {
-                    net::logits(self.isa, head, &mut lanes);
-                }
-            }
-            Network::Int8(network) => {
-                let mut lanes: heapless::Vec<quant::Lane<'_>, N> = lanes
-                    .filter_map(|((scratch, registration), logits)| {
-                        let Memory::Int8(scratch) = &mut scratch.memory else {
-                            return None;
-                        };
-                        let TargetState::Int8(sums) = &registration.target else {
-                            return None;
-                        };
-                        let target = sums.get(head)?;
-                        Some(quant::Lane {
-                            target,
-                            scratch,
-                            logits,
-                        })
-                    })
-                    .collect();
-                if let Some(head) = network.heads.get(head) {
-                    quant::logits(self.isa, head, &mut lanes);
-                }
-            }
-        }
-        all
     }
 }
 
-#[cfg(all(test, feature = "pretrained"))]
+#[cfg(all(test, feature = "pretrained", feature = "pretrained-int8"))]
 mod tests {
     use super::*;
+    use crate::dims::STEPS_ONE_WAY;
     use crate::golden::clouds;
-    use crate::{Frame, Pose};
+    use crate::{Decision, Error, Frame, Pose};
 
     #[test]
     fn a_team_takes_the_steps_that_each_takes_alone() {
-        let policy = Policy::pretrained().expect("a sound policy");
+        let policies = [Policy::pretrained(), Policy::pretrained_int8()];
         let [source, target] = clouds();
         let sources = [&source[..], &source[..100], &target[..]];
-        for isa in Isa::all() {
-            let mut scratch = [(); 3].map(|()| Scratch::new());
-            let mut team = Team::with_isa(isa, policy, &mut scratch);
-            let mut registrations = [0, 1, 2].map(|lane| {
-                let mut registrar = team.lane(lane).expect("three lanes");
-                registrar
-                    .start(sources[lane], &target, Frame::IDENTITY, Pose::IDENTITY)
-                    .expect("two clouds")
-            });
-            let mut alone = Scratch::new();
-            let mut registrar = Registrar::with_isa(isa, policy, &mut alone);
-            let mut expected = sources.map(|source| {
-                registrar
-                    .start(source, &target, Frame::IDENTITY, Pose::IDENTITY)
-                    .expect("two clouds")
-            });
-            for _ in 0..4 {
-                let steps = team.step(&mut registrations);
-                assert_eq!(steps, expected.each_mut().map(|r| registrar.step(r)));
+        for policy in policies.map(|policy| policy.expect("a sound policy")) {
+            let policy = Policy {
+                decision: Decision::BothWays,
+                ..policy
+            };
+            for isa in Isa::all() {
+                let mut scratch = [(); 3].map(|()| Scratch::new());
+                let mut team = Team::with_isa(isa, policy, &mut scratch);
+                let mut registrations = [0, 1, 2].map(|lane| {
+                    let mut registrar = team.lane(lane).expect("three lanes");
+                    registrar
+                        .start(sources[lane], &target, Frame::IDENTITY, Pose::IDENTITY)
+                        .expect("two clouds")
+                });
+                let mut alone = Scratch::new();
+                let mut registrar = Registrar::with_isa(isa, policy, &mut alone);
+                let mut expected = sources.map(|source| {
+                    registrar
+                        .start(source, &target, Frame::IDENTITY, Pose::IDENTITY)
+                        .expect("two clouds")
+                });
+                for _ in 0..STEPS_ONE_WAY + 2 {
+                    let steps = team.step(&mut registrations);
+                    let alone = expected.each_mut().map(|r| registrar.step(r));
+                    assert_eq!(steps, alone, "{}", isa.name());
+                }
+                let poses = registrations.each_ref().map(|r| r.target_from_source());
+                assert_eq!(poses, expected.map(|r| r.target_from_source()));
             }
         }
+    }
+
+    #[test]
+    fn a_place_that_was_refused_changes_nothing_for_the_others() {
+        let policy = Policy {
+            decision: Decision::BothWays,
+            ..Policy::pretrained_int8().expect("a sound policy")
+        };
+        let [source, target] = clouds();
+        let mut scratch = [(); 2].map(|()| Scratch::new());
+        let mut team = Team::with_isa(Isa::best(), policy, &mut scratch);
+        let mut registrations = [const { Registration::new() }; 2];
+        let started: [Result<(), Error>; 2] = [0, 1].map(|lane| {
+            let source = if lane == 0 { &[] } else { &source[..] };
+            let mut registrar = team.lane(lane).expect("two lanes");
+            let place = &mut registrations[lane];
+            registrar.start_in(place, source, &target, Frame::IDENTITY, Pose::IDENTITY)
+        });
+        assert_eq!(started, [Err(Error::EmptyCloud), Ok(())]);
+        let mut alone = Scratch::new();
+        let mut registrar = Registrar::new(policy, &mut alone);
+        let mut expected = registrar
+            .start(&source, &target, Frame::IDENTITY, Pose::IDENTITY)
+            .expect("two clouds");
+        for _ in 0..STEPS_ONE_WAY + 1 {
+            let [_, step] = team.step(&mut registrations);
+            assert_eq!(step, registrar.step(&mut expected));
+        }
+    }
+
+    #[test]
+    fn one_that_follows_another_sees_what_that_one_sees() {
+        let [exact, integers] = [Policy::pretrained(), Policy::pretrained_int8()]
+            .map(|policy| policy.expect("a sound policy"));
+        let exact = Policy {
+            decision: Decision::BothWays,
+            ..exact
+        };
+        let [source, target] = clouds();
+        let mut scratch = [(); 2].map(|()| Scratch::new());
+        let [a, b] = &mut scratch;
+        let mut registrar = Registrar::new(exact, a);
+        let mut other = Registrar::new(integers, b);
+        let start = |registrar: &mut Registrar<'_, '_>| {
+            registrar
+                .start(&source, &target, Frame::IDENTITY, Pose::IDENTITY)
+                .expect("two clouds")
+        };
+        let mut leader = start(&mut other);
+        let mut follower = start(&mut registrar);
+        for steps in 1..=STEPS_ONE_WAY + 2 {
+            registrar.step(&mut follower);
+            registrar.step(&mut follower);
+            other.step(&mut leader);
+            follower.follow(&leader);
+            assert_eq!(follower.steps(), steps);
+            assert_eq!(follower.outcome(), leader.outcome());
+        }
+        let mut again = leader.clone();
+        again.target = follower.target.clone();
+        assert_eq!(registrar.step(&mut follower), registrar.step(&mut again));
     }
 }

@@ -224,7 +224,7 @@ impl fmt::Display for Reason {
             ),
             Reason::TooManyPoints(cloud, points) => write!(
                 f,
-                "the {cloud} cloud has {points} points, at most {MAX_POINTS} fit; subsample it"
+                "the {cloud} cloud has {points} points, more than it has memory for (nobody takes more than {MAX_POINTS}); subsample it"
             ),
             Reason::NotFinite(cloud, index) => write!(
                 f,

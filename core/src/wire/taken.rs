@@ -4,10 +4,12 @@ use super::cloud::POINT_BYTES;
 use super::{
     Cancel, Cloud, CloudView, Message, Mode, Reason, RefineRequest, Refusal, VERSION, decode,
 };
+use crate::cloud;
 use crate::error::Error;
 use crate::grid::Grid;
 
-/// A [`RefineRequest`] whose clouds lie aligned in the buffer that held the frame.
+/// A [`RefineRequest`] whose clouds lie aligned, in the format that they came in, in the buffer that held the
+/// frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TakenRequest<'b> {
     /// Its client and id.
@@ -21,17 +23,16 @@ pub struct TakenRequest<'b> {
     /// See [`RefineRequest::initial`].
     pub initial: Option<[[f32; 4]; 3]>,
     /// See [`RefineRequest::source`].
-    pub source: &'b [[f32; 3]],
+    pub source: cloud::Cloud<'b>,
     /// See [`RefineRequest::target`].
-    pub target: &'b [[f32; 3]],
+    pub target: cloud::Cloud<'b>,
 }
 
-/// Reads the request that is the first `length` bytes of `space`, and puts its clouds to the front of
-/// it as f32, where they are aligned. The frame is gone afterwards.
+/// Reads the request that is the first `length` bytes of `space`, and moves its clouds to the front of it,
+/// where they are aligned: points as f32, or codes, as they came. The frame is gone afterwards.
 ///
 /// # Errors
-/// As [`decode`]; [`Error::Frame`] where it is another message; [`Error::TooManyPoints`] where the space does
-/// not hold both clouds as f32.
+/// As [`decode`]; [`Error::Frame`] where it is another message.
 pub fn take_request(space: &mut [u32], length: usize) -> Result<TakenRequest<'_>, Error> {
     let bytes: &mut [u8] = bytemuck::cast_slice_mut(space);
     let frame = bytes.get(..length).ok_or(Error::Frame)?;
@@ -48,87 +49,57 @@ pub fn take_request(space: &mut [u32], length: usize) -> Result<TakenRequest<'_>
         target,
         ..
     } = request;
-    let capacity = bytes.len() / POINT_BYTES;
-    if source.len() + target.len() > capacity {
-        return Err(Error::TooManyPoints {
-            points: source.len().max(target.len()),
-            capacity: capacity / 2,
-        });
-    }
     let place = |cloud: CloudView<'_>| Place {
         grid: cloud.grid(),
         start: cloud.range_in(frame).start,
         bytes: cloud.range_in(frame).len(),
-        points: cloud.len(),
     };
     let (mut source, mut target) = (place(source), place(target));
-    // First to the end, the last first; then, point by point, to the front. Where both clouds fit, nothing is
-    // overwritten before it is read.
-    target.start = shift_back(bytes, target, bytes.len());
-    source.start = shift_back(bytes, source, target.start);
-    spread(bytes, source, 0);
-    spread(bytes, target, source.points * POINT_BYTES);
+    // What is before each cloud in the frame is more than aligning takes: both move to the front.
+    source.shift(bytes, 0);
+    target.shift(bytes, source.bytes.next_multiple_of(size_of::<f32>()));
     let bytes: &[u8] = bytes;
-    let cloud = |first: usize, points: usize| {
-        let (first, length) = (first * POINT_BYTES, points * POINT_BYTES);
-        let cloud = bytes.get(first..first + length).ok_or(Error::Frame)?;
-        bytemuck::try_cast_slice::<u8, [f32; 3]>(cloud).map_err(|_| Error::Frame)
-    };
     Ok(TakenRequest {
         asked,
         budget_ms,
         mode,
         max_steps,
         initial,
-        source: cloud(0, source.points)?,
-        target: cloud(source.points, target.points)?,
+        source: source.cloud(bytes)?,
+        target: target.cloud(bytes)?,
     })
 }
 
 /// A cloud in the buffer.
-#[derive(Clone, Copy)]
 struct Place {
     grid: Option<Grid>,
     start: usize,
     bytes: usize,
-    points: usize,
 }
 
-/// Moves a cloud's bytes back, so that they end at `end`, and returns where they start.
-fn shift_back(buffer: &mut [u8], cloud: Place, end: usize) -> usize {
-    let start = end.saturating_sub(cloud.bytes);
-    for at in (0..cloud.bytes).rev() {
-        let byte = buffer.get(cloud.start + at).copied().unwrap_or(0);
-        if let Some(place) = buffer.get_mut(start + at) {
-            *place = byte;
+impl Place {
+    /// Moves the cloud to the front, to `start`.
+    fn shift(&mut self, buffer: &mut [u8], start: usize) {
+        for at in 0..self.bytes {
+            let byte = buffer.get(self.start + at).copied().unwrap_or(0);
+            if let Some(place) = buffer.get_mut(start + at) {
+                *place = byte;
+            }
         }
+        self.start = start;
     }
-    start
-}
 
-/// Writes a cloud's points from `to` on as f32.
-fn spread(buffer: &mut [u8], cloud: Place, to: usize) {
-    let size = cloud.bytes.checked_div(cloud.points).unwrap_or(0);
-    for index in 0..cloud.points {
-        let mut read = [0; POINT_BYTES];
-        let from = cloud.start + index * size;
-        let bytes = buffer.get(from..from + size).unwrap_or(&[]);
-        for (place, &byte) in read.iter_mut().zip(bytes) {
-            *place = byte;
-        }
-        let written = match cloud.grid {
-            None => read,
+    /// The cloud, if it lies aligned.
+    fn cloud<'b>(&self, buffer: &'b [u8]) -> Result<cloud::Cloud<'b>, Error> {
+        let bytes = buffer.get(self.start..self.start + self.bytes);
+        let bytes = bytes.ok_or(Error::Frame)?;
+        let cloud = match self.grid {
+            None => bytemuck::try_cast_slice(bytes).map(cloud::Cloud::F32),
             Some(grid) => {
-                let [a, b, c, d, e, f, ..] = read;
-                let codes = [[a, b], [c, d], [e, f]].map(i16::from_le_bytes);
-                bytemuck::cast(grid.decode(codes))
+                bytemuck::try_cast_slice(bytes).map(|codes| cloud::Cloud::Grid(grid, codes))
             }
         };
-        let to = to + index * POINT_BYTES;
-        let places = buffer.get_mut(to..to + POINT_BYTES).unwrap_or(&mut []);
-        for (place, byte) in places.iter_mut().zip(written) {
-            *place = byte;
-        }
+        cloud.map_err(|_| Error::Frame)
     }
 }
 

@@ -26,8 +26,11 @@ use report::Report;
 
 /// Most points of each cloud.
 const POINTS: usize = 1024;
+/// Bytes of a point, codes on a grid or coordinates. Of the others half or twice as many fit.
+const POINT_BYTES: usize = if cfg!(feature = "grid") { 6 } else { 12 };
 /// The largest request.
-const REQUEST_WORDS: usize = (REQUEST_OVERHEAD_BYTES + CHECK_BYTES + 2 * 12 * POINTS).div_ceil(4);
+const REQUEST_WORDS: usize =
+    (REQUEST_OVERHEAD_BYTES + CHECK_BYTES + 2 * POINT_BYTES * POINTS).div_ceil(4);
 
 #[panic_handler]
 fn panic(_: &core::panic::PanicInfo<'_>) -> ! {

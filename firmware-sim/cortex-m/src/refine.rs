@@ -3,11 +3,10 @@
 use crate::hardware::{self, HERTZ, feed_watchdog};
 use crate::link::Link;
 use crate::report::Report;
-use reagent_core::register::check_cloud;
 use reagent_core::wire::{
     Cloud, Message, Mode, Reason, RefineReply, Refusal, StepTaken, take_request,
 };
-use reagent_core::{Error, Frame, Pose, Registrar, Registration, Verdict};
+use reagent_core::{Error, Frame, Pose, Registrar, Registration};
 
 /// Time since a moment, in ticks; asked for more often than the counter wraps.
 struct Clock {
@@ -49,10 +48,10 @@ pub(crate) fn refine(
     let request = take_request(space, length).map_err(refusal)?;
     let id = request.asked.id;
     let refused = |reason| Refusal { id, reason };
-    let checked =
-        |cloud, points| check_cloud(points).map_err(|error| refused(Reason::of(error, cloud)));
-    checked(Cloud::Source, request.source)?;
-    checked(Cloud::Target, request.target)?;
+    let (source, target) = (request.source, request.target);
+    let because = |cloud| move |error| refused(Reason::of(error, cloud));
+    source.check().map_err(because(Cloud::Source))?;
+    target.check().map_err(because(Cloud::Target))?;
     if !matches!(request.mode, Mode::Fast | Mode::Best) {
         return Err(refused(Reason::NoSuchMode(request.mode)));
     }
@@ -60,17 +59,15 @@ pub(crate) fn refine(
         return Err(refused(report.why_not()));
     };
     let initial = request.initial.map_or(Pose::IDENTITY, Pose::from_rows);
-    let failed = |error| refused(Reason::of(error, Cloud::Target));
-    let frame = Frame::of(request.target).map_err(failed)?;
+    let frame = Frame::of_cloud(target).map_err(because(Cloud::Target))?;
     let mut registration = Registration::new();
-    let (source, target) = (request.source, request.target);
     registrar
-        .begin_in(&mut registration, source, target, frame, initial)
-        .map_err(failed)?;
+        .begin_clouds(&mut registration, source, target, frame, initial)
+        .map_err(because(Cloud::Target))?;
     let mut begun = 0;
     let mut steps = 0;
     // After a stop on every axis each further step would see the same and stop again.
-    while steps < request.max_steps && registration.verdict() != Verdict::Converged {
+    while steps < request.max_steps && !registration.rests() {
         if clock.micros() / 1000 > u64::from(request.budget_ms) {
             return Err(refused(Reason::Deadline));
         }

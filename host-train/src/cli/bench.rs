@@ -40,7 +40,8 @@ pub(super) struct BenchArgs {
     /// Measure microcontrollers instead, in QEMU: bytes, and simulated instructions (not cycles)
     #[arg(long, conflicts_with = "train")]
     mcu: bool,
-    /// With --mcu: fail where a number is worse by more than 5 % than in this file of an earlier --json
+    /// With --mcu: fail where a number is over its budget, or worse by more than 5 % than in this file of an
+    /// earlier --json, or not in it
     #[arg(long, value_name = "FILE", requires = "mcu")]
     expect: Option<PathBuf>,
     /// With --mcu: put the table into this page, between the comments "host-train bench --mcu" and "end"
@@ -64,7 +65,7 @@ pub(super) struct BenchArgs {
     /// With --train: updates to measure of each stage, of 1280 observations each
     #[arg(long, value_name = "N", value_parser = positive(), default_value_t = 4)]
     updates: usize,
-    /// Register with these kernels, not the fastest, by the name that the first line prints
+    /// Register with these kernels, not the fastest, by the name that is printed first
     #[arg(long, value_name = "KERNELS", value_parser = kernels, conflicts_with = "train")]
     isa: Option<Isa>,
     /// Write what was measured as JSON
@@ -89,9 +90,12 @@ impl BenchArgs {
         let isa = self.isa.unwrap_or(Isa::best());
         let points = self.points.map_or(vec![1024, 2048], |n| vec![n]);
         let report = latency::measure(isa, &file, &threads, &points, self.count, seed)?;
+        if let Some(processor) = &report.processor {
+            println!("{processor}");
+        }
         let [f32, bytes] = report.peak_gmac_per_s;
         println!(
-            "kernels {}, one core's peak: {f32:.0} G multiply-adds/s in f32, {bytes:.0} in bytes",
+            "kernels {}, one core's peak: {f32:.0} G fused multiply-adds/s in f32, {bytes:.0} in bytes",
             report.kernels
         );
         println!("format  points  threads  ms median   best   cpu  registrations/s  of peak");
@@ -111,8 +115,12 @@ impl BenchArgs {
             );
         }
         println!(
-            "weights {} bytes in f32, {} in int8; working memory {} bytes",
-            report.weight_bytes[0], report.weight_bytes[1], report.scratch_bytes
+            "weights {} bytes in f32, {} in int8; working memory {} bytes and {} a registration, {} for all with AMX in f32",
+            report.weight_bytes[0],
+            report.weight_bytes[1],
+            report.scratch_bytes,
+            report.registration_bytes,
+            report.split_bytes,
         );
         if let Some(path) = &self.json {
             write_json(path, &serde_json::json!({ "registration": report }))?;
@@ -126,12 +134,12 @@ impl BenchArgs {
             "registration of 1024 + 1024 points, 10 steps, int8; instructions as QEMU counts them"
         );
         println!(
-            "board       network              policy   library  program  clouds  all static  stack   RAM     multiply-adds  instructions  per multiply-add  slice"
+            "board       network              policy   library  program  clouds  all static  stack   RAM    on a grid  multiply-adds  instructions  per multiply-add  slice"
         );
         let mut budgets = Vec::new();
         for budget in mcu::measure_all(&file, seed)? {
             println!(
-                "{:<10}  {:<19}  {:>7}  {:>7}  {:>7}  {:>6}  {:>10}  {:>5}  {:>5}  {:>13.3} G  {:>10.3} G  {:>16.3}  {:.2} M",
+                "{:<10}  {:<19}  {:>7}  {:>7}  {:>7}  {:>6}  {:>10}  {:>5}  {:>5}  {:>9}  {:>11.3} G  {:>10.3} G  {:>16.3}  {:.2} M",
                 budget.board,
                 budget.network,
                 budget.policy_bytes,
@@ -141,12 +149,27 @@ impl BenchArgs {
                 budget.static_bytes,
                 budget.stack_bytes,
                 budget.static_bytes + budget.stack_bytes,
+                budget.grid_ram_bytes,
                 budget.multiply_adds as f64 / 1e9,
                 budget.instructions as f64 / 1e9,
                 budget.instructions_per_multiply_add,
                 budget.slice_instructions as f64 / 1e6,
             );
             budgets.push(budget);
+        }
+        println!("of what reagent_core::dims allows:");
+        for budget in &budgets {
+            let limits = mcu::limits(budget);
+            let shares: Vec<String> = limits
+                .iter()
+                .map(|(what, now, most)| format!("{what} {:.0} %", 100.0 * now / most))
+                .collect();
+            println!(
+                "{}, {}: {}",
+                budget.board,
+                budget.network,
+                shares.join(", ")
+            );
         }
         if let Some(path) = &self.json {
             write_json(path, &budgets)?;
@@ -163,22 +186,12 @@ impl BenchArgs {
                 std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
             let before: Vec<Budget> = serde_json::from_slice(&text)
                 .with_context(|| format!("{} is no file of bench --mcu --json", path.display()))?;
-            let worse: Vec<String> = budgets
-                .iter()
-                .flat_map(|now| {
-                    let same = |b: &&Budget| (&b.board, &b.network) == (&now.board, &now.network);
-                    let before = before.iter().find(same);
-                    let worse = before.map_or(vec![], |before| mcu::regressions(now, before));
-                    worse
-                        .into_iter()
-                        .map(|line| format!("{}, {}: {line}", now.board, now.network))
-                })
-                .collect();
+            let complaints = mcu::complaints(&budgets, &before);
             anyhow::ensure!(
-                worse.is_empty(),
-                "worse than {}: {}",
+                complaints.is_empty(),
+                "not as in {}: {}",
                 path.display(),
-                worse.join("; ")
+                complaints.join("; ")
             );
         }
         Ok(())

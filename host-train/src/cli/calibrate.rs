@@ -29,7 +29,7 @@ pub(super) struct CalibrateArgs {
     /// Pairs of each kind
     #[arg(long, value_name = "N", default_value_t = 600, value_parser = source::positive())]
     count: usize,
-    /// Write weights and quality as JSON
+    /// Write weights, quality and outcomes as JSON, for `report` too
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
@@ -46,6 +46,14 @@ struct Line {
     pairs: String,
     fitted: Quality,
     built_in: Quality,
+    outcomes: Outcomes,
+}
+
+/// Of each pair, the probability as built in, and 1 where the pose was right.
+#[derive(Serialize)]
+struct Outcomes {
+    probability: Vec<f32>,
+    right: Vec<u8>,
 }
 
 impl CalibrateArgs {
@@ -71,6 +79,10 @@ impl CalibrateArgs {
                     .map(|row| (f64::from(row.probability), row.right))
                     .collect(),
             ),
+            outcomes: Outcomes {
+                probability: rows.iter().map(|row| row.probability).collect(),
+                right: rows.iter().map(|row| row.right.into()).collect(),
+            },
         };
         let mut quality = Vec::new();
         for mode in [Mode::Polish, Mode::Verify] {
@@ -94,6 +106,7 @@ impl CalibrateArgs {
             pairs,
             fitted: f,
             built_in,
+            ..
         } in &quality
         {
             println!(

@@ -25,8 +25,8 @@ pub(super) struct ContestArgs {
     /// What to run, separated by commas; "policy" stands for every file of --weights [default: policy]
     #[arg(long, value_enum, value_name = "LIST", value_delimiter = ',')]
     methods: Vec<MethodName>,
-    /// How a policy's steps follow from its probabilities [default: as the weight file says; mean for runs and
-    /// checkpoints]
+    /// How a policy's steps follow from its probabilities [default: as the weight file says; both-ways for runs
+    /// and checkpoints]
     #[arg(long, value_enum, value_name = "HOW")]
     decide: Option<Decide>,
     /// Refinement steps of a policy
@@ -44,6 +44,9 @@ pub(super) enum Decide {
     MostLikely,
     /// The step nearest to the mean of each axis
     Mean,
+    /// The same; after the first steps the mean of moving the source onto the target and of the opposite of moving the
+    /// target onto the source
+    BothWays,
 }
 
 impl From<Decide> for Decision {
@@ -51,6 +54,7 @@ impl From<Decide> for Decision {
         match decide {
             Decide::MostLikely => Decision::MostLikely,
             Decide::Mean => Decision::NearestToMean,
+            Decide::BothWays => Decision::BothWays,
         }
     }
 }
@@ -99,28 +103,30 @@ pub(super) struct Policies(Vec<(String, Weights)>);
 enum Weights {
     /// What robots run.
     File(WeightFile),
-    /// What only the trainer runs: another network or accumulation.
+    /// What only the trainer runs: another network or accumulation. It looks one way.
     Trained(Box<Parameters>, Accumulation, Decision),
 }
 
 impl Weights {
-    fn load(path: &Path, decision: Option<Decision>) -> Result<Self, ExportError> {
-        let decided = |file: WeightFile| match decision {
+    fn file(file: WeightFile, decision: Option<Decision>) -> Self {
+        Weights::File(match decision {
             Some(decision) => file.deciding(decision),
             None => file,
-        };
+        })
+    }
+
+    fn load(path: &Path, decision: Option<Decision>) -> Result<Self, ExportError> {
         let checkpoint = path.is_dir() || path.extension().is_some_and(|e| e == "safetensors");
         if !checkpoint {
-            return Ok(Weights::File(decided(WeightFile::load(path)?)));
+            return Ok(Weights::file(WeightFile::load(path)?, decision));
         }
         let checkpoint = Checkpoint::load(&Checkpoint::find(path)?)?;
         let accumulation = checkpoint.accumulation;
         let deployable = accumulation == Accumulation::Global
             && checkpoint.parameters.shape.deployed().is_some();
         if deployable {
-            Ok(Weights::File(decided(WeightFile::from_checkpoint(
-                checkpoint,
-            )?)))
+            let file = WeightFile::from_checkpoint(checkpoint)?;
+            Ok(Weights::file(file, decision))
         } else {
             Ok(Weights::Trained(
                 Box::new(checkpoint.result()),
@@ -177,12 +183,7 @@ impl ContestArgs {
         }
         let decision = self.decide.map(Decision::from);
         if self.weights.is_empty() {
-            let bundled = WeightFile::pretrained();
-            let bundled = match decision {
-                Some(decision) => bundled.deciding(decision),
-                None => bundled,
-            };
-            let bundled = Weights::File(bundled);
+            let bundled = Weights::file(WeightFile::pretrained(), decision);
             return Ok(Policies(vec![(BUNDLED.into(), bundled)]));
         }
         let load =

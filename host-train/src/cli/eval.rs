@@ -8,7 +8,7 @@ use super::source::DataSource;
 use super::{bad_usage, source, table};
 use crate::bop::evaluate::Refinements;
 use crate::dataset::pairs::{PairSet, save_poses};
-use crate::eval::{Document, EvalSettings, Row, evaluate};
+use crate::eval::{Document, EvalSettings, Row, agreement, evaluate};
 use crate::trace;
 use anyhow::Context;
 use clap::{ArgGroup, Args};
@@ -47,6 +47,10 @@ pub(super) struct EvalArgs {
     /// Also report policies after every step, with cumulative times
     #[arg(long)]
     per_step: bool,
+    /// Also say on which share of axes every policy after the first of --weights acts as the first, step by step along
+    /// the way of the first
+    #[arg(long)]
+    agreement: bool,
     /// Write errors and times (milliseconds) as JSON
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
@@ -130,6 +134,14 @@ impl EvalArgs {
         for outcome in outcomes.iter().filter(|o| !o.per_step.is_empty()) {
             print!("\n{}", table::steps(&outcome.name, &outcome.per_step));
         }
+        let agreement = if self.agreement {
+            agreement(&set, &contestants, &settings).with_context(|| origin.clone())?
+        } else {
+            BTreeMap::new()
+        };
+        for (name, found) in &agreement {
+            print!("\n{}", table::agreement(name, found));
+        }
         if let Some(path) = &self.trace {
             let traced = trace::pairs(&set, &contestants, settings.steps, self.traced);
             write_text(
@@ -149,7 +161,7 @@ impl EvalArgs {
             };
             write_json(path, &record)?;
         }
-        let document = Document::new(pairs, &outcomes);
+        let document = Document::new(pairs, &outcomes, agreement);
         if let Some(found) = &refinements {
             let (json, results) = (self.json.as_deref(), self.results.as_deref());
             bop_eval::report(found, &outcomes, document, json, results)?;

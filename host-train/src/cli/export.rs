@@ -26,7 +26,7 @@ pub(super) struct ExportArgs {
         default_value = "procedural:128"
     )]
     calibration: DataSource,
-    /// How steps follow from probabilities [default: a weight file's own; mean for runs and checkpoints]
+    /// How steps follow from probabilities [default: a weight file's own; both-ways for runs and checkpoints]
     #[arg(long, value_enum, value_name = "HOW")]
     decide: Option<Decide>,
     /// File to write
@@ -57,6 +57,12 @@ impl ExportArgs {
             Format::F32 => WeightFile::from_parameters(&parameters)?,
             Format::Int8 => {
                 let pairs = calibration(&self.calibration, seed)?;
+                if pairs.source.len() < FEW_PAIRS {
+                    tracing::warn!(
+                        "calibrated on {} clouds: with fewer than {FEW_PAIRS} more actions differ from those in f32",
+                        pairs.source.len()
+                    );
+                }
                 WeightFile::from_parameters_int8(&parameters, &pairs)?
             }
         };
@@ -68,6 +74,9 @@ impl ExportArgs {
 
 /// Most pairs that integers are fitted to.
 const PAIRS: usize = 128;
+
+/// More change next to nothing; with fewer, activations beyond the ranges found are cut off too often.
+const FEW_PAIRS: usize = 64;
 
 fn calibration(data: &DataSource, seed: u64) -> anyhow::Result<PairSet> {
     let mut pairs = match data {

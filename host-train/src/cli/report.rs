@@ -11,7 +11,7 @@ use std::path::PathBuf;
 /// network. Inputs are told apart by what is in them; several runs are overlaid.
 #[derive(Debug, Args)]
 pub(super) struct ReportArgs {
-    /// RUN_DIR of `train`, JSON of `eval --json` or `sweep --json`, traces of `--trace`
+    /// RUN_DIR of `train`, JSON of `eval --json`, `sweep --json` or `calibrate --json`, traces of `--trace`
     #[arg(required = true, value_name = "INPUT")]
     inputs: Vec<PathBuf>,
     /// HTML file to write

@@ -1,6 +1,6 @@
 //! The paper's tables as text.
 
-use crate::eval::{Contestant, Outcome, Row, StepRow};
+use crate::eval::{Agreement, Contestant, Outcome, Row, StepRow};
 use crate::sweep::Varied;
 use clap::ValueEnum;
 use std::fmt::Write;
@@ -37,6 +37,19 @@ pub(super) fn steps(name: &str, rows: &[StepRow]) -> String {
         row(&mut text, &format!("{label:4}"), values);
     }
     text
+}
+
+/// A line of shares, one a step.
+pub(super) fn agreement(name: &str, found: &Agreement) -> String {
+    let percent = found
+        .equal
+        .iter()
+        .map(|share| format!(" {:.0}", 100.0 * share));
+    format!(
+        "{name} acts as {} on these percent of axes in each step, along the way of the latter:{}\n",
+        found.along,
+        percent.collect::<String>()
+    )
 }
 
 /// A block a value: quartiles and means of every method, in the contestants' order.

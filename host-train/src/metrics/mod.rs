@@ -20,7 +20,7 @@ mod summary;
 
 pub use diameter::diameter;
 pub(crate) use summary::quantile;
-pub use summary::{Errors, Quartiles, Summary, auc};
+pub use summary::{Errors, Quartiles, Summary, auc, is_right};
 
 use crate::dataset::Point;
 use crate::neighbours::{Neighbours, check_finite, wide};

@@ -12,6 +12,18 @@ const RECALL_R_DEG: f64 = 5.0;
 /// … and whose translation error is below this, normalised units.
 const RECALL_T: f64 = 0.05;
 
+/// Whether recall counts a pair with these errors, degrees and normalised units.
+pub fn is_right(r_iso_deg: f64, t_iso: f64) -> bool {
+    r_iso_deg < RECALL_R_DEG && t_iso < RECALL_T
+}
+
+impl PairMetrics {
+    /// Whether recall counts it.
+    pub fn is_right(&self) -> bool {
+        is_right(self.r_iso_deg, self.t_iso)
+    }
+}
+
 /// One row of the paper's tables, over all pairs.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Summary {
@@ -105,7 +117,7 @@ impl Summary {
             add: quartiles(|m| m.add),
             adi: quartiles(|m| m.adi),
         };
-        let recalled = |m: &&PairMetrics| m.r_iso_deg < RECALL_R_DEG && m.t_iso < RECALL_T;
+        let recalled = |m: &&PairMetrics| m.is_right();
         Summary {
             r_mae_deg: mean(|m| m.r_mae_deg),
             t_mae: mean(|m| m.t_mae),

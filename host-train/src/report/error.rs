@@ -58,7 +58,7 @@ pub enum ReportError {
     },
     /// The file is none that a report is made of.
     #[error(
-        "{}: neither a RUN_DIR, nor written by `eval --json`, `sweep --json`, `eval --trace` or `register --trace`",
+        "{}: neither a RUN_DIR, nor written by `eval --json`, `sweep --json`, `calibrate --json`, `eval --trace` or `register --trace`",
         path.display()
     )]
     UnknownKind {

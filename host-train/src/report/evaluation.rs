@@ -52,7 +52,9 @@ pub(super) fn section(evaluation: &Evaluation) -> Section {
     let mut errors = recall_curves(evaluation);
     errors.extend(box_plots(evaluation));
     charts(&mut blocks, "Errors over the pairs", errors);
-    let verdicts = reliability::charts(evaluation, |name| colour(evaluation, name));
+    let outcomes = reliability::outcomes(evaluation);
+    let verdicts =
+        reliability::charts(&evaluation.name, &outcomes, |name| colour(evaluation, name));
     charts(&mut blocks, "How far verdicts can be trusted", verdicts);
     let mut steps = step_charts(evaluation);
     steps.extend(time_chart(evaluation));
@@ -74,7 +76,7 @@ fn colour(evaluation: &Evaluation, method: &str) -> usize {
     place.map_or(0, |place| palette(methods())[place])
 }
 
-fn charts(blocks: &mut Vec<Block>, heading: &str, charts: Vec<Chart>) {
+pub(super) fn charts(blocks: &mut Vec<Block>, heading: &str, charts: Vec<Chart>) {
     let charts: Vec<Chart> = charts.into_iter().filter(Chart::has_data).collect();
     if !charts.is_empty() {
         blocks.push(Block::Charts(heading.into(), charts));

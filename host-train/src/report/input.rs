@@ -23,6 +23,7 @@ pub(crate) enum Input {
     Run(Run),
     Evaluation(Evaluation),
     Sweep(Sweep),
+    Calibration(Calibration),
     Trace(TraceFile),
 }
 
@@ -88,6 +89,17 @@ pub(crate) struct Sample {
     pub errors: BTreeMap<String, Vec<f64>>,
 }
 
+/// Probability that each of some poses was given, and whether it was right.
+pub(crate) type Outcomes = Vec<(f64, bool)>;
+
+/// What `calibrate --json` writes.
+#[derive(Debug)]
+pub(crate) struct Calibration {
+    pub name: String,
+    /// For each kind of pairs: what they are, numbers of quality, outcomes.
+    pub lines: Vec<(String, Fields, Outcomes)>,
+}
+
 /// A trace file.
 #[derive(Debug)]
 pub(crate) struct TraceFile {
@@ -105,7 +117,7 @@ pub(super) fn read(path: &Path, name: String) -> Result<Input, ReportError> {
     }
     let text = read_text(
         path,
-        "write it again with `eval --json`, `sweep --json` or `--trace`",
+        "write it again with `eval --json`, `sweep --json`, `calibrate --json` or `--trace`",
     )?;
     let first = text
         .lines()
@@ -144,6 +156,8 @@ pub(super) fn read(path: &Path, name: String) -> Result<Input, ReportError> {
     let top = At::top(&document, path);
     if let Some(sweep) = top.get("sweep") {
         Ok(Input::Sweep(read_sweep(&sweep, name)?))
+    } else if let Some(quality) = top.get("quality") {
+        Ok(Input::Calibration(read_calibration(&quality, name)?))
     } else if top.get("methods").is_some() || top.get("objects").is_some() {
         Ok(Input::Evaluation(evaluation::read_evaluation(&top, name)?))
     } else {
@@ -212,4 +226,21 @@ fn read_sweep(sweep: &At<'_>, name: String) -> Result<Sweep, ReportError> {
         return Err(sweep.wrong("a list of what was varied"));
     }
     Ok(Sweep { name, varied })
+}
+
+fn read_calibration(quality: &At<'_>, name: String) -> Result<Calibration, ReportError> {
+    let mut lines = Vec::new();
+    for line in quality.elements()? {
+        let at = line.need("outcomes")?;
+        let lists = at.lists()?;
+        let (Some(probabilities), Some(right)) = (lists.get("probability"), lists.get("right"))
+        else {
+            return Err(at.wrong("lists of probabilities and of what was right"));
+        };
+        let right = right.iter().map(|&right| right != 0.0);
+        let outcomes = probabilities.iter().copied().zip(right).collect();
+        let numbers = line.need("built_in")?.fields()?;
+        lines.push((line.need("pairs")?.text()?, numbers, outcomes));
+    }
+    Ok(Calibration { name, lines })
 }

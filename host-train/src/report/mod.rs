@@ -1,8 +1,9 @@
 //! Reports: training runs, evaluations, sweeps and traces as one HTML file, and their charts as images.
 //!
-//! `input` reads and checks files; `run`, `evaluation`, `sweep` and `views` make sections of tables, charts
+//! `input` reads and checks files; `run`, `evaluation`, `calibration`, `sweep` and `views` make sections of tables, charts
 //! and registrations of them; `page` writes the HTML file, `chart` the images.
 
+mod calibration;
 mod chart;
 mod curves;
 mod error;
@@ -35,13 +36,14 @@ pub struct Report {
 }
 
 impl Report {
-    /// Reads the inputs: run directories, JSON documents of `eval` and `sweep`, traces.
+    /// Reads the inputs: run directories, JSON documents of `eval`, `sweep` and `calibrate`, traces.
     ///
     /// # Errors
     /// The first input that cannot be read, or is not what it should be.
     pub fn read(paths: &[PathBuf]) -> Result<Report, ReportError> {
-        let (mut runs, mut evaluations, mut sweeps, mut traces) = (
+        let (mut runs, mut evaluations, mut calibrations, mut sweeps, mut traces) = (
             Vec::<Run>::new(),
+            Vec::new(),
             Vec::new(),
             Vec::new(),
             Vec::<TraceFile>::new(),
@@ -50,12 +52,14 @@ impl Report {
             match input::read(path, name)? {
                 Input::Run(run) => runs.push(run),
                 Input::Evaluation(evaluation) => evaluations.push(evaluation),
+                Input::Calibration(calibration) => calibrations.push(calibration),
                 Input::Sweep(sweep) => sweeps.push(sweep),
                 Input::Trace(trace) => traces.push(trace),
             }
         }
         let mut notes: Vec<String> = runs.iter().filter_map(|run| run.note.clone()).collect();
         let mut sections: Vec<Section> = evaluations.iter().map(evaluation::section).collect();
+        sections.extend(calibrations.iter().map(calibration::section));
         if !traces.is_empty() {
             let (section, left_out) = views::section(&traces);
             sections.push(section);

@@ -1,36 +1,43 @@
 //! Whether the probabilities that methods give their poses hold: reliability and risk over coverage.
 
 use super::chart::{Axis, Chart, Line, Marks, slug};
-use super::input::Evaluation;
+use super::input::{Evaluation, Outcomes};
 use crate::calibrate::Quality;
+use crate::metrics::is_right;
 
-/// What recall counts: rotation errors in degrees and translation errors below these.
-const RIGHT: (f64, f64) = (5.0, 0.05);
-
-/// Two charts; `colour` is the place of a method's colour in the palette.
-pub(super) fn charts(evaluation: &Evaluation, colour: impl Fn(&str) -> usize) -> Vec<Chart> {
-    let (mut reliability, mut risk) = (Vec::new(), Vec::new());
-    for (name, probabilities) in &evaluation.probability {
-        let errors = evaluation.errors.iter().find(|(method, _)| method == name);
-        let lists = errors.and_then(|(_, e)| Some((e.get("r_iso_deg")?, e.get("t_iso")?)));
-        let Some((rotations, translations)) = lists else {
-            continue;
-        };
-        let right = rotations
+/// The outcomes of an evaluation's methods that gave probabilities.
+pub(super) fn outcomes(evaluation: &Evaluation) -> Vec<(&str, Outcomes)> {
+    let of = |(name, probabilities)| {
+        let (_, errors) = evaluation
+            .errors
             .iter()
-            .zip(translations)
-            .map(|(r, t)| *r < RIGHT.0 && *t < RIGHT.1);
-        let outcomes: Vec<(f64, bool)> = probabilities.iter().copied().zip(right).collect();
-        if outcomes.is_empty() {
-            continue;
-        }
-        let curve = risk_coverage(outcomes.clone());
-        let quality = Quality::of(outcomes);
+            .find(|(method, _)| method == name)?;
+        let (rotations, translations) = (errors.get("r_iso_deg")?, errors.get("t_iso")?);
+        let errors = rotations.iter().zip(translations);
+        let right = errors.map(|(&r_deg, &t)| is_right(r_deg, t));
+        let probabilities: &Vec<f64> = probabilities;
+        let outcomes = probabilities.iter().copied().zip(right).collect();
+        Some((String::as_str(name), outcomes))
+    };
+    evaluation.probability.iter().filter_map(of).collect()
+}
+
+/// Two charts under a name; `colour` is the place of a line's colour in the palette.
+pub(super) fn charts(
+    of: &str,
+    lines: &[(&str, Outcomes)],
+    colour: impl Fn(&str) -> usize,
+) -> Vec<Chart> {
+    let (mut reliability, mut risk) = (Vec::new(), Vec::new());
+    for (name, outcomes) in lines.iter().filter(|(_, outcomes)| !outcomes.is_empty()) {
+        let colour = colour(name);
+        let quality = Quality::of(outcomes.clone());
         let bins = quality.bins.iter().filter(|[_, _, count]| *count > 0.0);
         let points = bins.map(|&[p, right, _]| (100.0 * p, 100.0 * right));
-        reliability.push(Line::new(name.clone(), colour(name), points.collect()));
+        reliability.push(Line::new(*name, colour, points.collect()));
         let area = 100.0 * quality.risk_coverage;
-        let mut line = Line::new(format!("{name}: area {area:.2} %"), colour(name), curve);
+        let curve = risk_coverage(outcomes.clone());
+        let mut line = Line::new(format!("{name}: area {area:.2} %"), colour, curve);
         line.dots = false;
         risk.push(line);
     }
@@ -39,14 +46,14 @@ pub(super) fn charts(evaluation: &Evaluation, colour: impl Fn(&str) -> usize) ->
         ..Axis::linear(label)
     };
     let reliability = Chart {
-        name: slug(&format!("{}-reliability", evaluation.name)),
+        name: slug(&format!("{of}-reliability")),
         title: "Reliability: within 5 degrees and .05".into(),
         x: percent("probability given, %"),
         y: percent("pairs right, %"),
         marks: Marks::Lines(reliability),
     };
     let risk = Chart {
-        name: slug(&format!("{}-risk-coverage", evaluation.name)),
+        name: slug(&format!("{of}-risk-coverage")),
         title: "Risk over coverage, the most probable first".into(),
         x: percent("pairs covered, %"),
         y: Axis::linear("wrong among them, %"),
@@ -56,7 +63,7 @@ pub(super) fn charts(evaluation: &Evaluation, colour: impl Fn(&str) -> usize) ->
 }
 
 /// Share of wrong poses, in percent, among the most probable share of pairs.
-fn risk_coverage(mut outcomes: Vec<(f64, bool)>) -> Vec<(f64, f64)> {
+fn risk_coverage(mut outcomes: Outcomes) -> Vec<(f64, f64)> {
     outcomes.sort_by(|a, b| b.0.total_cmp(&a.0));
     let count = outcomes.len() as f64;
     let mut wrong = 0;

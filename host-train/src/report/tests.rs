@@ -26,6 +26,15 @@ fn folder() -> tempfile::TempDir {
     let sample = |value: f64| json!({"value": value, "summary": row, "errors": errors});
     let sweep = json!({"sweep": [{"vary": "noise", "unit": "units", "pairs": 3, "methods": {"icp": [sample(0.1), sample(0.0)]}}]});
     fs::write(at.join("sweep.json"), sweep.to_string()).expect("written");
+    let line = |pairs: &str| {
+        json!({
+            "pairs": pairs,
+            "built_in": {"count": 4, "right": 0.5, "auc": null, "brier": 0.125, "risk_coverage": 0.25},
+            "outcomes": {"probability": [0.9, 0.8, 0.3, 0.1], "right": [1, 1, 0, 0]},
+        })
+    };
+    let calibration = json!({"weights": [1.0], "quality": [line("Polish Noisy"), line("Verify Noisy"), line("Verify Wrong")]});
+    fs::write(at.join("calibration.json"), calibration.to_string()).expect("written");
     folder
 }
 
@@ -90,6 +99,49 @@ fn every_kind_of_input_is_in_the_page() {
     ] {
         assert!(!page.contains(reference), "{reference}");
     }
+}
+
+#[test]
+fn verdicts_are_drawn_by_mode_and_kind_of_pairs() {
+    let folder = folder();
+    let paths = [folder.path().join("calibration.json")];
+    let page = html(&paths);
+    for text in [
+        "Calibration: calibration",
+        "Verify, by kind of pairs",
+        "Reliability: within 5 degrees and .05",
+        "Wrong: area",
+        "0.1250",
+    ] {
+        assert!(page.contains(text), "no {text}");
+    }
+    let report = Report::read(&paths).expect("valid");
+    let plots = folder.path().join("plots");
+    assert_eq!(report.write_plots(&plots).expect("written"), 4);
+    assert!(plots.join("calibration-verify-risk-coverage.svg").exists());
+
+    let cut =
+        json!({"quality": [{"pairs": "Polish Noisy", "built_in": {}, "outcomes": {"right": []}}]});
+    fs::write(&paths[0], cut.to_string()).expect("written");
+    let refused = Report::read(&paths).expect_err("no probabilities");
+    assert!(refused.to_string().contains("outcomes"), "{refused}");
+}
+
+#[test]
+fn an_evaluation_with_probabilities_shows_whether_they_hold() {
+    let folder = folder();
+    let path = folder.path().join("verified.json");
+    let row = json!({"r_iso_deg": 1.0});
+    let errors = json!({"r_iso_deg": [1.0, 2.0, 40.0], "t_iso": [0.01, 0.02, 0.5]});
+    let eval = json!({
+        "methods": {"reagent+verify": row}, "errors": {"reagent+verify": errors},
+        "probability": {"reagent+verify": [0.99, 0.9, 0.2]},
+    });
+    fs::write(&path, eval.to_string()).expect("written");
+    let page = html(&[path]);
+    assert!(
+        page.contains("How far verdicts can be trusted") && page.contains("reagent+verify: area")
+    );
 }
 
 #[test]

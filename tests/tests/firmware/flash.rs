@@ -3,7 +3,7 @@
 use super::{
     COMPACT, POLICY, cloud, manifest_of, on_boards, on_boards_with, request, still_answers,
 };
-use firmware_sim::board::{BoardError, flash_content};
+use firmware_sim::board::{BoardError, Clouds, flash_content};
 use host_train::export::WeightFile;
 use host_train::random::{Purpose, Rng, stream};
 use reagent_core::wire::{FLASH_HEADER_BYTES, FlashCheck, Manifest, Reason, Refusal};
@@ -31,7 +31,7 @@ fn a_policy_that_fails_its_checks_is_reported_and_does_not_serve() {
         (other, FlashCheck::FailedSelfTest, Reason::FailedSelfTest),
         (vec![0xff; 4096], FlashCheck::Empty, Reason::NoPolicy),
     ] {
-        on_boards_with(Some(&content), |_, mut board| {
+        on_boards_with(Clouds::Floats, Some(&content), |_, mut board| {
             let (status, report) = board.status_and_report().expect("it runs");
             assert_eq!((status.policy, report.flash), (None, check));
             let mut rng: Rng = stream(1, Purpose::Shape, 0);

@@ -4,7 +4,7 @@ use super::{images, on_boards};
 use firmware_sim::board::Kind;
 use host_train::image::{self, Image};
 use host_train::mcu::{self, Budget};
-use reagent_core::dims::{CODE_BUDGET, RAM_BUDGET};
+use reagent_core::dims::{CODE_BUDGET, RAM_BUDGET, STACK_BUDGET};
 use std::path::{Path, PathBuf};
 
 fn file(path: &str) -> PathBuf {
@@ -50,5 +50,6 @@ fn memory_is_within_its_budget() {
         let (_, report) = board.status_and_report().expect("it runs");
         let ram = (report.static_bytes + report.stack_capacity) as usize;
         assert!(ram <= RAM_BUDGET, "{kind:?}: {ram} bytes of RAM");
+        assert_eq!(report.stack_capacity as usize, STACK_BUDGET);
     });
 }

@@ -18,7 +18,7 @@ use host_train::random::{Purpose, Rng, stream};
 use rand::RngExt;
 use reagent_core::net::Scratch;
 use reagent_core::wire::{self, CloudView, Manifest, Mode, RefineRequest, keys};
-use reagent_core::{Frame, Pose, Registrar};
+use reagent_core::{Decision, Frame, Pose, Registrar};
 use std::net::TcpListener;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -89,12 +89,13 @@ pub(crate) fn random_policy(seed: u64) -> WeightFile {
     WeightFile::from_parameters(&Parameters::random(Shape::PAPER, seed)).expect("deployable")
 }
 
-/// The bundled policy in 8-bit integers.
+/// The bundled policy in 8-bit integers, deciding as it does.
 pub(crate) fn int8_policy() -> WeightFile {
     let parameters = WeightFile::pretrained().parameters(0).expect("f32");
     let models = procedural::models(1, 4);
     let calibration = protocol::draw(&models, Protocol::M40Models, 4, 1);
-    WeightFile::from_parameters_int8(&parameters, &calibration).expect("deployable")
+    let file = WeightFile::from_parameters_int8(&parameters, &calibration).expect("deployable");
+    file.deciding(Decision::default())
 }
 
 /// Seeded random points in a box.

@@ -1,0 +1,137 @@
+//! Clouds in the caller's memory, of floats or of 16-bit codes.
+
+use crate::ReagentStatus;
+use crate::pointer::{aligned, check_pointer, floats, value};
+use crate::status::status;
+use core::slice::from_raw_parts;
+use reagent_core::cloud::Cloud;
+use reagent_core::grid::Grid;
+
+/// Where the codes of a cloud lie in space: code c of an axis stands for the coordinate origin + c * step.
+/// A cloud of codes takes half the memory of one of floats.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ReagentGrid {
+    /// Point of the codes 0, 0, 0.
+    pub origin: [f32; 3],
+    /// Distance between neighbouring codes, the same along every axis.
+    pub step: f32,
+}
+
+impl From<ReagentGrid> for Grid {
+    fn from(ReagentGrid { origin, step }: ReagentGrid) -> Self {
+        Grid { origin, step }
+    }
+}
+
+impl From<Grid> for ReagentGrid {
+    fn from(Grid { origin, step }: Grid) -> Self {
+        ReagentGrid { origin, step }
+    }
+}
+
+/// A cloud in the caller's memory.
+#[derive(Clone, Copy)]
+pub(crate) enum Held {
+    F32(*const f32, usize),
+    Grid(Grid, *const i16, usize),
+}
+
+impl Held {
+    /// A cloud of floats.
+    pub(crate) fn floats(xyz: *const f32, points: usize) -> Result<Held, ReagentStatus> {
+        check_pointer(xyz, points)?;
+        Ok(Held::F32(xyz, points))
+    }
+
+    /// A cloud of codes.
+    ///
+    /// # Safety
+    /// `grid` is null, not aligned, or points to a grid.
+    pub(crate) unsafe fn codes(
+        grid: *const ReagentGrid,
+        codes: *const i16,
+        points: usize,
+    ) -> Result<Held, ReagentStatus> {
+        // SAFETY: the caller's promise.
+        let grid = unsafe { value(grid) }?;
+        check_pointer(codes, points)?;
+        Ok(Held::Grid(grid.into(), codes, points))
+    }
+
+    /// Its points.
+    ///
+    /// # Safety
+    /// The pointer of a cloud that has points points to as many, which live while the cloud does.
+    pub(crate) unsafe fn cloud<'c>(self) -> Cloud<'c> {
+        // SAFETY: the caller's promise; three numbers are aligned as one is, and the count was checked to be no
+        // more than the most points of a cloud.
+        unsafe {
+            match self {
+                Held::F32(_, 0) | Held::Grid(_, _, 0) => Cloud::EMPTY,
+                Held::F32(xyz, points) => Cloud::F32(from_raw_parts(xyz.cast(), points)),
+                Held::Grid(grid, codes, points) => {
+                    Cloud::Grid(grid, from_raw_parts(codes.cast(), points))
+                }
+            }
+        }
+    }
+}
+
+/// The finest grid whose codes cover the cloud: each coordinate comes back within about half of its step, which
+/// is 1/65534 of the longest side of the cloud's box.
+///
+/// # Safety
+/// `xyz` points to 3 * `points` floats, `grid` to where the grid is to be put.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn reagent_grid_of(
+    xyz: *const f32,
+    points: usize,
+    grid: *mut ReagentGrid,
+) -> ReagentStatus {
+    status((|| {
+        if !aligned(grid) {
+            return Err(ReagentStatus::Pointer);
+        }
+        // SAFETY: the caller's promise.
+        let found = Grid::of(unsafe { floats(xyz, points) }?)?;
+        // SAFETY: the caller's promise, and checked above.
+        unsafe { grid.write(found.into()) };
+        Ok(())
+    })())
+}
+
+/// Puts a cloud on a grid: the nearest codes of each point, `points` times three; beyond the grid its edge.
+///
+/// # Safety
+/// `grid` points to a grid; `xyz` to 3 * `points` floats; `codes` to where as many codes are to be put, elsewhere.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn reagent_encode(
+    grid: *const ReagentGrid,
+    xyz: *const f32,
+    points: usize,
+    codes: *mut i16,
+) -> ReagentStatus {
+    status((|| {
+        // SAFETY: the caller's promise.
+        let grid = Grid::from(unsafe { value(grid) }?);
+        check_pointer(codes, points)?;
+        // SAFETY: the caller's promise.
+        let cloud = unsafe { floats(xyz, points) }?;
+        let of_grid = [&grid.origin[..], &[grid.step]];
+        let mut numbers = of_grid.into_iter().chain([cloud.as_flattened()]).flatten();
+        if !numbers.all(|x| x.is_finite()) {
+            return Err(ReagentStatus::NotFinite);
+        }
+        for (index, &point) in cloud.iter().enumerate() {
+            // SAFETY: the caller's promise, and checked above.
+            unsafe {
+                codes
+                    .cast::<[i16; 3]>()
+                    .add(index)
+                    .write(grid.encode(point))
+            };
+        }
+        Ok(())
+    })())
+}

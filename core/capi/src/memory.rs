@@ -1,0 +1,115 @@
+//! The caller's memory, and what is in it.
+
+use crate::ReagentStatus;
+use crate::cloud::Held;
+use crate::pointer::aligned;
+use core::mem::{MaybeUninit, align_of, size_of};
+use core::ptr::addr_of_mut;
+use core::slice::from_raw_parts;
+use reagent_core::net::Scratch;
+use reagent_core::{Frame, Policy, Registrar, Registration};
+
+/// Words of a ReagentMemory.
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
+pub const REAGENT_MEMORY_WORDS: usize = 6912;
+/// Words of a ReagentMemory.
+#[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
+pub const REAGENT_MEMORY_WORDS: usize = 1984;
+
+/// Memory of one registrar: the caller's, of any content, where it likes. It must not be moved or
+/// copied between calls.
+#[repr(C)]
+pub struct ReagentMemory {
+    pub(crate) words: [u64; REAGENT_MEMORY_WORDS],
+}
+
+/// What is in a [`ReagentMemory`].
+pub(crate) struct State {
+    /// [`INITIALISED`] once the rest has been.
+    mark: u32,
+    /// The target whose embedding is due, if one has been set.
+    pub(crate) target: Option<Held>,
+    pub(crate) frame: Frame,
+    pub(crate) started: bool,
+    policy: MaybeUninit<Policy<'static>>,
+    scratch: MaybeUninit<Scratch>,
+    pub(crate) registration: MaybeUninit<Registration<'static>>,
+}
+
+const INITIALISED: u32 = 0x5265_4167;
+
+const _: () = assert!(size_of::<State>() <= size_of::<ReagentMemory>());
+const _: () = assert!(align_of::<State>() <= align_of::<ReagentMemory>());
+// No more than a tenth too large.
+const _: () = assert!(size_of::<State>() * 10 >= size_of::<ReagentMemory>() * 9);
+
+/// What is in a memory.
+///
+/// # Safety
+/// `memory` points to a [`ReagentMemory`], of any content, that nobody else uses meanwhile.
+pub(crate) unsafe fn state<'m>(memory: *mut ReagentMemory) -> Result<&'m mut State, ReagentStatus> {
+    if !aligned(memory) {
+        return Err(ReagentStatus::Pointer);
+    }
+    let state = memory.cast::<State>();
+    // SAFETY: aligned and large enough, as asserted above; any bits are a u32.
+    if unsafe { addr_of_mut!((*state).mark).read() } != INITIALISED {
+        return Err(ReagentStatus::NotInitialised);
+    }
+    // SAFETY: `reagent_init` has written all of it.
+    Ok(unsafe { &mut *state })
+}
+
+/// The registrar and its registration.
+///
+/// # Safety
+/// `state` has been initialised, as its mark says.
+pub(crate) unsafe fn work(
+    state: &mut State,
+) -> (Registrar<'static, '_>, &mut Registration<'static>) {
+    // SAFETY: the caller's promise.
+    unsafe {
+        (
+            Registrar::new(
+                state.policy.assume_init_read(),
+                state.scratch.assume_init_mut(),
+            ),
+            state.registration.assume_init_mut(),
+        )
+    }
+}
+
+/// Checks a policy file (.rgw), which is read in place from then on, and makes the memory ready.
+///
+/// # Safety
+/// `memory` points to a whole ReagentMemory; `weights` to `length` bytes that stay as they are for as
+/// long as the memory is used.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn reagent_init(
+    memory: *mut ReagentMemory,
+    weights: *const u8,
+    length: usize,
+) -> ReagentStatus {
+    if !aligned(memory) || weights.is_null() || length > isize::MAX as usize {
+        return ReagentStatus::Pointer;
+    }
+    // SAFETY: the caller's promise.
+    let weights: &'static [u8] = unsafe { from_raw_parts(weights, length) };
+    let policy = match Policy::parse(weights) {
+        Ok(policy) => policy,
+        Err(error) => return error.into(),
+    };
+    let state = memory.cast::<State>();
+    // SAFETY: aligned and large enough, as asserted above; every field is written, in place, before a
+    // reference to the whole is made.
+    unsafe {
+        addr_of_mut!((*state).target).write(None);
+        addr_of_mut!((*state).frame).write(Frame::IDENTITY);
+        addr_of_mut!((*state).started).write(false);
+        addr_of_mut!((*state).policy).write(MaybeUninit::new(policy));
+        addr_of_mut!((*state).scratch).write(MaybeUninit::new(Scratch::new()));
+        addr_of_mut!((*state).registration).write(MaybeUninit::new(Registration::new()));
+        addr_of_mut!((*state).mark).write(INITIALISED);
+    }
+    ReagentStatus::Ok
+}

@@ -1,0 +1,51 @@
+//! The policies that ship with ReAgent, linked in by a feature each.
+#![allow(dead_code, unused_imports, reason = "without a feature there is none")]
+
+use crate::pointer::aligned;
+use reagent_core::Policy;
+
+/// The policy that ships with ReAgent in f32, for reagent_init; its bytes into `length`. Of a library built with
+/// the feature pretrained: define REAGENT_PRETRAINED.
+///
+/// # Safety
+/// `length` points to a size, or is null.
+#[cfg(feature = "pretrained")]
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn reagent_pretrained(length: *mut usize) -> *const u8 {
+    // SAFETY: the caller's promise.
+    unsafe { linked(Policy::pretrained_bytes(), length) }
+}
+
+/// The policy that ships with ReAgent in 8-bit integers, for reagent_init; its bytes into `length`. Of a
+/// library built with the feature pretrained-int8: define REAGENT_PRETRAINED_INT8.
+///
+/// # Safety
+/// `length` points to a size, or is null.
+#[cfg(feature = "pretrained-int8")]
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn reagent_pretrained_int8(length: *mut usize) -> *const u8 {
+    // SAFETY: the caller's promise.
+    unsafe { linked(Policy::pretrained_int8_bytes(), length) }
+}
+
+/// The policy for small microcontrollers, for reagent_init; its bytes into `length`. Of a library built with
+/// the feature pretrained-compact: define REAGENT_PRETRAINED_COMPACT.
+///
+/// # Safety
+/// `length` points to a size, or is null.
+#[cfg(feature = "pretrained-compact")]
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn reagent_pretrained_compact(length: *mut usize) -> *const u8 {
+    // SAFETY: the caller's promise.
+    unsafe { linked(Policy::pretrained_compact_bytes(), length) }
+}
+
+/// # Safety
+/// `length` points to a size, or is null.
+unsafe fn linked(file: &'static [u8], length: *mut usize) -> *const u8 {
+    if aligned(length) {
+        // SAFETY: the caller's promise.
+        unsafe { length.write(file.len()) };
+    }
+    file.as_ptr()
+}

@@ -1,0 +1,292 @@
+//! A registration, from its clouds to its pose.
+
+use crate::cloud::{Held, ReagentGrid};
+use crate::memory::{ReagentMemory, state, work};
+use crate::pointer::{aligned, value};
+use crate::status::{ReagentStatus, status};
+use reagent_core::{Action, Frame, Pose};
+
+/// A rigid transform that maps the source onto the target, as rows of [R | t], in the clouds' units.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ReagentPose {
+    /// Three rows of four.
+    pub rows: [[f32; 4]; 3],
+}
+
+/// One step of a registration: ids 0 to 10 of the step table for x, y and z; 5 is "stop".
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ReagentStep {
+    /// Along the axes.
+    pub translation: [u8; 3],
+    /// About the axes.
+    pub rotation: [u8; 3],
+}
+
+impl From<Action> for ReagentStep {
+    fn from(action: Action) -> Self {
+        ReagentStep {
+            translation: action.translation,
+            rotation: action.rotation,
+        }
+    }
+}
+
+/// Where a registration is.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ReagentResult {
+    /// The pose so far.
+    pub target_from_source: ReagentPose,
+    /// Steps taken.
+    pub steps: u32,
+    /// Further steps change nothing: the last was "stop" on every axis, in all the ways in which the policy looks.
+    pub converged: bool,
+}
+
+/// Sets the target, the model or reference cloud: `points` times x, y, z. It is read again when a
+/// source is set, and not after. A registration under way ends.
+///
+/// # Safety
+/// `memory` is as reagent_init left it; `xyz` points to 3 * `points` floats that stay as they are
+/// until the last source is set.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn reagent_set_target(
+    memory: *mut ReagentMemory,
+    xyz: *const f32,
+    points: usize,
+) -> ReagentStatus {
+    // SAFETY: the caller's promise.
+    status(Held::floats(xyz, points).and_then(|target| unsafe { set_target(memory, target) }))
+}
+
+/// As reagent_set_target, of a cloud on a grid: `points` times three codes.
+///
+/// # Safety
+/// As reagent_set_target; `grid` points to a grid, which is copied, and `codes` to 3 * `points` codes.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn reagent_set_target_on_grid(
+    memory: *mut ReagentMemory,
+    grid: *const ReagentGrid,
+    codes: *const i16,
+    points: usize,
+) -> ReagentStatus {
+    // SAFETY: the caller's promise.
+    let target = unsafe { Held::codes(grid, codes, points) };
+    // SAFETY: the caller's promise.
+    status(target.and_then(|target| unsafe { set_target(memory, target) }))
+}
+
+/// # Safety
+/// As reagent_set_target.
+unsafe fn set_target(memory: *mut ReagentMemory, target: Held) -> Result<(), ReagentStatus> {
+    // SAFETY: the caller's promise.
+    let state = unsafe { state(memory) }?;
+    // SAFETY: the caller's promise.
+    state.frame = Frame::of_cloud(unsafe { target.cloud() })?;
+    state.target = Some(target);
+    state.started = false;
+    Ok(())
+}
+
+/// Sets the source, the observed cloud, in the target's units, and begins a registration: embeds the
+/// target, which takes as long as one step of as many points; reagent_begin leaves that to slices. `initial`
+/// is an estimate of the pose to find, null for none.
+///
+/// # Safety
+/// As reagent_set_target, with `xyz` staying as it is until the last step; `initial` is null or points
+/// to a pose.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn reagent_set_source(
+    memory: *mut ReagentMemory,
+    xyz: *const f32,
+    points: usize,
+    initial: *const ReagentPose,
+) -> ReagentStatus {
+    // SAFETY: the caller's promise.
+    status(
+        Held::floats(xyz, points)
+            .and_then(|source| unsafe { start(memory, source, initial, false) }),
+    )
+}
+
+/// As reagent_set_source, of a cloud on a grid; the target may be on another, or of floats.
+///
+/// # Safety
+/// As reagent_set_source; `grid` points to a grid, which is copied, and `codes` to 3 * `points` codes.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn reagent_set_source_on_grid(
+    memory: *mut ReagentMemory,
+    grid: *const ReagentGrid,
+    codes: *const i16,
+    points: usize,
+    initial: *const ReagentPose,
+) -> ReagentStatus {
+    // SAFETY: the caller's promise.
+    let source = unsafe { Held::codes(grid, codes, points) };
+    // SAFETY: the caller's promise.
+    status(source.and_then(|source| unsafe { start(memory, source, initial, false) }))
+}
+
+/// As reagent_set_source, but only looks through the clouds: the slices of reagent_advance embed the target.
+///
+/// # Safety
+/// As reagent_set_source; the target, too, stays as it is until the last step.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn reagent_begin(
+    memory: *mut ReagentMemory,
+    xyz: *const f32,
+    points: usize,
+    initial: *const ReagentPose,
+) -> ReagentStatus {
+    // SAFETY: the caller's promise.
+    status(
+        Held::floats(xyz, points)
+            .and_then(|source| unsafe { start(memory, source, initial, true) }),
+    )
+}
+
+/// As reagent_begin, of a cloud on a grid.
+///
+/// # Safety
+/// As reagent_begin; `grid` points to a grid, which is copied, and `codes` to 3 * `points` codes.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn reagent_begin_on_grid(
+    memory: *mut ReagentMemory,
+    grid: *const ReagentGrid,
+    codes: *const i16,
+    points: usize,
+    initial: *const ReagentPose,
+) -> ReagentStatus {
+    // SAFETY: the caller's promise.
+    let source = unsafe { Held::codes(grid, codes, points) };
+    // SAFETY: the caller's promise.
+    status(source.and_then(|source| unsafe { start(memory, source, initial, true) }))
+}
+
+/// # Safety
+/// As reagent_set_source, or where `sliced` as reagent_begin.
+unsafe fn start(
+    memory: *mut ReagentMemory,
+    source: Held,
+    initial: *const ReagentPose,
+    sliced: bool,
+) -> Result<(), ReagentStatus> {
+    // SAFETY: the caller's promise.
+    let state = unsafe { state(memory) }?;
+    let initial = if initial.is_null() {
+        Pose::IDENTITY
+    } else {
+        // SAFETY: the caller's promise.
+        Pose::from_rows(unsafe { value(initial) }?.rows)
+    };
+    let target = state.target.ok_or(ReagentStatus::NotStarted)?;
+    // SAFETY: the caller's promise.
+    let (source, target) = unsafe { (source.cloud(), target.cloud()) };
+    let frame = state.frame;
+    // SAFETY: initialised as the mark says.
+    let (mut registrar, registration) = unsafe { work(state) };
+    registrar.begin_clouds(registration, source, target, frame, initial)?;
+    while !sliced && registration.is_at_target() {
+        registrar.advance(registration, usize::MAX);
+    }
+    state.started = true;
+    Ok(())
+}
+
+/// Does the next slice of the registration's work: looks at no more than `points` points (but at least one) of
+/// either cloud, or takes what was seen in, which is as much work as about 20 points are. `step` is where it is
+/// told what was done when that was a step, or null; `stepped` is where it is told whether it was one, or null.
+/// Steps and poses are the same to the bit, however they are sliced.
+///
+/// # Safety
+/// `memory` is as reagent_begin or reagent_set_source left it; `step` is null or points to a step, `stepped` is
+/// null or points to a bool.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn reagent_advance(
+    memory: *mut ReagentMemory,
+    points: usize,
+    step: *mut ReagentStep,
+    stepped: *mut bool,
+) -> ReagentStatus {
+    status((|| {
+        // SAFETY: the caller's promise.
+        let state = unsafe { state(memory) }?;
+        if !state.started {
+            return Err(ReagentStatus::NotStarted);
+        }
+        // SAFETY: initialised as the mark says.
+        let (mut registrar, registration) = unsafe { work(state) };
+        let done = registrar.advance(registration, points);
+        // SAFETY: the caller's promise.
+        let (step, stepped) = unsafe { (step.as_mut(), stepped.as_mut()) };
+        if let Some(stepped) = stepped {
+            *stepped = done.is_some();
+        }
+        if let (Some(step), Some(done)) = (step, done) {
+            *step = done.action.into();
+        }
+        Ok(())
+    })())
+}
+
+/// Takes one step of the registration: looks at the source under the pose so far and moves it.
+/// `step` is where it is told what was done, or null.
+///
+/// # Safety
+/// `memory` is as reagent_set_source left it; `step` is null or points to a step.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn reagent_step(
+    memory: *mut ReagentMemory,
+    step: *mut ReagentStep,
+) -> ReagentStatus {
+    status((|| {
+        // SAFETY: the caller's promise.
+        let state = unsafe { state(memory) }?;
+        if !state.started {
+            return Err(ReagentStatus::NotStarted);
+        }
+        // SAFETY: initialised as the mark says.
+        let (mut registrar, registration) = unsafe { work(state) };
+        let action = registrar.step(registration).action;
+        // SAFETY: the caller's promise.
+        if let Some(step) = unsafe { step.as_mut() } {
+            *step = action.into();
+        }
+        Ok(())
+    })())
+}
+
+/// Where the registration is.
+///
+/// # Safety
+/// `memory` is as reagent_set_source left it; `result` points to a result.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn reagent_result(
+    memory: *mut ReagentMemory,
+    result: *mut ReagentResult,
+) -> ReagentStatus {
+    status((|| {
+        // SAFETY: the caller's promise.
+        let state = unsafe { state(memory) }?;
+        if !aligned(result) {
+            return Err(ReagentStatus::Pointer);
+        }
+        if !state.started {
+            return Err(ReagentStatus::NotStarted);
+        }
+        // SAFETY: initialised as the mark says.
+        let registration = unsafe { state.registration.assume_init_ref() };
+        let found = ReagentResult {
+            target_from_source: ReagentPose {
+                rows: registration.target_from_source().to_rows(),
+            },
+            steps: registration.steps() as u32,
+            converged: registration.rests(),
+        };
+        // SAFETY: the caller's promise, and checked above.
+        unsafe { result.write(found) };
+        Ok(())
+    })())
+}

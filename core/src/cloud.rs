@@ -41,6 +41,14 @@ impl<'c> Cloud<'c> {
         points.iter().copied().chain(decoded)
     }
 
+    /// One of them.
+    pub fn point(&self, index: usize) -> Option<[f32; 3]> {
+        match self {
+            Cloud::F32(points) => points.get(index).copied(),
+            Cloud::Grid(grid, codes) => codes.get(index).map(|&code| grid.decode(code)),
+        }
+    }
+
     /// Some of them; none where there are not that many.
     pub fn part(self, range: Range<usize>) -> Cloud<'c> {
         match self {
@@ -82,7 +90,10 @@ mod tests {
 
     #[test]
     fn codes_are_registered_as_the_points_that_they_stand_for() {
-        let policy = Policy::pretrained().expect("a sound policy");
+        let policy = Policy {
+            rescan: 2,
+            ..Policy::pretrained().expect("a sound policy")
+        };
         let all = clouds();
         let grids = all.each_ref().map(|cloud| Grid::of(cloud).expect("points"));
         let mut codes = [[[0; 3]; POINTS]; 2];

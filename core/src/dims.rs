@@ -75,7 +75,7 @@ pub const RAM_BUDGET: usize = 48 * 1024;
 /// The same where the clouds are on a grid of 16-bit codes, bytes.
 pub const GRID_RAM_BUDGET: usize = RAM_BUDGET - (CLOUD_BYTES - GRID_CLOUD_BYTES);
 /// Of both, what is left for frames on the line and the rest of the stack.
-pub const RAM_REST: usize = 9 * 1024;
+pub const RAM_REST: usize = 8 * 1024 + 512;
 /// Of both, what the stack may take, bytes: the simulated boards reserve it.
 pub const STACK_BUDGET: usize = 13 * 1024;
 /// Most flash of a policy in 8-bit integers, bytes.
@@ -85,7 +85,7 @@ pub const CODE_BUDGET: usize = 40 * 1024;
 /// Most flash of a policy of the compact shape in 8-bit integers, bytes.
 pub const COMPACT_FLASH_BUDGET: usize = 256 * 1024;
 
-/// Multiply-adds of a registration of two clouds of 1024 points in [`STEPS`] steps.
+/// Multiply-adds of a registration of two clouds of 1024 points in [`STEPS`] steps that all look at all points.
 pub const MULTIPLY_ADDS: u64 = Shape::FULL.macs_registration(1024, STEPS);
 /// The same of the compact shape.
 pub const COMPACT_MULTIPLY_ADDS: u64 = Shape::COMPACT.macs_registration(1024, STEPS);

@@ -6,7 +6,7 @@
 //! 1. [`weights`] checks a policy file once and views it in place; [`Policy::parse`].
 //! 2. [`Registrar::start`] checks two clouds and embeds the target, once.
 //! 3. Each [`Registrar::step`] sees the source under the accumulated [`Pose`] ([`net::View`]), embeds it
-//!    ([`net::embed`], on the [`kernels`] of the machine), has both heads decide on an
+//!    ([`net`], on the [`kernels`] of the machine), has both heads decide on an
 //!    [`Action`] ([`decision`], [`steps`]) and accumulates it ([`Pose::accumulate`]).
 //! 4. [`Registration::target_from_source`] is the pose, in the clouds' own units; [`Verdict`] says how
 //!    the steps ended.
@@ -53,6 +53,7 @@
 
 pub mod chamfer;
 pub mod cloud;
+mod critical;
 pub mod decision;
 pub mod dims;
 pub mod error;

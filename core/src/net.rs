@@ -45,6 +45,11 @@ impl FloatScratch {
         ];
         (&self.feature, ways)
     }
+
+    /// The critical point of each channel, if [`embed`] has kept them: where the heads come later.
+    pub(crate) fn winners(&self) -> &[u16] {
+        bytemuck::cast_slice(&self.head1)
+    }
 }
 
 /// Working memory by number format: one of them at a time, in the same place.
@@ -153,23 +158,30 @@ impl View {
 }
 
 /// Takes points into the global feature: max over points of the pointwise embedding (no ReLU on the last
-/// layer). Before the first points of a cloud, the feature is -infinity everywhere.
+/// layer). Before the first points of a cloud, the feature is -infinity everywhere. Where the points count from `first`,
+/// keeps the critical point of each channel ([`FloatScratch::winners`]).
 ///
 /// # Shapes
-/// `points [N, 3]`, `feature [1024]` or as many as the embedding gives, the rest left alone.
-pub fn embed(
+/// `points [N, 3]`, as many features as the embedding gives, the rest left alone.
+pub(crate) fn embed(
     isa: Isa,
     embedding: &Embedding<'_>,
     points: &[[f32; 3]],
+    first: Option<usize>,
     view: &View,
-    tiles: &mut Tiles,
-    feature: &mut Feature,
+    scratch: &mut FloatScratch,
 ) {
     let [_, _, last] = &embedding.layers;
+    let FloatScratch {
+        tiles: Tiles { hidden1, hidden2 },
+        feature,
+        head1,
+        ..
+    } = scratch;
     let Some(feature) = feature.get_mut(..last.outputs) else {
         return;
     };
-    let Tiles { hidden1, hidden2 } = tiles;
+    let winners: &mut [u16] = bytemuck::cast_slice_mut(head1);
     let split = embedding.split.filter(|_| isa.has_fast_splits());
     embed_tiles(
         isa,
@@ -177,11 +189,38 @@ pub fn embed(
         points,
         view,
         [hidden1, hidden2],
-        |last, x, _| match &split {
-            Some(split) => isa.dense_max_split(split, x, feature),
-            None => isa.dense_max(last, x, feature),
+        |last, x, at| match (first, &split) {
+            (Some(first), _) => winners_of(isa, last, x, first as u32 + at, feature, winners),
+            (None, Some(split)) => isa.dense_max_split(split, x, feature),
+            (None, None) => isa.dense_max(last, x, feature),
         },
     );
+}
+
+/// Takes rows, which count from `first`, into maxima, and keeps where they were raised.
+fn winners_of(
+    isa: Isa,
+    last: &Dense<'_>,
+    x: &[f32],
+    first: u32,
+    feature: &mut [f32],
+    winners: &mut [u16],
+) {
+    for (output, part) in parts(last) {
+        let outputs = output..output + part.outputs;
+        let (Some(feature), Some(winners)) =
+            (feature.get_mut(outputs.clone()), winners.get_mut(outputs))
+        else {
+            return;
+        };
+        let mut argmax = [u32::MAX; PANELS_TOGETHER * PANEL];
+        isa.dense_argmax(&part, x, first, feature, &mut argmax);
+        for (winner, point) in winners.iter_mut().zip(argmax) {
+            if point != u32::MAX {
+                *winner = point as u16;
+            }
+        }
+    }
 }
 
 /// As [`embed`], and keeps for each channel the index of the first point that reaches the maximum

@@ -256,6 +256,18 @@ impl<const N: usize> Wide<N> {
         [&self.high, &self.low].map(|plane| plane.get(..n).unwrap_or(plane))
     }
 
+    /// Keeps a number of 16 bits where a code will be.
+    fn put(&mut self, at: usize, number: usize) {
+        if let (Some(high), Some(low)) = (self.high.get_mut(at), self.low.get_mut(at)) {
+            [*high, *low] = (number as u16).to_be_bytes();
+        }
+    }
+
+    #[cfg(test)]
+    pub(crate) fn codes(&self) -> [i32; N] {
+        core::array::from_fn(|i| i32::from(self.high[i]) << 6 | i32::from(self.low[i]))
+    }
+
     fn set(&mut self, codes: impl Iterator<Item = i64>) {
         for ((high, low), code) in self.high.iter_mut().zip(&mut self.low).zip(codes) {
             let code = code.clamp(0, i64::from(WIDE_MAX));
@@ -297,13 +309,22 @@ impl QuantScratch {
     pub(crate) fn begin(&mut self) {
         self.max.fill(i32::MIN);
     }
+
+    /// The critical point of each channel, if [`embed`] has kept them: where [`finish`] puts the feature.
+    pub(crate) fn winners(&self) -> impl Iterator<Item = usize> {
+        let Wide { high, low } = &self.feature;
+        let pairs = high.iter().zip(low);
+        pairs.map(|(&high, &low)| usize::from(u16::from_be_bytes([high, low])))
+    }
 }
 
-/// Takes points into the maxima of the cloud under way.
-pub fn embed(
+/// Takes points into the maxima of the cloud under way; where they count from `first`, keeps the critical point of
+/// each channel ([`QuantScratch::winners`]).
+pub(crate) fn embed(
     isa: Isa,
     network: &QuantNetwork<'_>,
     points: &[[f32; 3]],
+    first: Option<usize>,
     view: &View,
     scratch: &mut QuantScratch,
 ) {
@@ -312,7 +333,7 @@ pub fn embed(
         return;
     };
     let mut tile = [[0.0; 3]; QUANT_TILE];
-    for chunk in points.chunks(QUANT_TILE) {
+    for (turn, chunk) in points.chunks(QUANT_TILE).enumerate() {
         let n = chunk.len();
         for (seen, &point) in tile.iter_mut().zip(chunk) {
             *seen = view.see(point);
@@ -326,7 +347,14 @@ pub fn embed(
         };
         isa.point_codes(&network.points, x, hidden1);
         isa.dense_codes(l2, hidden1, hidden2);
-        isa.dense_codes_max(&l3.codes, hidden2, max);
+        match first.map(|first| first + turn * QUANT_TILE) {
+            None => isa.dense_codes_max(&l3.codes, hidden2, max),
+            Some(first) => {
+                let winners = &mut scratch.feature;
+                let won = |channel, row| winners.put(channel, first + row);
+                isa.dense_codes_argmax(&l3.codes, hidden2, max, won);
+            }
+        }
     }
 }
 

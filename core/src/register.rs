@@ -1,11 +1,11 @@
 //! One registration: observe, embed, decide, accumulate, verdict.
 
 use crate::cloud::Cloud;
-use crate::decision::Decision;
+use crate::critical::Critical;
 use crate::dims::{FEATURES, HEAD, LOGITS, QUANT_TILE, TARGETS_KEPT};
 use crate::error::Error;
 use crate::kernels::Isa;
-use crate::net::{self, FloatScratch, Memory, Scratch, TargetHalf, View};
+use crate::net::{self, Memory, Scratch, TargetHalf, View};
 use crate::pose::{Pose, mean};
 use crate::quant::{self, TargetSums};
 use crate::steps::Action;
@@ -15,6 +15,8 @@ use glam::Vec3;
 
 mod heads;
 mod slices;
+#[cfg(all(test, feature = "pretrained", feature = "pretrained-int8"))]
+mod tests;
 mod together;
 
 pub use together::Team;
@@ -133,6 +135,8 @@ pub struct Registration<'c> {
     source: Cloud<'c>,
     /// Of the target, what is still to be embedded; nothing afterwards.
     unseen: Cloud<'c>,
+    /// Points that steps look at which do not look at all.
+    critical: Critical,
     /// Points embedded of the cloud under way, if the scratch still says that it is this one's turn.
     seen: usize,
     turn: u32,
@@ -158,6 +162,7 @@ impl Registration<'_> {
         Registration {
             source: Cloud::EMPTY,
             unseen: Cloud::EMPTY,
+            critical: Critical::NONE,
             seen: 0,
             turn: 0,
             heads: 0,
@@ -205,10 +210,20 @@ impl Registration<'_> {
     /// policies do there.
     pub fn follow(&mut self, other: &Registration<'_>) {
         self.accumulated = other.accumulated;
+        self.critical.clone_from(&other.critical);
         self.steps = other.steps;
         self.before = other.before;
         self.last = other.last;
         self.rests = other.rests;
+    }
+
+    /// Points that the next step looks at.
+    pub fn points_ahead(&self, policy: &Policy<'_>) -> usize {
+        if policy.sees_all(self.steps) {
+            self.source.len()
+        } else {
+            self.critical.len()
+        }
     }
 
     /// Whether slices still embed the target ([`Registrar::advance`]).
@@ -216,8 +231,8 @@ impl Registration<'_> {
         !self.unseen.is_empty()
     }
 
-    /// Whether further steps would change nothing: the last one stopped on every axis, in all the ways in which the
-    /// policy ever looks.
+    /// Whether further steps would change nothing: the last one looked at all points, in all the ways in which the
+    /// policy ever looks, and stopped on every axis.
     pub fn rests(&self) -> bool {
         self.rests
     }
@@ -290,17 +305,19 @@ impl Registration<'_> {
     /// Takes the action that follows from both heads' logits.
     fn act(
         &mut self,
-        decision: Decision,
+        policy: &Policy<'_>,
         logits_t: [f32; LOGITS],
         logits_r: [f32; LOGITS],
     ) -> Step {
+        let decision = policy.decision;
         let action = Action {
             translation: decision.steps(&logits_t),
             rotation: decision.steps(&logits_r),
         };
         self.accumulated = self.accumulated.accumulate(action.update());
-        self.rests =
-            action == Action::STOP && decision.ways(self.steps) == decision.ways(usize::MAX);
+        self.rests = action == Action::STOP
+            && policy.sees_all(self.steps)
+            && decision.ways(self.steps) == decision.ways(usize::MAX);
         self.steps += 1;
         self.before = core::mem::replace(&mut self.last, action);
         Step {
@@ -375,7 +392,7 @@ impl<'w, 's> Registrar<'w, 's> {
         registration.begin(Cloud::F32(source), Cloud::F32(target), frame, initial)?;
         let view = registration.target_view();
         self.scratch.begin();
-        self.embed(target, &view);
+        self.embed(target, None, &view);
         self.finish();
         self.read_target(registration);
         Ok(())
@@ -449,7 +466,64 @@ impl<'w, 's> Registrar<'w, 's> {
         registration.seen = 0;
         registration.heads = 0;
         registration.turn = self.scratch.begin();
-        self.embed_cloud(registration.source, &registration.view());
+        self.look(registration, usize::MAX);
+        self.finish_source(registration);
+    }
+
+    /// Embeds at most so many more points of the source as it is seen now.
+    fn look(&mut self, registration: &mut Registration<'_>, points: usize) {
+        let (source, view) = (registration.source, registration.view());
+        let seen = registration.seen;
+        if self.policy.sees_all(registration.steps) {
+            let first = self.finds_critical(registration.steps).then_some(seen);
+            let end = seen.saturating_add(points).min(source.len());
+            self.embed_cloud(source.part(seen..end), first, &view);
+            registration.seen = end;
+            return;
+        }
+        let mut tile = [[0.0; 3]; QUANT_TILE];
+        let mut left = points;
+        while left > 0 && registration.seen < source.len() {
+            let mut filled = 0;
+            for place in tile.iter_mut().take(left) {
+                let next = registration.critical.next(registration.seen);
+                let Some((next, point)) = next.and_then(|i| Some((i, source.point(i)?))) else {
+                    registration.seen = source.len();
+                    break;
+                };
+                *place = point;
+                registration.seen = next + 1;
+                filled += 1;
+            }
+            if let Some(points) = tile.get(..filled) {
+                self.embed(points, None, &view);
+            }
+            left -= filled.min(left);
+        }
+    }
+
+    /// Whether the step after so many looks at all points, and the one after it only at the critical ones.
+    fn finds_critical(&self, steps: usize) -> bool {
+        self.policy.sees_all(steps) && !self.policy.sees_all(steps + 1)
+    }
+
+    /// Makes the source that was embedded a feature, and keeps the points by which it came about.
+    fn finish_source(&mut self, registration: &mut Registration<'_>) {
+        if self.finds_critical(registration.steps) {
+            let critical = &mut registration.critical;
+            let channels = self.policy.shape.features();
+            critical.clear();
+            match &self.scratch.memory {
+                Memory::F32(scratch) => {
+                    let winners = scratch.winners().iter().take(channels);
+                    winners.for_each(|&point| critical.insert(point.into()));
+                }
+                Memory::Int8(scratch) => {
+                    let winners = scratch.winners().take(channels);
+                    winners.for_each(|point| critical.insert(point));
+                }
+            }
+        }
         self.finish();
     }
 
@@ -463,31 +537,31 @@ impl<'w, 's> Registrar<'w, 's> {
     }
 
     /// Embeds points of the cloud under way, a tile at a time where they have to be decoded.
-    fn embed_cloud(&mut self, cloud: Cloud<'_>, view: &View) {
+    fn embed_cloud(&mut self, cloud: Cloud<'_>, first: Option<usize>, view: &View) {
         let (grid, codes) = match cloud {
-            Cloud::F32(points) => return self.embed(points, view),
+            Cloud::F32(points) => return self.embed(points, first, view),
             Cloud::Grid(grid, codes) => (grid, codes),
         };
         let mut tile = [[0.0; 3]; QUANT_TILE];
-        for codes in codes.chunks(QUANT_TILE) {
+        for (turn, codes) in codes.chunks(QUANT_TILE).enumerate() {
             for (point, &code) in tile.iter_mut().zip(codes) {
                 *point = grid.decode(code);
             }
             if let Some(points) = tile.get(..codes.len()) {
-                self.embed(points, view);
+                let first = first.map(|first| first + turn * QUANT_TILE);
+                self.embed(points, first, view);
             }
         }
     }
 
-    /// Embeds points of the cloud under way.
-    fn embed(&mut self, points: &[[f32; 3]], view: &View) {
+    /// Embeds points of the cloud under way; where they count from `first`, finds the critical ones among them.
+    fn embed(&mut self, points: &[[f32; 3]], first: Option<usize>, view: &View) {
         match (&self.policy.network, &mut self.scratch.memory) {
             (Network::F32(network), Memory::F32(scratch)) => {
-                let FloatScratch { tiles, feature, .. } = scratch;
-                net::embed(self.isa, &network.embedding, points, view, tiles, feature);
+                net::embed(self.isa, &network.embedding, points, first, view, scratch);
             }
             (Network::Int8(network), Memory::Int8(scratch)) => {
-                quant::embed(self.isa, network, points, view, scratch);
+                quant::embed(self.isa, network, points, first, view, scratch);
             }
             // The memory was made that of the network's format, and stays so.
             _ => {}

@@ -111,7 +111,8 @@ impl Shape {
     }
 
     /// Multiply-adds of a whole registration of two clouds of `points` points in `steps` steps on a microcontroller,
-    /// which keeps nothing of the target but its feature, by a policy that looks both ways.
+    /// which keeps nothing of the target but its feature, by a policy that looks both ways, and at all points in every
+    /// step ([`crate::Policy::rescan`]).
     pub const fn macs_registration(&self, points: usize, steps: usize) -> u64 {
         let embedding = (points * self.macs_per_point()) as u64;
         let way = (self.macs_half() + self.macs_step()) as u64;

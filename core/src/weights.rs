@@ -9,7 +9,7 @@
 //! | 6 | u16 | number format: 0 = f32, 1 = int8 |
 //! | 8 | u32 | length of the whole file, check sum included |
 //! | 12 | u32 | layers, 9 |
-//! | 16 | `[u16; 8]` | network shape, in the paper 64, 128, 1024 (embedding), 512, 256 (head), 33 (logits); decision ([`Decision`]: 0 = most likely, 1 = nearest to the mean, 2 = both ways); 0 |
+//! | 16 | `[u16; 8]` | network shape, in the paper 64, 128, 1024 (embedding), 512, 256 (head), 33 (logits); decision ([`Decision`]: 0 = most likely, 1 = nearest to the mean, 2 = both ways); steps from one look at all points to the next ([`Policy::rescan`]; 0 = 1) |
 //! | 32 | 9 x 16 bytes | layer table: inputs, outputs, weight offset, bias offset, u32 each |
 //! | 192 | | payload; each array starts on a 64-byte boundary, gaps are zero |
 //! | length - 4 | u32 | CRC-32 (ISO-HDLC) of everything before |
@@ -36,6 +36,8 @@ pub const FORMAT_F32: u16 = 0;
 pub const FORMAT_INT8: u16 = 1;
 /// Where the header says how to decide.
 pub const DECISION_AT: usize = 28;
+/// Where the header says how often to look at all points.
+pub const RESCAN_AT: usize = 30;
 /// Bytes before the layer table.
 pub const HEADER: usize = 32;
 /// Bytes of one row of the layer table.
@@ -147,6 +149,9 @@ pub struct Policy<'a> {
     pub shape: Shape,
     /// How steps follow from its logits.
     pub decision: Decision,
+    /// Steps from one look at all points of the source to the next; the steps in between look at its critical points
+    /// only, those by which the feature of the last look came about. 1, as in the paper: every step looks at all.
+    pub rescan: u16,
     /// The network.
     pub network: Network<'a>,
 }
@@ -158,6 +163,11 @@ impl<'a> Policy<'a> {
             Network::F32(network) => Some(network),
             Network::Int8(_) => None,
         }
+    }
+
+    /// Whether the step after so many looks at all points of the source.
+    pub fn sees_all(&self, steps: usize) -> bool {
+        steps.is_multiple_of(usize::from(self.rescan.max(1)))
     }
 
     /// Tiles of memory with which the last layer of the embedding in f32 takes about 60 % of its time on this machine: see
@@ -222,8 +232,9 @@ impl<'a> Policy<'a> {
         for (i, width) in header.iter_mut().enumerate() {
             *width = half(16 + 2 * i).ok_or(cut)?;
         }
-        let [.., decision, _] = &mut header;
+        let [.., decision, rescan] = &mut header;
         let found = core::mem::take(decision);
+        let rescan = core::mem::take(rescan).max(1);
         let decision = Decision::from_header(found).ok_or(Error::WeightsDecision { found })?;
         let shape = Shape::from_header(header).ok_or(Error::WeightsShape { layer: 0 })?;
         let (offsets, length) = layout(&shape, format);
@@ -279,6 +290,7 @@ impl<'a> Policy<'a> {
         Ok(Policy {
             shape,
             decision,
+            rescan,
             network,
         })
     }

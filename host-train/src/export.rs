@@ -9,8 +9,8 @@ use crate::quantise::{self, Ranges};
 use reagent_core::dims::{LAYERS, LOGITS, padded};
 use reagent_core::kernels::Tile;
 use reagent_core::weights::{
-    DECISION_AT, FORMAT_F32, FORMAT_INT8, HEADER, MAGIC, TABLE_ROW, VERSION, checksum, file_len,
-    offsets, pack_panels,
+    DECISION_AT, FORMAT_F32, FORMAT_INT8, HEADER, MAGIC, RESCAN_AT, TABLE_ROW, VERSION, checksum,
+    file_len, offsets, pack_panels,
 };
 use reagent_core::{Decision, Error, Policy};
 use sha2::{Digest, Sha256};
@@ -109,9 +109,23 @@ impl WeightFile {
     }
 
     /// The same policy, deciding in this way.
-    pub fn deciding(mut self, decision: Decision) -> Self {
+    pub fn deciding(self, decision: Decision) -> Self {
+        self.with_header(DECISION_AT, decision.header())
+    }
+
+    /// The same policy, looking at all points of the source every so many steps ([`Policy::rescan`]).
+    pub fn rescanning(self, steps: u16) -> Self {
+        self.with_header(RESCAN_AT, steps)
+    }
+
+    /// The same network, run as that policy is.
+    pub fn run_like(self, policy: &Policy<'_>) -> Self {
+        self.deciding(policy.decision).rescanning(policy.rescan)
+    }
+
+    fn with_header(mut self, at: usize, word: u16) -> Self {
         let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut self.words);
-        bytes[DECISION_AT..][..2].copy_from_slice(&decision.header().to_le_bytes());
+        bytes[at..][..2].copy_from_slice(&word.to_le_bytes());
         seal(&mut bytes[..self.len]);
         self
     }
@@ -309,6 +323,12 @@ mod tests {
         assert_ne!(other.sha256(), file.sha256());
         let read = WeightFile::from_bytes(other.bytes()).expect("its check sum is right");
         assert_eq!(read.policy().decision, Decision::NearestToMean);
+        let often = read.clone().rescanning(3);
+        assert_eq!(often.policy().rescan, 3);
+        assert_eq!(read.policy().rescan, 1);
+        assert_eq!(read.clone().rescanning(1).policy().rescan, 1);
+        let same = often.run_like(&file.policy()).rescanning(0);
+        assert_eq!(same, file);
         assert_eq!(read.deciding(Decision::MostLikely), file);
         let mut unknown = other.bytes().to_vec();
         unknown[DECISION_AT] = 3;

@@ -61,7 +61,8 @@ fn every_kernel_gives_the_same_bits() {
         let actions: Vec<Action> = steps.iter().map(|s| s.action).collect();
         (floats, actions)
     };
-    for file in [integers(), compact().1] {
+    let files = [integers(), compact().1].map(|file| [file.clone().rescanning(3), file]);
+    for file in files.as_flattened() {
         assert_eq!(file.policy().decision, Decision::BothWays);
         for i in 0..pairs.source.len() {
             let expected = bits(steps(Isa::PORTABLE, file.policy(), &pairs, i));

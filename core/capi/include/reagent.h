@@ -16,12 +16,12 @@
 
 #if (defined(__x86_64__) || defined(__aarch64__))
 // Words of a ReagentMemory.
-#define REAGENT_MEMORY_WORDS 6912
+#define REAGENT_MEMORY_WORDS 7040
 #endif
 
 #if !(defined(__x86_64__) || defined(__aarch64__))
 // Words of a ReagentMemory.
-#define REAGENT_MEMORY_WORDS 1984
+#define REAGENT_MEMORY_WORDS 2048
 #endif
 
 // Words of a ReagentWorkspace.

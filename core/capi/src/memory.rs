@@ -11,10 +11,10 @@ use reagent_core::{Frame, Policy, Registrar, Registration};
 
 /// Words of a ReagentMemory.
 #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
-pub const REAGENT_MEMORY_WORDS: usize = 6912;
+pub const REAGENT_MEMORY_WORDS: usize = 7040;
 /// Words of a ReagentMemory.
 #[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
-pub const REAGENT_MEMORY_WORDS: usize = 1984;
+pub const REAGENT_MEMORY_WORDS: usize = 2048;
 
 /// Memory of one registrar: the caller's, of any content, where it likes. It must not be moved or
 /// copied between calls.

@@ -60,6 +60,7 @@ fn total_plain([first, others]: Halves) -> int32x4_t {
 macro_rules! kernels {
     ($module:ident, $dot:ident, $total:ident, $zero:expr, $points:literal) => {
         pub(super) mod $module {
+            use super::super::bytes::{ROW_BITS, row_mark};
             use super::super::search::Codes;
             use super::{$dot, $total};
             use crate::dims::PANEL;
@@ -157,7 +158,7 @@ macro_rules! kernels {
             }
 
             /// As [`super::super::bytes::dense_codes_max`].
-            pub(in super::super) unsafe fn dense_codes_max(
+            pub(in super::super) unsafe fn dense_codes_max<const MARK: bool>(
                 layer: &Codes<'_>,
                 panels: Range<usize>,
                 x: &[u8],
@@ -177,15 +178,22 @@ macro_rules! kernels {
                             let x = x.as_ptr().add(n * layer.inputs);
                             n += if points - n >= POINTS {
                                 let x = rows::<POINTS>(x, layer.inputs);
-                                raise(sums::<POINTS, true>(layer.inputs, weights, x), &mut best)
+                                let sums = sums::<POINTS, true>(layer.inputs, weights, x);
+                                raise::<_, MARK>(sums, n, &mut best)
                             } else {
-                                raise(sums::<1, true>(layer.inputs, weights, [x]), &mut best)
+                                let sums = sums::<1, true>(layer.inputs, weights, [x]);
+                                raise::<_, MARK>(sums, n, &mut best)
                             };
                         }
                         let excess = excess(layer.inputs, weights);
                         for q in 0..QUARTERS {
                             let max = max.as_mut_ptr().add(panel * PANEL + q * LANES);
-                            let best = vsubq_s32(best[q], excess[q]);
+                            let excess = if MARK {
+                                vshlq_n_s32::<{ ROW_BITS as i32 }>(excess[q])
+                            } else {
+                                excess[q]
+                            };
+                            let best = vsubq_s32(best[q], excess);
                             vst1q_s32(max, vmaxq_s32(best, vld1q_s32(max)));
                         }
                     }
@@ -193,11 +201,21 @@ macro_rules! kernels {
             }
 
             #[inline(always)]
-            fn raise<const N: usize>(sums: [Sums; N], best: &mut Sums) -> usize {
-                for sum in sums {
-                    for (best, sum) in best.iter_mut().zip(sum) {
+            fn raise<const N: usize, const MARK: bool>(
+                sums: [Sums; N],
+                first: usize,
+                best: &mut Sums,
+            ) -> usize {
+                for (n, sum) in sums.into_iter().enumerate() {
+                    for (best, mut sum) in best.iter_mut().zip(sum) {
                         // SAFETY: NEON is part of the target.
-                        *best = unsafe { vmaxq_s32(*best, sum) };
+                        unsafe {
+                            if MARK {
+                                let mark = vdupq_n_s32(row_mark(first + n));
+                                sum = vorrq_s32(vshlq_n_s32::<{ ROW_BITS as i32 }>(sum), mark);
+                            }
+                            *best = vmaxq_s32(*best, sum);
+                        }
                     }
                 }
                 N

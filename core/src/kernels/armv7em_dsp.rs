@@ -123,7 +123,7 @@ fn fits(inputs: usize) -> bool {
 }
 
 /// As [`bytes::dense_codes_max`].
-pub(super) unsafe fn dense_codes_max(
+pub(super) unsafe fn dense_codes_max<const MARK: bool>(
     layer: &Codes<'_>,
     panels: Range<usize>,
     x: &[u8],
@@ -131,17 +131,19 @@ pub(super) unsafe fn dense_codes_max(
 ) {
     let inputs = layer.inputs;
     if !fits(inputs) {
-        return bytes::dense_codes_max(layer, panels, x, max);
+        return bytes::dense_codes_max(MARK, layer, panels, x, max);
     }
     let outputs = panels.start * PANEL..panels.end * PANEL;
     let mut block = Block::ZERO;
-    for x in x.chunks(BLOCK * inputs) {
+    for (turn, x) in x.chunks(BLOCK * inputs).enumerate() {
         block.fill(inputs, x);
         let points = x.len() / inputs;
         for (output, best) in outputs.clone().zip(max.iter_mut().skip(outputs.start)) {
+            let mut rows = turn * BLOCK..;
             for (x, points) in block.halves(inputs, points) {
-                for &sum in sums(layer, output, x).iter().take(points) {
-                    *best = sum.max(*best);
+                let sums = sums(layer, output, x);
+                for (&sum, row) in sums.iter().take(points).zip(&mut rows) {
+                    *best = bytes::marked(MARK, sum, row).max(*best);
                 }
             }
         }

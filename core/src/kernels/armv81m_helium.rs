@@ -28,6 +28,8 @@ struct Block {
     rows: [*const u8; POINTS],
     /// `-128 Σ x` of each row.
     start: [i32; POINTS],
+    /// [`bytes::row_mark`] of each row.
+    marks: [i32; POINTS],
 }
 
 impl Block {
@@ -43,6 +45,7 @@ impl Block {
         Block {
             rows: rows.map(<[u8]>::as_ptr),
             start: rows.map(|row| -128 * row.iter().map(|&x| i32::from(x)).sum::<i32>()),
+            marks: [0; POINTS],
         }
     }
 }
@@ -137,6 +140,22 @@ panel! {
     "str lr, [r2], #4"
 }
 
+panel! {
+    /// As [`panel_max`] of sums with the marks of their rows ([`bytes::marked`]).
+    ///
+    /// # Safety
+    /// As for [`panel_sums`].
+    panel_marked_max, [i32; PANEL], 4,
+    "vldrw.u32 q1, [r12, #32]",
+    "vshl.i32 q0, q0, #8",
+    "vorr q0, q0, q1",
+    "ldr lr, [r2]",
+    "vmaxv.s32 lr, q0",
+    "str lr, [r2], #4"
+}
+
+const _: () = assert!(bytes::ROW_BITS == 8);
+
 /// A panel's weights from column `from` on.
 fn panel_codes<'a>(
     layer: &Codes<'a>,
@@ -149,24 +168,32 @@ fn panel_codes<'a>(
 }
 
 /// As [`bytes::dense_codes_max`].
-pub(super) unsafe fn dense_codes_max(
+pub(super) unsafe fn dense_codes_max<const MARK: bool>(
     layer: &Codes<'_>,
     panels: Range<usize>,
     x: &[u8],
     max: &mut [i32],
 ) {
     let inputs = layer.inputs;
-    for x in x.chunks((POINTS * inputs).max(1)) {
-        let Some(block) = Block::of(x, inputs) else {
+    for (turn, x) in x.chunks((POINTS * inputs).max(1)).enumerate() {
+        let Some(mut block) = Block::of(x, inputs) else {
             return;
         };
+        // The last row repeated has a later mark, by which it never wins.
+        block.marks = core::array::from_fn(|n| bytes::row_mark(turn * POINTS + n));
         let maxima = max.as_chunks_mut::<PANEL>().0.iter_mut();
         for (panel, max) in panels.clone().zip(maxima.skip(panels.start)) {
             let Some(weights) = panel_codes(layer, panel, 0, inputs) else {
                 return;
             };
             // SAFETY: one panel of a layer of a multiple of 64 inputs, rows as long, and its maxima.
-            unsafe { panel_max(weights.as_ptr(), &raw const block, max, inputs) }
+            unsafe {
+                if MARK {
+                    panel_marked_max(weights.as_ptr(), &raw const block, max, inputs);
+                } else {
+                    panel_max(weights.as_ptr(), &raw const block, max, inputs);
+                }
+            }
         }
     }
 }

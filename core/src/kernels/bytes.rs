@@ -74,13 +74,47 @@ pub(super) fn dense_codes(
     }
 }
 
-/// See [`super::Isa::dense_codes_max`].
+/// Bits of a sum that hold the row which it is of.
+pub(super) const ROW_BITS: u32 = 8;
+/// Rows that these bits tell apart.
+pub(super) const ROWS: usize = 1 << ROW_BITS;
+/// Inputs whose sums leave these bits: `255 * 128 * INPUTS < 2^(31 - ROW_BITS)`.
+pub(super) const INPUTS: usize = 128;
+
+/// The last bits of row `row`'s sums: the greater, the earlier, so that one maximum finds the first of equals.
 #[inline(always)]
-pub(super) fn dense_codes_max(layer: &Codes<'_>, panels: Range<usize>, x: &[u8], max: &mut [i32]) {
+pub(super) const fn row_mark(row: usize) -> i32 {
+    (ROWS - 1 - row % ROWS) as i32
+}
+
+/// The row that a marked sum is of.
+pub(super) const fn row_of(marked: i32) -> usize {
+    ROWS - 1 - (marked as usize & (ROWS - 1))
+}
+
+/// A sum, shifted to make room for its row's mark where one is asked for.
+#[inline(always)]
+pub(super) const fn marked(mark: bool, sum: i32, row: usize) -> i32 {
+    if mark {
+        sum << ROW_BITS | row_mark(row)
+    } else {
+        sum
+    }
+}
+
+/// See [`super::Isa::dense_codes_max`]; of sums, or of [`marked`] ones of at most [`ROWS`] rows of [`INPUTS`].
+pub(super) fn dense_codes_max(
+    mark: bool,
+    layer: &Codes<'_>,
+    panels: Range<usize>,
+    x: &[u8],
+    max: &mut [i32],
+) {
     let maxima = max.as_chunks_mut::<PANEL>().0.iter_mut();
     for (p, max) in panels.clone().zip(maxima.skip(panels.start)) {
-        for x in x.chunks_exact(layer.inputs.max(1)) {
+        for (row, x) in x.chunks_exact(layer.inputs.max(1)).enumerate() {
             for (max, s) in max.iter_mut().zip(panel_sums(quads(layer, p), x)) {
+                let s = marked(mark, s, row);
                 *max = if s > *max { s } else { *max };
             }
         }

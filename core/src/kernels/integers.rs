@@ -2,6 +2,7 @@
 
 #![allow(unsafe_code)]
 
+use super::bytes::{INPUTS, ROW_BITS, ROWS, row_of};
 use super::{Codes, Isa, bytes, is_whole};
 #[cfg(arm_kernels = "neon")]
 use super::{Kind, aarch64_bytes};
@@ -11,7 +12,7 @@ use super::{Kind, armv7em_dsp};
 use super::{Kind, armv81m_helium};
 #[cfg(target_arch = "x86_64")]
 use super::{Kind, x86_amx, x86_avx2_wide, x86_bytes256, x86_vnni};
-use crate::dims::PANEL;
+use crate::dims::{PANEL, PANELS_TOGETHER};
 use crate::quant::QuantLayer;
 use crate::weights::Dense;
 
@@ -91,6 +92,45 @@ impl Isa {
     /// # Shapes
     /// `x [points, inputs]`, `max [outputs]`; another length of `max` leaves it as it is.
     pub fn dense_codes_max(self, layer: &Codes<'_>, x: &[u8], max: &mut [i32]) {
+        self.raise::<false>(layer, x, max);
+    }
+
+    /// As [`Isa::dense_codes_max`], and says where a maximum was raised: `won(o, row)`, with the first row that
+    /// reaches it.
+    ///
+    /// # Shapes
+    /// `x [points, inputs]`, `max [outputs]`; another length of `max`, or more than 128 inputs, leaves it as it is.
+    pub fn dense_codes_argmax(
+        self,
+        layer: &Codes<'_>,
+        x: &[u8],
+        max: &mut [i32],
+        mut won: impl FnMut(usize, usize),
+    ) {
+        if !is_whole(layer) || max.len() != layer.outputs || layer.inputs > INPUTS {
+            return;
+        }
+        for (turn, x) in x.chunks(ROWS * layer.inputs.max(1)).enumerate() {
+            for (first, part) in layer.parts(PANELS_TOGETHER) {
+                let mut marked = [i32::MIN; PANELS_TOGETHER * PANEL];
+                let Some(marked) = marked.get_mut(..part.outputs) else {
+                    return;
+                };
+                self.raise::<true>(&part, x, marked);
+                for ((o, max), &marked) in max.iter_mut().enumerate().skip(first).zip(&*marked) {
+                    let sum = marked >> ROW_BITS;
+                    if sum > *max {
+                        *max = sum;
+                        won(o, turn * ROWS + row_of(marked));
+                    }
+                }
+            }
+        }
+    }
+
+    /// Raises maxima to sums, or to [`bytes::marked`] ones.
+    #[inline]
+    fn raise<const MARK: bool>(self, layer: &Codes<'_>, x: &[u8], max: &mut [i32]) {
         if !is_whole(layer) || max.len() != layer.outputs {
             return;
         }
@@ -99,34 +139,40 @@ impl Isa {
             // SAFETY: the instruction set was detected, lengths were checked above.
             #[cfg(target_arch = "x86_64")]
             Kind::Avx2 | Kind::Avx512 => unsafe {
-                x86_avx2_wide::dense_codes_max(layer, panels, x, max);
+                x86_avx2_wide::dense_codes_max::<MARK>(layer, panels, x, max);
             },
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
             Kind::AvxVnni => unsafe {
-                x86_bytes256::avx_vnni::dense_codes_max(layer, panels, x, max);
+                x86_bytes256::avx_vnni::dense_codes_max::<MARK>(layer, panels, x, max);
             },
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
             Kind::Avx512Vnni => unsafe {
-                x86_vnni::dense_codes_max_512(layer, panels, x, max);
+                x86_vnni::dense_codes_max_512::<MARK>(layer, panels, x, 0, max);
             },
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
-            Kind::Amx => unsafe { x86_amx::dense_codes_max(layer, panels, x, max) },
+            Kind::Amx => unsafe { x86_amx::dense_codes_max::<MARK>(layer, panels, x, max) },
             // SAFETY: as above; NEON is part of the target.
             #[cfg(arm_kernels = "neon")]
-            Kind::Neon => unsafe { aarch64_bytes::plain::dense_codes_max(layer, panels, x, max) },
+            Kind::Neon => unsafe {
+                aarch64_bytes::plain::dense_codes_max::<MARK>(layer, panels, x, max)
+            },
             // SAFETY: as above.
             #[cfg(arm_kernels = "neon")]
-            Kind::NeonDot => unsafe { aarch64_bytes::dot::dense_codes_max(layer, panels, x, max) },
+            Kind::NeonDot => unsafe {
+                aarch64_bytes::dot::dense_codes_max::<MARK>(layer, panels, x, max)
+            },
             // SAFETY: as above, for the processor that this is compiled for.
             #[cfg(arm_kernels = "dsp")]
-            Kind::Dsp => unsafe { armv7em_dsp::dense_codes_max(layer, panels, x, max) },
+            Kind::Dsp => unsafe { armv7em_dsp::dense_codes_max::<MARK>(layer, panels, x, max) },
             // SAFETY: as above.
             #[cfg(arm_kernels = "helium")]
-            Kind::Helium => unsafe { armv81m_helium::dense_codes_max(layer, panels, x, max) },
-            _ => bytes::dense_codes_max(layer, panels, x, max),
+            Kind::Helium => unsafe {
+                armv81m_helium::dense_codes_max::<MARK>(layer, panels, x, max)
+            },
+            _ => bytes::dense_codes_max(MARK, layer, panels, x, max),
         }
     }
 

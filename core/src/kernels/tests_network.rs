@@ -219,9 +219,21 @@ proptest! {
             isa.dense_codes(&layer, &x, &mut y);
             let mut max = vec![i32::MIN; outputs];
             isa.dense_codes_max(&codes, &x, &mut max);
-            (y, max)
+            let (mut again, mut winners) = (vec![i32::MIN; outputs], vec![0; outputs]);
+            isa.dense_codes_argmax(&codes, &x, &mut again, |o, row| winners[o] = row);
+            assert_eq!(again, max);
+            (y, max, winners)
         };
         let expected = run(Isa::PORTABLE);
+        let rows: Vec<Vec<i32>> = x.chunks(inputs).map(|row| {
+            let mut sums = vec![i32::MIN; outputs];
+            Isa::PORTABLE.dense_codes_max(&codes, row, &mut sums);
+            sums
+        }).collect();
+        for (o, &winner) in expected.2.iter().enumerate() {
+            let first = rows.iter().position(|sums| sums[o] == expected.1[o]);
+            prop_assert_eq!(winner, first.unwrap_or(0));
+        }
         for isa in others() {
             prop_assert!(run(isa) == expected, "{}", isa.name());
         }

@@ -5,7 +5,7 @@
 #![allow(unsafe_code, clippy::indexing_slicing)]
 
 use super::search::{Codes, GROUPS, NONE, PanelBest, merge};
-use super::x86_vnni::{dense_codes_max_512, score_512, search_512};
+use super::x86_vnni::{dense_codes_max_512, marked_512, score_512, search_512};
 use crate::dims::PANEL;
 use core::arch::asm;
 use core::arch::x86_64::*;
@@ -242,7 +242,7 @@ unsafe fn take(
 
 /// As [`dense_codes_max_512`], whose conditions hold, with AMX permitted as well.
 #[target_feature(enable = "avx512f,avx512vnni")]
-pub(super) unsafe fn dense_codes_max(
+pub(super) unsafe fn dense_codes_max<const MARK: bool>(
     layer: &Codes<'_>,
     panels: Range<usize>,
     x: &[u8],
@@ -274,8 +274,10 @@ pub(super) unsafe fn dense_codes_max(
                     turn = 1 - turn;
                     if next > 0 {
                         for (tile, sums) in sums[turn].iter().enumerate() {
-                            for row in &sums.0 {
+                            let first = next - BLOCK + tile / 2 * ROWS;
+                            for (n, row) in sums.0.iter().enumerate() {
                                 let row = _mm512_load_si512(row.as_ptr().cast());
+                                let row = marked_512::<MARK>(row, first + n);
                                 best[tile % 2] = _mm512_max_epi32(best[tile % 2], row);
                             }
                         }
@@ -286,8 +288,9 @@ pub(super) unsafe fn dense_codes_max(
             }
         }
         let rest = &x[whole_points * inputs..];
-        dense_codes_max_512(layer, panels.start..whole_panels, rest, max);
-        dense_codes_max_512(layer, whole_panels..panels.end, x, max);
+        let paired = panels.start..whole_panels;
+        dense_codes_max_512::<MARK>(layer, paired, rest, whole_points, max);
+        dense_codes_max_512::<MARK>(layer, whole_panels..panels.end, x, 0, max);
     }
 }
 

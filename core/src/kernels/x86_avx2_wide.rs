@@ -5,6 +5,7 @@
 //! The same conditions hold as for the other kernels of bytes.
 #![allow(unsafe_code, clippy::indexing_slicing, clippy::needless_range_loop)]
 
+use super::bytes::{ROW_BITS, row_mark};
 use super::search::{Codes, QUAD};
 use super::x86_bytes256;
 use crate::dims::PANEL;
@@ -29,7 +30,7 @@ type Panel = [[i16; 2 * PANEL]; PAIRS];
 
 /// As [`super::bytes::dense_codes_max`].
 #[target_feature(enable = "avx2")]
-pub(super) unsafe fn dense_codes_max(
+pub(super) unsafe fn dense_codes_max<const MARK: bool>(
     layer: &Codes<'_>,
     panels: Range<usize>,
     x: &[u8],
@@ -37,11 +38,11 @@ pub(super) unsafe fn dense_codes_max(
 ) {
     if layer.inputs != INPUTS {
         // SAFETY: as the caller guarantees.
-        return unsafe { x86_bytes256::avx2::dense_codes_max(layer, panels, x, max) };
+        return unsafe { x86_bytes256::avx2::dense_codes_max::<MARK>(layer, panels, x, max) };
     }
     let mut rows: Rows = [[0; PAIRS]; BLOCK];
     let mut wide: Panel = [[0; 2 * PANEL]; PAIRS];
-    for x in x.chunks(BLOCK * INPUTS) {
+    for (turn, x) in x.chunks(BLOCK * INPUTS).enumerate() {
         for (row, codes) in rows.iter_mut().zip(x.chunks_exact(INPUTS)) {
             let pairs = row.as_chunks_mut::<2>().0.iter_mut();
             for (pairs, four) in pairs.zip(codes.as_chunks::<QUAD>().0) {
@@ -57,11 +58,14 @@ pub(super) unsafe fn dense_codes_max(
             );
             let max = &mut max[panel * PANEL..(panel + 1) * PANEL];
             let (blocks, rest) = rows.as_chunks::<POINTS>();
+            let mut n = turn * BLOCK;
             for block in blocks {
-                raise(block, &wide, max);
+                raise::<_, MARK>(block, n, &wide, max);
+                n += POINTS;
             }
             for row in rest {
-                raise(core::array::from_ref(row), &wide, max);
+                raise::<_, MARK>(core::array::from_ref(row), n, &wide, max);
+                n += 1;
             }
         }
     }
@@ -87,10 +91,15 @@ fn spread(weights: &[i8], wide: &mut Panel) {
     }
 }
 
-/// Raises the maxima of a panel to its sums with `N` rows.
+/// Raises the maxima of a panel to its sums with `N` rows, of which the first is row `first`.
 #[target_feature(enable = "avx2")]
 #[inline]
-fn raise<const N: usize>(rows: &[[u32; PAIRS]; N], wide: &Panel, max: &mut [i32]) {
+fn raise<const N: usize, const MARK: bool>(
+    rows: &[[u32; PAIRS]; N],
+    first: usize,
+    wide: &Panel,
+    max: &mut [i32],
+) {
     let mut sum = [[_mm256_setzero_si256(); 2]; N];
     for k in 0..PAIRS {
         // SAFETY: two registers fill one row of weights.
@@ -109,8 +118,13 @@ fn raise<const N: usize>(rows: &[[u32; PAIRS]; N], wide: &Panel, max: &mut [i32]
         // SAFETY: one register has the length of the slice.
         unsafe {
             let mut best = _mm256_loadu_si256(max.as_ptr().cast());
-            for halves in &sum {
-                best = _mm256_max_epi32(best, halves[half]);
+            for (n, halves) in sum.iter().enumerate() {
+                let mut sum = halves[half];
+                if MARK {
+                    let mark = _mm256_set1_epi32(row_mark(first + n));
+                    sum = _mm256_or_si256(_mm256_slli_epi32::<{ ROW_BITS as i32 }>(sum), mark);
+                }
+                best = _mm256_max_epi32(best, sum);
             }
             _mm256_storeu_si256(max.as_mut_ptr().cast(), best);
         }

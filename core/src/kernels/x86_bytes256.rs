@@ -30,6 +30,7 @@ fn dot_avx_vnni(sum: __m256i, x: __m256i, w: __m256i) -> __m256i {
 macro_rules! kernels {
     ($module:ident, $features:literal, $dot:ident) => {
         pub(super) mod $module {
+            use super::super::bytes::{ROW_BITS, row_mark};
             use super::super::search::{Codes, GROUPS, NONE, PLACE, PanelBest, merge};
             use super::{LANES, $dot};
             use crate::dims::PANEL;
@@ -133,7 +134,7 @@ macro_rules! kernels {
 
             /// As [`super::super::bytes::dense_codes_max`].
             #[target_feature(enable = $features)]
-            pub(in super::super) unsafe fn dense_codes_max(
+            pub(in super::super) unsafe fn dense_codes_max<const MARK: bool>(
                 layer: &Codes<'_>,
                 panels: Range<usize>,
                 x: &[u8],
@@ -149,9 +150,11 @@ macro_rules! kernels {
                         while n < points {
                             let x = x.as_ptr().add(n * layer.inputs);
                             n += if points - n >= POINTS {
-                                raise(sums::<POINTS>(layer.inputs, weights, x), max)
+                                let sum = sums::<POINTS>(layer.inputs, weights, x);
+                                raise::<_, MARK>(sum, n, max)
                             } else {
-                                raise(sums::<1>(layer.inputs, weights, x), max)
+                                let sum = sums::<1>(layer.inputs, weights, x);
+                                raise::<_, MARK>(sum, n, max)
                             };
                         }
                     }
@@ -160,14 +163,24 @@ macro_rules! kernels {
 
             #[target_feature(enable = $features)]
             #[inline]
-            unsafe fn raise<const N: usize>(sum: [[__m256i; 2]; N], max: *mut i32) -> usize {
+            unsafe fn raise<const N: usize, const MARK: bool>(
+                sum: [[__m256i; 2]; N],
+                first: usize,
+                max: *mut i32,
+            ) -> usize {
                 for half in 0..2 {
                     // SAFETY: the caller guarantees one panel at `max`.
                     unsafe {
                         let max = max.add(half * LANES).cast::<__m256i>();
                         let mut best = _mm256_loadu_si256(max);
-                        for halves in &sum {
-                            best = _mm256_max_epi32(best, halves[half]);
+                        for (n, halves) in sum.iter().enumerate() {
+                            let mut sum = halves[half];
+                            if MARK {
+                                let mark = _mm256_set1_epi32(row_mark(first + n));
+                                let shifted = _mm256_slli_epi32::<{ ROW_BITS as i32 }>(sum);
+                                sum = _mm256_or_si256(shifted, mark);
+                            }
+                            best = _mm256_max_epi32(best, sum);
                         }
                         _mm256_storeu_si256(max, best);
                     }

@@ -5,6 +5,7 @@
 //! of `layer.outputs` in `best` and `winner`; [`super::Isa::search`] checks all of it.
 #![allow(unsafe_code, clippy::indexing_slicing, clippy::needless_range_loop)]
 
+use super::bytes::{ROW_BITS, row_mark};
 use super::search::{Codes, GROUPS, NONE, PLACE, PanelBest, merge};
 use crate::dims::PANEL;
 use core::arch::x86_64::*;
@@ -129,12 +130,25 @@ unsafe fn sums<const P: usize, const N: usize>(
     }
 }
 
-/// As [`super::bytes::dense_codes_max`].
+/// As [`super::bytes::marked`].
+#[target_feature(enable = "avx512f")]
+#[inline]
+pub(super) fn marked_512<const MARK: bool>(sum: __m512i, row: usize) -> __m512i {
+    if MARK {
+        let mark = _mm512_set1_epi32(row_mark(row));
+        _mm512_or_si512(_mm512_slli_epi32::<ROW_BITS>(sum), mark)
+    } else {
+        sum
+    }
+}
+
+/// As [`super::bytes::dense_codes_max`], of rows that count from `first`.
 #[target_feature(enable = "avx512f,avx512vnni")]
-pub(super) unsafe fn dense_codes_max_512(
+pub(super) unsafe fn dense_codes_max_512<const MARK: bool>(
     layer: &Codes<'_>,
     panels: Range<usize>,
     x: &[u8],
+    first: usize,
     max: &mut [i32],
 ) {
     let points = x.len() / layer.inputs;
@@ -147,11 +161,12 @@ pub(super) unsafe fn dense_codes_max_512(
             let mut n = 0;
             while n < points {
                 let x = x.as_ptr().add(n * layer.inputs);
+                let row = first + n;
                 n += match (two, points - n) {
-                    (true, POINTS..) => max_block::<2, POINTS>(layer, panel, x, max),
-                    (true, 4..) => max_block::<2, 4>(layer, panel, x, max),
-                    (true, _) => max_block::<2, 1>(layer, panel, x, max),
-                    (false, _) => max_block::<1, 1>(layer, panel, x, max),
+                    (true, POINTS..) => max_block::<2, POINTS, MARK>(layer, panel, x, row, max),
+                    (true, 4..) => max_block::<2, 4, MARK>(layer, panel, x, row, max),
+                    (true, _) => max_block::<2, 1, MARK>(layer, panel, x, row, max),
+                    (false, _) => max_block::<1, 1, MARK>(layer, panel, x, row, max),
                 };
             }
             panel += if two { 2 } else { 1 };
@@ -161,10 +176,11 @@ pub(super) unsafe fn dense_codes_max_512(
 
 #[target_feature(enable = "avx512f,avx512vnni")]
 #[inline]
-unsafe fn max_block<const P: usize, const N: usize>(
+unsafe fn max_block<const P: usize, const N: usize, const MARK: bool>(
     layer: &Codes<'_>,
     panel: usize,
     x: *const u8,
+    row: usize,
     max: *mut i32,
 ) -> usize {
     // SAFETY: as in `sums`, with `P` panels of maxima at `max`.
@@ -174,7 +190,8 @@ unsafe fn max_block<const P: usize, const N: usize>(
             let max = max.add(p * PANEL).cast::<__m512i>();
             let mut best = _mm512_loadu_si512(max);
             for n in 0..N {
-                best = _mm512_max_epi32(best, sum[n][p]);
+                let sum = marked_512::<MARK>(sum[n][p], row + n);
+                best = _mm512_max_epi32(best, sum);
             }
             _mm512_storeu_si512(max, best);
         }

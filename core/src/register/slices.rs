@@ -65,10 +65,10 @@ impl Registrar<'_, '_> {
     /// If another registration used the registrar meanwhile, the cloud under way is embedded anew.
     pub fn advance(&mut self, registration: &mut Registration<'_>, points: usize) -> Option<Step> {
         let of_target = !registration.unseen.is_empty();
-        let (cloud, view) = if of_target {
-            (registration.unseen, registration.target_view())
+        let cloud = if of_target {
+            registration.unseen
         } else {
-            (registration.source, registration.view())
+            registration.source
         };
         let begins = registration.seen == 0 && registration.heads == 0;
         if begins || registration.turn != self.scratch.turn {
@@ -76,22 +76,28 @@ impl Registrar<'_, '_> {
             registration.heads = 0;
             registration.turn = self.scratch.begin();
         }
-        let seen = registration.seen;
-        let end = seen.saturating_add(points.max(1)).min(cloud.len());
-        if seen < end {
-            self.embed_cloud(cloud.part(seen..end), &view);
-            registration.seen = end;
+        let (seen, points) = (registration.seen, points.max(1));
+        if seen < cloud.len() {
+            if of_target {
+                let end = seen.saturating_add(points).min(cloud.len());
+                let view = registration.target_view();
+                self.embed_cloud(cloud.part(seen..end), None, &view);
+                registration.seen = end;
+            } else {
+                self.look(registration, points);
+            }
             return None;
         }
-        let head = registration.heads;
-        if head == 0 {
-            self.finish();
-        }
         if of_target {
+            self.finish();
             self.read_target(registration);
             registration.unseen = Cloud::EMPTY;
             registration.seen = 0;
             return None;
+        }
+        let head = registration.heads;
+        if head == 0 {
+            self.finish_source(registration);
         }
         registration.heads = 1 - head.min(1);
         if head > 0 {
@@ -102,7 +108,7 @@ impl Registrar<'_, '_> {
             registration.logits_t = logits;
             return None;
         }
-        Some(registration.act(self.policy.decision, registration.logits_t, logits))
+        Some(registration.act(&self.policy, registration.logits_t, logits))
     }
 }
 
@@ -115,7 +121,10 @@ mod tests {
 
     #[test]
     fn slices_of_any_size_take_the_same_steps() {
-        let policy = Policy::pretrained().expect("a sound policy");
+        let policy = Policy {
+            rescan: 2,
+            ..Policy::pretrained().expect("a sound policy")
+        };
         let [source, target] = clouds();
         for isa in Isa::all() {
             let mut scratch = Scratch::new();

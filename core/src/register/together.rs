@@ -50,7 +50,7 @@ impl<'w, 's, const N: usize> Team<'w, 's, N> {
         let mut logits = translation.into_iter().zip(rotation);
         registrations.each_mut().map(|registration| {
             let (logits_t, logits_r) = logits.next().unwrap_or(([0.0; LOGITS], [0.0; LOGITS]));
-            registration.act(policy.decision, logits_t, logits_r)
+            registration.act(policy, logits_t, logits_r)
         })
     }
 }
@@ -70,6 +70,7 @@ mod tests {
         for policy in policies.map(|policy| policy.expect("a sound policy")) {
             let policy = Policy {
                 decision: Decision::BothWays,
+                rescan: 3,
                 ..policy
             };
             for isa in Isa::all() {

@@ -106,8 +106,8 @@ pub struct Board {
     pub points: u32,
     /// Ticks that the last request's target took, checks included.
     pub target_ticks: u32,
-    /// Ticks that its last step took.
-    pub step_ticks: u32,
+    /// Ticks that its steps took.
+    pub steps_ticks: u32,
     /// Ticks that the longest slice of work took since the start: nothing else ran for as long.
     pub slice_ticks: u32,
     /// Ticks a second.

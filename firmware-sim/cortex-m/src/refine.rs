@@ -76,10 +76,11 @@ pub(crate) fn refine(
         let took = (clock.ticks() - begun) as u32;
         if at_target && !registration.is_at_target() {
             report.target_ticks = took;
+            report.steps_ticks = 0;
             begun = clock.ticks();
         }
         if let Some(step) = step {
-            report.step_ticks = took;
+            report.steps_ticks += took;
             steps += 1;
             link.send(&Message::StepTaken(StepTaken {
                 id,

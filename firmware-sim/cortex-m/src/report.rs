@@ -19,7 +19,7 @@ pub(crate) struct Report {
     /// What came of the check of the policy in flash.
     pub(crate) flash: FlashCheck,
     pub(crate) target_ticks: u32,
-    pub(crate) step_ticks: u32,
+    pub(crate) steps_ticks: u32,
     slice_ticks: u32,
     verdicts: [u32; VERDICTS],
 }
@@ -76,7 +76,7 @@ impl Report {
             stack_capacity,
             points: POINTS as u32,
             target_ticks: self.target_ticks,
-            step_ticks: self.step_ticks,
+            steps_ticks: self.steps_ticks,
             slice_ticks: self.slice_ticks,
             hertz: HERTZ,
             flash: self.flash,

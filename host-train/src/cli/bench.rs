@@ -50,6 +50,9 @@ pub(super) struct BenchArgs {
     /// Policy to register with, in f32 [default: the bundled one]
     #[arg(long, value_name = "FILE.rgw")]
     weights: Option<PathBuf>,
+    /// Steps from one look at all points to the next [default: as the weight file says]
+    #[arg(long, value_name = "STEPS", value_parser = super::contest::steps(), conflicts_with_all = ["train", "mcu"])]
+    rescan: Option<u16>,
     /// Registrations of each configuration
     #[arg(long, value_name = "N", value_parser = positive(), default_value_t = 100)]
     count: usize,
@@ -86,6 +89,10 @@ impl BenchArgs {
 
     fn registration(self, seed: u64) -> anyhow::Result<()> {
         let file = WeightFile::load_or_pretrained(self.weights.as_deref())?;
+        let file = match self.rescan {
+            Some(steps) => file.rescanning(steps),
+            None => file,
+        };
         let threads = self.threads.map_or(vec![1, 2], |n| vec![n]);
         let isa = self.isa.unwrap_or(Isa::best());
         let points = self.points.map_or(vec![1024, 2048], |n| vec![n]);
@@ -98,13 +105,15 @@ impl BenchArgs {
             "kernels {}, one core's peak: {f32:.0} G fused multiply-adds/s in f32, {bytes:.0} in bytes",
             report.kernels
         );
-        println!("format  points  threads  ms median   best   cpu  registrations/s  of peak");
+        println!(
+            "format  points  threads  ms median   best   cpu  registrations/s  of peak  clouds embedded"
+        );
         for row in &report.rows {
             let share = row
                 .share_of_peak
                 .map_or("-".into(), |s| format!("{:.0} %", 100.0 * s));
             println!(
-                "{:<6}  {:>6}  {:>7}  {:>9.2}  {:>5.2} {:>5.2}  {:>15.1}  {share:>7}",
+                "{:<6}  {:>6}  {:>7}  {:>9.2}  {:>5.2} {:>5.2}  {:>15.1}  {share:>7}  {:>15.1}",
                 row.format,
                 row.points,
                 row.threads,
@@ -112,6 +121,7 @@ impl BenchArgs {
                 row.ms_best,
                 row.cpu_ms_best,
                 row.per_second,
+                row.clouds_embedded,
             );
         }
         println!(

@@ -29,6 +29,10 @@ pub(super) struct ContestArgs {
     /// and checkpoints]
     #[arg(long, value_enum, value_name = "HOW")]
     decide: Option<Decide>,
+    /// Steps of a policy from one look at all points to the next; those in between look at the critical points only (1: all
+    /// look at all) [default: as the weight file says; 1 for runs and checkpoints]
+    #[arg(long, value_name = "STEPS", value_parser = steps())]
+    rescan: Option<u16>,
     /// Refinement steps of a policy
     #[arg(long, value_name = "N", default_value_t = STEPS, value_parser = source::positive())]
     pub(super) steps: usize,
@@ -96,6 +100,28 @@ enum MethodName {
     Init,
 }
 
+/// What `--rescan` accepts.
+pub(super) fn steps() -> clap::builder::RangedI64ValueParser<u16> {
+    clap::value_parser!(u16).range(1..)
+}
+
+/// How policies are run, where that is not left to their files.
+#[derive(Clone, Copy)]
+struct Run {
+    decision: Option<Decision>,
+    rescan: Option<u16>,
+}
+
+impl Run {
+    fn apply(self, file: WeightFile) -> Weights {
+        let Policy {
+            decision, rescan, ..
+        } = file.policy();
+        let file = file.deciding(self.decision.unwrap_or(decision));
+        Weights::File(file.rescanning(self.rescan.unwrap_or(rescan)))
+    }
+}
+
 /// Policies and the names under which they are reported.
 pub(super) struct Policies(Vec<(String, Weights)>);
 
@@ -103,35 +129,27 @@ pub(super) struct Policies(Vec<(String, Weights)>);
 enum Weights {
     /// What robots run.
     File(WeightFile),
-    /// What only the trainer runs: another network or accumulation. It looks one way.
+    /// What only the trainer runs: another network or accumulation. It looks one way, at all points.
     Trained(Box<Parameters>, Accumulation, Decision),
 }
 
 impl Weights {
-    fn file(file: WeightFile, decision: Option<Decision>) -> Self {
-        Weights::File(match decision {
-            Some(decision) => file.deciding(decision),
-            None => file,
-        })
-    }
-
-    fn load(path: &Path, decision: Option<Decision>) -> Result<Self, ExportError> {
+    fn load(path: &Path, run: Run) -> Result<Self, ExportError> {
         let checkpoint = path.is_dir() || path.extension().is_some_and(|e| e == "safetensors");
         if !checkpoint {
-            return Ok(Weights::file(WeightFile::load(path)?, decision));
+            return Ok(run.apply(WeightFile::load(path)?));
         }
         let checkpoint = Checkpoint::load(&Checkpoint::find(path)?)?;
         let accumulation = checkpoint.accumulation;
         let deployable = accumulation == Accumulation::Global
             && checkpoint.parameters.shape.deployed().is_some();
         if deployable {
-            let file = WeightFile::from_checkpoint(checkpoint)?;
-            Ok(Weights::file(file, decision))
+            Ok(run.apply(WeightFile::from_checkpoint(checkpoint)?))
         } else {
             Ok(Weights::Trained(
                 Box::new(checkpoint.result()),
                 accumulation,
-                decision.unwrap_or_default(),
+                run.decision.unwrap_or_default(),
             ))
         }
     }
@@ -181,13 +199,15 @@ impl ContestArgs {
                 "--weights is given, but no policy is among --methods",
             );
         }
-        let decision = self.decide.map(Decision::from);
+        let run = Run {
+            decision: self.decide.map(Decision::from),
+            rescan: self.rescan,
+        };
         if self.weights.is_empty() {
-            let bundled = Weights::file(WeightFile::pretrained(), decision);
+            let bundled = run.apply(WeightFile::pretrained());
             return Ok(Policies(vec![(BUNDLED.into(), bundled)]));
         }
-        let load =
-            |path: &PathBuf| Weights::load(path, decision).map(|weights| (stem(path), weights));
+        let load = |path: &PathBuf| Weights::load(path, run).map(|weights| (stem(path), weights));
         self.weights
             .iter()
             .map(load)

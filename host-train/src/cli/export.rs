@@ -1,6 +1,6 @@
 //! `host-train export`
 
-use super::contest::Decide;
+use super::contest::{Decide, steps};
 use super::source::{self, DataSource};
 use crate::dataset::pairs::PairSet;
 use crate::export::{WeightFile, parameters_of};
@@ -29,6 +29,10 @@ pub(super) struct ExportArgs {
     /// How steps follow from probabilities [default: a weight file's own; both-ways for runs and checkpoints]
     #[arg(long, value_enum, value_name = "HOW")]
     decide: Option<Decide>,
+    /// Steps from one look at all points of the source to the next; those in between look at its critical points only
+    /// (1: all look at all) [default: a weight file's own; 1 for runs and checkpoints]
+    #[arg(long, value_name = "STEPS", value_parser = steps())]
+    rescan: Option<u16>,
     /// File to write
     #[arg(long, value_name = "FILE.rgw")]
     out: PathBuf,
@@ -46,13 +50,14 @@ enum Format {
 impl ExportArgs {
     pub(super) fn run(self, seed: u64) -> anyhow::Result<()> {
         let parameters = parameters_of(&self.run)?;
-        let decision = match self.decide {
-            Some(decide) => decide.into(),
-            None if self.run.extension().is_some_and(|e| e == "rgw") => {
-                WeightFile::load(&self.run)?.policy().decision
-            }
-            None => Decision::default(),
+        let (decision, rescan) = if self.run.extension().is_some_and(|e| e == "rgw") {
+            let file = WeightFile::load(&self.run)?;
+            (file.policy().decision, file.policy().rescan)
+        } else {
+            (Decision::default(), 1)
         };
+        let decision = self.decide.map_or(decision, Decision::from);
+        let rescan = self.rescan.unwrap_or(rescan);
         let file = match self.format {
             Format::F32 => WeightFile::from_parameters(&parameters)?,
             Format::Int8 => {
@@ -66,7 +71,7 @@ impl ExportArgs {
                 WeightFile::from_parameters_int8(&parameters, &pairs)?
             }
         };
-        file.deciding(decision).save(&self.out)?;
+        file.deciding(decision).rescanning(rescan).save(&self.out)?;
         println!("{}", self.out.display());
         Ok(())
     }

@@ -223,8 +223,8 @@ fn winners_of(
     }
 }
 
-/// As [`embed`], and keeps for each channel the index of the first point that reaches the maximum
-/// (the critical point): the only one through which a gradient flows.
+/// Takes all points of a cloud into the global feature, and keeps for each channel the index of the first point
+/// that reaches the maximum (the critical point): the only one through which a gradient flows.
 ///
 /// Any stack of two or more layers, so that a trainer may use other shapes than the deployed one;
 /// fewer give the feature of an empty cloud.

@@ -46,6 +46,9 @@ pub const QUANT_TILE: usize = if HOST { 192 } else { 8 };
 /// computed in every step.
 pub(crate) const TARGETS_KEPT: usize = if HOST { 2 } else { 0 };
 
+/// Points for whose order there is room in a registration.
+pub(crate) const POINTS_ORDERED: usize = if HOST { MAX_POINTS } else { 0 };
+
 /// Whether there is memory for large tiles.
 const HOST: bool = cfg!(any(target_arch = "x86_64", target_arch = "aarch64"));
 

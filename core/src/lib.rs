@@ -61,6 +61,7 @@ pub mod golden;
 pub mod grid;
 pub mod kernels;
 pub mod net;
+mod order;
 pub mod polish;
 pub mod pose;
 #[cfg(any(

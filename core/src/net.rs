@@ -182,7 +182,7 @@ pub(crate) fn embed(
         return;
     };
     let winners: &mut [u16] = bytemuck::cast_slice_mut(head1);
-    let split = embedding.split.filter(|_| isa.has_fast_splits());
+    let split = embedding.split_for(isa);
     embed_tiles(
         isa,
         &embedding.layers,
@@ -192,7 +192,7 @@ pub(crate) fn embed(
         |last, x, at| match (first, &split) {
             (Some(first), _) => winners_of(isa, last, x, first as u32 + at, feature, winners),
             (None, Some(split)) => isa.dense_max_split(split, x, feature),
-            (None, None) => isa.dense_max(last, x, feature),
+            (None, None) => isa.dense_max_near(last, x, feature),
         },
     );
 }

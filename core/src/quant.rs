@@ -348,7 +348,7 @@ pub(crate) fn embed(
         isa.point_codes(&network.points, x, hidden1);
         isa.dense_codes(l2, hidden1, hidden2);
         match first.map(|first| first + turn * QUANT_TILE) {
-            None => isa.dense_codes_max(&l3.codes, hidden2, max),
+            None => isa.dense_codes_max_near(&l3.codes, hidden2, max),
             Some(first) => {
                 let winners = &mut scratch.feature;
                 let won = |channel, row| winners.put(channel, first + row);

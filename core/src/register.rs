@@ -6,11 +6,13 @@ use crate::dims::{FEATURES, HEAD, LOGITS, QUANT_TILE, TARGETS_KEPT};
 use crate::error::Error;
 use crate::kernels::Isa;
 use crate::net::{self, Memory, Scratch, TargetHalf, View};
+use crate::order::Order;
 use crate::pose::{Pose, mean};
 use crate::quant::{self, TargetSums};
 use crate::steps::Action;
 use crate::verdict::Verdict;
 use crate::weights::{Network, Policy};
+use core::ops::Range;
 use glam::Vec3;
 
 mod heads;
@@ -135,6 +137,8 @@ pub struct Registration<'c> {
     source: Cloud<'c>,
     /// Of the target, what is still to be embedded; nothing afterwards.
     unseen: Cloud<'c>,
+    /// In which order the points of the cloud under way are embedded.
+    order: Order,
     /// Points that steps look at which do not look at all.
     critical: Critical,
     /// Points embedded of the cloud under way, if the scratch still says that it is this one's turn.
@@ -162,6 +166,7 @@ impl Registration<'_> {
         Registration {
             source: Cloud::EMPTY,
             unseen: Cloud::EMPTY,
+            order: Order::NONE,
             critical: Critical::NONE,
             seen: 0,
             turn: 0,
@@ -285,6 +290,7 @@ impl<'c> Registration<'c> {
         let initial = initial.checked()?.to_disentangled(centroid);
         self.source = source;
         self.unseen = Cloud::EMPTY;
+        self.order.clear();
         self.seen = 0;
         self.heads = 0;
         self.centroid = centroid;
@@ -391,11 +397,33 @@ impl<'w, 's> Registrar<'w, 's> {
     ) -> Result<(), Error> {
         registration.begin(Cloud::F32(source), Cloud::F32(target), frame, initial)?;
         let view = registration.target_view();
+        let target = Cloud::F32(target);
+        self.put_in_order(target, &mut registration.order);
         self.scratch.begin();
-        self.embed(target, None, &view);
+        self.embed_cloud(target, &registration.order, 0..target.len(), &view);
+        self.finish_target(registration);
+        Ok(())
+    }
+
+    /// Finds the order in which a cloud's points are embedded fastest, where it is not that in which they come.
+    fn put_in_order(&self, cloud: Cloud<'_>, order: &mut Order) {
+        let prunes = match &self.policy.network {
+            Network::F32(network) => network.embedding.prunes(self.isa),
+            Network::Int8(_) => self.isa.prunes_codes(),
+        };
+        // Which of equals is the critical point depends on the order.
+        if prunes && self.policy.sees_all(1) {
+            order.find(cloud);
+        } else {
+            order.clear();
+        }
+    }
+
+    /// Makes the target that was embedded a feature, and turns to the source.
+    fn finish_target(&mut self, registration: &mut Registration<'_>) {
         self.finish();
         self.read_target(registration);
-        Ok(())
+        self.put_in_order(registration.source, &mut registration.order);
     }
 
     /// Takes the feature of the target that is embedded.
@@ -475,9 +503,12 @@ impl<'w, 's> Registrar<'w, 's> {
         let (source, view) = (registration.source, registration.view());
         let seen = registration.seen;
         if self.policy.sees_all(registration.steps) {
-            let first = self.finds_critical(registration.steps).then_some(seen);
             let end = seen.saturating_add(points).min(source.len());
-            self.embed_cloud(source.part(seen..end), first, &view);
+            if self.finds_critical(registration.steps) {
+                self.embed_counted(source, seen..end, &view);
+            } else {
+                self.embed_cloud(source, &registration.order, seen..end, &view);
+            }
             registration.seen = end;
             return;
         }
@@ -536,21 +567,32 @@ impl<'w, 's> Registrar<'w, 's> {
         }
     }
 
-    /// Embeds points of the cloud under way, a tile at a time where they have to be decoded.
-    fn embed_cloud(&mut self, cloud: Cloud<'_>, first: Option<usize>, view: &View) {
-        let (grid, codes) = match cloud {
-            Cloud::F32(points) => return self.embed(points, first, view),
-            Cloud::Grid(grid, codes) => (grid, codes),
-        };
+    /// Embeds the points at some places of an order.
+    fn embed_cloud(&mut self, cloud: Cloud<'_>, order: &Order, places: Range<usize>, view: &View) {
         let mut tile = [[0.0; 3]; QUANT_TILE];
-        for (turn, codes) in codes.chunks(QUANT_TILE).enumerate() {
-            for (point, &code) in tile.iter_mut().zip(codes) {
-                *point = grid.decode(code);
+        let mut place = places.start;
+        while place < places.end {
+            let n = QUANT_TILE
+                .min(places.end - place)
+                .min(order.together(place));
+            for (i, point) in tile.iter_mut().take(n).enumerate() {
+                *point = cloud.point(order.point(place + i)).unwrap_or_default();
             }
-            if let Some(points) = tile.get(..codes.len()) {
-                let first = first.map(|first| first + turn * QUANT_TILE);
-                self.embed(points, first, view);
+            self.embed(tile.get(..n).unwrap_or(&[]), None, view);
+            place += n;
+        }
+    }
+
+    /// Embeds some points as they come, and finds the critical ones among them.
+    fn embed_counted(&mut self, cloud: Cloud<'_>, points: Range<usize>, view: &View) {
+        let mut tile = [[0.0; 3]; QUANT_TILE];
+        for first in points.clone().step_by(QUANT_TILE) {
+            let part = cloud.part(first..points.end.min(first + QUANT_TILE));
+            for (to, point) in tile.iter_mut().zip(part.points()) {
+                *to = point;
             }
+            let points = tile.get(..part.len()).unwrap_or(&[]);
+            self.embed(points, Some(first), view);
         }
     }
 

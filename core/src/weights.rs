@@ -115,6 +115,18 @@ pub struct Embedding<'a> {
     pub split: Option<SplitDense<'a>>,
 }
 
+impl<'a> Embedding<'a> {
+    /// The last layer split, where that is faster.
+    pub(crate) fn split_for(&self, isa: Isa) -> Option<SplitDense<'a>> {
+        self.split.filter(|_| isa.has_fast_splits())
+    }
+
+    /// Whether it gains from an order of points ([`Isa::dense_max_near`]).
+    pub(crate) fn prunes(&self, isa: Isa) -> bool {
+        isa.prunes_floats() && self.split_for(isa).is_none()
+    }
+}
+
 /// One policy head, in the paper 2048 -> 512 -> 256 -> 33; ReLU after the first two layers.
 #[derive(Clone, Copy, Debug)]
 pub struct Head<'a> {

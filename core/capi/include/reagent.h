@@ -16,7 +16,7 @@
 
 #if (defined(__x86_64__) || defined(__aarch64__))
 // Words of a ReagentMemory.
-#define REAGENT_MEMORY_WORDS 7040
+#define REAGENT_MEMORY_WORDS 8128
 #endif
 
 #if !(defined(__x86_64__) || defined(__aarch64__))

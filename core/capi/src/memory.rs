@@ -11,7 +11,7 @@ use reagent_core::{Frame, Policy, Registrar, Registration};
 
 /// Words of a ReagentMemory.
 #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
-pub const REAGENT_MEMORY_WORDS: usize = 7040;
+pub const REAGENT_MEMORY_WORDS: usize = 8128;
 /// Words of a ReagentMemory.
 #[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
 pub const REAGENT_MEMORY_WORDS: usize = 2048;

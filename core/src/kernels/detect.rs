@@ -5,6 +5,7 @@ use core::sync::atomic::{AtomicU8, Ordering};
 
 cpufeatures::new!(has_avx2, "avx2", "fma");
 cpufeatures::new!(has_avx512, "avx512f");
+cpufeatures::new!(has_avx512_bytes, "avx512bw");
 
 pub(super) const AVX2: u8 = 1;
 pub(super) const AVX_VNNI: u8 = 2;
@@ -40,7 +41,7 @@ fn detect() -> u8 {
     if has_avx512::get() {
         found |= AVX512;
         let leaf = __cpuid_count(7, 0);
-        if leaf.ecx & (1 << 11) != 0 {
+        if leaf.ecx & (1 << 11) != 0 && has_avx512_bytes::get() {
             found |= AVX512_VNNI;
             let amx = (1 << 22) | (1 << 24) | (1 << 25);
             if leaf.edx & amx == amx && super::x86_amx::permitted() {

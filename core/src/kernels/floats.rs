@@ -2,11 +2,12 @@
 
 #![allow(unsafe_code)]
 
-use super::{Isa, portable, rows};
+use super::{Isa, portable, pruned, rows};
 #[cfg(arm_kernels = "neon")]
 use super::{Kind, aarch64_neon};
 #[cfg(target_arch = "x86_64")]
-use super::{Kind, x86_avx2, x86_avx512};
+use super::{Kind, x86_avx2, x86_avx512, x86_avx512_pruned};
+use crate::dims::PANEL;
 use crate::weights::Dense;
 
 impl Isa {
@@ -59,6 +60,36 @@ impl Isa {
                 aarch64_neon::dense_max::<false>(layer, points, x, 0, max, &mut []);
             },
             _ => portable::dense_max::<false>(layer, points, x, 0, max, &mut []),
+        }
+    }
+
+    /// Whether [`Isa::dense_max_near`] gains from an order of points.
+    pub(crate) fn prunes_floats(self) -> bool {
+        match self.0 {
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx512 | Kind::Avx512Vnni | Kind::Amx => true,
+            _ => false,
+        }
+    }
+
+    /// As [`Isa::dense_max`], faster where points that follow each other lie close together: what cannot raise a
+    /// maximum is left out.
+    ///
+    /// # Shapes
+    /// `x [points, inputs]`, `max [padded outputs]`; a shorter `max` leaves everything as it is.
+    pub fn dense_max_near(self, layer: &Dense<'_>, x: &[f32], max: &mut [f32]) {
+        let narrow = layer.inputs <= pruned::INPUTS && layer.inputs.is_multiple_of(PANEL);
+        if max.len() < layer.bias.len() || !narrow {
+            return self.dense_max(layer, x, max);
+        }
+        let points = rows(layer, x);
+        match self.0 {
+            // SAFETY: features detected; `points` rows of `x` and all of `max` are in bounds.
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx512 | Kind::Avx512Vnni | Kind::Amx => unsafe {
+                x86_avx512_pruned::dense_max(layer, points, x, max);
+            },
+            _ => self.dense_max(layer, x, max),
         }
     }
 

@@ -11,7 +11,7 @@ use super::{Kind, armv7em_dsp};
 #[cfg(arm_kernels = "helium")]
 use super::{Kind, armv81m_helium};
 #[cfg(target_arch = "x86_64")]
-use super::{Kind, x86_amx, x86_avx2_wide, x86_bytes256, x86_vnni};
+use super::{Kind, x86_amx, x86_avx2_wide, x86_bytes256, x86_vnni, x86_vnni_pruned};
 use crate::dims::{PANEL, PANELS_TOGETHER};
 use crate::quant::QuantLayer;
 use crate::weights::Dense;
@@ -93,6 +93,35 @@ impl Isa {
     /// `x [points, inputs]`, `max [outputs]`; another length of `max` leaves it as it is.
     pub fn dense_codes_max(self, layer: &Codes<'_>, x: &[u8], max: &mut [i32]) {
         self.raise::<false>(layer, x, max);
+    }
+
+    /// Whether [`Isa::dense_codes_max_near`] gains from an order of points.
+    pub(crate) fn prunes_codes(self) -> bool {
+        match self.0 {
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx512Vnni => true,
+            _ => false,
+        }
+    }
+
+    /// As [`Isa::dense_codes_max`], faster where points that follow each other lie close together: what cannot raise a
+    /// maximum is left out.
+    ///
+    /// # Shapes
+    /// `x [points, inputs]`, `max [outputs]`; another length of `max` leaves it as it is.
+    pub fn dense_codes_max_near(self, layer: &Codes<'_>, x: &[u8], max: &mut [i32]) {
+        if !is_whole(layer) || max.len() != layer.outputs {
+            return;
+        }
+        let whole = x.len() - x.len() % layer.inputs;
+        match self.0 {
+            // SAFETY: the instruction set was detected, lengths were checked above.
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx512Vnni if layer.inputs <= INPUTS => unsafe {
+                x86_vnni_pruned::dense_codes_max(layer, &x[..whole], max);
+            },
+            _ => self.dense_codes_max(layer, x, max),
+        }
     }
 
     /// As [`Isa::dense_codes_max`], and says where a maximum was raised: `won(o, row)`, with the first row that

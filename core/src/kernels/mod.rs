@@ -48,6 +48,7 @@ mod nearest;
 mod neighbours;
 mod peak;
 mod portable;
+mod pruned;
 mod search;
 mod split;
 #[cfg(target_arch = "x86_64")]
@@ -61,13 +62,18 @@ mod x86_avx2_wide;
 #[cfg(target_arch = "x86_64")]
 mod x86_avx512;
 #[cfg(target_arch = "x86_64")]
+mod x86_avx512_pruned;
+#[cfg(target_arch = "x86_64")]
 mod x86_bytes256;
 #[cfg(target_arch = "x86_64")]
 mod x86_vnni;
+#[cfg(target_arch = "x86_64")]
+mod x86_vnni_pruned;
 
 pub use nearest::Queries;
 pub use neighbours::{BATCH, Batch, Moments};
 pub use peak::Arithmetic;
+pub(crate) use pruned::NEAR;
 pub use search::{CODES, Codes, GROUPS, pack_codes, padded_codes};
 pub use split::{SplitDense, Tile, pack as pack_split, packed_tiles};
 

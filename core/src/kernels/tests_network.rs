@@ -113,6 +113,9 @@ proptest! {
             isa.dense_relu(layer, x, &mut y);
             let mut max = vec![f32::NEG_INFINITY; outputs];
             isa.dense_max(layer, x, &mut max);
+            let mut near = vec![f32::NEG_INFINITY; outputs];
+            isa.dense_max_near(layer, x, &mut near);
+            assert_eq!(near, max, "{} near", isa.name());
             (y, max)
         };
         let expected = run(Isa::PORTABLE, &layer, &x);
@@ -219,6 +222,9 @@ proptest! {
             isa.dense_codes(&layer, &x, &mut y);
             let mut max = vec![i32::MIN; outputs];
             isa.dense_codes_max(&codes, &x, &mut max);
+            let mut near = vec![i32::MIN; outputs];
+            isa.dense_codes_max_near(&codes, &x, &mut near);
+            assert_eq!(near, max, "{} near", isa.name());
             let (mut again, mut winners) = (vec![i32::MIN; outputs], vec![0; outputs]);
             isa.dense_codes_argmax(&codes, &x, &mut again, |o, row| winners[o] = row);
             assert_eq!(again, max);
@@ -236,6 +242,40 @@ proptest! {
         }
         for isa in others() {
             prop_assert!(run(isa) == expected, "{}", isa.name());
+        }
+    }
+
+    // Rows that differ in few places, as those of points close together do: most of them are left out.
+    #[test]
+    fn what_is_left_out_raises_no_maximum(points in points(), compact: bool, start in -4000i32..4000, seed: u64) {
+        let (inputs, outputs) = layer(compact, 2);
+        let mut draw = Draw(seed, Values::Mixed);
+        let panels = draw.weights(inputs * outputs);
+        let codes = Codes::new(inputs, outputs, &panels).expect("whole panels");
+        let mut row = draw.codes(inputs, 255);
+        let mut x = Vec::new();
+        for _ in 0..points {
+            for _ in 0..4 {
+                row[draw.bits() as usize % inputs] = draw.bits() as u8;
+            }
+            x.extend_from_slice(&row);
+        }
+        let weights: Vec<f32> = panels.iter().map(|&w| f32::from(w) / 100.0).collect();
+        let bias = draw.floats(outputs);
+        let mut floats = vec![0.0; weights.len()];
+        crate::weights::pack_panels(inputs, outputs, &weights, &mut floats);
+        let layer = Dense::new(inputs, outputs, &floats, &bias).expect("whole panels");
+        let activations: Vec<f32> = x.iter().map(|&x| f32::from(x) / 70.0).collect();
+        for isa in Isa::all() {
+            let (mut near, mut all) = (vec![start; outputs], vec![start; outputs]);
+            isa.dense_codes_max_near(&codes, &x, &mut near);
+            isa.dense_codes_max(&codes, &x, &mut all);
+            prop_assert_eq!(near, all, "{}", isa.name());
+            let start = start as f32 / 1000.0;
+            let (mut near, mut all) = (vec![start; outputs], vec![start; outputs]);
+            isa.dense_max_near(&layer, &activations, &mut near);
+            isa.dense_max(&layer, &activations, &mut all);
+            prop_assert_eq!(near, all, "{}", isa.name());
         }
     }
 

@@ -55,6 +55,7 @@ impl Registrar<'_, '_> {
     ) -> Result<(), Error> {
         registration.begin(source, target, frame, initial)?;
         registration.unseen = target;
+        self.put_in_order(target, &mut registration.order);
         Ok(())
     }
 
@@ -81,7 +82,7 @@ impl Registrar<'_, '_> {
             if of_target {
                 let end = seen.saturating_add(points).min(cloud.len());
                 let view = registration.target_view();
-                self.embed_cloud(cloud.part(seen..end), None, &view);
+                self.embed_cloud(cloud, &registration.order, seen..end, &view);
                 registration.seen = end;
             } else {
                 self.look(registration, points);
@@ -89,8 +90,7 @@ impl Registrar<'_, '_> {
             return None;
         }
         if of_target {
-            self.finish();
-            self.read_target(registration);
+            self.finish_target(registration);
             registration.unseen = Cloud::EMPTY;
             registration.seen = 0;
             return None;

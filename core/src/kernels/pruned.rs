@@ -1,0 +1,90 @@
+//! Maxima over points that lie close together, without most of their sums.
+//!
+//! For [`NEAR`] points at a time, the highest and the lowest value of each input bound what a channel can reach among
+//! them: `Σ w (w > 0 ? high : low)` (interval arithmetic), a sixteenth of the work. Only where that is above the
+//! channel's maximum so far are the points summed up: a quarter of all pairs of channel and group, where the order of
+//! points is that of [`crate::order`]. In any order the maxima are the same to the bit: integers are exact, and in f32
+//! a bound is summed up as the points are, input by input, each step of which is monotonic, rounding included.
+
+use crate::dims::PANEL;
+
+/// Points that share a bound.
+pub(crate) const NEAR: usize = 16;
+/// Most inputs of a layer that is pruned.
+pub(super) const INPUTS: usize = 128;
+/// Channels whose points are summed up together.
+pub(super) const CHANNELS: usize = 8;
+/// Panels of weights at a time, so that they stay in the cache while the groups pass.
+const PANELS: usize = 8;
+
+/// Channels for which the points of a group are to be summed up.
+#[derive(Clone, Copy)]
+pub(super) struct Left {
+    channels: [u16; (PANELS + 1) * PANEL],
+    count: usize,
+}
+
+impl Left {
+    const NONE: Left = Left {
+        channels: [0; (PANELS + 1) * PANEL],
+        count: 0,
+    };
+
+    /// Adds the first `count` of some channels.
+    #[inline(always)]
+    pub(super) fn add(&mut self, channels: [u16; PANEL], count: u32) {
+        let end = self.count.min(PANELS * PANEL);
+        self.channels[end..end + PANEL].copy_from_slice(&channels);
+        self.count = end + count as usize;
+    }
+
+    /// All of them; the last one again and again, where they are not whole.
+    #[inline(always)]
+    fn together(&mut self) -> &[[u16; CHANNELS]] {
+        let count = self.count.min(PANELS * PANEL);
+        if let Some(&last) = self.channels[..count].last() {
+            self.channels[count..count + CHANNELS].fill(last);
+        }
+        self.channels[..count.next_multiple_of(CHANNELS)]
+            .as_chunks()
+            .0
+    }
+}
+
+/// Adds the channels of a panel that a mask tells.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f")]
+#[inline]
+pub(super) fn channels_of(panel: usize, mask: u16, left: &mut Left) {
+    use core::arch::x86_64::*;
+    let lanes = _mm512_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+    let channels = _mm512_add_epi32(_mm512_set1_epi32((panel * PANEL) as i32), lanes);
+    let channels = _mm512_cvtepi32_epi16(_mm512_maskz_compress_epi32(mask, channels));
+    let mut few = [0; PANEL];
+    // SAFETY: sixteen channels of two bytes.
+    unsafe { _mm256_storeu_si256(few.as_mut_ptr().cast(), channels) };
+    left.add(few, mask.count_ones());
+}
+
+/// Goes through all panels, `STEP` at a time, with `groups` groups, at most `GROUPS`: `bound` says for which channels of a panel the bound
+/// of each group is above the maximum; `raise` takes the points of a group into the maxima of some channels, some of
+/// them more than once.
+#[inline(always)]
+pub(super) fn prune<const STEP: usize, const GROUPS: usize>(
+    panels: usize,
+    groups: usize,
+    mut bound: impl FnMut(usize, &mut [Left; GROUPS]),
+    mut raise: impl FnMut(usize, &[u16; CHANNELS]),
+) {
+    for first in (0..panels).step_by(PANELS) {
+        let mut left = [Left::NONE; GROUPS];
+        for panel in (first..panels.min(first + PANELS)).step_by(STEP) {
+            bound(panel, &mut left);
+        }
+        for (group, left) in left.iter_mut().enumerate().take(groups) {
+            for channels in left.together() {
+                raise(group, channels);
+            }
+        }
+    }
+}

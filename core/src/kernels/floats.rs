@@ -6,7 +6,7 @@ use super::{Isa, portable, pruned, rows};
 #[cfg(arm_kernels = "neon")]
 use super::{Kind, aarch64_neon};
 #[cfg(target_arch = "x86_64")]
-use super::{Kind, x86_avx2, x86_avx512, x86_avx512_pruned};
+use super::{Kind, x86_avx2, x86_avx2_pruned, x86_avx512, x86_avx512_pruned};
 use crate::dims::PANEL;
 use crate::weights::Dense;
 
@@ -67,7 +67,7 @@ impl Isa {
     pub(crate) fn prunes_floats(self) -> bool {
         match self.0 {
             #[cfg(target_arch = "x86_64")]
-            Kind::Avx512 | Kind::Avx512Vnni | Kind::Amx => true,
+            Kind::Avx2 | Kind::AvxVnni | Kind::Avx512 | Kind::Avx512Vnni | Kind::Amx => true,
             _ => false,
         }
     }
@@ -88,6 +88,11 @@ impl Isa {
             #[cfg(target_arch = "x86_64")]
             Kind::Avx512 | Kind::Avx512Vnni | Kind::Amx => unsafe {
                 x86_avx512_pruned::dense_max(layer, points, x, max);
+            },
+            // SAFETY: as above.
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx2 | Kind::AvxVnni => unsafe {
+                x86_avx2_pruned::dense_max(layer, points, x, max);
             },
             _ => self.dense_max(layer, x, max),
         }

@@ -11,7 +11,9 @@ use super::{Kind, armv7em_dsp};
 #[cfg(arm_kernels = "helium")]
 use super::{Kind, armv81m_helium};
 #[cfg(target_arch = "x86_64")]
-use super::{Kind, x86_amx, x86_avx2_wide, x86_bytes256, x86_vnni, x86_vnni_pruned};
+use super::{
+    Kind, x86_amx, x86_avx2_pruned_codes, x86_avx2_wide, x86_bytes256, x86_vnni, x86_vnni_pruned,
+};
 use crate::dims::{PANEL, PANELS_TOGETHER};
 use crate::quant::QuantLayer;
 use crate::weights::Dense;
@@ -99,7 +101,7 @@ impl Isa {
     pub(crate) fn prunes_codes(self) -> bool {
         match self.0 {
             #[cfg(target_arch = "x86_64")]
-            Kind::Avx512Vnni => true,
+            Kind::Avx2 | Kind::Avx512 | Kind::Avx512Vnni => true,
             _ => false,
         }
     }
@@ -119,6 +121,11 @@ impl Isa {
             #[cfg(target_arch = "x86_64")]
             Kind::Avx512Vnni if layer.inputs <= INPUTS => unsafe {
                 x86_vnni_pruned::dense_codes_max(layer, &x[..whole], max);
+            },
+            // SAFETY: as above.
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx2 | Kind::Avx512 if layer.inputs <= INPUTS => unsafe {
+                x86_avx2_pruned_codes::dense_codes_max(layer, &x[..whole], max);
             },
             _ => self.dense_codes_max(layer, x, max),
         }

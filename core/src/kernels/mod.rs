@@ -58,6 +58,10 @@ mod x86_amx_split;
 #[cfg(target_arch = "x86_64")]
 mod x86_avx2;
 #[cfg(target_arch = "x86_64")]
+mod x86_avx2_pruned;
+#[cfg(target_arch = "x86_64")]
+mod x86_avx2_pruned_codes;
+#[cfg(target_arch = "x86_64")]
 mod x86_avx2_wide;
 #[cfg(target_arch = "x86_64")]
 mod x86_avx512;

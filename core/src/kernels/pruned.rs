@@ -15,7 +15,7 @@ pub(super) const INPUTS: usize = 128;
 /// Channels whose points are summed up together.
 pub(super) const CHANNELS: usize = 8;
 /// Panels of weights at a time, so that they stay in the cache while the groups pass.
-const PANELS: usize = 8;
+pub(super) const PANELS: usize = 8;
 
 /// Channels for which the points of a group are to be summed up.
 #[derive(Clone, Copy)]
@@ -36,6 +36,17 @@ impl Left {
         let end = self.count.min(PANELS * PANEL);
         self.channels[end..end + PANEL].copy_from_slice(&channels);
         self.count = end + count as usize;
+    }
+
+    /// Adds the channels of a panel that a mask tells.
+    #[inline(always)]
+    pub(super) fn add_of(&mut self, panel: usize, mut mask: u16) {
+        while mask != 0 {
+            let at = self.count.min(PANELS * PANEL);
+            self.channels[at] = (panel * PANEL) as u16 + mask.trailing_zeros() as u16;
+            self.count = at + 1;
+            mask &= mask - 1;
+        }
     }
 
     /// All of them; the last one again and again, where they are not whole.

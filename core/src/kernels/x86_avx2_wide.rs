@@ -19,14 +19,14 @@ const BLOCK: usize = 48;
 /// Points of one block of sums.
 const POINTS: usize = 6;
 /// Pairs of inputs in a row.
-const PAIRS: usize = INPUTS / 2;
+pub(super) const PAIRS: usize = INPUTS / 2;
 /// Outputs in one register.
 const LANES: usize = 8;
 
 /// Codes of a block of points: of each group of four inputs the first and third, the second and fourth.
 type Rows = [[u32; PAIRS]; BLOCK];
 /// Weights of a panel in the same pairs, `[pair][output][2]`.
-type Panel = [[i16; 2 * PANEL]; PAIRS];
+pub(super) type Panel = [[i16; 2 * PANEL]; PAIRS];
 
 /// As [`super::bytes::dense_codes_max`].
 #[target_feature(enable = "avx2")]
@@ -46,8 +46,7 @@ pub(super) unsafe fn dense_codes_max<const MARK: bool>(
         for (row, codes) in rows.iter_mut().zip(x.chunks_exact(INPUTS)) {
             let pairs = row.as_chunks_mut::<2>().0.iter_mut();
             for (pairs, four) in pairs.zip(codes.as_chunks::<QUAD>().0) {
-                let four = u32::from_le_bytes(*four);
-                *pairs = [four & 0x00ff_00ff, four >> 8 & 0x00ff_00ff];
+                *pairs = pairs_of(*four);
             }
         }
         let rows = &rows[..x.len() / INPUTS];
@@ -71,10 +70,17 @@ pub(super) unsafe fn dense_codes_max<const MARK: bool>(
     }
 }
 
+/// The first and third of four codes, the second and fourth.
+#[inline(always)]
+pub(super) fn pairs_of(four: [u8; QUAD]) -> [u32; 2] {
+    let four = u32::from_le_bytes(four);
+    [four & 0x00ff_00ff, four >> 8 & 0x00ff_00ff]
+}
+
 /// Weights of one panel as 16-bit numbers.
 #[target_feature(enable = "avx2")]
 #[inline]
-fn spread(weights: &[i8], wide: &mut Panel) {
+pub(super) fn spread(weights: &[i8], wide: &mut Panel) {
     let halves = weights.as_chunks::<{ QUAD * LANES }>().0;
     for (i, half) in halves.iter().enumerate() {
         let (pair, at) = (i / 2 * 2, i % 2 * 2 * LANES);

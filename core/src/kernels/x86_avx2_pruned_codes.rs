@@ -1,0 +1,193 @@
+//! The last embedding layer of integers over points that lie close together, with AVX2: as [`super::x86_avx2_wide`],
+//! codes of points and weights are spread to 16 bits before they meet; lanes are channels where bounds are computed,
+//! and points where sums are. See [`super::pruned`].
+//!
+//! Every function must only be called where AVX2 was detected, with a layer whose arrays have their padded lengths and
+//! at most [`INPUTS`] inputs, and `max` as long as its outputs; [`super::Isa`] checks all of it.
+#![allow(unsafe_code, clippy::indexing_slicing, clippy::needless_range_loop)]
+
+use super::pruned::{CHANNELS, INPUTS, Left, NEAR, PANELS, prune};
+use super::search::{Codes, QUAD};
+use super::x86_avx2_wide::{PAIRS, Panel, pairs_of, spread};
+use crate::dims::PANEL;
+use core::arch::x86_64::*;
+
+/// Groups whose bounds are computed together, so that a weight is spread and loaded once for all.
+const GROUPS: usize = 12;
+/// Of these, those whose bounds have room in the registers.
+const BOUNDED: usize = 4;
+/// Values of one register.
+const LANES: usize = 8;
+/// Channels whose sums have room in the registers.
+const TOGETHER: usize = 4;
+
+const _: () = assert!(INPUTS == 2 * PAIRS && GROUPS.is_multiple_of(BOUNDED));
+const _: () = assert!(CHANNELS.is_multiple_of(TOGETHER));
+
+/// Codes of [`NEAR`] points, two inputs at a time.
+#[derive(Clone, Copy)]
+struct Group {
+    /// Of each point.
+    points: [[u32; NEAR]; PAIRS],
+    /// The highest and the lowest of them.
+    high: [u32; PAIRS],
+    low: [u32; PAIRS],
+}
+
+impl Group {
+    const ZERO: Group = Group {
+        points: [[0; NEAR]; PAIRS],
+        high: [0; PAIRS],
+        low: [0; PAIRS],
+    };
+
+    /// Of at most so many rows, the last one repeated where there are fewer.
+    #[target_feature(enable = "avx2")]
+    fn fill(&mut self, inputs: usize, rows: &[u8]) {
+        let last = rows.len() / inputs - 1;
+        let (mut high, mut low) = ([0; INPUTS], [u8::MAX; INPUTS]);
+        for lane in 0..NEAR {
+            let row = &rows[lane.min(last) * inputs..][..inputs];
+            for ((high, low), &code) in high.iter_mut().zip(&mut low).zip(row) {
+                *high = code.max(*high);
+                *low = code.min(*low);
+            }
+            let points = self.points.as_chunks_mut::<2>().0.iter_mut();
+            for ([even, odd], &four) in points.zip(row.as_chunks::<QUAD>().0) {
+                [even[lane], odd[lane]] = pairs_of(four);
+            }
+        }
+        for (extreme, codes) in [(&mut self.high, high), (&mut self.low, low)] {
+            let pairs = extreme.as_chunks_mut::<2>().0.iter_mut();
+            for (pairs, &four) in pairs.zip(codes.as_chunks::<QUAD>().0) {
+                *pairs = pairs_of(four);
+            }
+        }
+    }
+}
+
+/// See [`super::Isa::dense_codes_max_near`].
+#[target_feature(enable = "avx2")]
+pub(super) unsafe fn dense_codes_max(layer: &Codes<'_>, x: &[u8], max: &mut [i32]) {
+    let inputs = layer.inputs;
+    let mut groups = [Group::ZERO; GROUPS];
+    let mut wide: [Panel; PANELS] = [[[0; 2 * PANEL]; PAIRS]; PANELS];
+    let wide = wide.as_mut_ptr();
+    let max = max.as_mut_ptr();
+    for x in x.chunks(GROUPS * NEAR * inputs) {
+        let mut count = 0;
+        for (group, rows) in groups.iter_mut().zip(x.chunks(NEAR * inputs)) {
+            group.fill(inputs, rows);
+            count += 1;
+        }
+        prune::<1, GROUPS>(
+            layer.outputs / PANEL,
+            count,
+            // SAFETY: the caller guarantees the weights and maxima of each panel; nothing else refers to its place.
+            |panel, left| unsafe {
+                let wide = &mut *wide.add(panel % PANELS);
+                let weights = &layer.panels[panel * inputs * PANEL..][..inputs * PANEL];
+                spread(weights, wide);
+                let groups = groups[..count].chunks(BOUNDED);
+                for (groups, left) in groups.zip(left.as_chunks_mut().0) {
+                    bound(inputs / 2, panel, wide, groups, max, left);
+                }
+            },
+            // SAFETY: groups and channels are those of bounds, and their panels are spread.
+            |group, channels| unsafe {
+                for channels in channels.as_chunks().0 {
+                    raise(inputs / 2, wide, groups.get_unchecked(group), channels, max);
+                }
+            },
+        );
+    }
+}
+
+/// For each group, adds the channels of one panel whose bound is above the maximum.
+#[target_feature(enable = "avx2")]
+#[inline]
+unsafe fn bound(
+    pairs: usize,
+    panel: usize,
+    wide: &Panel,
+    groups: &[Group],
+    max: *const i32,
+    left: &mut [Left; BOUNDED],
+) {
+    // SAFETY: the caller guarantees the maxima of the panel.
+    unsafe {
+        let last = groups.len() - 1;
+        let mut sum = [[_mm256_setzero_si256(); 2]; BOUNDED];
+        for k in 0..pairs {
+            let mut w = [_mm256_setzero_si256(); 2];
+            let mut negative = w;
+            for half in 0..2 {
+                let weights = wide.get_unchecked(k).as_ptr().add(half * 2 * LANES);
+                w[half] = _mm256_loadu_si256(weights.cast());
+                negative[half] = _mm256_srai_epi16::<15>(w[half]);
+            }
+            for n in 0..BOUNDED {
+                let group = groups.get_unchecked(n.min(last));
+                let high = _mm256_set1_epi32(*group.high.get_unchecked(k) as i32);
+                let low = _mm256_set1_epi32(*group.low.get_unchecked(k) as i32);
+                for half in 0..2 {
+                    let extreme = _mm256_blendv_epi8(high, low, negative[half]);
+                    let product = _mm256_madd_epi16(extreme, w[half]);
+                    sum[n][half] = _mm256_add_epi32(sum[n][half], product);
+                }
+            }
+        }
+        for (left, sum) in left.iter_mut().zip(sum).take(groups.len()) {
+            let mut higher = 0;
+            for half in 0..2 {
+                let max = max.add(panel * PANEL + half * LANES);
+                let above = _mm256_cmpgt_epi32(sum[half], _mm256_loadu_si256(max.cast()));
+                higher |= _mm256_movemask_ps(_mm256_castsi256_ps(above)) << (half * LANES);
+            }
+            left.add_of(panel, higher as u16);
+        }
+    }
+}
+
+/// Takes the points of a group into the maxima of some channels.
+#[target_feature(enable = "avx2")]
+#[inline]
+unsafe fn raise(
+    pairs: usize,
+    wide: *const Panel,
+    group: &Group,
+    channels: &[u16; TOGETHER],
+    max: *mut i32,
+) {
+    // SAFETY: the caller guarantees the channels, and that their panels are spread.
+    unsafe {
+        let mut sum = [[_mm256_setzero_si256(); 2]; TOGETHER];
+        let mut weights = [wide.cast::<i32>(); TOGETHER];
+        for (weights, &channel) in weights.iter_mut().zip(channels) {
+            let (panel, lane) = (usize::from(channel) / PANEL, usize::from(channel) % PANEL);
+            *weights = weights.add(panel % PANELS * PAIRS * PANEL + lane);
+        }
+        for k in 0..pairs {
+            let points = group.points.get_unchecked(k).as_ptr();
+            let points = [0, LANES].map(|from| points.add(from).cast());
+            let points = [_mm256_loadu_si256(points[0]), _mm256_loadu_si256(points[1])];
+            for (sum, weights) in sum.iter_mut().zip(weights) {
+                let w = _mm256_set1_epi32(*weights.add(k * PANEL));
+                for half in 0..2 {
+                    let product = _mm256_madd_epi16(points[half], w);
+                    sum[half] = _mm256_add_epi32(sum[half], product);
+                }
+            }
+        }
+        for (sum, &channel) in sum.into_iter().zip(channels) {
+            let max = &mut *max.add(channel.into());
+            let most = _mm256_max_epi32(sum[0], sum[1]);
+            let above = _mm256_cmpgt_epi32(most, _mm256_set1_epi32(*max));
+            if _mm256_movemask_epi8(above) != 0 {
+                let mut lanes = [0i32; LANES];
+                _mm256_storeu_si256(lanes.as_mut_ptr().cast(), most);
+                *max = lanes.into_iter().fold(*max, i32::max);
+            }
+        }
+    }
+}

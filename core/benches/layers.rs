@@ -3,7 +3,7 @@
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use reagent_core::dims::{EMBED, FEATURES, HEAD, LOGITS, QUANT_TILE, STATE, TILE, padded};
-use reagent_core::kernels::{Codes, Isa, SplitDense, Tile, pack_split, packed_tiles};
+use reagent_core::kernels::{Codes, Isa, PackedDense, Tile};
 use reagent_core::quant::QuantLayer;
 use reagent_core::weights::Dense;
 use std::hint::black_box;
@@ -36,13 +36,24 @@ fn in_f32(c: &mut Criterion) {
             group.bench_function(format!("dense_max {inputs} to {outputs}"), |b| {
                 b.iter(|| isa.dense_max(black_box(&layer), &x, &mut max));
             });
-            let mut packed = vec![Tile::ZERO; packed_tiles(&layer).unwrap_or(0)];
-            pack_split(&layer, &mut packed);
-            let split = SplitDense::new(&layer, &packed).filter(|_| isa.has_fast_splits());
-            if let Some(split) = split {
-                group.bench_function(format!("dense_max_split {inputs} to {outputs}"), |b| {
-                    b.iter(|| isa.dense_max_split(black_box(&split), &x, &mut max));
-                });
+            // Bounds are as good as this where rows are alike: at best.
+            let near = x[..inputs].repeat(TILE);
+            group.bench_function(
+                format!("dense_max_near {inputs} to {outputs}, rows alike"),
+                |b| {
+                    b.iter(|| isa.dense_max_near(black_box(&layer), &near, &mut max));
+                },
+            );
+            if let Some(len) = PackedDense::tiles(isa, &layer) {
+                let mut memory = vec![Tile::ZERO; len];
+                PackedDense::pack(isa, &layer, &mut memory);
+                let packed = PackedDense::new(isa, &layer, &memory).expect("as long as it says");
+                group.bench_function(
+                    format!("dense_max_packed {inputs} to {outputs}, rows alike"),
+                    |b| {
+                        b.iter(|| isa.dense_max_packed(black_box(&packed), &near, &mut max));
+                    },
+                );
             }
         } else {
             let mut y = vec![0.0; TILE * outputs];

@@ -182,16 +182,16 @@ pub(crate) fn embed(
         return;
     };
     let winners: &mut [u16] = bytemuck::cast_slice_mut(head1);
-    let split = embedding.split_for(isa);
+    let packed = embedding.packed_for(isa);
     embed_tiles(
         isa,
         &embedding.layers,
         points,
         view,
         [hidden1, hidden2],
-        |last, x, at| match (first, &split) {
+        |last, x, at| match (first, &packed) {
             (Some(first), _) => winners_of(isa, last, x, first as u32 + at, feature, winners),
-            (None, Some(split)) => isa.dense_max_split(split, x, feature),
+            (None, Some(packed)) => isa.dense_max_packed(packed, x, feature),
             (None, None) => isa.dense_max_near(last, x, feature),
         },
     );

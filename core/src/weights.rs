@@ -22,7 +22,7 @@
 use crate::decision::Decision;
 use crate::dims::{LAYERS, PANEL, padded};
 use crate::error::Error;
-use crate::kernels::{Isa, SplitDense, Tile, pack_split, packed_tiles};
+use crate::kernels::{Isa, PackedDense, Tile};
 use crate::quant::{BYTES_AFTER_BIAS, QuantNetwork};
 use crate::shape::Shape;
 
@@ -111,19 +111,20 @@ impl<'a> Dense<'a> {
 pub struct Embedding<'a> {
     /// The three layers.
     pub layers: [Dense<'a>; 3],
-    /// The last one split, where somebody gave the memory for it ([`Policy::with_split`]).
-    pub split: Option<SplitDense<'a>>,
+    /// The last one packed, where somebody gave the memory for it ([`Policy::with_packed`]).
+    pub packed: Option<PackedDense<'a>>,
 }
 
 impl<'a> Embedding<'a> {
-    /// The last layer split, where that is faster.
-    pub(crate) fn split_for(&self, isa: Isa) -> Option<SplitDense<'a>> {
-        self.split.filter(|_| isa.has_fast_splits())
+    /// The last layer packed, where that is faster.
+    pub(crate) fn packed_for(&self, isa: Isa) -> Option<PackedDense<'a>> {
+        self.packed.filter(|packed| packed.is_fast(isa))
     }
 
     /// Whether it gains from an order of points ([`Isa::dense_max_near`]).
     pub(crate) fn prunes(&self, isa: Isa) -> bool {
-        isa.prunes_floats() && self.split_for(isa).is_none()
+        let split = matches!(self.packed_for(isa), Some(PackedDense::Split(_)));
+        isa.prunes_floats() && !split
     }
 }
 
@@ -183,26 +184,26 @@ impl<'a> Policy<'a> {
     }
 
     /// Tiles of memory with which the last layer of the embedding in f32 takes about 60 % of its time on this machine: see
-    /// [`Policy::with_split`]. `None` where nothing would be gained.
-    pub fn split_tiles(&self) -> Option<usize> {
+    /// [`Policy::with_packed`]. `None` where nothing would be gained.
+    pub fn packed_tiles(&self) -> Option<usize> {
         let [_, _, last] = &self.f32()?.embedding.layers;
-        packed_tiles(last).filter(|_| Isa::best().has_fast_splits())
+        PackedDense::tiles(Isa::best(), last)
     }
 
-    /// Fills [`Policy::split_tiles`] tiles: once, when the policy is loaded.
-    pub fn pack_split(&self, memory: &mut [Tile]) {
+    /// Fills [`Policy::packed_tiles`] tiles: once, when the policy is loaded.
+    pub fn pack(&self, memory: &mut [Tile]) {
         if let Some(network) = self.f32() {
             let [_, _, last] = &network.embedding.layers;
-            pack_split(last, memory);
+            PackedDense::pack(Isa::best(), last, memory);
         }
     }
 
-    /// The policy with the memory that [`Policy::pack_split`] has filled; as it was where that has another
+    /// The policy with the memory that [`Policy::pack`] has filled; as it was where that has another
     /// length. Results differ by rounding only, as between any two kernels of f32.
-    pub fn with_split(mut self, packed: &'a [Tile]) -> Self {
+    pub fn with_packed(mut self, packed: &'a [Tile]) -> Self {
         if let Network::F32(FloatNetwork { embedding, .. }) = &mut self.network {
             let [_, _, last] = &embedding.layers;
-            embedding.split = SplitDense::new(last, packed);
+            embedding.packed = PackedDense::new(Isa::best(), last, packed);
         }
         self
     }
@@ -289,7 +290,7 @@ impl<'a> Policy<'a> {
             Network::F32(FloatNetwork {
                 embedding: Embedding {
                     layers: [layer(0)?, layer(1)?, layer(2)?],
-                    split: None,
+                    packed: None,
                 },
                 translation: Head {
                     layers: [layer(3)?, layer(4)?, layer(5)?],

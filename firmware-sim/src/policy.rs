@@ -145,8 +145,8 @@ pub struct LoadedPolicy {
     words: Vec<u32>,
     /// Bytes of the file.
     length: usize,
-    /// See [`Policy::with_split`].
-    split: Vec<Tile>,
+    /// See [`Policy::with_packed`].
+    packed: Vec<Tile>,
 }
 
 impl LoadedPolicy {
@@ -168,12 +168,12 @@ impl LoadedPolicy {
             manifest,
             words,
             length: bytes.len(),
-            split: Vec::new(),
+            packed: Vec::new(),
         };
         let policy = Policy::parse(loaded.bytes()).map_err(UpdateError::Policy)?;
-        let mut split = vec![Tile::ZERO; policy.split_tiles().unwrap_or(0)];
-        policy.pack_split(&mut split);
-        loaded.split = split;
+        let mut packed = vec![Tile::ZERO; policy.packed_tiles().unwrap_or(0)];
+        policy.pack(&mut packed);
+        loaded.packed = packed;
         Ok(loaded)
     }
 
@@ -183,7 +183,7 @@ impl LoadedPolicy {
     /// `Policy`; none as long as memory is intact.
     pub fn policy(&self) -> Result<Policy<'_>, UpdateError> {
         let policy = Policy::parse(self.bytes()).map_err(UpdateError::Policy)?;
-        Ok(policy.with_split(&self.split))
+        Ok(policy.with_packed(&self.packed))
     }
 
     /// Has the policy do what its manifest says it does.

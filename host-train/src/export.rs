@@ -69,8 +69,8 @@ pub enum ExportError {
 pub struct WeightFile {
     words: Vec<u32>,
     len: usize,
-    /// See [`Policy::with_split`].
-    split: Vec<Tile>,
+    /// See [`Policy::with_packed`].
+    packed: Vec<Tile>,
 }
 
 impl WeightFile {
@@ -94,12 +94,12 @@ impl WeightFile {
         let mut file = WeightFile {
             words,
             len: bytes.len(),
-            split: Vec::new(),
+            packed: Vec::new(),
         };
         let policy = Policy::parse(file.bytes())?;
-        let mut split = vec![Tile::ZERO; policy.split_tiles().unwrap_or(0)];
-        policy.pack_split(&mut split);
-        file.split = split;
+        let mut packed = vec![Tile::ZERO; policy.packed_tiles().unwrap_or(0)];
+        policy.pack(&mut packed);
+        file.packed = packed;
         Ok(file)
     }
 
@@ -230,7 +230,7 @@ impl WeightFile {
     /// The policy in them.
     pub fn policy(&self) -> Policy<'_> {
         let policy = Policy::parse(self.bytes()).expect("checked when the file was made");
-        policy.with_split(&self.split)
+        policy.with_packed(&self.packed)
     }
 
     /// SHA-256 of the file: the policy's name on the fleet.

@@ -56,8 +56,8 @@ pub struct Report {
     pub scratch_bytes: usize,
     /// What stays of a registration from step to step, bytes.
     pub registration_bytes: usize,
-    /// The last layer once more, in the parts that AMX takes (f32), bytes.
-    pub split_bytes: usize,
+    /// The last layer once more, as fast machines take it in f32, bytes.
+    pub packed_bytes: usize,
     /// One row a configuration.
     pub rows: Vec<Latency>,
 }
@@ -106,7 +106,7 @@ pub fn measure(
         weight_bytes: [file.bytes().len(), integers.bytes().len()],
         scratch_bytes: SCRATCH_BYTES,
         registration_bytes: size_of::<Registration<'_>>(),
-        split_bytes: file.policy().split_tiles().unwrap_or(0) * size_of::<Tile>(),
+        packed_bytes: file.policy().packed_tiles().unwrap_or(0) * size_of::<Tile>(),
         rows,
     })
 }

@@ -13,7 +13,8 @@
 //! - **Measurement** (`peak`): multiply-adds on registers, as many as the core can.
 //!
 //! Where a machine multiplies bf16 in tiles (AMX), the last embedding layer may be split into parts of bf16
-//! ([`SplitDense`]): the numbers of f32 in about 60 % of the time.
+//! ([`SplitDense`]): the numbers of f32 in about 60 % of the time. Where it multiplies bytes fast, they rule out most
+//! sums in f32 ([`SieveDense`]). Both take memory ([`PackedDense`]).
 //!
 //! Kernels with fused multiply-add round once where the portable one rounds twice: they agree to
 //! 1e-5, not bit by bit. Integer kernels are equal to the bit.
@@ -46,10 +47,12 @@ mod floats;
 mod integers;
 mod nearest;
 mod neighbours;
+mod packed;
 mod peak;
 mod portable;
 mod pruned;
 mod search;
+mod sieve;
 mod split;
 #[cfg(target_arch = "x86_64")]
 mod x86_amx;
@@ -73,13 +76,17 @@ mod x86_bytes256;
 mod x86_vnni;
 #[cfg(target_arch = "x86_64")]
 mod x86_vnni_pruned;
+#[cfg(target_arch = "x86_64")]
+mod x86_vnni_sieve;
 
 pub use nearest::Queries;
 pub use neighbours::{BATCH, Batch, Moments};
+pub use packed::PackedDense;
 pub use peak::Arithmetic;
 pub(crate) use pruned::NEAR;
 pub use search::{CODES, Codes, GROUPS, pack_codes, padded_codes};
-pub use split::{SplitDense, Tile, pack as pack_split, packed_tiles};
+pub use sieve::SieveDense;
+pub use split::{SplitDense, Tile};
 
 /// Instruction sets, from the slowest to the fastest.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

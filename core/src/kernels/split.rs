@@ -26,6 +26,11 @@ const BLOCK: usize = 4 * PANEL;
 #[repr(C, align(64))]
 pub struct Tile(pub(super) [u16; PANEL * TILE_INPUTS]);
 
+// SAFETY: an array of integers, of a size that its alignment divides.
+unsafe impl bytemuck::Zeroable for Tile {}
+// SAFETY: as above.
+unsafe impl bytemuck::Pod for Tile {}
+
 impl Tile {
     /// Zeros.
     pub const ZERO: Tile = Tile([0; PANEL * TILE_INPUTS]);

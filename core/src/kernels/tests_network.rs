@@ -126,14 +126,15 @@ proptest! {
             let found = run(isa, &layer, &x);
             prop_assert!(agree(&found.0, &expected.0, &magnitude.0, values), "{} relu", isa.name());
             prop_assert!(agree(&found.1, &expected.1, &magnitude.1, values), "{} max", isa.name());
-            if let Some(len) = packed_tiles(&layer).filter(|_| isa.has_fast_splits()) {
-                let mut packed = vec![Tile::ZERO; len];
-                pack_split(&layer, &mut packed);
-                let split = SplitDense::new(&layer, &packed).expect("as long as it says");
+            if let Some(len) = PackedDense::tiles(isa, &layer) {
+                let mut memory = vec![Tile::ZERO; len];
+                PackedDense::pack(isa, &layer, &mut memory);
+                let packed = PackedDense::new(isa, &layer, &memory).expect("as long as it says");
+                // Activations are not negative. Sums round at other places: within 1e-5 all the same.
+                let expected = run(isa, &layer, &x_m);
                 let mut max = vec![f32::NEG_INFINITY; outputs];
-                isa.dense_max_split(&split, &x, &mut max);
-                // Sums of pairs round at other places than sums of one: within 1e-5 all the same.
-                prop_assert!(agree(&max, &expected.1, &magnitude.1, values), "{} split", isa.name());
+                isa.dense_max_packed(&packed, &x_m, &mut max);
+                prop_assert!(agree(&max, &expected.1, &magnitude.1, values), "{} packed", isa.name());
             }
         }
     }
@@ -141,7 +142,7 @@ proptest! {
     // All terms of one sign and all their bits in use: each product of parts that is left out, or comes to another
     // output, takes a hundred thousandth of the sum or more.
     #[test]
-    fn every_part_of_a_split_layer_counts(compact: bool, points in 1usize..=64, negative: bool, seed: u64) {
+    fn every_part_of_a_packed_layer_counts(compact: bool, points in 1usize..=64, negative: bool, seed: u64) {
         let (inputs, outputs) = layer(compact, 2);
         let mut draw = Draw(seed, Values::Mixed);
         let sign = if negative { -1.0 } else { 1.0 };
@@ -170,13 +171,13 @@ proptest! {
             let mut max = vec![f32::NEG_INFINITY; outputs];
             isa.dense_max(&layer, &x, &mut max);
             prop_assert!(close(&max), "{}", isa.name());
-            if isa.has_fast_splits() {
-                let mut packed = vec![Tile::ZERO; packed_tiles(&layer).expect("whole blocks")];
-                pack_split(&layer, &mut packed);
-                let split = SplitDense::new(&layer, &packed).expect("as long as it says");
+            if let Some(len) = PackedDense::tiles(isa, &layer) {
+                let mut memory = vec![Tile::ZERO; len];
+                PackedDense::pack(isa, &layer, &mut memory);
+                let packed = PackedDense::new(isa, &layer, &memory).expect("as long as it says");
                 max.fill(f32::NEG_INFINITY);
-                isa.dense_max_split(&split, &x, &mut max);
-                prop_assert!(close(&max), "{} split", isa.name());
+                isa.dense_max_packed(&packed, &x, &mut max);
+                prop_assert!(close(&max), "{} packed", isa.name());
             }
         }
     }
@@ -261,7 +262,7 @@ proptest! {
             x.extend_from_slice(&row);
         }
         let weights: Vec<f32> = panels.iter().map(|&w| f32::from(w) / 100.0).collect();
-        let bias = draw.floats(outputs);
+        let bias = Draw(seed, Values::Exact).floats(outputs);
         let mut floats = vec![0.0; weights.len()];
         crate::weights::pack_panels(inputs, outputs, &weights, &mut floats);
         let layer = Dense::new(inputs, outputs, &floats, &bias).expect("whole panels");
@@ -275,7 +276,19 @@ proptest! {
             let (mut near, mut all) = (vec![start; outputs], vec![start; outputs]);
             isa.dense_max_near(&layer, &activations, &mut near);
             isa.dense_max(&layer, &activations, &mut all);
-            prop_assert_eq!(near, all, "{}", isa.name());
+            prop_assert_eq!(&near, &all, "{}", isa.name());
+            let Some(len) = PackedDense::tiles(isa, &layer) else { continue };
+            let mut memory = vec![Tile::ZERO; len];
+            PackedDense::pack(isa, &layer, &mut memory);
+            let packed = PackedDense::new(isa, &layer, &memory).expect("as long as it says");
+            let (mut whole, mut sliced) = (vec![start; outputs], vec![start; outputs]);
+            isa.dense_max_packed(&packed, &activations, &mut whole);
+            for part in activations.chunks(inputs * (1 + seed as usize % 40)) {
+                isa.dense_max_packed(&packed, part, &mut sliced);
+            }
+            prop_assert_eq!(&whole, &sliced, "{}", isa.name());
+            let largest = 16.0 + 255.0 / 70.0 * 1.27 * inputs as f32;
+            prop_assert!(agree(&whole, &all, &vec![largest; outputs], Values::Mixed), "{} packed", isa.name());
         }
     }
 

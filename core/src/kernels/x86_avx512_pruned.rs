@@ -105,15 +105,7 @@ unsafe fn dense_groups<const N: usize>(
             }
         },
         // SAFETY: groups and channels are those of bounds.
-        |group, channels| unsafe {
-            let sums = sums(layer, groups.get_unchecked(group), channels);
-            for (sum, &channel) in sums.into_iter().zip(channels) {
-                let max = &mut *max.add(channel.into());
-                if _mm512_cmp_ps_mask::<_CMP_GT_OQ>(sum, _mm512_set1_ps(*max)) != 0 {
-                    *max = _mm512_reduce_max_ps(sum);
-                }
-            }
-        },
+        |group, channels| unsafe { raise(layer, groups.get_unchecked(group), channels, max) },
     );
 }
 
@@ -152,6 +144,22 @@ unsafe fn bounds<const N: usize>(
             }
         }
         sum
+    }
+}
+
+/// Takes the points of a group into the maxima of some channels.
+#[target_feature(enable = "avx512f")]
+#[inline]
+unsafe fn raise(layer: &Dense<'_>, group: &Group, channels: &[u16; CHANNELS], max: *mut f32) {
+    // SAFETY: the caller guarantees the channels.
+    unsafe {
+        let sums = sums(layer, group, channels);
+        for (sum, &channel) in sums.into_iter().zip(channels) {
+            let max = &mut *max.add(channel.into());
+            if _mm512_cmp_ps_mask::<_CMP_GT_OQ>(sum, _mm512_set1_ps(*max)) != 0 {
+                *max = _mm512_reduce_max_ps(sum);
+            }
+        }
     }
 }
 

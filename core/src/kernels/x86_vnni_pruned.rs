@@ -15,7 +15,7 @@ const GROUPS: usize = 12;
 
 /// Codes of [`NEAR`] points, four inputs at a time.
 #[derive(Clone, Copy)]
-struct Group {
+pub(super) struct Group {
     /// Of each point.
     points: [[u32; NEAR]; INPUTS / QUAD],
     /// The highest and the lowest of them.
@@ -24,7 +24,7 @@ struct Group {
 }
 
 impl Group {
-    const ZERO: Group = Group {
+    pub(super) const ZERO: Group = Group {
         points: [[0; NEAR]; INPUTS / QUAD],
         high: [0; INPUTS / QUAD],
         low: [0; INPUTS / QUAD],
@@ -32,7 +32,7 @@ impl Group {
 
     /// Of at most so many rows, the last one repeated where there are fewer.
     #[target_feature(enable = "avx512f,avx512bw")]
-    unsafe fn fill(&mut self, inputs: usize, rows: &[u8]) {
+    pub(super) unsafe fn fill(&mut self, inputs: usize, rows: &[u8]) {
         let last = rows.len() / inputs - 1;
         // SAFETY: rows of `inputs` bytes, a multiple of 64 up to `INPUTS`.
         unsafe {
@@ -154,10 +154,10 @@ unsafe fn dense_groups<const N: usize>(
 /// What no sum of one panel exceeds, for the points of each group.
 #[target_feature(enable = "avx512f,avx512bw,avx512vnni")]
 #[inline]
-unsafe fn bounds<const N: usize>(
+pub(super) unsafe fn bounds<const N: usize>(
     layer: &Codes<'_>,
     panel: usize,
-    groups: &[Group; GROUPS],
+    groups: &[Group],
 ) -> [__m512i; N] {
     let mut sum = [_mm512_setzero_si512(); N];
     // SAFETY: the caller guarantees the panel; no more groups are asked for than there are.
@@ -181,7 +181,7 @@ unsafe fn bounds<const N: usize>(
 /// Sums of some channels, a lane for each point of a group.
 #[target_feature(enable = "avx512f,avx512bw,avx512vnni")]
 #[inline]
-unsafe fn sums(
+pub(super) unsafe fn sums(
     layer: &Codes<'_>,
     group: &Group,
     channels: &[u16; CHANNELS],

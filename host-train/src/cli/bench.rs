@@ -125,12 +125,12 @@ impl BenchArgs {
             );
         }
         println!(
-            "weights {} bytes in f32, {} in int8; working memory {} bytes and {} a registration, {} for all with AMX in f32",
+            "weights {} bytes in f32, {} in int8; working memory {} bytes and {} a registration, {} for all in f32",
             report.weight_bytes[0],
             report.weight_bytes[1],
             report.scratch_bytes,
             report.registration_bytes,
-            report.split_bytes,
+            report.packed_bytes,
         );
         if let Some(path) = &self.json {
             write_json(path, &serde_json::json!({ "registration": report }))?;

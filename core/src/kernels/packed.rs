@@ -1,0 +1,68 @@
+//! The last embedding layer in f32 as fast machines take it, in memory that somebody gives: in parts of bf16
+//! ([`super::split`]) where there are tiles for them, behind a sieve of integers ([`super::sieve`]) where those are fast.
+
+use super::Isa;
+use super::sieve::{self, SieveDense};
+use super::split::{self, SplitDense, Tile};
+use crate::weights::Dense;
+
+/// A layer in f32 and what was packed of it.
+#[derive(Clone, Copy, Debug)]
+pub enum PackedDense<'a> {
+    /// In parts.
+    Split(SplitDense<'a>),
+    /// With a sieve.
+    Sieve(SieveDense<'a>),
+}
+
+impl<'a> PackedDense<'a> {
+    /// Tiles of memory that a layer takes for some kernels; `None` where they gain nothing by it.
+    pub fn tiles(isa: Isa, layer: &Dense<'_>) -> Option<usize> {
+        if isa.has_fast_splits() {
+            split::packed_tiles(layer)
+        } else if isa.has_fast_sieves() {
+            sieve::packed_tiles(layer)
+        } else {
+            None
+        }
+    }
+
+    /// Fills as many.
+    pub fn pack(isa: Isa, layer: &Dense<'_>, memory: &mut [Tile]) {
+        if isa.has_fast_splits() {
+            split::pack(layer, memory);
+        } else {
+            sieve::pack(layer, memory);
+        }
+    }
+
+    /// The layer with memory that was filled from it for these kernels; `None` for another length.
+    pub fn new(isa: Isa, layer: &Dense<'a>, packed: &'a [Tile]) -> Option<Self> {
+        if isa.has_fast_splits() {
+            SplitDense::new(layer, packed).map(PackedDense::Split)
+        } else {
+            SieveDense::new(layer, packed).map(PackedDense::Sieve)
+        }
+    }
+
+    /// Whether these kernels gain by it.
+    pub fn is_fast(&self, isa: Isa) -> bool {
+        match self {
+            PackedDense::Split(_) => isa.has_fast_splits(),
+            PackedDense::Sieve(_) => isa.has_fast_sieves(),
+        }
+    }
+}
+
+impl Isa {
+    /// As [`Isa::dense_max`], of activations that are not negative. Nothing where [`PackedDense::is_fast`] is false.
+    ///
+    /// # Shapes
+    /// `x [points, inputs]`, `max [outputs]`; a shorter `max` stays as it is.
+    pub fn dense_max_packed(self, layer: &PackedDense<'_>, x: &[f32], max: &mut [f32]) {
+        match layer {
+            PackedDense::Split(layer) => self.dense_max_split(layer, x, max),
+            PackedDense::Sieve(layer) => self.dense_max_sieve(layer, x, max),
+        }
+    }
+}

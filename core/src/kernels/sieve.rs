@@ -1,0 +1,152 @@
+//! Maxima in f32, over points that lie close together, of which only those are summed up in f32 that 8-bit integers do
+//! not rule out: the numbers of f32, to the bit, at little more than the cost of integers.
+//!
+//! With codes `q` of the weights and `a` of the activations of a group, `w = u q + dw` and `h = s a + dh`, a channel's
+//! sum is `Σ w h = u s Σ q a + Σ dw s a + Σ w dh`. By Cauchy and Schwarz the last two terms are at most
+//! `|dw| |s a| + |w| |dh|`, lengths of vectors that are known. What rounding does to a sum in f32 is less than
+//! [`ROUNDING`] of `|b| + |w| |h|`. So whatever a point's integer sum leaves below the maximum is below it in f32, too.
+
+#![allow(unsafe_code, clippy::indexing_slicing)]
+// Only x86-64 has a kernel.
+#![cfg_attr(not(target_arch = "x86_64"), allow(dead_code))]
+
+use super::Isa;
+use super::pruned::INPUTS;
+use super::search::{Codes, QUAD, nearest_even};
+use super::split::Tile;
+#[cfg(target_arch = "x86_64")]
+use super::{Kind, x86_vnni_sieve};
+use crate::dims::PANEL;
+use crate::weights::Dense;
+
+/// More than what sums of [`INPUTS`] products and a bias in f32, and the few operations on thresholds, can be off by.
+pub(super) const ROUNDING: f32 = 2.0 * (INPUTS + 8) as f32 * f32::EPSILON;
+/// Numbers that are kept of a channel.
+const FACTORS: usize = 4;
+
+/// A layer with its weights in 8 bits too.
+#[derive(Clone, Copy, Debug)]
+pub struct SieveDense<'a> {
+    /// Its weights, symmetric in ±127 of each channel's largest magnitude.
+    pub(super) codes: Codes<'a>,
+    /// The weights themselves, `[outputs, inputs]`.
+    pub(super) rows: &'a [f32],
+    /// Bias.
+    pub(super) bias: &'a [f32],
+    /// `1 / u` of each channel.
+    pub(super) per_unit: &'a [f32],
+    /// `|w|`.
+    pub(super) norm: &'a [f32],
+    /// `|dw|`.
+    pub(super) rest: &'a [f32],
+    /// [`ROUNDING`] of `|b|`.
+    pub(super) slack: &'a [f32],
+}
+
+/// Bytes of the codes, and numbers in f32: rows and factors.
+fn lengths(layer: &Dense<'_>) -> Option<(usize, usize)> {
+    let (inputs, outputs) = (layer.inputs, layer.bias.len());
+    let whole = inputs > 0
+        && inputs <= INPUTS
+        && inputs.is_multiple_of(super::search::CODES)
+        && layer.panels.len() == inputs * outputs;
+    whole.then_some((inputs * outputs, (inputs + FACTORS) * outputs))
+}
+
+impl<'a> SieveDense<'a> {
+    /// A layer with the memory that [`pack`] has filled from it; `None` where its length is not that of
+    /// [`packed_tiles`].
+    pub fn new(layer: &Dense<'a>, packed: &'a [Tile]) -> Option<Self> {
+        let (codes, _) = lengths(layer)?;
+        if packed_tiles(layer) != Some(packed.len()) {
+            return None;
+        }
+        let (codes, floats) = bytemuck::cast_slice::<_, i8>(packed).split_at(codes);
+        let floats: &[f32] = bytemuck::cast_slice(floats);
+        let (rows, factors) = floats.split_at(layer.panels.len());
+        let mut factors = factors.chunks_exact(layer.bias.len());
+        Some(SieveDense {
+            codes: Codes::new(layer.inputs, layer.bias.len(), codes)?,
+            rows,
+            bias: layer.bias,
+            per_unit: factors.next()?,
+            norm: factors.next()?,
+            rest: factors.next()?,
+            slack: factors.next()?,
+        })
+    }
+}
+
+/// Tiles that a layer's codes and factors fill; `None` for one too wide, or of another than whole [`Codes`].
+pub fn packed_tiles(layer: &Dense<'_>) -> Option<usize> {
+    let (codes, floats) = lengths(layer)?;
+    Some((codes + floats * size_of::<f32>()).div_ceil(size_of::<Tile>()))
+}
+
+/// Fills [`packed_tiles`] tiles; nothing where there are others.
+pub fn pack(layer: &Dense<'_>, memory: &mut [Tile]) {
+    let Some((codes, _)) = lengths(layer).filter(|_| packed_tiles(layer) == Some(memory.len()))
+    else {
+        return;
+    };
+    let memory = bytemuck::cast_slice_mut::<_, i8>(memory);
+    let (codes, floats) = memory.split_at_mut(codes);
+    let floats: &mut [f32] = bytemuck::cast_slice_mut(floats);
+    let (rows, factors) = floats.split_at_mut(layer.panels.len());
+    for (channel, &bias) in layer.bias.iter().enumerate() {
+        let (panel, lane) = (channel / PANEL, channel % PANEL);
+        let weights = &layer.panels[panel * layer.inputs * PANEL..][..layer.inputs * PANEL];
+        let weights = weights.iter().skip(lane).step_by(PANEL);
+        let largest = weights.clone().fold(0.0f32, |most, w| most.max(w.abs()));
+        // A channel of zeros, or nearly so: all codes are zero, and nothing is ruled out that is not far below.
+        let unit = (largest / 127.0).max(f32::MIN_POSITIVE);
+        let (mut norm, mut rest) = (0.0f64, 0.0f64);
+        for (k, &w) in weights.enumerate() {
+            rows[channel * layer.inputs + k] = w;
+            let code = nearest_even(w / unit);
+            let quad = panel * layer.inputs * PANEL + (k / QUAD * PANEL + lane) * QUAD;
+            codes[quad + k % QUAD] = code as i8;
+            norm += f64::from(w) * f64::from(w);
+            let error = f64::from(w) - f64::from(unit) * f64::from(code);
+            rest += error * error;
+        }
+        let up = |square: f64| libm::sqrt(square) as f32 * (1.0 + 1e-6);
+        let values = [1.0 / unit, up(norm), up(rest), ROUNDING * bias.abs()];
+        let places = factors.iter_mut().skip(channel).step_by(layer.bias.len());
+        for (place, value) in places.zip(values) {
+            *place = value;
+        }
+    }
+}
+
+impl Isa {
+    /// Whether integers are much faster than floats here, but no tiles are, which makes a sieve worth its memory.
+    pub fn has_fast_sieves(self) -> bool {
+        match self.0 {
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx512Vnni => true,
+            _ => false,
+        }
+    }
+
+    /// As [`Isa::dense_max_near`] but for rounding, of activations that are not negative. Nothing where [`Isa::has_fast_sieves`] is
+    /// false.
+    ///
+    /// # Shapes
+    /// `x [points, inputs]`, `max [outputs]`; a shorter `max` stays as it is.
+    pub fn dense_max_sieve(self, sieve: &SieveDense<'_>, x: &[f32], max: &mut [f32]) {
+        let inputs = sieve.codes.inputs;
+        if max.len() < sieve.bias.len() || inputs == 0 {
+            return;
+        }
+        let points = x.len() / inputs;
+        match self.0 {
+            // SAFETY: the instruction set was detected, lengths were checked above and when packed.
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx512Vnni => unsafe { x86_vnni_sieve::dense_max(sieve, points, x, max) },
+            _ => {
+                let _ = (points, x);
+            }
+        }
+    }
+}

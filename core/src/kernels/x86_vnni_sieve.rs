@@ -1,0 +1,207 @@
+//! The last embedding layer in f32 through a sieve of integers, with AVX-512 VNNI. See [`super::sieve`].
+//!
+//! Every function must only be called where AVX-512F, BW and VNNI were detected, with `points` rows in `x`, none of
+//! them negative, and `max` as long as the layer's bias; [`super::Isa`] checks all but the sign.
+#![allow(unsafe_code, clippy::indexing_slicing, clippy::needless_range_loop)]
+
+use super::pruned::{INPUTS, NEAR, PANELS, channels_of, prune};
+use super::sieve::{ROUNDING, SieveDense};
+use super::x86_vnni_pruned::{Group, bounds, sums};
+use crate::dims::{PANEL, TILE};
+use core::arch::x86_64::*;
+
+/// Groups whose bounds are computed together, so that a weight is loaded once for all.
+const GROUPS: usize = TILE / NEAR;
+
+/// What a group's codes leave open.
+#[derive(Clone, Copy)]
+struct Doubt {
+    /// `1 / s`, codes in one unit of activation.
+    per_unit: f32,
+    /// Longest `h`, and longest `dh`, of its points.
+    longest: f32,
+    rest: f32,
+}
+
+impl Doubt {
+    const NONE: Doubt = Doubt {
+        per_unit: 0.0,
+        longest: 0.0,
+        rest: 0.0,
+    };
+}
+
+/// See [`super::Isa::dense_max_sieve`].
+#[target_feature(enable = "avx512f,avx512bw,avx512vnni")]
+pub(super) unsafe fn dense_max(sieve: &SieveDense<'_>, points: usize, x: &[f32], max: &mut [f32]) {
+    let inputs = sieve.codes.inputs;
+    let mut codes = [Group::ZERO; GROUPS];
+    let mut doubts = [Doubt::NONE; GROUPS];
+    let max = max.as_mut_ptr();
+    for x in x[..points * inputs].chunks(GROUPS * NEAR * inputs) {
+        let rows = x.len() / inputs;
+        let mut count = 0;
+        for rows in x.chunks(NEAR * inputs) {
+            let mut bytes = [0; NEAR * INPUTS];
+            let bytes = &mut bytes[..rows.len()];
+            // SAFETY: rows of `inputs` values, a multiple of 64 up to `INPUTS`.
+            unsafe {
+                doubts[count] = quantise(inputs, rows, bytes);
+                codes[count].fill(inputs, bytes);
+            }
+            count += 1;
+        }
+        let mut known = [[Limits::NONE; PANELS]; GROUPS];
+        let known = known.as_mut_ptr();
+        prune::<1, GROUPS>(
+            sieve.codes.outputs / PANEL,
+            count,
+            // SAFETY: the caller guarantees the maxima and factors of each panel.
+            |panel, left| unsafe {
+                let bounds = bounds::<GROUPS>(&sieve.codes, panel, &codes);
+                for group in 0..GROUPS {
+                    let limits = &mut (*known.add(group))[panel % PANELS];
+                    let lowest = limits.find(sieve, panel, &doubts[group], max);
+                    let higher = _mm512_cmpgt_epi32_mask(bounds[group], lowest);
+                    channels_of(panel, higher, &mut left[group]);
+                }
+            },
+            // SAFETY: groups and channels are those of bounds, and the rows of a group are there.
+            |group, channels| unsafe {
+                let sums = sums(&sieve.codes, codes.get_unchecked(group), channels);
+                for (sum, &channel) in sums.into_iter().zip(channels) {
+                    let channel = usize::from(channel);
+                    let limits = &(*known.add(group))[channel / PANEL % PANELS];
+                    let lowest = _mm512_set1_epi32(limits.lowest[channel % PANEL]);
+                    let mut open = _mm512_cmpgt_epi32_mask(sum, lowest);
+                    if open.count_ones() > 1 {
+                        let highest =
+                            _mm512_reduce_max_epi32(sum) - limits.between[channel % PANEL];
+                        open &= _mm512_cmpgt_epi32_mask(sum, _mm512_set1_epi32(highest));
+                    }
+                    while open != 0 {
+                        let row = (group * NEAR + open.trailing_zeros() as usize).min(rows - 1);
+                        let value = sum_of(sieve, channel, x.as_ptr().add(row * inputs));
+                        let max = &mut *max.add(channel);
+                        *max = if value > *max { value } else { *max };
+                        open &= open - 1;
+                    }
+                }
+            },
+        );
+    }
+}
+
+/// What a channel makes of a row, in f32.
+#[target_feature(enable = "avx512f")]
+#[inline]
+unsafe fn sum_of(sieve: &SieveDense<'_>, channel: usize, row: *const f32) -> f32 {
+    let inputs = sieve.codes.inputs;
+    // SAFETY: the caller guarantees the channel, and a row of `inputs` values, a multiple of 64.
+    unsafe {
+        let weights = sieve.rows.as_ptr().add(channel * inputs);
+        let mut sum = [_mm512_setzero_ps(); 4];
+        for at in (0..inputs).step_by(64) {
+            for (part, sum) in sum.iter_mut().enumerate() {
+                let w = _mm512_loadu_ps(weights.add(at + 16 * part));
+                *sum = _mm512_fmadd_ps(w, _mm512_loadu_ps(row.add(at + 16 * part)), *sum);
+            }
+        }
+        let [a, b, c, d] = sum;
+        let sum = _mm512_add_ps(_mm512_add_ps(a, b), _mm512_add_ps(c, d));
+        *sieve.bias.get_unchecked(channel) + _mm512_reduce_add_ps(sum)
+    }
+}
+
+/// Which integer sums of a panel's channels matter.
+#[derive(Clone, Copy)]
+struct Limits {
+    /// Up to these, sums come from points that are not above the maxima.
+    lowest: [i32; PANEL],
+    /// So far below another point of the group, or farther, a point is not above it.
+    between: [i32; PANEL],
+}
+
+impl Limits {
+    const NONE: Limits = Limits {
+        lowest: [0; PANEL],
+        between: [0; PANEL],
+    };
+
+    /// Of a group; the lowest are given back, too.
+    #[target_feature(enable = "avx512f")]
+    #[inline]
+    unsafe fn find(
+        &mut self,
+        sieve: &SieveDense<'_>,
+        panel: usize,
+        doubt: &Doubt,
+        max: *const f32,
+    ) -> __m512i {
+        // SAFETY: the caller guarantees the panel.
+        unsafe {
+            let of = |values: *const f32| _mm512_loadu_ps(values.add(panel * PANEL));
+            let by_weights = _mm512_set1_ps(doubt.longest + doubt.rest);
+            let by_points = _mm512_set1_ps(doubt.rest + ROUNDING * doubt.longest);
+            let margin = _mm512_fmadd_ps(
+                of(sieve.rest.as_ptr()),
+                by_weights,
+                of(sieve.slack.as_ptr()),
+            );
+            let margin = _mm512_fmadd_ps(of(sieve.norm.as_ptr()), by_points, margin);
+            let above = _mm512_sub_ps(of(max), of(sieve.bias.as_ptr()));
+            let per_unit =
+                _mm512_mul_ps(of(sieve.per_unit.as_ptr()), _mm512_set1_ps(doubt.per_unit));
+            // Beyond what any sum reaches, and where nothing is known yet, the conversion does not matter.
+            let units = |value| {
+                let value = _mm512_mul_ps(value, per_unit);
+                let value = _mm512_max_ps(value, _mm512_set1_ps(-1e9));
+                _mm512_min_ps(value, _mm512_set1_ps(1e9))
+            };
+            let lowest = units(_mm512_sub_ps(above, margin));
+            let lowest = _mm512_fnmadd_ps(_mm512_abs_ps(lowest), _mm512_set1_ps(ROUNDING), lowest);
+            let lowest = _mm512_sub_epi32(_mm512_cvtps_epi32(lowest), _mm512_set1_epi32(1));
+            let between = units(_mm512_mul_ps(margin, _mm512_set1_ps(2.0 + ROUNDING)));
+            let between = _mm512_add_epi32(_mm512_cvtps_epi32(between), _mm512_set1_epi32(2));
+            _mm512_storeu_si512(self.lowest.as_mut_ptr().cast(), lowest);
+            _mm512_storeu_si512(self.between.as_mut_ptr().cast(), between);
+            lowest
+        }
+    }
+}
+
+/// Codes of rows in one unit, and what they leave open.
+#[target_feature(enable = "avx512f")]
+#[inline]
+unsafe fn quantise(inputs: usize, rows: &[f32], codes: &mut [u8]) -> Doubt {
+    // SAFETY: whole registers of whole rows, and as many codes.
+    unsafe {
+        let mut most = _mm512_setzero_ps();
+        for at in (0..rows.len()).step_by(16) {
+            most = _mm512_max_ps(most, _mm512_loadu_ps(rows.as_ptr().add(at)));
+        }
+        let unit = (_mm512_reduce_max_ps(most) / 255.0).max(f32::MIN_POSITIVE);
+        let (up, down) = (_mm512_set1_ps(1.0 / unit), _mm512_set1_ps(unit));
+        let (mut longest, mut rest) = (0.0f32, 0.0f32);
+        for row in (0..rows.len()).step_by(inputs) {
+            let (mut squares, mut errors) = (_mm512_setzero_ps(), _mm512_setzero_ps());
+            for at in (row..row + inputs).step_by(16) {
+                let value = _mm512_loadu_ps(rows.as_ptr().add(at));
+                let code = _mm512_cvtps_epi32(_mm512_mul_ps(value, up));
+                let error = _mm512_fnmadd_ps(_mm512_cvtepi32_ps(code), down, value);
+                squares = _mm512_fmadd_ps(value, value, squares);
+                errors = _mm512_fmadd_ps(error, error, errors);
+                let code = _mm512_cvtusepi32_epi8(_mm512_max_epi32(code, _mm512_setzero_si512()));
+                _mm_storeu_si128(codes.as_mut_ptr().add(at).cast(), code);
+            }
+            longest = longest.max(_mm512_reduce_add_ps(squares));
+            rest = rest.max(_mm512_reduce_add_ps(errors));
+        }
+        let up = |square: f32| libm::sqrtf(square) * (1.0 + 1e-5);
+        Doubt {
+            per_unit: 1.0 / unit,
+            longest: up(longest),
+            rest: up(rest),
+        }
+    }
+}

@@ -400,7 +400,7 @@ impl<'w, 's> Registrar<'w, 's> {
         let target = Cloud::F32(target);
         self.put_in_order(target, &mut registration.order);
         self.scratch.begin();
-        self.embed_cloud(target, &registration.order, 0..target.len(), &view);
+        self.embed_cloud(target, &registration.order, 0..target.len(), false, &view);
         self.finish_target(registration);
         Ok(())
     }
@@ -504,11 +504,8 @@ impl<'w, 's> Registrar<'w, 's> {
         let seen = registration.seen;
         if self.policy.sees_all(registration.steps) {
             let end = seen.saturating_add(points).min(source.len());
-            if self.finds_critical(registration.steps) {
-                self.embed_counted(source, seen..end, &view);
-            } else {
-                self.embed_cloud(source, &registration.order, seen..end, &view);
-            }
+            let counted = self.finds_critical(registration.steps);
+            self.embed_cloud(source, &registration.order, seen..end, counted, &view);
             registration.seen = end;
             return;
         }
@@ -541,17 +538,17 @@ impl<'w, 's> Registrar<'w, 's> {
     /// Makes the source that was embedded a feature, and keeps the points by which it came about.
     fn finish_source(&mut self, registration: &mut Registration<'_>) {
         if self.finds_critical(registration.steps) {
-            let critical = &mut registration.critical;
+            let (critical, order) = (&mut registration.critical, &registration.order);
             let channels = self.policy.shape.features();
             critical.clear();
             match &self.scratch.memory {
                 Memory::F32(scratch) => {
                     let winners = scratch.winners().iter().take(channels);
-                    winners.for_each(|&point| critical.insert(point.into()));
+                    winners.for_each(|&place| critical.insert(order.point(place.into())));
                 }
                 Memory::Int8(scratch) => {
                     let winners = scratch.winners().take(channels);
-                    winners.for_each(|point| critical.insert(point));
+                    winners.for_each(|place| critical.insert(order.point(place)));
                 }
             }
         }
@@ -567,32 +564,27 @@ impl<'w, 's> Registrar<'w, 's> {
         }
     }
 
-    /// Embeds the points at some places of an order.
-    fn embed_cloud(&mut self, cloud: Cloud<'_>, order: &Order, places: Range<usize>, view: &View) {
+    /// Embeds the points at some places of an order; where they count, finds the places of the critical ones among them.
+    fn embed_cloud(
+        &mut self,
+        cloud: Cloud<'_>,
+        order: &Order,
+        places: Range<usize>,
+        counted: bool,
+        view: &View,
+    ) {
         let mut tile = [[0.0; 3]; QUANT_TILE];
         let mut place = places.start;
         while place < places.end {
-            let n = QUANT_TILE
-                .min(places.end - place)
-                .min(order.together(place));
-            for (i, point) in tile.iter_mut().take(n).enumerate() {
-                *point = cloud.point(order.point(place + i)).unwrap_or_default();
+            let together = (places.end - place).min(order.together(place));
+            let mut filled = 0;
+            for point in tile.iter_mut().take(together) {
+                *point = cloud.point(order.point(place + filled)).unwrap_or_default();
+                filled += 1;
             }
-            self.embed(tile.get(..n).unwrap_or(&[]), None, view);
-            place += n;
-        }
-    }
-
-    /// Embeds some points as they come, and finds the critical ones among them.
-    fn embed_counted(&mut self, cloud: Cloud<'_>, points: Range<usize>, view: &View) {
-        let mut tile = [[0.0; 3]; QUANT_TILE];
-        for first in points.clone().step_by(QUANT_TILE) {
-            let part = cloud.part(first..points.end.min(first + QUANT_TILE));
-            for (to, point) in tile.iter_mut().zip(part.points()) {
-                *to = point;
-            }
-            let points = tile.get(..part.len()).unwrap_or(&[]);
-            self.embed(points, Some(first), view);
+            let points = tile.get(..filled).unwrap_or(&[]);
+            self.embed(points, counted.then_some(place), view);
+            place += filled;
         }
     }
 

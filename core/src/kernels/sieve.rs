@@ -78,13 +78,13 @@ impl<'a> SieveDense<'a> {
 }
 
 /// Tiles that a layer's codes and factors fill; `None` for one too wide, or of another than whole [`Codes`].
-pub fn packed_tiles(layer: &Dense<'_>) -> Option<usize> {
+pub(super) fn packed_tiles(layer: &Dense<'_>) -> Option<usize> {
     let (codes, floats) = lengths(layer)?;
     Some((codes + floats * size_of::<f32>()).div_ceil(size_of::<Tile>()))
 }
 
 /// Fills [`packed_tiles`] tiles; nothing where there are others.
-pub fn pack(layer: &Dense<'_>, memory: &mut [Tile]) {
+pub(super) fn pack(layer: &Dense<'_>, memory: &mut [Tile]) {
     let Some((codes, _)) = lengths(layer).filter(|_| packed_tiles(layer) == Some(memory.len()))
     else {
         return;

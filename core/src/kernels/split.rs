@@ -60,7 +60,7 @@ impl<'a> SplitDense<'a> {
 }
 
 /// Tiles that a layer's weights fill; `None` for one that has not whole blocks of 32 inputs and 64 outputs.
-pub fn packed_tiles(layer: &Dense<'_>) -> Option<usize> {
+pub(super) fn packed_tiles(layer: &Dense<'_>) -> Option<usize> {
     let (inputs, outputs) = (layer.inputs, layer.bias.len());
     let whole = inputs > 0
         && inputs.is_multiple_of(TILE_INPUTS)
@@ -70,7 +70,7 @@ pub fn packed_tiles(layer: &Dense<'_>) -> Option<usize> {
 }
 
 /// Splits a layer's weights, `[outputs / 16][inputs / 32][part]`, each tile `[inputs / 2][output][2]`.
-pub fn pack(layer: &Dense<'_>, memory: &mut [Tile]) {
+pub(super) fn pack(layer: &Dense<'_>, memory: &mut [Tile]) {
     let groups = layer.panels.chunks_exact(PANEL * TILE_INPUTS);
     for (group, parts) in groups.zip(memory.as_chunks_mut::<PARTS>().0) {
         for (k, lanes) in group.chunks_exact(PANEL).enumerate() {

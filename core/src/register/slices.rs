@@ -82,7 +82,7 @@ impl Registrar<'_, '_> {
             if of_target {
                 let end = seen.saturating_add(points).min(cloud.len());
                 let view = registration.target_view();
-                self.embed_cloud(cloud, &registration.order, seen..end, &view);
+                self.embed_cloud(cloud, &registration.order, seen..end, false, &view);
                 registration.seen = end;
             } else {
                 self.look(registration, points);

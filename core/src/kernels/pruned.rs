@@ -17,6 +17,46 @@ pub(super) const CHANNELS: usize = 8;
 /// Panels of weights at a time, so that they stay in the cache while the groups pass.
 pub(super) const PANELS: usize = 8;
 
+/// Activations of [`NEAR`] points in f32.
+#[cfg(target_arch = "x86_64")]
+#[derive(Clone, Copy)]
+pub(super) struct Floats {
+    /// Of each point.
+    pub(super) points: [[f32; NEAR]; INPUTS],
+    /// The highest and the lowest of them.
+    pub(super) high: [f32; INPUTS],
+    pub(super) low: [f32; INPUTS],
+}
+
+#[cfg(target_arch = "x86_64")]
+impl Floats {
+    pub(super) const ZERO: Floats = Floats {
+        points: [[0.0; NEAR]; INPUTS],
+        high: [0.0; INPUTS],
+        low: [0.0; INPUTS],
+    };
+
+    /// Of at most so many rows, the last one repeated where there are fewer.
+    #[inline(always)]
+    pub(super) fn fill(&mut self, inputs: usize, rows: &[f32]) {
+        let last = rows.len() / inputs - 1;
+        self.high.fill(f32::NEG_INFINITY);
+        self.low.fill(f32::INFINITY);
+        for lane in 0..NEAR {
+            let row = &rows[lane.min(last) * inputs..][..inputs];
+            for (high, &value) in self.high.iter_mut().zip(row) {
+                *high = if value > *high { value } else { *high };
+            }
+            for (low, &value) in self.low.iter_mut().zip(row) {
+                *low = if value < *low { value } else { *low };
+            }
+            for (points, &value) in self.points.iter_mut().zip(row) {
+                points[lane] = value;
+            }
+        }
+    }
+}
+
 /// Channels for which the points of a group are to be summed up.
 #[derive(Clone, Copy)]
 pub(super) struct Left {

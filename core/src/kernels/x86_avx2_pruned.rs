@@ -2,10 +2,10 @@
 //! bounds are computed, and points where sums are. See [`super::pruned`].
 //!
 //! Every function must only be called where AVX2 and FMA were detected, with a layer whose arrays have their padded
-//! lengths and at most [`INPUTS`] inputs, and `max` as long as its bias; [`super::Isa`] checks all of it.
+//! lengths and at most [`super::pruned::INPUTS`] inputs, and `max` as long as its bias; [`super::Isa`] checks all of it.
 #![allow(unsafe_code, clippy::indexing_slicing, clippy::needless_range_loop)]
 
-use super::pruned::{CHANNELS, INPUTS, Left, NEAR, prune};
+use super::pruned::{CHANNELS, Floats, Left, NEAR, prune};
 use crate::dims::{PANEL, TILE};
 use crate::weights::Dense;
 use core::arch::x86_64::*;
@@ -17,48 +17,10 @@ const LANES: usize = 8;
 /// Channels whose sums have room in the registers.
 const TOGETHER: usize = 4;
 
-/// Activations of [`NEAR`] points.
-#[derive(Clone, Copy)]
-struct Group {
-    /// Of each point.
-    points: [[f32; NEAR]; INPUTS],
-    /// The highest and the lowest of them.
-    high: [f32; INPUTS],
-    low: [f32; INPUTS],
-}
-
-impl Group {
-    const ZERO: Group = Group {
-        points: [[0.0; NEAR]; INPUTS],
-        high: [0.0; INPUTS],
-        low: [0.0; INPUTS],
-    };
-
-    /// Of at most so many rows, the last one repeated where there are fewer.
-    #[target_feature(enable = "avx2")]
-    fn fill(&mut self, inputs: usize, rows: &[f32]) {
-        let last = rows.len() / inputs - 1;
-        self.high.fill(f32::NEG_INFINITY);
-        self.low.fill(f32::INFINITY);
-        for lane in 0..NEAR {
-            let row = &rows[lane.min(last) * inputs..][..inputs];
-            for (high, &value) in self.high.iter_mut().zip(row) {
-                *high = if value > *high { value } else { *high };
-            }
-            for (low, &value) in self.low.iter_mut().zip(row) {
-                *low = if value < *low { value } else { *low };
-            }
-            for (points, &value) in self.points.iter_mut().zip(row) {
-                points[lane] = value;
-            }
-        }
-    }
-}
-
 /// See [`super::Isa::dense_max_near`]; `points` rows.
 #[target_feature(enable = "avx2,fma")]
 pub(super) unsafe fn dense_max(layer: &Dense<'_>, points: usize, x: &[f32], max: &mut [f32]) {
-    let mut groups = [Group::ZERO; GROUPS];
+    let mut groups = [Floats::ZERO; GROUPS];
     for x in x[..points * layer.inputs].chunks(GROUPS * NEAR * layer.inputs) {
         let mut count = 0;
         for (group, rows) in groups.iter_mut().zip(x.chunks(NEAR * layer.inputs)) {
@@ -87,7 +49,7 @@ pub(super) unsafe fn dense_max(layer: &Dense<'_>, points: usize, x: &[f32], max:
 unsafe fn bound(
     layer: &Dense<'_>,
     panel: usize,
-    groups: &[Group; GROUPS],
+    groups: &[Floats; GROUPS],
     max: *const f32,
     left: &mut [Left; GROUPS],
 ) {
@@ -124,7 +86,7 @@ unsafe fn bound(
 /// Takes the points of a group into the maxima of some channels.
 #[target_feature(enable = "avx2,fma")]
 #[inline]
-unsafe fn raise(layer: &Dense<'_>, group: &Group, channels: &[u16; TOGETHER], max: *mut f32) {
+unsafe fn raise(layer: &Dense<'_>, group: &Floats, channels: &[u16; TOGETHER], max: *mut f32) {
     // SAFETY: the caller guarantees the channels.
     unsafe {
         let mut sum = [[_mm256_setzero_ps(); 2]; TOGETHER];

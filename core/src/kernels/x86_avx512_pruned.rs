@@ -2,11 +2,10 @@
 //! are computed, and points where sums are. See [`super::pruned`].
 //!
 //! Every function must only be called where AVX-512F was detected, with a layer whose arrays have their padded lengths
-//! and at most [`INPUTS`] inputs, and `max` as long as its bias; [`super::Isa`] checks all of it.
+//! and at most [`super::pruned::INPUTS`] inputs, and `max` as long as its bias; [`super::Isa`] checks all of it.
 #![allow(unsafe_code, clippy::indexing_slicing, clippy::needless_range_loop)]
 
-use super::pruned::{CHANNELS, INPUTS, NEAR, channels_of, prune};
-use super::x86_vnni_pruned::transposed;
+use super::pruned::{CHANNELS, Floats, NEAR, channels_of, prune};
 use crate::dims::{PANEL, TILE};
 use crate::weights::Dense;
 use core::arch::x86_64::*;
@@ -16,58 +15,14 @@ const GROUPS: usize = TILE / NEAR;
 /// Panels whose bounds are computed together.
 const TOGETHER: usize = 2;
 
-/// Activations of [`NEAR`] points.
-#[derive(Clone, Copy)]
-struct Group {
-    /// Of each point.
-    points: [[f32; NEAR]; INPUTS],
-    /// The highest and the lowest of them.
-    high: [f32; INPUTS],
-    low: [f32; INPUTS],
-}
-
-impl Group {
-    const ZERO: Group = Group {
-        points: [[0.0; NEAR]; INPUTS],
-        high: [0.0; INPUTS],
-        low: [0.0; INPUTS],
-    };
-
-    /// Of at most so many rows, the last one repeated where there are fewer.
-    #[target_feature(enable = "avx512f")]
-    unsafe fn fill(&mut self, inputs: usize, rows: &[f32]) {
-        let last = rows.len() / inputs - 1;
-        // SAFETY: rows of `inputs` values, a multiple of 16 up to `INPUTS`.
-        unsafe {
-            for part in (0..inputs).step_by(16) {
-                let mut columns = [_mm512_setzero_si512(); NEAR];
-                let mut high = _mm512_set1_ps(f32::NEG_INFINITY);
-                let mut low = _mm512_set1_ps(f32::INFINITY);
-                for (lane, row) in columns.iter_mut().enumerate() {
-                    let values = _mm512_loadu_ps(rows.as_ptr().add(lane.min(last) * inputs + part));
-                    high = _mm512_max_ps(high, values);
-                    low = _mm512_min_ps(low, values);
-                    *row = _mm512_castps_si512(values);
-                }
-                _mm512_storeu_ps(self.high.as_mut_ptr().add(part), high);
-                _mm512_storeu_ps(self.low.as_mut_ptr().add(part), low);
-                for (k, points) in transposed(columns).into_iter().enumerate() {
-                    _mm512_storeu_si512(self.points.as_mut_ptr().add(part + k).cast(), points);
-                }
-            }
-        }
-    }
-}
-
 /// See [`super::Isa::dense_max_near`]; `points` rows.
 #[target_feature(enable = "avx512f")]
 pub(super) unsafe fn dense_max(layer: &Dense<'_>, points: usize, x: &[f32], max: &mut [f32]) {
-    let mut groups = [Group::ZERO; GROUPS];
+    let mut groups = [Floats::ZERO; GROUPS];
     for x in x[..points * layer.inputs].chunks(GROUPS * NEAR * layer.inputs) {
         let mut count = 0;
         for (group, rows) in groups.iter_mut().zip(x.chunks(NEAR * layer.inputs)) {
-            // SAFETY: the caller guarantees the width of rows.
-            unsafe { group.fill(layer.inputs, rows) };
+            group.fill(layer.inputs, rows);
             count += 1;
         }
         // SAFETY: as the caller guarantees.
@@ -84,7 +39,7 @@ pub(super) unsafe fn dense_max(layer: &Dense<'_>, points: usize, x: &[f32], max:
 #[target_feature(enable = "avx512f")]
 unsafe fn dense_groups<const N: usize>(
     layer: &Dense<'_>,
-    groups: &[Group; GROUPS],
+    groups: &[Floats; GROUPS],
     count: usize,
     max: &mut [f32],
 ) {
@@ -115,7 +70,7 @@ unsafe fn dense_groups<const N: usize>(
 unsafe fn bounds<const N: usize>(
     layer: &Dense<'_>,
     panels: [usize; TOGETHER],
-    groups: &[Group; GROUPS],
+    groups: &[Floats; GROUPS],
 ) -> [[__m512; TOGETHER]; N] {
     // SAFETY: the caller guarantees the panels; no more groups are asked for than there are.
     unsafe {
@@ -150,7 +105,7 @@ unsafe fn bounds<const N: usize>(
 /// Takes the points of a group into the maxima of some channels.
 #[target_feature(enable = "avx512f")]
 #[inline]
-unsafe fn raise(layer: &Dense<'_>, group: &Group, channels: &[u16; CHANNELS], max: *mut f32) {
+unsafe fn raise(layer: &Dense<'_>, group: &Floats, channels: &[u16; CHANNELS], max: *mut f32) {
     // SAFETY: the caller guarantees the channels.
     unsafe {
         let sums = sums(layer, group, channels);
@@ -166,7 +121,11 @@ unsafe fn raise(layer: &Dense<'_>, group: &Group, channels: &[u16; CHANNELS], ma
 /// Sums of some channels, a lane for each point of a group.
 #[target_feature(enable = "avx512f")]
 #[inline]
-unsafe fn sums(layer: &Dense<'_>, group: &Group, channels: &[u16; CHANNELS]) -> [__m512; CHANNELS] {
+unsafe fn sums(
+    layer: &Dense<'_>,
+    group: &Floats,
+    channels: &[u16; CHANNELS],
+) -> [__m512; CHANNELS] {
     // SAFETY: the caller guarantees the channels.
     unsafe {
         let mut sum = [_mm512_setzero_ps(); CHANNELS];

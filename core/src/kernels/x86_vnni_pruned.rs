@@ -61,7 +61,7 @@ impl Group {
 /// Columns of 32 bits as rows.
 #[target_feature(enable = "avx512f")]
 #[inline]
-pub(super) fn transposed(rows: [__m512i; 16]) -> [__m512i; 16] {
+fn transposed(rows: [__m512i; 16]) -> [__m512i; 16] {
     let mut pairs = rows;
     for i in 0..8 {
         pairs[2 * i] = _mm512_unpacklo_epi32(rows[2 * i], rows[2 * i + 1]);

@@ -43,15 +43,14 @@ ENDS = {"": "", "+icp": ", then ICP to planes", "+polish": ", polished", "+verif
 
 COMPACT = ["--shape", "compact"]
 DESIGN = {
-    "expert": ("without the stochastic policy: the expert's actions", [*COMPACT, "--follow", "expert"]),
-    "argmax": ("without the stochastic policy: the likeliest actions", [*COMPACT, "--follow", "argmax"]),
-    "plain": ("without augmentation", [*COMPACT, "--no-augmentation"]),
-    "greedy": ("greedy expert", [*COMPACT, "--expert", "greedy"]),
-    "basic": ("basic accumulation", [*COMPACT, "--accumulation", "basic"]),
-    "local": ("local rotations", [*COMPACT, "--accumulation", "local"]),
-    "ours": ("ours: stochastic, augmented, steady, global", COMPACT),
-    "wide": ("ours, with the paper's network", []),
-    "deep": ("ours, with the deep network", ["--shape", "deep"]),
+    "expert": ("without the stochastic policy: the expert's actions", ["--follow", "expert"]),
+    "argmax": ("without the stochastic policy: the likeliest actions", ["--follow", "argmax"]),
+    "plain": ("without augmentation", ["--no-augmentation"]),
+    "greedy": ("greedy expert", ["--expert", "greedy"]),
+    "deep": ("deep embedding, narrow heads", ["--shape", "deep"]),
+    "basic": ("basic accumulation", ["--accumulation", "basic"]),
+    "local": ("local rotations", ["--accumulation", "local"]),
+    "wide": ("ours: stochastic, augmented, steady, wide, global", []),
 }
 
 # One change at a time to six epochs of reinforcement after the same pre-training.

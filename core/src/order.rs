@@ -150,11 +150,12 @@ mod tests {
         let order = order_of(&points);
         let (ahead, rest) = order.split_at(1024 / SEEDED);
         for cell in rest.chunks(NEAR) {
-            for axis in 0..2 {
-                let along = cell.iter().map(|&point| points[point][axis]);
-                let low = along.clone().fold(f32::INFINITY, f32::min);
-                assert!(along.fold(0.0, f32::max) - low <= 8.0);
-            }
+            let places = cell.iter().map(|&point| Place {
+                at: points[point].into(),
+                point: point as u16,
+            });
+            let [low, high] = bounds(&places.collect::<Vec<_>>());
+            assert!((high - low).max_element() <= 8.0);
         }
         // Of each cell the point that is farthest from the middle.
         let corners = ahead.iter().filter(|&&point| {

@@ -7,7 +7,6 @@ use super::{Isa, portable, pruned, rows};
 use super::{Kind, aarch64_neon};
 #[cfg(target_arch = "x86_64")]
 use super::{Kind, x86_avx2, x86_avx2_pruned, x86_avx512, x86_avx512_pruned};
-use crate::dims::PANEL;
 use crate::weights::Dense;
 
 impl Isa {
@@ -78,21 +77,20 @@ impl Isa {
     /// # Shapes
     /// `x [points, inputs]`, `max [padded outputs]`; a shorter `max` leaves everything as it is.
     pub fn dense_max_near(self, layer: &Dense<'_>, x: &[f32], max: &mut [f32]) {
-        let narrow = layer.inputs <= pruned::INPUTS && layer.inputs.is_multiple_of(PANEL);
-        if max.len() < layer.bias.len() || !narrow {
+        let outputs = layer.bias.len();
+        if max.len() < outputs || !pruned::fits(layer.inputs, outputs) {
             return self.dense_max(layer, x, max);
         }
-        let points = rows(layer, x);
         match self.0 {
             // SAFETY: features detected; `points` rows of `x` and all of `max` are in bounds.
             #[cfg(target_arch = "x86_64")]
             Kind::Avx512 | Kind::Avx512Vnni | Kind::Amx => unsafe {
-                x86_avx512_pruned::dense_max(layer, points, x, max);
+                x86_avx512_pruned::dense_max(layer, rows(layer, x), x, max);
             },
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
             Kind::Avx2 | Kind::AvxVnni => unsafe {
-                x86_avx2_pruned::dense_max(layer, points, x, max);
+                x86_avx2_pruned::dense_max(layer, rows(layer, x), x, max);
             },
             _ => self.dense_max(layer, x, max),
         }

@@ -12,7 +12,8 @@ use super::{Kind, armv7em_dsp};
 use super::{Kind, armv81m_helium};
 #[cfg(target_arch = "x86_64")]
 use super::{
-    Kind, x86_amx, x86_avx2_pruned_codes, x86_avx2_wide, x86_bytes256, x86_vnni, x86_vnni_pruned,
+    Kind, pruned, x86_amx, x86_avx2_pruned_codes, x86_avx2_wide, x86_bytes256, x86_vnni,
+    x86_vnni_pruned,
 };
 use crate::dims::{PANEL, PANELS_TOGETHER};
 use crate::quant::QuantLayer;
@@ -115,17 +116,16 @@ impl Isa {
         if !is_whole(layer) || max.len() != layer.outputs {
             return;
         }
-        let whole = x.len() - x.len() % layer.inputs;
         match self.0 {
             // SAFETY: the instruction set was detected, lengths were checked above.
             #[cfg(target_arch = "x86_64")]
-            Kind::Avx512Vnni if layer.inputs <= INPUTS => unsafe {
-                x86_vnni_pruned::dense_codes_max(layer, &x[..whole], max);
+            Kind::Avx512Vnni if pruned::fits(layer.inputs, layer.outputs) => unsafe {
+                x86_vnni_pruned::dense_codes_max(layer, x, max);
             },
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
-            Kind::Avx2 | Kind::Avx512 if layer.inputs <= INPUTS => unsafe {
-                x86_avx2_pruned_codes::dense_codes_max(layer, &x[..whole], max);
+            Kind::Avx2 | Kind::Avx512 if pruned::fits(layer.inputs, layer.outputs) => unsafe {
+                x86_avx2_pruned_codes::dense_codes_max(layer, x, max);
             },
             _ => self.dense_codes_max(layer, x, max),
         }

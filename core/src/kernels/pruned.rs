@@ -6,6 +6,9 @@
 //! points is that of [`crate::order`]. In any order the maxima are the same to the bit: integers are exact, and in f32
 //! a bound is summed up as the points are, input by input, each step of which is monotonic, rounding included.
 
+// Only x86-64 has kernels.
+#![cfg_attr(not(target_arch = "x86_64"), allow(dead_code))]
+
 use crate::dims::PANEL;
 
 /// Points that share a bound.
@@ -17,8 +20,12 @@ pub(super) const CHANNELS: usize = 8;
 /// Panels of weights at a time, so that they stay in the cache while the groups pass.
 pub(super) const PANELS: usize = 8;
 
+/// Whether a layer can be pruned: there is room for its inputs, and a channel's number has 16 bits.
+pub(super) fn fits(inputs: usize, outputs: usize) -> bool {
+    inputs <= INPUTS && outputs <= 1 << u16::BITS
+}
+
 /// Activations of [`NEAR`] points in f32.
-#[cfg(target_arch = "x86_64")]
 #[derive(Clone, Copy)]
 pub(super) struct Floats {
     /// Of each point.
@@ -28,7 +35,6 @@ pub(super) struct Floats {
     pub(super) low: [f32; INPUTS],
 }
 
-#[cfg(target_arch = "x86_64")]
 impl Floats {
     pub(super) const ZERO: Floats = Floats {
         points: [[0.0; NEAR]; INPUTS],
@@ -117,9 +123,9 @@ pub(super) fn channels_of(panel: usize, mask: u16, left: &mut Left) {
     left.add(few, mask.count_ones());
 }
 
-/// Goes through all panels, `STEP` at a time, with `groups` groups, at most `GROUPS`: `bound` says for which channels of a panel the bound
-/// of each group is above the maximum; `raise` takes the points of a group into the maxima of some channels, some of
-/// them more than once.
+/// Goes through all panels, `STEP` at a time, with `groups` groups, at most `GROUPS`: `bound` says for which channels of
+/// these panels the bound of each group is above the maximum; `raise` takes the points of a group into the maxima of
+/// some channels, some of them more than once.
 #[inline(always)]
 pub(super) fn prune<const STEP: usize, const GROUPS: usize>(
     panels: usize,

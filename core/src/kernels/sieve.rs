@@ -11,7 +11,7 @@
 #![cfg_attr(not(target_arch = "x86_64"), allow(dead_code))]
 
 use super::Isa;
-use super::pruned::INPUTS;
+use super::pruned::{INPUTS, fits};
 use super::search::{Codes, QUAD, nearest_even};
 use super::split::Tile;
 #[cfg(target_arch = "x86_64")]
@@ -47,7 +47,7 @@ pub struct SieveDense<'a> {
 fn lengths(layer: &Dense<'_>) -> Option<(usize, usize)> {
     let (inputs, outputs) = (layer.inputs, layer.bias.len());
     let whole = inputs > 0
-        && inputs <= INPUTS
+        && fits(inputs, outputs)
         && inputs.is_multiple_of(super::search::CODES)
         && layer.panels.len() == inputs * outputs;
     whole.then_some((inputs * outputs, (inputs + FACTORS) * outputs))

@@ -74,7 +74,8 @@ pub(super) unsafe fn dense_codes_max(layer: &Codes<'_>, x: &[u8], max: &mut [i32
     let mut wide: [Panel; PANELS] = [[[0; 2 * PANEL]; PAIRS]; PANELS];
     let wide = wide.as_mut_ptr();
     let max = max.as_mut_ptr();
-    for x in x.chunks(GROUPS * NEAR * inputs) {
+    let whole = x.len() - x.len() % inputs;
+    for x in x[..whole].chunks(GROUPS * NEAR * inputs) {
         let mut count = 0;
         for (group, rows) in groups.iter_mut().zip(x.chunks(NEAR * inputs)) {
             group.fill(inputs, rows);

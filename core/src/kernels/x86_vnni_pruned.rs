@@ -99,7 +99,8 @@ fn transposed(rows: [__m512i; 16]) -> [__m512i; 16] {
 #[target_feature(enable = "avx512f,avx512bw,avx512vnni")]
 pub(super) unsafe fn dense_codes_max(layer: &Codes<'_>, x: &[u8], max: &mut [i32]) {
     let mut groups = [Group::ZERO; GROUPS];
-    for x in x.chunks(GROUPS * NEAR * layer.inputs) {
+    let whole = x.len() - x.len() % layer.inputs;
+    for x in x[..whole].chunks(GROUPS * NEAR * layer.inputs) {
         let mut count = 0;
         for (group, rows) in groups.iter_mut().zip(x.chunks(NEAR * layer.inputs)) {
             // SAFETY: the caller guarantees the width of rows.

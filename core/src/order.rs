@@ -8,7 +8,7 @@
 use crate::cloud::Cloud;
 use crate::dims::POINTS_ORDERED;
 use crate::kernels::NEAR;
-use glam::Vec3A;
+use glam::Vec3;
 
 /// Points of a cell that sends one ahead.
 const SEEDED: usize = 2 * NEAR;
@@ -26,7 +26,7 @@ pub(crate) struct Order {
 /// A point and its index.
 #[derive(Clone, Copy)]
 struct Place {
-    at: Vec3A,
+    at: Vec3,
     point: u16,
 }
 
@@ -47,7 +47,7 @@ impl Order {
     pub(crate) fn find(&mut self, cloud: Cloud<'_>) {
         self.clear();
         let mut places = [Place {
-            at: Vec3A::ZERO,
+            at: Vec3::ZERO,
             point: 0,
         }; POINTS_ORDERED];
         let Some(places) = places.get_mut(..cloud.len()) else {
@@ -99,9 +99,9 @@ impl Order {
 }
 
 /// Lowest and highest coordinates.
-fn bounds(places: &[Place]) -> [Vec3A; 2] {
-    let start = [Vec3A::INFINITY, Vec3A::NEG_INFINITY];
-    let widen = |[low, high]: [Vec3A; 2], place: &Place| [low.min(place.at), high.max(place.at)];
+fn bounds(places: &[Place]) -> [Vec3; 2] {
+    let start = [Vec3::INFINITY, Vec3::NEG_INFINITY];
+    let widen = |[low, high]: [Vec3; 2], place: &Place| [low.min(place.at), high.max(place.at)];
     places.iter().fold(start, widen)
 }
 

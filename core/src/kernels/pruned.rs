@@ -2,7 +2,7 @@
 //!
 //! For [`NEAR`] points at a time, the highest and the lowest value of each input bound what a channel can reach among
 //! them: `Σ w (w > 0 ? high : low)` (interval arithmetic), a sixteenth of the work. Only where that is above the
-//! channel's maximum so far are the points summed up: a quarter of all pairs of channel and group, where the order of
+//! channel's maximum so far are the points summed up: a third of all pairs of channel and group, where the order of
 //! points is that of [`crate::order`]. In any order the maxima are the same to the bit: integers are exact, and in f32
 //! a bound is summed up as the points are, input by input, each step of which is monotonic, rounding included.
 

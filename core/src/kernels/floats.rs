@@ -4,7 +4,7 @@
 
 use super::{Isa, portable, pruned, rows};
 #[cfg(arm_kernels = "neon")]
-use super::{Kind, aarch64_neon};
+use super::{Kind, aarch64_neon, aarch64_neon_pruned};
 #[cfg(target_arch = "x86_64")]
 use super::{Kind, x86_avx2, x86_avx2_pruned, x86_avx512, x86_avx512_pruned};
 use crate::weights::Dense;
@@ -67,6 +67,8 @@ impl Isa {
         match self.0 {
             #[cfg(target_arch = "x86_64")]
             Kind::Avx2 | Kind::AvxVnni | Kind::Avx512 | Kind::Avx512Vnni | Kind::Amx => true,
+            #[cfg(arm_kernels = "neon")]
+            Kind::Neon | Kind::NeonDot => true,
             _ => false,
         }
     }
@@ -91,6 +93,11 @@ impl Isa {
             #[cfg(target_arch = "x86_64")]
             Kind::Avx2 | Kind::AvxVnni => unsafe {
                 x86_avx2_pruned::dense_max(layer, rows(layer, x), x, max);
+            },
+            // SAFETY: as above; NEON is part of the target.
+            #[cfg(arm_kernels = "neon")]
+            Kind::Neon | Kind::NeonDot => unsafe {
+                aarch64_neon_pruned::dense_max(layer, rows(layer, x), x, max);
             },
             _ => self.dense_max(layer, x, max),
         }

@@ -32,6 +32,8 @@ use crate::weights::Dense;
 mod aarch64_bytes;
 #[cfg(arm_kernels = "neon")]
 mod aarch64_neon;
+#[cfg(arm_kernels = "neon")]
+mod aarch64_neon_pruned;
 #[cfg(arm_kernels = "dsp")]
 mod armv7em_dsp;
 #[cfg(arm_kernels = "helium")]

@@ -54,8 +54,8 @@ fn lengths(layer: &Dense<'_>) -> Option<(usize, usize)> {
 }
 
 impl<'a> SieveDense<'a> {
-    /// A layer with the memory that [`pack`] has filled from it; `None` where its length is not that of
-    /// [`packed_tiles`].
+    /// A layer with the memory that [`super::PackedDense::pack`] has filled from it; `None` where its length is not that of
+    /// [`super::PackedDense::tiles`].
     pub fn new(layer: &Dense<'a>, packed: &'a [Tile]) -> Option<Self> {
         let (codes, _) = lengths(layer)?;
         if packed_tiles(layer) != Some(packed.len()) {
@@ -83,7 +83,7 @@ pub(super) fn packed_tiles(layer: &Dense<'_>) -> Option<usize> {
     Some((codes + floats * size_of::<f32>()).div_ceil(size_of::<Tile>()))
 }
 
-/// Fills [`packed_tiles`] tiles; nothing where there are others.
+/// Fills as many tiles as [`packed_tiles`] says; nothing where there are others.
 pub(super) fn pack(layer: &Dense<'_>, memory: &mut [Tile]) {
     let Some((codes, _)) = lengths(layer).filter(|_| packed_tiles(layer) == Some(memory.len()))
     else {

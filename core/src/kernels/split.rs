@@ -41,15 +41,15 @@ impl Tile {
 pub struct SplitDense<'a> {
     /// Length of a row, a multiple of 32.
     pub(super) inputs: usize,
-    /// See [`pack`].
+    /// See [`super::PackedDense::pack`].
     pub(super) tiles: &'a [Tile],
     /// Bias.
     pub(super) bias: &'a [f32],
 }
 
 impl<'a> SplitDense<'a> {
-    /// A layer with the memory that [`pack`] has filled from it; `None` where its length is not that of
-    /// [`packed_tiles`].
+    /// A layer with the memory that [`super::PackedDense::pack`] has filled from it; `None` where its length is not that of
+    /// [`super::PackedDense::tiles`].
     pub fn new(layer: &Dense<'a>, packed: &'a [Tile]) -> Option<Self> {
         (packed_tiles(layer) == Some(packed.len())).then_some(SplitDense {
             inputs: layer.inputs,

@@ -248,7 +248,7 @@ proptest! {
 
     // Rows that differ in few places, as those of points close together do: most of them are left out.
     #[test]
-    fn what_is_left_out_raises_no_maximum(points in points(), compact: bool, start in -4000i32..4000, seed: u64) {
+    fn what_is_left_out_raises_no_maximum(points in 0usize..600, compact: bool, start in -4000i32..4000, seed: u64) {
         let (inputs, outputs) = layer(compact, 2);
         let mut draw = Draw(seed, Values::Mixed);
         let panels = draw.weights(inputs * outputs);

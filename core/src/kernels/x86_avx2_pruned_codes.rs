@@ -13,16 +13,13 @@ use crate::dims::PANEL;
 use core::arch::x86_64::*;
 
 /// Groups whose bounds are computed together, so that a weight is spread and loaded once for all.
-const GROUPS: usize = 12;
-/// Of these, those whose bounds have room in the registers.
-const BOUNDED: usize = 4;
+const GROUPS: usize = 4;
 /// Values of one register.
 const LANES: usize = 8;
 /// Channels whose sums have room in the registers.
 const TOGETHER: usize = 4;
 
-const _: () = assert!(INPUTS == 2 * PAIRS && GROUPS.is_multiple_of(BOUNDED));
-const _: () = assert!(CHANNELS.is_multiple_of(TOGETHER));
+const _: () = assert!(INPUTS == 2 * PAIRS && CHANNELS.is_multiple_of(TOGETHER));
 
 /// Codes of [`NEAR`] points, two inputs at a time.
 #[derive(Clone, Copy)]
@@ -89,10 +86,7 @@ pub(super) unsafe fn dense_codes_max(layer: &Codes<'_>, x: &[u8], max: &mut [i32
                 let wide = &mut *wide.add(panel % PANELS);
                 let weights = &layer.panels[panel * inputs * PANEL..][..inputs * PANEL];
                 spread(weights, wide);
-                let groups = groups[..count].chunks(BOUNDED);
-                for (groups, left) in groups.zip(left.as_chunks_mut().0) {
-                    bound(inputs / 2, panel, wide, groups, max, left);
-                }
+                bound(inputs / 2, panel, wide, &groups, max, left);
             },
             // SAFETY: groups and channels are those of bounds, and their panels are spread.
             |group, channels| unsafe {
@@ -111,14 +105,13 @@ unsafe fn bound(
     pairs: usize,
     panel: usize,
     wide: &Panel,
-    groups: &[Group],
+    groups: &[Group; GROUPS],
     max: *const i32,
-    left: &mut [Left; BOUNDED],
+    left: &mut [Left; GROUPS],
 ) {
     // SAFETY: the caller guarantees the maxima of the panel.
     unsafe {
-        let last = groups.len() - 1;
-        let mut sum = [[_mm256_setzero_si256(); 2]; BOUNDED];
+        let mut sum = [[_mm256_setzero_si256(); 2]; GROUPS];
         for k in 0..pairs {
             let mut w = [_mm256_setzero_si256(); 2];
             let mut negative = w;
@@ -127,18 +120,17 @@ unsafe fn bound(
                 w[half] = _mm256_loadu_si256(weights.cast());
                 negative[half] = _mm256_srai_epi16::<15>(w[half]);
             }
-            for n in 0..BOUNDED {
-                let group = groups.get_unchecked(n.min(last));
+            for (sum, group) in sum.iter_mut().zip(groups) {
                 let high = _mm256_set1_epi32(*group.high.get_unchecked(k) as i32);
                 let low = _mm256_set1_epi32(*group.low.get_unchecked(k) as i32);
                 for half in 0..2 {
                     let extreme = _mm256_blendv_epi8(high, low, negative[half]);
                     let product = _mm256_madd_epi16(extreme, w[half]);
-                    sum[n][half] = _mm256_add_epi32(sum[n][half], product);
+                    sum[half] = _mm256_add_epi32(sum[half], product);
                 }
             }
         }
-        for (left, sum) in left.iter_mut().zip(sum).take(groups.len()) {
+        for (left, sum) in left.iter_mut().zip(sum) {
             let mut higher = 0;
             for half in 0..2 {
                 let max = max.add(panel * PANEL + half * LANES);

@@ -20,9 +20,9 @@ pub(super) const CHANNELS: usize = 8;
 /// Panels of weights at a time, so that they stay in the cache while the groups pass.
 pub(super) const PANELS: usize = 8;
 
-/// Whether a layer can be pruned: there is room for its inputs, and a channel's number has 16 bits.
+/// Whether a layer can be pruned: it has inputs, and there is room for them, and a channel's number has 16 bits.
 pub(super) fn fits(inputs: usize, outputs: usize) -> bool {
-    inputs <= INPUTS && outputs <= 1 << u16::BITS
+    (1..=INPUTS).contains(&inputs) && outputs <= 1 << u16::BITS
 }
 
 /// Activations of [`NEAR`] points in f32.
@@ -42,9 +42,20 @@ impl Floats {
         low: [0.0; INPUTS],
     };
 
+    /// As many groups as rows fill, and how many these are.
+    #[inline(always)]
+    pub(super) fn fill_all(groups: &mut [Floats], inputs: usize, rows: &[f32]) -> usize {
+        let mut count = 0;
+        for (group, rows) in groups.iter_mut().zip(rows.chunks(NEAR * inputs)) {
+            group.fill(inputs, rows);
+            count += 1;
+        }
+        count
+    }
+
     /// Of at most so many rows, the last one repeated where there are fewer.
     #[inline(always)]
-    pub(super) fn fill(&mut self, inputs: usize, rows: &[f32]) {
+    fn fill(&mut self, inputs: usize, rows: &[f32]) {
         let last = rows.len() / inputs - 1;
         self.high.fill(f32::NEG_INFINITY);
         self.low.fill(f32::INFINITY);
@@ -142,6 +153,22 @@ pub(super) fn prune<const STEP: usize, const GROUPS: usize>(
             for channels in left.together() {
                 raise(group, channels);
             }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::kernels::Isa;
+    use crate::weights::Dense;
+
+    #[test]
+    fn a_layer_without_inputs_changes_nothing() {
+        let layer = Dense::new(0, 16, &[], &[1.0; 16]).expect("no weights");
+        for isa in Isa::all() {
+            let mut max = [0.0; 16];
+            isa.dense_max_near(&layer, &[], &mut max);
+            assert_eq!(max, [0.0; 16], "{}", isa.name());
         }
     }
 }

@@ -22,11 +22,7 @@ const TOGETHER: usize = 4;
 pub(super) unsafe fn dense_max(layer: &Dense<'_>, points: usize, x: &[f32], max: &mut [f32]) {
     let mut groups = [Floats::ZERO; GROUPS];
     for x in x[..points * layer.inputs].chunks(GROUPS * NEAR * layer.inputs) {
-        let mut count = 0;
-        for (group, rows) in groups.iter_mut().zip(x.chunks(NEAR * layer.inputs)) {
-            group.fill(layer.inputs, rows);
-            count += 1;
-        }
+        let count = Floats::fill_all(&mut groups, layer.inputs, x);
         let max = max.as_mut_ptr();
         prune::<1, GROUPS>(
             layer.bias.len() / PANEL,

@@ -27,7 +27,19 @@
 // Words of a ReagentWorkspace.
 #define REAGENT_WORKSPACE_WORDS 17800
 
-// What came of a call. Whatever is not OK has changed nothing.
+// Version of this header: changes with incompatible calls.
+#define REAGENT_VERSION_MAJOR 0
+
+// Version of this header: changes with new calls (with incompatible ones, too, before 1.0.0).
+#define REAGENT_VERSION_MINOR 1
+
+// Version of this header: changes with nothing that a caller sees.
+#define REAGENT_VERSION_PATCH 0
+
+// Version of this header as one number, to compare with reagent_version.
+#define REAGENT_VERSION (((REAGENT_VERSION_MAJOR * 1000000) + (REAGENT_VERSION_MINOR * 1000)) + REAGENT_VERSION_PATCH)
+
+// What came of a call; reagent_status_text has a sentence for each. Whatever is not OK has changed nothing.
 typedef enum {
   // Done.
   REAGENT_STATUS_OK = 0,
@@ -37,13 +49,13 @@ typedef enum {
   REAGENT_STATUS_NOT_INITIALISED = 2,
   // No target or no source has been set.
   REAGENT_STATUS_NOT_STARTED = 3,
-  // A cloud has no points.
+  // The source, or the only cloud of the call, has no points.
   REAGENT_STATUS_EMPTY_CLOUD = 4,
-  // A cloud has fewer than 3 points.
+  // The source, or the only cloud of the call, has fewer than 3 points.
   REAGENT_STATUS_TOO_FEW_POINTS = 5,
-  // A cloud has more than 4096 points.
+  // The source, or the only cloud of the call, has more than 4096 points.
   REAGENT_STATUS_TOO_MANY_POINTS = 6,
-  // A coordinate is NaN or infinite.
+  // A coordinate of the source, of the only cloud of the call or of a grid is NaN or infinite.
   REAGENT_STATUS_NOT_FINITE = 7,
   // All points of the target coincide.
   REAGENT_STATUS_NO_EXTENT = 8,
@@ -61,6 +73,14 @@ typedef enum {
   REAGENT_STATUS_WEIGHTS_ALIGNMENT = 14,
   // Anything else.
   REAGENT_STATUS_OTHER = 15,
+  // The target has no points.
+  REAGENT_STATUS_TARGET_EMPTY = 16,
+  // The target has fewer than 3 points.
+  REAGENT_STATUS_TARGET_TOO_FEW_POINTS = 17,
+  // The target has more than 4096 points.
+  REAGENT_STATUS_TARGET_TOO_MANY_POINTS = 18,
+  // A coordinate of the target is NaN or infinite.
+  REAGENT_STATUS_TARGET_NOT_FINITE = 19,
 } ReagentStatus;
 
 // Where the codes of a cloud lie in space: code c of an axis stands for the coordinate origin + c * step.
@@ -276,6 +296,12 @@ ReagentStatus reagent_step(ReagentMemory *memory, ReagentStep *step);
 // # Safety
 // `memory` is as reagent_set_source left it; `result` points to a result.
 ReagentStatus reagent_result(ReagentMemory *memory, ReagentResult *result);
+
+// A sentence that says what a status means and what to do, in English; it lives as long as the program.
+const char *reagent_status_text(int32_t status);
+
+// Version of the library that is linked: REAGENT_VERSION of its own header.
+uint32_t reagent_version(void);
 
 #ifdef __cplusplus
 }  // extern "C"

@@ -3,6 +3,8 @@
 //! The only `unsafe` outside the kernels: pointers from C are checked for null and alignment, and
 //! trusted to point to as much memory as they are said to. Every function is bounded in time, allocates
 //! nothing and calls nothing of the system.
+#![doc = "\n"]
+#![doc = include_str!("../README.md")]
 #![cfg_attr(target_os = "none", no_std)]
 #![allow(unsafe_code, reason = "a C interface is made of pointers")]
 
@@ -13,6 +15,7 @@ mod pretrained;
 mod refine;
 mod register;
 mod status;
+mod version;
 
 pub use cloud::{ReagentGrid, reagent_encode, reagent_grid_of};
 pub use memory::{REAGENT_MEMORY_WORDS, ReagentMemory, reagent_init};
@@ -28,7 +31,11 @@ pub use register::{
     reagent_result, reagent_set_source, reagent_set_source_on_grid, reagent_set_target,
     reagent_set_target_on_grid, reagent_step,
 };
-pub use status::ReagentStatus;
+pub use status::{ReagentStatus, reagent_status_text};
+pub use version::{
+    REAGENT_VERSION, REAGENT_VERSION_MAJOR, REAGENT_VERSION_MINOR, REAGENT_VERSION_PATCH,
+    reagent_version,
+};
 
 #[cfg(target_os = "none")]
 #[panic_handler]

@@ -6,7 +6,7 @@ use crate::status::{ReagentStatus, status};
 use core::mem::{align_of, size_of};
 use reagent_core::polish::{Refiner, Workspace};
 use reagent_core::verdict::Evidence;
-use reagent_core::{Error, Pose};
+use reagent_core::{Cloud, Error, Pose};
 
 /// Words of a ReagentWorkspace.
 pub const REAGENT_WORKSPACE_WORDS: usize = 17_800;
@@ -89,7 +89,11 @@ unsafe fn refine(
     // SAFETY: the caller's promise.
     let initial = Pose::from_rows(unsafe { value(pose) }?.rows);
     // SAFETY: the caller's promise.
-    let (source, target) = unsafe { (floats(source.0, source.1)?, floats(target.0, target.1)?) };
+    let source = unsafe { floats(source.0, source.1) }?;
+    // SAFETY: the caller's promise.
+    let target = unsafe { floats(target.0, target.1) }.map_err(ReagentStatus::of_target)?;
+    let checked = Cloud::F32(target).check().map_err(ReagentStatus::from);
+    checked.map_err(ReagentStatus::of_target)?;
     let workspace = workspace.cast::<Workspace>();
     // SAFETY: aligned and large enough, as asserted above; written whole before a reference to it is made.
     let workspace = unsafe {

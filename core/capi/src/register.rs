@@ -58,7 +58,7 @@ pub unsafe extern "C" fn reagent_set_target(
     points: usize,
 ) -> ReagentStatus {
     // SAFETY: the caller's promise.
-    status(Held::floats(xyz, points).and_then(|target| unsafe { set_target(memory, target) }))
+    status(unsafe { set_target(memory, Held::floats(xyz, points)) })
 }
 
 /// As reagent_set_target, of a cloud on a grid: `points` times three codes.
@@ -73,18 +73,21 @@ pub unsafe extern "C" fn reagent_set_target_on_grid(
     points: usize,
 ) -> ReagentStatus {
     // SAFETY: the caller's promise.
-    let target = unsafe { Held::codes(grid, codes, points) };
-    // SAFETY: the caller's promise.
-    status(target.and_then(|target| unsafe { set_target(memory, target) }))
+    status(unsafe { set_target(memory, Held::codes(grid, codes, points)) })
 }
 
 /// # Safety
 /// As reagent_set_target.
-unsafe fn set_target(memory: *mut ReagentMemory, target: Held) -> Result<(), ReagentStatus> {
+unsafe fn set_target(
+    memory: *mut ReagentMemory,
+    target: Result<Held, ReagentStatus>,
+) -> Result<(), ReagentStatus> {
+    let target = target.map_err(ReagentStatus::of_target)?;
     // SAFETY: the caller's promise.
     let state = unsafe { state(memory) }?;
     // SAFETY: the caller's promise.
-    state.frame = Frame::of_cloud(unsafe { target.cloud() })?;
+    let frame = Frame::of_cloud(unsafe { target.cloud() });
+    state.frame = frame.map_err(|error| ReagentStatus::from(error).of_target())?;
     state.target = Some(target);
     state.started = false;
     Ok(())

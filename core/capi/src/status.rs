@@ -1,8 +1,9 @@
-//! Errors as numbers.
+//! Errors as numbers, and as sentences.
 
+use core::ffi::{CStr, c_char};
 use reagent_core::Error;
 
-/// What came of a call. Whatever is not OK has changed nothing.
+/// What came of a call; reagent_status_text has a sentence for each. Whatever is not OK has changed nothing.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ReagentStatus {
@@ -14,13 +15,13 @@ pub enum ReagentStatus {
     NotInitialised = 2,
     /// No target or no source has been set.
     NotStarted = 3,
-    /// A cloud has no points.
+    /// The source, or the only cloud of the call, has no points.
     EmptyCloud = 4,
-    /// A cloud has fewer than 3 points.
+    /// The source, or the only cloud of the call, has fewer than 3 points.
     TooFewPoints = 5,
-    /// A cloud has more than 4096 points.
+    /// The source, or the only cloud of the call, has more than 4096 points.
     TooManyPoints = 6,
-    /// A coordinate is NaN or infinite.
+    /// A coordinate of the source, of the only cloud of the call or of a grid is NaN or infinite.
     NotFinite = 7,
     /// All points of the target coincide.
     NoExtent = 8,
@@ -38,6 +39,58 @@ pub enum ReagentStatus {
     WeightsAlignment = 14,
     /// Anything else.
     Other = 15,
+    /// The target has no points.
+    TargetEmpty = 16,
+    /// The target has fewer than 3 points.
+    TargetTooFewPoints = 17,
+    /// The target has more than 4096 points.
+    TargetTooManyPoints = 18,
+    /// A coordinate of the target is NaN or infinite.
+    TargetNotFinite = 19,
+}
+
+impl ReagentStatus {
+    /// The same, said of the target.
+    pub(crate) fn of_target(self) -> Self {
+        match self {
+            ReagentStatus::EmptyCloud => ReagentStatus::TargetEmpty,
+            ReagentStatus::TooFewPoints => ReagentStatus::TargetTooFewPoints,
+            ReagentStatus::TooManyPoints => ReagentStatus::TargetTooManyPoints,
+            ReagentStatus::NotFinite => ReagentStatus::TargetNotFinite,
+            other => other,
+        }
+    }
+}
+
+/// One for each number of a [`ReagentStatus`].
+const TEXTS: [&CStr; 20] = [
+    c"done",
+    c"a pointer is null or not aligned",
+    c"the memory is not initialised: call reagent_init first",
+    c"no target or no source is set: call reagent_set_target, then reagent_set_source or reagent_begin",
+    c"the source is empty: give at least 3 points",
+    c"the source has fewer than 3 points",
+    c"the source has more than 4096 points: subsample it",
+    c"the source has a NaN or infinite coordinate: drop invalid points first",
+    c"all points of the cloud coincide: there is no scale",
+    c"the initial pose is not a finite rigid transform",
+    c"the weights are cut, or bytes follow their end: check the length",
+    c"the weights are not a policy file (.rgw)",
+    c"this library cannot run weights of this version, number format or shape: export them again",
+    c"the weights are damaged: fetch them again",
+    c"the weights do not start on a 4-byte boundary",
+    c"the call was refused for another reason: is the library older than its weights?",
+    c"the target is empty: give at least 3 points",
+    c"the target has fewer than 3 points",
+    c"the target has more than 4096 points: subsample it",
+    c"the target has a NaN or infinite coordinate: drop invalid points first",
+];
+
+/// A sentence that says what a status means and what to do, in English; it lives as long as the program.
+#[unsafe(no_mangle)]
+pub extern "C" fn reagent_status_text(status: i32) -> *const c_char {
+    let text = usize::try_from(status).ok().and_then(|at| TEXTS.get(at));
+    text.unwrap_or(&c"not a status of this library").as_ptr()
 }
 
 impl From<Error> for ReagentStatus {

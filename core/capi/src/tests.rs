@@ -49,6 +49,34 @@ fn calls_out_of_order_and_bad_pointers_are_refused() {
 }
 
 #[test]
+fn every_status_has_a_sentence_of_its_own() {
+    let text = |status: i32| {
+        // SAFETY: a string that lives as long as the program.
+        let text = unsafe { core::ffi::CStr::from_ptr(reagent_status_text(status)) };
+        text.to_str().expect("English").to_owned()
+    };
+    let last = ReagentStatus::TargetNotFinite as i32;
+    let all: std::collections::BTreeSet<_> = (-1..=last).map(text).collect();
+    assert_eq!(all.len(), last as usize + 2);
+    assert_eq!(text(last + 1), text(-1));
+    assert!(text(ReagentStatus::BadPose as i32).contains("pose"));
+    assert!(text(ReagentStatus::TooFewPoints as i32).contains("source"));
+    assert!(text(last).contains("target"));
+}
+
+#[test]
+fn the_version_is_that_of_the_package() {
+    let parts = [
+        REAGENT_VERSION_MAJOR,
+        REAGENT_VERSION_MINOR,
+        REAGENT_VERSION_PATCH,
+    ];
+    let text = parts.map(|part| part.to_string()).join(".");
+    assert_eq!(text, env!("CARGO_PKG_VERSION"));
+    assert_eq!(reagent_version(), REAGENT_VERSION);
+}
+
+#[test]
 fn every_error_has_a_status() {
     assert_eq!(ReagentStatus::from(Error::BadPose), ReagentStatus::BadPose);
     let range = Error::WeightsRange { layer: 2 };
@@ -263,25 +291,28 @@ fn refused_calls_leave_the_registration_under_way() {
         let odd_pose = (&raw const bent).wrapping_byte_add(2);
         let odd_memory = memory.wrapping_byte_add(4);
         let targets = [
-            (reagent_set_target(memory, target, 0), EmptyCloud),
-            (reagent_set_target(memory, target, 2), TooFewPoints),
-            (reagent_set_target(memory, target, 4097), TooManyPoints),
-            (reagent_set_target(memory, unsound, 30), NotFinite),
+            (reagent_set_target(memory, target, 0), TargetEmpty),
+            (reagent_set_target(memory, target, 2), TargetTooFewPoints),
+            (
+                reagent_set_target(memory, target, 4097),
+                TargetTooManyPoints,
+            ),
+            (reagent_set_target(memory, unsound, 30), TargetNotFinite),
             (reagent_set_target(memory, one_place, 3), NoExtent),
             (reagent_set_target(memory, odd, 30), Pointer),
             (reagent_set_target(memory, null(), 30), Pointer),
             (reagent_set_target(odd_memory, target, 30), Pointer),
             (
                 reagent_set_target_on_grid(memory, &grid, codes, 2),
-                TooFewPoints,
+                TargetTooFewPoints,
             ),
             (
                 reagent_set_target_on_grid(memory, &grid, codes, 4097),
-                TooManyPoints,
+                TargetTooManyPoints,
             ),
             (
                 reagent_set_target_on_grid(memory, &infinite, codes, 30),
-                NotFinite,
+                TargetNotFinite,
             ),
             (
                 reagent_set_target_on_grid(memory, &ReagentGrid::default(), codes, 30),
@@ -385,8 +416,8 @@ fn a_pose_is_polished_and_verified_as_in_rust() {
                 )
             }
         };
-        assert_eq!(call(2, null_mut()), ReagentStatus::TooFewPoints);
-        assert_eq!(call(4097, null_mut()), ReagentStatus::TooManyPoints);
+        assert_eq!(call(2, null_mut()), ReagentStatus::TargetTooFewPoints);
+        assert_eq!(call(4097, null_mut()), ReagentStatus::TargetTooManyPoints);
         let odd = (&raw mut probability).wrapping_byte_add(2);
         assert_eq!(call(30, odd), ReagentStatus::Pointer);
         assert_eq!(call(30, &raw mut probability), ReagentStatus::Ok);

@@ -14,32 +14,7 @@
 //!    result with other poses, and [`verdict`] tells how probably it is right. Both have working memory of their own.
 //!
 //! [`wire`] holds the frames in which robots and hosts speak of all this.
-//!
-//! ```
-//! use reagent_core::{Frame, Policy, Pose, Registrar, net::Scratch};
-//!
-//! # fn main() -> Result<(), reagent_core::Error> {
-//! # #[cfg(feature = "pretrained")] {
-//! // Two clouds of an L-shaped bracket in millimetres: as modelled, and observed 5 mm to the side.
-//! let target: Vec<[f32; 3]> = (0..600)
-//!     .map(|i| {
-//!         let (u, v) = ((i % 30) as f32 * 2.0, (i / 30) as f32 * 2.0);
-//!         if v < 20.0 { [u, v, 0.0] } else { [u, 0.0, v - 20.0] }
-//!     })
-//!     .collect();
-//! let source: Vec<[f32; 3]> = target.iter().map(|&[x, y, z]| [x + 5.0, y, z]).collect();
-//!
-//! let policy = Policy::pretrained()?; // or Policy::parse(bytes) of a file in flash
-//! let mut scratch = Scratch::new();
-//! let mut registrar = Registrar::new(policy, &mut scratch);
-//! let frame = Frame::of(&target)?; // the policy works in the target's normalised frame
-//! let outcome = registrar.register(&source, &target, frame, Pose::IDENTITY, 10)?;
-//! let [x, ..] = outcome.target_from_source.apply(source[0].into()).to_array();
-//! assert!((x - target[0][0]).abs() < 5.0, "closer than before");
-//! # }
-//! # Ok(())
-//! # }
-//! ```
+#![cfg_attr(feature = "pretrained", doc = "\n", doc = include_str!("../README.md"))]
 #![cfg_attr(not(test), no_std)]
 #![cfg_attr(
     not(test),

@@ -59,7 +59,7 @@
 //! - `exp` and `log` are those of FreeBSD's msun (`e_expf.c`, `e_logf.c`), which the crate `libm` ports; a square root
 //!   is correctly rounded.
 //!
-//! Why so plain: metrics stay those of f32, whose table is in the README with the command that measures it. The same
+//! Why so plain: metrics stay those of f32, whose table is in tests/MEASURED.md. The same
 //! actions are another matter: where the source is in place, "stop" and the smallest step are nearly as likely, and the
 //! two formats choose differently without loss. More of f32's actions would be kept by a search in 8 bits with the
 //! winners computed anew in higher precision, which no metric asked for.

@@ -4,6 +4,8 @@
 //! A policy flows `session -> node -> policy (signature) -> fetch (chunks) -> store (flash) -> policy (hash,
 //! parse, self-test) -> service`; a request flows `client -> node (queue) -> service -> client`. Where
 //! the node has a board, `bridge` takes the place of `service`, and both flow on over the line to it.
+#![doc = "\n"]
+#![doc = include_str!("../README.md")]
 
 // Compiled in, not linked, as below.
 #[cfg(feature = "demo")]

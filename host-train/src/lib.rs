@@ -2,6 +2,8 @@
 //!
 //! Data flows one way: `dataset -> augment -> env <-> agent -> buffer -> loss -> optim` (the loop is in
 //! `train`), then `export` makes the bytes that `publish` hands to the fleet.
+#![doc = "\n"]
+#![doc = include_str!("../README.md")]
 
 #[macro_use]
 mod print;

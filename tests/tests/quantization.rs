@@ -101,7 +101,7 @@ fn a_compact_network_is_small_and_runs_in_both_formats() {
     );
 }
 
-/// 97 % do when 64 clouds set the ranges (with 24 it is 93 %): `README.md` says how many to take.
+/// 97 % do when 64 clouds set the ranges (with 24 it is 93 %): `tests/MEASURED.md` has the shares.
 #[test]
 fn first_actions_agree_with_f32() {
     let (float, integer) = (WeightFile::pretrained(), integers());

@@ -31,16 +31,16 @@ fn images_cannot_panic_and_the_library_is_small() {
 }
 
 #[test]
-fn the_readme_has_the_committed_budget() {
+fn the_page_has_the_committed_budget() {
     let read = |path| std::fs::read_to_string(file(path)).expect("it is there");
     let budgets: Vec<Budget> =
         serde_json::from_str(&read("firmware-sim/cortex-m/budget.json")).expect("budgets");
     assert_eq!(budgets.len(), 2 * Kind::ALL.len());
-    let page = read("README.md");
+    let page = read("firmware-sim/cortex-m/README.md");
     let made = mcu::with_table(&page, &budgets);
     assert!(
         made == Some(page),
-        "host-train bench --mcu --json firmware-sim/cortex-m/budget.json --page README.md"
+        "host-train bench --mcu --json firmware-sim/cortex-m/budget.json --page firmware-sim/cortex-m/README.md"
     );
 }
 

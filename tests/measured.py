@@ -1,12 +1,15 @@
 #!/usr/bin/env python3
-"""Measures the tables of the README and writes them into it.
+"""Measures the tables of tests/MEASURED.md and writes them into it.
 
-    tests/readme_tables.py DIR [--runs RUNS] [--only NAME ...]
+    tests/measured.py DIR [--views VIEWS] [--meshes MESHES] [--runs RUNS] [--only NAME ...]
+    tests/measured.py --check
 
 DIR is a collection in ModelNet40's layout, with pairs_models.h5 and pairs_categories.h5 in it (drawn with
-`host-train pairs` where they are missing). RUNS holds the training runs of the last three tables; those that are
-missing are trained, which takes hours. A table stands between `<!-- readme_tables.py NAME -->` and `<!-- end -->`;
-times are of one thread, and good for something where nothing else runs. Needs Python 3.9 and `cargo build --release`.
+`host-train pairs` where they are missing). VIEWS has pairs of single views, NAME.h5 with their truths in NAME.json; MESHES has
+meshes that no training saw. RUNS holds training runs; those that are missing are trained, which takes hours. A table
+stands between `<!-- measured.py NAME -->` and `<!-- end -->`; times are of one thread, and good for something where
+nothing else runs. The first page repeats some rows: `--check` says whether they are still the same. Needs Python 3.9 and
+`cargo build --release`.
 """
 
 import argparse
@@ -18,6 +21,7 @@ import tempfile
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
+FIRST, MEASURED, TRIED_PAGE = ROOT / "README.md", ROOT / "tests/MEASURED.md", ROOT / "tests/TRIED.md"
 HOST = ROOT / "target/release/host-train"
 WEIGHTS = [ROOT / "core/weights" / f"{name}.rgw" for name in ("reagent", "reagent-int8", "reagent-compact-int8")]
 SEEDS = range(1, 6)
@@ -84,6 +88,17 @@ def measure(*words):
         path = Path(folder) / "numbers.json"
         run(*words, "--json", path)
         return json.loads(path.read_text())
+
+
+def between(page, name):
+    """What stands before, between and after the marks of a table."""
+    begin, end = f"<!-- measured.py {name} -->\n", "<!-- end -->"
+    text = page.read_text()
+    if begin not in text:
+        raise SystemExit(f"{page} has no place for {name}")
+    before, _, rest = text.partition(begin)
+    table, _, after = rest.partition(end)
+    return before + begin, table, end + after
 
 
 def label(method):
@@ -331,31 +346,89 @@ def tried(args):
     return table(["tried", "most likely steps: ISO R / median / recall", "both ways, same"], rows)
 
 
-TABLES = [builtin, halves, scans, verdict, sweeps, steps, int8, protocol, seeds, design, tried]
+def deviations(m):
+    """Shares of poses with AD below .10 / .05 / .02 diameters, in percent."""
+    return " / ".join(f"{m[key]:.0f}" for key in ("ad10_pct", "ad05_pct", "ad02_pct"))
+
+
+VIEW_METHODS = ["--methods", "init,icp-trimmed,icp-plane,fgr+icp-plane,init+verify,policy,policy+verify"]
+
+
+def views(args):
+    """Real views and scans that overlap in part."""
+    names = ("ycbv", "ycbv_far", "bunny")
+    found = [measure("eval", "--pairs", args.views / f"{name}.h5", "--weights", *WEIGHTS, *VIEW_METHODS)["methods"] for name in names]
+    rows = [[label(name), *(deviations(of[name]) for of in found), milliseconds(found[0][name])] for name in ordered(found[0])]
+    return table(["method, % below .10 / .05 / .02 d", *names, "ms"], rows)
+
+
+def heldout(args):
+    """Scenes of thirty meshes, generated once."""
+    scenes = args.runs / "heldout"
+    if not scenes.exists():
+        run("bop-synth", "--models", args.meshes, "--objects", 30, "--scenes", 20, "--train-scenes", 1, "--seed", 11, "--out", scenes)
+    words = ["--data", scenes, "--protocol", "bop", "--estimates", scenes / "estimates.csv", "--weights", *WEIGHTS, *VIEW_METHODS]
+    found = measure("eval", *words)["methods"]
+    rows = [[label(name), deviations(m), milliseconds(m)] for name, m in ordered(found).items()]
+    return table(["method", "% below .10 / .05 / .02 d", "ms"], rows)
+
+
+# Rows of the first page, as the table of halves calls them.
+CHOSEN = (
+    "ICP to planes",
+    "FGR as in Open3D, then ICP to planes",
+    "bundled policy",
+    "bundled policy, verified",
+    "the same in int8, verified",
+    "compact, int8, verified",
+)
+
+
+def first():
+    """The first page's table, from that of halves."""
+    lines = between(MEASURED, "halves")[1].splitlines()
+    cells = {row[1]: row for row in ([cell.strip() for cell in line.split("|")] for line in lines) if len(row) > 3}
+    rows = []
+    for name in CHOSEN:
+        _, _, errors, _, ms, _ = cells[name]
+        rotation, median, translation, _, recall = errors.split(" / ")
+        rows.append([name, rotation, median, translation, recall, ms.partition(",")[0]])
+    return table(["method", "rotation, mean", "median", "translation", "within 5 degrees and .05", "ms"], rows)
+
+
+TABLES = [builtin, halves, scans, views, heldout, verdict, sweeps, steps, int8, protocol, seeds, design, tried]
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("data", type=Path)
+    parser.add_argument("data", type=Path, nargs="?")
+    parser.add_argument("--views", type=Path, help="without it there is no table of views")
+    parser.add_argument("--meshes", type=Path, help="without it there is no table of held-out meshes")
     parser.add_argument("--runs", type=Path, default=Path("runs"))
     parser.add_argument("--threads", type=int, default=1, help="where times are not measured")
     parser.add_argument("--only", nargs="+", choices=[t.__name__ for t in TABLES])
+    parser.add_argument("--check", action="store_true", help="measure nothing; fail where the first page says something else")
     args = parser.parse_args()
+    if args.check:
+        if between(FIRST, "first")[1] != first():
+            parser.error("README.md repeats other numbers than tests/MEASURED.md has")
+        return
     if not HOST.exists():
         parser.error("target/release/host-train is not there: cargo build --release --locked")
-    page = ROOT / "README.md"
-    for make in TABLES:
-        name = make.__name__
-        if args.only and name not in args.only:
-            continue
-        begin, end = f"<!-- readme_tables.py {name} -->\n", "<!-- end -->\n"
-        if begin not in page.read_text():
-            parser.error(f"README.md has no place for {name}")
+    chosen = [make for make in TABLES if not args.only or make.__name__ in args.only]
+    if not args.only:
+        missing = {views: args.views, heldout: args.meshes}
+        chosen = [make for make in chosen if missing.get(make, True)]
+    if args.data is None and any(make not in (builtin, views, heldout) for make in chosen):
+        parser.error("give DIR, the collection")
+    for make in chosen:
+        page = TRIED_PAGE if make == tried else MEASURED
+        before, _, after = between(page, make.__name__)
         text = make(args)
-        before, _, rest = page.read_text().partition(begin)
-        after = rest.partition(end)[2]
-        page.write_text(before + begin + "\n" + text + "\n" + end + after)
+        page.write_text(before + "\n" + text + "\n" + after)
         print(text, flush=True)
+    before, _, after = between(FIRST, "first")
+    FIRST.write_text(before + first() + after)
 
 
 if __name__ == "__main__":

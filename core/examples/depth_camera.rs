@@ -9,7 +9,7 @@
 
 use reagent_core::net::Scratch;
 use reagent_core::pose::rotation_from_euler;
-use reagent_core::{Error, Frame, Policy, Pose, Registrar, Registration};
+use reagent_core::{Cloud, Error, Frame, Policy, Pose, Registrar, Registration};
 use std::sync::Mutex;
 
 const WIDTH: usize = 96;
@@ -118,16 +118,16 @@ fn main() -> Result<(), Error> {
         let seen = points(depths, cloud);
 
         let mut registration = Registration::new();
-        registrar.begin_in(
+        registrar.begin(
             &mut registration,
-            &cloud[..seen],
-            model,
+            Cloud::F32(&cloud[..seen]),
+            Cloud::F32(model),
             frame_of_model,
             model_from_camera,
         )?;
         let mut turns = 0;
-        while registration.steps() < STEPS_A_FRAME && !registration.rests() {
-            registrar.advance(&mut registration, SLICE);
+        while registration.steps() < STEPS_A_FRAME && !registration.is_settled() {
+            registrar.advance(&mut registration, SLICE)?;
             control(&mut turns);
         }
         model_from_camera = registration.target_from_source();

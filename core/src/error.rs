@@ -29,6 +29,8 @@ pub enum Error {
     NoExtent,
     /// A pose holds a NaN, an infinity or a matrix that is not a rotation.
     BadPose,
+    /// The registration was not started, or with another policy.
+    NotStarted,
     /// The weight file ends early, or bytes follow its end.
     WeightsLength {
         /// Bytes that the header announces.
@@ -103,6 +105,10 @@ impl fmt::Display for Error {
             ),
             NoExtent => write!(f, "all points of the target coincide; there is no scale"),
             BadPose => write!(f, "the pose is not a finite rigid transform"),
+            NotStarted => write!(
+                f,
+                "the registration was not started with this policy; start it first"
+            ),
             WeightsLength { expected, found } => write!(
                 f,
                 "weight file of {found} bytes where {expected} were expected; fetch it again"

@@ -36,6 +36,7 @@ pub mod golden;
 pub mod grid;
 pub mod kernels;
 pub mod net;
+pub mod numbers;
 mod order;
 pub mod polish;
 pub mod pose;

@@ -2,6 +2,7 @@
 
 use crate::dims::{EMBED, FEATURES, HEAD, LOGITS, PANEL, PANELS_TOGETHER, TILE, padded};
 use crate::kernels::{Codes, Isa};
+use crate::numbers::Numbers;
 use crate::pose::Pose;
 use crate::quant::QuantScratch;
 use crate::weights::{Dense, Embedding, Head, Network};
@@ -36,6 +37,18 @@ pub struct FloatScratch {
 const _: () = assert!(TILE * EMBED[1] >= HEAD[0] && TILE * EMBED[0] >= HEAD[1]);
 
 impl FloatScratch {
+    fn zero() -> Self {
+        FloatScratch {
+            tiles: Tiles {
+                hidden1: [0.0; TILE * EMBED[0]],
+                hidden2: [0.0; TILE * EMBED[1]],
+            },
+            feature: [0.0; FEATURES],
+            head1: [0.0; HEAD[0]],
+            head2: [0.0; HEAD[1]],
+        }
+    }
+
     /// The source's feature, and a head's hidden layers for either way.
     fn parts(&mut self) -> (&Feature, [[&mut [f32]; 2]; 2]) {
         let Tiles { hidden1, hidden2 } = &mut self.tiles;
@@ -52,76 +65,47 @@ impl FloatScratch {
     }
 }
 
-/// Working memory by number format: one of them at a time, in the same place.
-#[derive(Clone, Debug)]
-#[allow(
-    clippy::large_enum_variant,
-    reason = "the caller's memory holds either"
-)]
-pub(crate) enum Memory {
-    /// 8-bit integers.
-    Int8(QuantScratch),
-    /// 32-bit floating point.
-    F32(FloatScratch),
-}
-
 /// Working memory of one network evaluation; the caller owns it.
 #[derive(Clone, Debug)]
 pub struct Scratch {
-    pub(crate) memory: Memory,
+    /// One of the number formats at a time, in the same place.
+    memory: Numbers<FloatScratch, QuantScratch>,
     /// Counts the clouds whose embedding has begun here: the memory belongs to the last one.
-    pub(crate) turn: u32,
+    generation: u32,
 }
 
 impl Scratch {
     /// Zeroed working memory.
     pub const fn new() -> Self {
         Scratch {
-            memory: Memory::Int8(QuantScratch::ZERO),
-            turn: 0,
+            memory: Numbers::Int8(QuantScratch::ZERO),
+            generation: 0,
         }
     }
 
-    /// Makes it ready for the first points of a cloud, and says whose turn it is from now on.
-    pub(crate) fn begin(&mut self) -> u32 {
-        match &mut self.memory {
-            Memory::Int8(scratch) => scratch.begin(),
-            Memory::F32(scratch) => scratch.feature.fill(f32::NEG_INFINITY),
+    /// Makes it ready for the first points of a cloud; the new generation.
+    pub(crate) fn claim(&mut self, network: &Network<'_>) -> u32 {
+        match network {
+            Numbers::Int8(_) => self.integers().clear(),
+            Numbers::F32(_) => self.floats().feature.fill(f32::NEG_INFINITY),
         }
-        self.turn = self.turn.wrapping_add(1);
-        self.turn
+        self.generation = self.generation.wrapping_add(1);
+        self.generation
     }
 
-    /// Makes the memory that of a number format.
-    pub(crate) fn fit(&mut self, network: &Network<'_>) {
-        match (network, &self.memory) {
-            (Network::F32(_), Memory::Int8(_)) => self.become_f32(),
-            (Network::Int8(_), Memory::F32(_)) => self.become_int8(),
-            _ => {}
-        }
+    /// The generation of the cloud whose embedding began last.
+    pub(crate) fn generation(&self) -> u32 {
+        self.generation
     }
 
-    // Out of line, so that their copies of the memory are on nobody's stack who does not call them.
-    #[cold]
-    #[inline(never)]
-    fn become_f32(&mut self) {
-        self.turn = self.turn.wrapping_add(1);
-        self.memory = Memory::F32(FloatScratch {
-            tiles: Tiles {
-                hidden1: [0.0; TILE * EMBED[0]],
-                hidden2: [0.0; TILE * EMBED[1]],
-            },
-            feature: [0.0; FEATURES],
-            head1: [0.0; HEAD[0]],
-            head2: [0.0; HEAD[1]],
-        });
+    /// The memory of a network in f32; zeroed where it was that of another.
+    pub(crate) fn floats(&mut self) -> &mut FloatScratch {
+        self.memory.floats(FloatScratch::zero)
     }
 
-    #[cold]
-    #[inline(never)]
-    fn become_int8(&mut self) {
-        self.turn = self.turn.wrapping_add(1);
-        self.memory = Memory::Int8(QuantScratch::ZERO);
+    /// The memory of a network in integers; zeroed where it was that of another.
+    pub(crate) fn integers(&mut self) -> &mut QuantScratch {
+        self.memory.integers(|| QuantScratch::ZERO)
     }
 }
 

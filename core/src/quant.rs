@@ -305,8 +305,8 @@ impl QuantScratch {
 }
 
 impl QuantScratch {
-    /// Before the first points of a cloud.
-    pub(crate) fn begin(&mut self) {
+    /// Forgets the points of the cloud before.
+    pub(crate) fn clear(&mut self) {
         self.max.fill(i32::MIN);
     }
 
@@ -333,7 +333,7 @@ pub(crate) fn embed(
         return;
     };
     let mut tile = [[0.0; 3]; QUANT_TILE];
-    for (turn, chunk) in points.chunks(QUANT_TILE).enumerate() {
+    for (i, chunk) in points.chunks(QUANT_TILE).enumerate() {
         let n = chunk.len();
         for (seen, &point) in tile.iter_mut().zip(chunk) {
             *seen = view.see(point);
@@ -347,7 +347,7 @@ pub(crate) fn embed(
         };
         isa.point_codes(&network.points, x, hidden1);
         isa.dense_codes(l2, hidden1, hidden2);
-        match first.map(|first| first + turn * QUANT_TILE) {
+        match first.map(|first| first + i * QUANT_TILE) {
             None => isa.dense_codes_max_near(&l3.codes, hidden2, max),
             Some(first) => {
                 let winners = &mut scratch.feature;

@@ -23,6 +23,7 @@ use crate::decision::Decision;
 use crate::dims::{LAYERS, PANEL, padded};
 use crate::error::Error;
 use crate::kernels::{Isa, PackedDense, Tile};
+use crate::numbers::Numbers;
 use crate::quant::{BYTES_AFTER_BIAS, QuantNetwork};
 use crate::shape::Shape;
 
@@ -147,17 +148,13 @@ pub struct FloatNetwork<'a> {
 }
 
 /// The network in one of its number formats.
-#[derive(Clone, Copy, Debug)]
-pub enum Network<'a> {
-    /// 32-bit floating point.
-    F32(FloatNetwork<'a>),
-    /// 8-bit integers.
-    Int8(QuantNetwork<'a>),
-}
+pub type Network<'a> = Numbers<FloatNetwork<'a>, QuantNetwork<'a>>;
 
 /// A checked view of a policy file.
 #[derive(Clone, Copy, Debug)]
 pub struct Policy<'a> {
+    /// The file's check sum: a registration goes on only with the policy that it was started with.
+    pub checksum: u32,
     /// Its widths.
     pub shape: Shape,
     /// How steps follow from its logits.
@@ -173,8 +170,8 @@ impl<'a> Policy<'a> {
     /// The network where its numbers are f32.
     pub fn f32(&self) -> Option<&FloatNetwork<'a>> {
         match &self.network {
-            Network::F32(network) => Some(network),
-            Network::Int8(_) => None,
+            Numbers::F32(network) => Some(network),
+            Numbers::Int8(_) => None,
         }
     }
 
@@ -201,7 +198,7 @@ impl<'a> Policy<'a> {
     /// The policy with the memory that [`Policy::pack`] has filled; as it was where that has another
     /// length. Results differ by rounding only, as between any two kernels of f32.
     pub fn with_packed(mut self, packed: &'a [Tile]) -> Self {
-        if let Network::F32(FloatNetwork { embedding, .. }) = &mut self.network {
+        if let Numbers::F32(FloatNetwork { embedding, .. }) = &mut self.network {
             let [_, _, last] = &embedding.layers;
             embedding.packed = PackedDense::new(Isa::best(), last, packed);
         }
@@ -285,9 +282,9 @@ impl<'a> Policy<'a> {
             Dense::new(inputs, outputs, panels, bias).ok_or(wrong)
         };
         let network = if format == FORMAT_INT8 {
-            Network::Int8(QuantNetwork::parse(&layers, &offsets, bytes, layer(0)?)?)
+            Numbers::Int8(QuantNetwork::parse(&layers, &offsets, bytes, layer(0)?)?)
         } else {
-            Network::F32(FloatNetwork {
+            Numbers::F32(FloatNetwork {
                 embedding: Embedding {
                     layers: [layer(0)?, layer(1)?, layer(2)?],
                     packed: None,
@@ -301,6 +298,7 @@ impl<'a> Policy<'a> {
             })
         };
         Ok(Policy {
+            checksum: u32::from_le_bytes(*sum),
             shape,
             decision,
             rescan,

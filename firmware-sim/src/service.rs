@@ -172,9 +172,9 @@ fn answer(
     let mut steps = Vec::new();
     let mut taken = 0;
     // After a stop on every axis each further step would see the same and stop again.
-    while taken < request.max_steps && !registration.rests() {
+    while taken < request.max_steps && !registration.is_settled() {
         check()?;
-        let action = registrar.step(&mut registration).action;
+        let action = registrar.step(&mut registration).map_err(failed)?.action;
         taken += 1;
         if request.trace {
             let pose = registration.target_from_source();

@@ -39,7 +39,7 @@ pub fn register(
         let mut team = Team::with_isa(isa, policy, scratch);
         let mut registrations = [const { Registration::new() }; TOGETHER];
         let lanes = registrations.iter_mut().enumerate();
-        let started: Vec<Result<(), Error>> = jobs
+        let mut started: Vec<Result<(), Error>> = jobs
             .iter()
             .zip(lanes)
             .map(|(job, (lane, registration))| {
@@ -49,7 +49,9 @@ pub fn register(
             })
             .collect();
         for _ in 0..steps {
-            team.step(&mut registrations);
+            for (started, step) in started.iter_mut().zip(team.step(&mut registrations)) {
+                *started = (*started).and(step.map(|_| ()));
+            }
         }
         let results = started.into_iter().zip(registrations);
         let results =

@@ -133,7 +133,7 @@ fn rows(
     let mut registrar = Registrar::new(policy, &mut memory.0);
     let mut registration = registrar.start(source, target, Frame::IDENTITY, Pose::IDENTITY)?;
     for _ in 0..STEPS {
-        registrar.step(&mut registration);
+        registrar.step(&mut registration)?;
     }
     let initial = registration.target_from_source();
     let truth = GroundTruth::new(source, target, None, set.target_from_source[i])?;

@@ -327,7 +327,7 @@ fn register(
             let mut registration =
                 registrar.start(source, target, Frame::IDENTITY, Pose::IDENTITY)?;
             for _ in 0..settings.steps {
-                registrar.step(&mut registration);
+                registrar.step(&mut registration)?;
                 reached(registration.target_from_source());
             }
             let refined = matches!(method, Method::PolicyIcp(_));
@@ -436,12 +436,13 @@ fn equal_axes(
     let mut led = leader.start(source, target, Frame::IDENTITY, Pose::IDENTITY)?;
     let mut seen = follower.start(source, target, Frame::IDENTITY, Pose::IDENTITY)?;
     let equal = (0..steps).map(|_| {
-        seen.follow(&led);
-        let [a, b] = [leader.step(&mut led), follower.step(&mut seen)].map(|step| step.action);
+        seen.copy_progress_from(&led);
         let axes = |action: Action| action.translation.into_iter().chain(action.rotation);
-        axes(a).zip(axes(b)).filter(|(a, b)| a == b).count()
+        let a = axes(leader.step(&mut led)?.action);
+        let b = axes(follower.step(&mut seen)?.action);
+        Ok(a.zip(b).filter(|(a, b)| a == b).count())
     });
-    Ok(equal.collect())
+    equal.collect()
 }
 
 /// The document that `eval --json` writes: the number of pairs, the rows of every method, step by step where

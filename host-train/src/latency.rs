@@ -157,7 +157,7 @@ fn run(
         let mut points = target.len();
         for _ in 0..STEPS {
             points += registration.points_ahead(&policy);
-            registrar.step(&mut registration);
+            registrar.step(&mut registration).expect("started above");
         }
         std::hint::black_box(registration.outcome());
         let processor = processor_seconds() - clock.1;

@@ -183,7 +183,10 @@ pub(crate) fn logit_errors(
                 let Ok(mut here) = integers.start(source, target, Frame::IDENTITY, pose) else {
                     return sum;
                 };
-                let (found, expected) = (integers.step(&mut here), exact.step(&mut way));
+                let (Ok(found), Ok(expected)) = (integers.step(&mut here), exact.step(&mut way))
+                else {
+                    return sum;
+                };
                 let heads = [
                     (found.logits_t, expected.logits_t),
                     (found.logits_r, expected.logits_r),

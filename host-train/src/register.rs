@@ -47,8 +47,8 @@ pub fn register(
     let mut registrar = Registrar::new(policy, &mut scratch);
     let mut registration = registrar.start(source, target, frame, initial)?;
     let mut trace = Vec::with_capacity(steps);
-    while registration.steps() < steps && !registration.rests() {
-        let taken = registrar.step(&mut registration);
+    while registration.steps() < steps && !registration.is_settled() {
+        let taken = registrar.step(&mut registration)?;
         trace.push(Step::new(
             registration.steps(),
             &taken,

@@ -194,8 +194,8 @@ fn once_more(
     };
     let mut here = 0;
     let mut on_robot = trace.steps.iter();
-    while here < usize::from(request.max_steps) && !registration.rests() {
-        let action = registrar.step(&mut registration).action;
+    while here < usize::from(request.max_steps) && !registration.is_settled() {
+        let action = registrar.step(&mut registration)?.action;
         here += 1;
         let rows = registration.target_from_source().to_rows();
         let Some((robot_action, robot_rows)) = on_robot.next() else {

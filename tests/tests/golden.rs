@@ -332,7 +332,7 @@ fn forward_pass_of_the_trainer_and_of_the_robot() {
             let mut registration = registrar
                 .start(&sources[b], &targets[b], Frame::IDENTITY, Pose::IDENTITY)
                 .expect("sound clouds");
-            let step = registrar.step(&mut registration);
+            let step = registrar.step(&mut registration).expect("started");
             assert_eq!(step.action, argmax[b], "{}", isa.name());
             assert!(largest_difference(&step.logits_t, &logits_t[b * 33..][..33]) < 1e-5);
         }
@@ -370,7 +370,7 @@ fn whole_registrations_take_the_reference_s_steps() {
                     .expect("sound clouds");
                 for s in 0..10 {
                     let row = s * batch + b;
-                    let step = registrar.step(&mut registration);
+                    let step = registrar.step(&mut registration).expect("started");
                     assert_eq!(
                         step.action,
                         expected[row],
@@ -423,7 +423,7 @@ fn the_imported_checkpoint_takes_every_recorded_action() {
             let Action {
                 translation,
                 rotation,
-            } = registrar.step(&mut registration).action;
+            } = registrar.step(&mut registration).expect("started").action;
             let taken: Vec<i64> = translation
                 .iter()
                 .chain(&rotation)

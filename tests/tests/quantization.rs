@@ -45,7 +45,8 @@ fn steps(isa: Isa, policy: Policy<'_>, pairs: &PairSet, i: usize) -> (Vec<Step>,
     let mut registration = registrar
         .start(source, target, frame, Pose::IDENTITY)
         .expect("sound clouds");
-    let steps = (0..10).map(|_| registrar.step(&mut registration)).collect();
+    let step = |_| registrar.step(&mut registration).expect("started");
+    let steps = (0..10).map(step).collect();
     (steps, registration.target_from_source())
 }
 

@@ -190,9 +190,9 @@ unsafe fn start(
     let frame = state.frame;
     // SAFETY: initialised as the mark says.
     let (mut registrar, registration) = unsafe { work(state) };
-    registrar.begin_clouds(registration, source, target, frame, initial)?;
+    registrar.begin(registration, source, target, frame, initial)?;
     while !sliced && registration.is_at_target() {
-        registrar.advance(registration, usize::MAX);
+        registrar.advance(registration, usize::MAX)?;
     }
     state.started = true;
     Ok(())
@@ -221,7 +221,7 @@ pub unsafe extern "C" fn reagent_advance(
         }
         // SAFETY: initialised as the mark says.
         let (mut registrar, registration) = unsafe { work(state) };
-        let done = registrar.advance(registration, points);
+        let done = registrar.advance(registration, points)?;
         // SAFETY: the caller's promise.
         let (step, stepped) = unsafe { (step.as_mut(), stepped.as_mut()) };
         if let Some(stepped) = stepped {
@@ -252,7 +252,7 @@ pub unsafe extern "C" fn reagent_step(
         }
         // SAFETY: initialised as the mark says.
         let (mut registrar, registration) = unsafe { work(state) };
-        let action = registrar.step(registration).action;
+        let action = registrar.step(registration)?.action;
         // SAFETY: the caller's promise.
         if let Some(step) = unsafe { step.as_mut() } {
             *step = action.into();
@@ -286,7 +286,7 @@ pub unsafe extern "C" fn reagent_result(
                 rows: registration.target_from_source().to_rows(),
             },
             steps: registration.steps() as u32,
-            converged: registration.rests(),
+            converged: registration.is_settled(),
         };
         // SAFETY: the caller's promise, and checked above.
         unsafe { result.write(found) };

@@ -101,6 +101,7 @@ impl From<Error> for ReagentStatus {
             Error::TooManyPoints { .. } => ReagentStatus::TooManyPoints,
             Error::NotFinite { .. } => ReagentStatus::NotFinite,
             Error::NoExtent => ReagentStatus::NoExtent,
+            Error::NotStarted => ReagentStatus::NotStarted,
             Error::BadPose => ReagentStatus::BadPose,
             Error::WeightsLength { .. } => ReagentStatus::WeightsLength,
             Error::WeightsMagic => ReagentStatus::WeightsMagic,

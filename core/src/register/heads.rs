@@ -1,68 +1,67 @@
 //! The heads of registrations in step: their weights are read once for all of them, and for both ways.
 
-use super::{Registration, TargetFeature};
+use super::Registration;
 use crate::decision::both_ways;
 use crate::dims::LOGITS;
+use crate::error::Error;
 use crate::kernels::Isa;
-use crate::net::{self, Memory, Scratch};
+use crate::net::{self, Scratch};
+use crate::numbers::Numbers;
 use crate::quant;
-use crate::weights::{Network, Policy};
+use crate::weights::Policy;
 
-/// Logits of a head, translation or rotation, for the sources that are embedded.
+/// The head of translations.
+pub(super) const TRANSLATION: usize = 0;
+/// The head of rotations.
+pub(super) const ROTATION: usize = 1;
+
+/// Logits of a head for the sources that are embedded; [`Error::NotStarted`] for registrations that were not started
+/// with the policy.
 pub(super) fn logits<const N: usize>(
     isa: Isa,
     policy: &Policy<'_>,
     head: usize,
     scratch: &mut [Scratch; N],
     registrations: &[Registration<'_>; N],
-) -> [[f32; LOGITS]; N] {
+) -> [Result<[f32; LOGITS], Error>; N] {
     let mut all = registrations.each_ref().map(|registration| Looked {
         ways: [[0.0; LOGITS]; 2],
         count: policy.decision.ways(registration.steps),
+        error: Some(Error::NotStarted),
     });
     let places = scratch.iter_mut().zip(registrations).zip(&mut all);
-    let places = places.filter(|((_, registration), _)| registration.has_begun());
-    // Memory or a target of another number format: a registration that another registrar started, which takes no
-    // step here.
+    let places = places.filter(|((_, registration), _)| registration.check(policy).is_ok());
     match &policy.network {
-        Network::F32(network) => {
+        Numbers::F32(network) => {
             let mut lanes: heapless::Vec<net::Lane<'_>, N> = heapless::Vec::new();
             for ((scratch, registration), looked) in places {
-                if let Memory::F32(scratch) = &mut scratch.memory
-                    && let TargetFeature::F32(target, halves) = &registration.target
-                {
-                    let (half, ways) = (halves.get(head), looked.places());
+                if let Some(target) = registration.target.as_floats() {
+                    let lane = net::Lane {
+                        target: &target.feature,
+                        half: target.halves.get(head),
+                        scratch: scratch.floats(),
+                        ways: looked.places(),
+                    };
                     // There is room for all.
-                    lanes
-                        .push(net::Lane {
-                            target,
-                            half,
-                            scratch,
-                            ways,
-                        })
-                        .ok();
+                    lanes.push(lane).ok();
                 }
             }
             if let Some(head) = [&network.translation, &network.rotation].get(head) {
                 net::logits(isa, head, &mut lanes);
             }
         }
-        Network::Int8(network) => {
+        Numbers::Int8(network) => {
             let mut lanes: heapless::Vec<quant::Lane<'_>, N> = heapless::Vec::new();
             for ((scratch, registration), looked) in places {
-                if let Memory::Int8(scratch) = &mut scratch.memory
-                    && let TargetFeature::Int8(target, sums) = &registration.target
-                {
-                    let (sums, ways) = (sums.get(head), looked.places());
+                if let Some(target) = registration.target.as_integers() {
+                    let lane = quant::Lane {
+                        target: &target.feature,
+                        sums: target.sums.get(head),
+                        scratch: scratch.integers(),
+                        ways: looked.places(),
+                    };
                     // There is room for all.
-                    lanes
-                        .push(quant::Lane {
-                            target,
-                            sums,
-                            scratch,
-                            ways,
-                        })
-                        .ok();
+                    lanes.push(lane).ok();
                 }
             }
             if let Some(head) = network.heads.get(head) {
@@ -70,25 +69,30 @@ pub(super) fn logits<const N: usize>(
             }
         }
     }
-    all.map(|looked| looked.logits())
+    all.map(Looked::logits)
 }
 
 /// What a head says of one registration.
 struct Looked {
     ways: [[f32; LOGITS]; 2],
     count: usize,
+    /// Why it says nothing.
+    error: Option<Error>,
 }
 
 impl Looked {
+    /// Where it says it.
     fn places(&mut self) -> &mut [[f32; LOGITS]] {
+        self.error = None;
         self.ways.get_mut(..self.count).unwrap_or_default()
     }
 
-    fn logits(self) -> [f32; LOGITS] {
+    fn logits(self) -> Result<[f32; LOGITS], Error> {
         let [forth, back] = self.ways;
-        match self.count {
-            1 => forth,
-            _ => both_ways(&forth, &back),
+        match (self.error, self.count) {
+            (Some(error), _) => Err(error),
+            (None, 1) => Ok(forth),
+            (None, _) => Ok(both_ways(&forth, &back)),
         }
     }
 }

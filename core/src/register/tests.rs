@@ -1,15 +1,18 @@
 use super::*;
 use crate::decision::Decision;
+use crate::dims::FEATURES;
 use crate::golden::clouds;
 use crate::kernels::Tile;
 use crate::net::Scratch;
+use crate::numbers::Numbers;
 use proptest::prelude::*;
 
 /// The feature of the source that was observed last: codes, or f32.
-fn feature(scratch: &Scratch) -> ([f32; FEATURES], [i32; FEATURES]) {
-    match &scratch.memory {
-        Memory::F32(scratch) => (scratch.feature, [0; FEATURES]),
-        Memory::Int8(scratch) => ([0.0; FEATURES], scratch.feature.codes()),
+fn feature(registrar: &mut Registrar<'_, '_>) -> ([f32; FEATURES], [i32; FEATURES]) {
+    let scratch = &mut registrar.scratch;
+    match &registrar.policy.network {
+        Numbers::F32(_) => (scratch.floats().feature, [0; FEATURES]),
+        Numbers::Int8(_) => ([0.0; FEATURES], scratch.integers().feature.codes()),
     }
 }
 
@@ -29,13 +32,13 @@ fn critical_points_have_the_feature_of_the_whole_cloud() {
                 .start(&source, &target, Frame::IDENTITY, Pose::IDENTITY)
                 .expect("two clouds");
             assert_eq!(registration.points_ahead(&policy), source.len());
-            registrar.observe(&mut registration);
-            let whole = feature(registrar.scratch);
+            registrar.observe(&mut registration).expect("started");
+            let whole = feature(&mut registrar);
             registration.steps = 1;
             let points = registration.points_ahead(&policy);
             assert!((3..source.len()).contains(&points), "{points}");
-            registrar.observe(&mut registration);
-            let critical = feature(registrar.scratch);
+            registrar.observe(&mut registration).expect("started");
+            let critical = feature(&mut registrar);
             assert_eq!(critical.1, whole.1, "{}", isa.name());
             for (a, b) in critical.0.iter().zip(&whole.0) {
                 assert!((a - b).abs() <= 1e-5 * b.abs().max(1.0), "{a} {b}");
@@ -57,11 +60,58 @@ fn seen(
     let mut registration = registrar
         .start(source, target, Frame::IDENTITY, Pose::IDENTITY)
         .expect("two clouds");
-    registrar.observe(&mut registration);
-    let (floats, codes) = feature(registrar.scratch);
-    registrar.step(&mut registration);
-    registrar.step(&mut registration);
+    registrar.observe(&mut registration).expect("started");
+    let (floats, codes) = feature(&mut registrar);
+    registrar.step(&mut registration).expect("started");
+    registrar.step(&mut registration).expect("started");
     (floats, codes, registration.target_from_source())
+}
+
+#[test]
+fn a_registration_goes_on_only_with_the_policy_that_it_was_started_with() {
+    let [source, target] = clouds();
+    let policies = [
+        Policy::pretrained(),
+        Policy::pretrained_int8(),
+        Policy::pretrained_compact(),
+    ];
+    let policies = policies.map(|policy| policy.expect("a sound policy"));
+    for (i, policy) in policies.into_iter().enumerate() {
+        let mut scratch = Scratch::new();
+        let mut registration = Registrar::new(policy, &mut scratch)
+            .start(&source, &target, Frame::IDENTITY, Pose::IDENTITY)
+            .expect("two clouds");
+        let before = registration.outcome();
+        for (j, other) in policies.into_iter().enumerate() {
+            let mut registrar = Registrar::new(other, &mut scratch);
+            let step = registrar.step(&mut registration);
+            if i == j {
+                assert_eq!(step.map(|_| registration.steps()), Ok(1));
+                registration = registrar
+                    .start(&source, &target, Frame::IDENTITY, Pose::IDENTITY)
+                    .expect("two clouds");
+            } else {
+                assert_eq!(step, Err(Error::NotStarted), "{i} {j}");
+                let mut scratch = [Scratch::new()];
+                let mut alone = [registration.clone()];
+                let steps = Team::with_isa(Isa::best(), other, &mut scratch).step(&mut alone);
+                assert_eq!(steps, [Err(Error::NotStarted)], "{i} {j}");
+            }
+            assert_eq!(registration.outcome(), before);
+        }
+    }
+}
+
+#[test]
+fn a_registration_that_was_never_started_takes_no_step() {
+    let policy = Policy::pretrained_int8().expect("a sound policy");
+    let mut scratch = Scratch::new();
+    let mut registrar = Registrar::new(policy, &mut scratch);
+    let mut registration = Registration::new();
+    assert_eq!(registrar.step(&mut registration), Err(Error::NotStarted));
+    let advanced = registrar.advance(&mut registration, 9);
+    assert_eq!(advanced, Err(Error::NotStarted));
+    assert_eq!(registration.steps(), 0);
 }
 
 proptest! {

@@ -2,7 +2,7 @@
 //! memory gives them, are read once for all.
 
 use super::{Registrar, Registration, Step, heads};
-use crate::dims::LOGITS;
+use crate::error::Error;
 use crate::kernels::Isa;
 use crate::net::Scratch;
 use crate::weights::Policy;
@@ -32,25 +32,27 @@ impl<'w, 's, const N: usize> Team<'w, 's, N> {
     }
 
     /// One step of each registration, as [`Registrar::step`] takes it: in 8-bit integers to the bit. Slices of
-    /// a step that were under way ([`Registrar::advance`]) begin anew. Places of registrations that never began cost
-    /// nothing; their steps mean nothing.
-    pub fn step(&mut self, registrations: &mut [Registration<'_>; N]) -> [Step; N] {
-        for (scratch, registration) in self.scratch.iter_mut().zip(registrations.iter_mut()) {
-            if registration.has_begun() {
-                Registrar::with_isa(self.isa, self.policy, scratch).observe(registration);
-            }
-        }
+    /// a step that were under way ([`Registrar::advance`]) begin anew.
+    ///
+    /// # Errors
+    /// As [`Registrar::step`], of each: places of registrations that never began cost nothing.
+    pub fn step(&mut self, registrations: &mut [Registration<'_>; N]) -> [Result<Step, Error>; N] {
         let Team {
             isa,
             policy,
             scratch,
         } = self;
-        let [translation, rotation] =
-            [0, 1].map(|head| heads::logits(*isa, policy, head, scratch, registrations));
+        for (scratch, registration) in scratch.iter_mut().zip(registrations.iter_mut()) {
+            // The heads refuse the same ones.
+            let mut registrar = Registrar::with_isa(*isa, *policy, scratch);
+            registrar.observe(registration).ok();
+        }
+        let [translation, rotation] = [heads::TRANSLATION, heads::ROTATION]
+            .map(|head| heads::logits(*isa, policy, head, scratch, registrations));
         let mut logits = translation.into_iter().zip(rotation);
         registrations.each_mut().map(|registration| {
-            let (logits_t, logits_r) = logits.next().unwrap_or(([0.0; LOGITS], [0.0; LOGITS]));
-            registration.act(policy, logits_t, logits_r)
+            let (logits_t, logits_r) = logits.next().ok_or(Error::NotStarted)?;
+            Ok(registration.act(policy, logits_t?, logits_r?))
         })
     }
 }
@@ -123,13 +125,14 @@ mod tests {
             .start(&source, &target, Frame::IDENTITY, Pose::IDENTITY)
             .expect("two clouds");
         for _ in 0..STEPS_ONE_WAY + 1 {
-            let [_, step] = team.step(&mut registrations);
+            let [refused, step] = team.step(&mut registrations);
+            assert_eq!(refused, Err(Error::NotStarted));
             assert_eq!(step, registrar.step(&mut expected));
         }
     }
 
     #[test]
-    fn one_that_follows_another_sees_what_that_one_sees() {
+    fn one_that_copies_the_progress_of_another_sees_what_that_one_sees() {
         let [exact, integers] = [Policy::pretrained(), Policy::pretrained_int8()]
             .map(|policy| policy.expect("a sound policy"));
         let exact = Policy {
@@ -149,15 +152,15 @@ mod tests {
         let mut leader = start(&mut other);
         let mut follower = start(&mut registrar);
         for steps in 1..=STEPS_ONE_WAY + 2 {
-            registrar.step(&mut follower);
-            registrar.step(&mut follower);
-            other.step(&mut leader);
-            follower.follow(&leader);
+            registrar.step(&mut follower).expect("started");
+            registrar.step(&mut follower).expect("started");
+            other.step(&mut leader).expect("started");
+            follower.copy_progress_from(&leader);
             assert_eq!(follower.steps(), steps);
             assert_eq!(follower.outcome(), leader.outcome());
         }
-        let mut again = leader.clone();
-        again.target = follower.target.clone();
+        let mut again = start(&mut registrar);
+        again.copy_progress_from(&leader);
         assert_eq!(registrar.step(&mut follower), registrar.step(&mut again));
     }
 }

@@ -7,7 +7,7 @@ use reagent_core::golden::{self, GoldenActions};
 use reagent_core::wire::{
     self, Chunk, FLASH_HEADER_BYTES, FlashCheck, Manifest, Message, PolicyId,
 };
-use reagent_core::{Frame, Policy, Pose, Registrar, Registration};
+use reagent_core::{Cloud, Frame, Policy, Pose, Registrar, Registration};
 
 /// A policy that is whole.
 pub(crate) struct Loaded<'f> {
@@ -64,7 +64,8 @@ impl Loaded<'_> {
         };
         let mut registration = Registration::new();
         let (frame, initial) = (Frame::IDENTITY, Pose::IDENTITY);
-        let begun = registrar.begin_in(&mut registration, source, target, frame, initial);
+        let (source, target) = (Cloud::F32(source), Cloud::F32(target));
+        let begun = registrar.begin(&mut registration, source, target, frame, initial);
         if begun.is_err() {
             return FlashCheck::FailedSelfTest;
         }
@@ -72,11 +73,10 @@ impl Loaded<'_> {
         let mut next = expected.next();
         while let Some(action) = next {
             feed_watchdog();
-            if let Some(step) = report.slice(registrar, &mut registration) {
-                if step.action != *action {
-                    return FlashCheck::FailedSelfTest;
-                }
-                next = expected.next();
+            match report.slice(registrar, &mut registration) {
+                Ok(None) => {}
+                Ok(Some(step)) if step.action == *action => next = expected.next(),
+                _ => return FlashCheck::FailedSelfTest,
             }
         }
         FlashCheck::Passed

@@ -62,17 +62,18 @@ pub(crate) fn refine(
     let frame = Frame::of_cloud(target).map_err(because(Cloud::Target))?;
     let mut registration = Registration::new();
     registrar
-        .begin_clouds(&mut registration, source, target, frame, initial)
+        .begin(&mut registration, source, target, frame, initial)
         .map_err(because(Cloud::Target))?;
     let mut begun = 0;
     let mut steps = 0;
     // After a stop on every axis each further step would see the same and stop again.
-    while steps < request.max_steps && !registration.rests() {
+    while steps < request.max_steps && !registration.is_settled() {
         if clock.micros() / 1000 > u64::from(request.budget_ms) {
             return Err(refused(Reason::Deadline));
         }
         let at_target = registration.is_at_target();
         let step = report.slice(registrar, &mut registration);
+        let step = step.map_err(because(Cloud::Source))?;
         let took = (clock.ticks() - begun) as u32;
         if at_target && !registration.is_at_target() {
             report.target_ticks = took;

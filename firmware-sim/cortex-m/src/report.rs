@@ -6,7 +6,7 @@ use crate::link::Link;
 use reagent_core::register::Step;
 use reagent_core::verdict::VERDICTS;
 use reagent_core::wire::{Board, FlashCheck, Message, PolicyId, Reason, Status};
-use reagent_core::{Registrar, Registration, Verdict};
+use reagent_core::{Error, Registrar, Registration, Verdict};
 
 /// Points of one slice of work. A control loop takes what its period leaves time for.
 const SLICE: usize = 16;
@@ -26,11 +26,14 @@ pub(crate) struct Report {
 
 impl Report {
     /// One slice of a registration, timed.
+    ///
+    /// # Errors
+    /// As [`Registrar::advance`].
     pub(crate) fn slice(
         &mut self,
         registrar: &mut Registrar<'_, '_>,
         registration: &mut Registration<'_>,
-    ) -> Option<Step> {
+    ) -> Result<Option<Step>, Error> {
         let before = hardware::ticks();
         let step = registrar.advance(registration, SLICE);
         let took = hardware::ticks().wrapping_sub(before);

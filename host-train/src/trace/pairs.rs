@@ -4,7 +4,7 @@ use super::{Header, Step, Traced};
 use crate::dataset::pairs::PairSet;
 use crate::eval::{Contestant, EvalError, Method};
 use reagent_core::net::Scratch;
-use reagent_core::{Frame, Pose, Registrar};
+use reagent_core::{Error, Frame, Pose, Registrar};
 
 /// The first `count` pairs of a set as every policy among the contestants registers them in `steps` steps:
 /// clouds as they are, from the identity, as [`crate::eval::evaluate`] does.
@@ -30,11 +30,11 @@ pub fn pairs(
                 .start(source, target, Frame::IDENTITY, Pose::IDENTITY)
                 .map_err(|source| EvalError::Pair { index, source })?;
             let step = |number| {
-                let taken = registrar.step(&mut registration);
+                let taken = registrar.step(&mut registration)?;
                 let pose = registration.target_from_source();
-                Step::new(number, &taken, Frame::IDENTITY, pose)
+                Ok(Step::new(number, &taken, Frame::IDENTITY, pose))
             };
-            let taken = (1..=steps).map(step).collect();
+            let taken: Result<_, Error> = (1..=steps).map(step).collect();
             all.push(Traced {
                 header: Header {
                     name: format!("pair {index}"),
@@ -44,7 +44,7 @@ pub fn pairs(
                     truth: Some(set.target_from_source[index].to_rows()),
                     initial: Pose::IDENTITY.to_rows(),
                 },
-                steps: taken,
+                steps: taken.map_err(|source| EvalError::Pair { index, source })?,
             });
         }
     }

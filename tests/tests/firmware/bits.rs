@@ -37,8 +37,8 @@ pub(crate) fn trajectory(
         .start(source, target, frame, Pose::IDENTITY)
         .expect("sound clouds");
     let mut steps = Vec::new();
-    while steps.len() < 10 && !registration.rests() {
-        let action = registrar.step(&mut registration).action;
+    while steps.len() < 10 && !registration.is_settled() {
+        let action = registrar.step(&mut registration).expect("started").action;
         let pose = registration.target_from_source().to_rows();
         steps.push((action, bits(pose)));
     }

@@ -1,0 +1,57 @@
+//! The normalised frame of a registration.
+
+use crate::cloud::Cloud;
+use crate::error::Error;
+use crate::pose::mean;
+use glam::Vec3;
+
+/// The normalised frame in which the policy works: `x_n = (x - centre) / scale`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Frame {
+    /// Point that becomes the origin.
+    pub centre: Vec3,
+    /// Length that becomes 1, in the cloud's units.
+    pub scale: f32,
+}
+
+impl Frame {
+    /// Clouds are normalised already and used as they are.
+    pub const IDENTITY: Frame = Frame {
+        centre: Vec3::ZERO,
+        scale: 1.0,
+    };
+
+    /// The target's frame: its mean at the origin, its farthest point at distance 1.
+    ///
+    /// # Errors
+    /// As [`Cloud::check`]; [`Error::NoExtent`] where all points coincide.
+    pub fn of(target: &[[f32; 3]]) -> Result<Frame, Error> {
+        Frame::of_cloud(Cloud::F32(target))
+    }
+
+    /// As [`Frame::of`].
+    ///
+    /// # Errors
+    /// As [`Frame::of`].
+    pub fn of_cloud(target: Cloud<'_>) -> Result<Frame, Error> {
+        target.check()?;
+        let centre = mean(target.points());
+        let scale = target
+            .points()
+            .map(|p| (Vec3::from_array(p) - centre).length())
+            .fold(0.0, f32::max);
+        if scale > 0.0 && scale.is_finite() {
+            Ok(Frame { centre, scale })
+        } else {
+            Err(Error::NoExtent)
+        }
+    }
+}
+
+/// As [`Cloud::check`].
+///
+/// # Errors
+/// As [`Cloud::check`].
+pub fn check_cloud(points: &[[f32; 3]]) -> Result<(), Error> {
+    Cloud::F32(points).check()
+}

@@ -1,0 +1,159 @@
+//! How a registrar looks at clouds: which points it embeds, in which order, and what becomes of them.
+
+use super::{Registrar, Registration};
+use crate::cloud::Cloud;
+use crate::dims::QUANT_TILE;
+use crate::net::{self, View};
+use crate::numbers::Numbers;
+use crate::order::Order;
+use crate::quant;
+use core::ops::Range;
+
+impl Registrar<'_, '_> {
+    /// Finds the order in which a cloud's points are embedded fastest, where it is not that in which they come.
+    pub(super) fn put_in_order(&self, cloud: Cloud<'_>, order: &mut Order) {
+        let prunes = match &self.policy.network {
+            Numbers::F32(network) => network.embedding.prunes(self.isa),
+            Numbers::Int8(_) => self.isa.prunes_codes(),
+        };
+        // Which of equals is the critical point depends on the order.
+        if prunes && self.policy.sees_all(1) {
+            order.find(cloud);
+        } else {
+            order.clear();
+        }
+    }
+
+    /// Makes the target that was embedded a feature, and turns to the source.
+    pub(super) fn finish_target(&mut self, registration: &mut Registration<'_>) {
+        self.finish();
+        let (isa, target) = (self.isa, &mut registration.target);
+        match &self.policy.network {
+            Numbers::F32(network) => {
+                let target = target.floats();
+                target.feature = self.scratch.floats().feature;
+                let heads = [&network.translation, &network.rotation];
+                for (head, half) in heads.into_iter().zip(&mut target.halves) {
+                    net::target_half(isa, head, &target.feature, half);
+                }
+            }
+            Numbers::Int8(network) => {
+                let target = target.integers();
+                target.feature.clone_from(&self.scratch.integers().feature);
+                for (head, sums) in network.heads.iter().zip(&mut target.sums) {
+                    quant::target_sums(isa, head, &target.feature, sums);
+                }
+            }
+        }
+        self.put_in_order(registration.source, &mut registration.order);
+    }
+
+    /// Embeds at most so many more points of the source as it is seen now, of which some were seen; how many are seen
+    /// then.
+    pub(super) fn look(
+        &mut self,
+        registration: &Registration<'_>,
+        seen: usize,
+        points: usize,
+    ) -> usize {
+        let (source, view) = (registration.source, registration.source_view());
+        if self.policy.sees_all(registration.steps) {
+            let end = seen.saturating_add(points).min(source.len());
+            let counted = self.finds_critical(registration.steps);
+            self.embed_cloud(source, &registration.order, seen..end, counted, &view);
+            return end;
+        }
+        let mut seen = seen;
+        let mut tile = [[0.0; 3]; QUANT_TILE];
+        let mut left = points;
+        while left > 0 && seen < source.len() {
+            let mut filled = 0;
+            for place in tile.iter_mut().take(left) {
+                let next = registration.critical.next(seen);
+                let Some((next, point)) = next.and_then(|i| Some((i, source.point(i)?))) else {
+                    seen = source.len();
+                    break;
+                };
+                *place = point;
+                seen = next + 1;
+                filled += 1;
+            }
+            if let Some(points) = tile.get(..filled) {
+                self.embed(points, None, &view);
+            }
+            left -= filled.min(left);
+        }
+        seen
+    }
+
+    /// Whether the step after so many looks at all points, and the one after it only at the critical ones.
+    fn finds_critical(&self, steps: usize) -> bool {
+        self.policy.sees_all(steps) && !self.policy.sees_all(steps + 1)
+    }
+
+    /// Makes the source that was embedded a feature, and keeps the points by which it came about.
+    pub(super) fn finish_source(&mut self, registration: &mut Registration<'_>) {
+        if self.finds_critical(registration.steps) {
+            let (critical, order) = (&mut registration.critical, &registration.order);
+            let channels = self.policy.shape.features();
+            critical.clear();
+            match &self.policy.network {
+                Numbers::F32(_) => {
+                    let winners = self.scratch.floats().winners().iter().take(channels);
+                    winners.for_each(|&place| critical.insert(order.point(place.into())));
+                }
+                Numbers::Int8(_) => {
+                    let winners = self.scratch.integers().winners().take(channels);
+                    winners.for_each(|place| critical.insert(order.point(place)));
+                }
+            }
+        }
+        self.finish();
+    }
+
+    /// Makes what was embedded a feature; in f32 it is one already.
+    fn finish(&mut self) {
+        match &self.policy.network {
+            Numbers::F32(_) => {}
+            Numbers::Int8(network) => quant::finish(network, self.scratch.integers()),
+        }
+    }
+
+    /// Embeds the points at some places of an order; where they count, finds the places of the critical ones among them.
+    pub(super) fn embed_cloud(
+        &mut self,
+        cloud: Cloud<'_>,
+        order: &Order,
+        places: Range<usize>,
+        counted: bool,
+        view: &View,
+    ) {
+        let mut tile = [[0.0; 3]; QUANT_TILE];
+        let mut place = places.start;
+        while place < places.end {
+            let together = (places.end - place).min(order.together(place));
+            let mut filled = 0;
+            for point in tile.iter_mut().take(together) {
+                *point = cloud.point(order.point(place + filled)).unwrap_or_default();
+                filled += 1;
+            }
+            let points = tile.get(..filled).unwrap_or(&[]);
+            self.embed(points, counted.then_some(place), view);
+            place += filled;
+        }
+    }
+
+    /// Embeds points of the cloud under way; where they count from `first`, finds the critical ones among them.
+    fn embed(&mut self, points: &[[f32; 3]], first: Option<usize>, view: &View) {
+        match &self.policy.network {
+            Numbers::F32(network) => {
+                let scratch = self.scratch.floats();
+                net::embed(self.isa, &network.embedding, points, first, view, scratch);
+            }
+            Numbers::Int8(network) => {
+                let scratch = self.scratch.integers();
+                quant::embed(self.isa, network, points, first, view, scratch);
+            }
+        }
+    }
+}

@@ -1,0 +1,219 @@
+//! A registration under way.
+
+use super::phase::Phase;
+use super::target::Target;
+use super::{Frame, Outcome, Step};
+use crate::cloud::Cloud;
+use crate::critical::Critical;
+use crate::dims::LOGITS;
+use crate::error::Error;
+use crate::net::View;
+use crate::order::Order;
+use crate::pose::{Pose, mean};
+use crate::steps::Action;
+use crate::verdict::Verdict;
+use crate::weights::Policy;
+use glam::Vec3;
+
+/// A registration under way: the accumulated pose and what stays constant over its steps.
+#[derive(Clone, Debug)]
+pub struct Registration<'c> {
+    pub(super) source: Cloud<'c>,
+    pub(super) phase: Phase<'c>,
+    /// That of the working memory in which the cloud under way is embedded.
+    pub(super) generation: u32,
+    /// In which order the points of the cloud under way are embedded.
+    pub(super) order: Order,
+    /// Points looked at by steps that do not look at all.
+    pub(super) critical: Critical,
+    pub(super) target: Target,
+    /// Check sum of the policy that saw the target.
+    policy: u32,
+    /// Centroid `μ` of the observed source, own units.
+    centroid: Vec3,
+    frame: Frame,
+    /// Disentangled accumulator, translation in normalised units.
+    accumulated: Pose,
+    pub(super) steps: usize,
+    /// The last two actions; "stop" before the first.
+    before: Action,
+    last: Action,
+    is_settled: bool,
+}
+
+impl<'c> Registration<'c> {
+    /// A place for a registration, of no points: see [`super::Registrar::start_in`].
+    pub const fn new() -> Self {
+        Registration {
+            source: Cloud::EMPTY,
+            phase: Phase::START,
+            generation: 0,
+            order: Order::NONE,
+            critical: Critical::NONE,
+            target: Target::NONE,
+            policy: 0,
+            centroid: Vec3::ZERO,
+            frame: Frame::IDENTITY,
+            accumulated: Pose::IDENTITY,
+            steps: 0,
+            before: Action::STOP,
+            last: Action::STOP,
+            is_settled: false,
+        }
+    }
+
+    /// Checks everything and begins anew: no step taken, a target still to come.
+    pub(super) fn reset(
+        &mut self,
+        policy: &Policy<'_>,
+        source: Cloud<'c>,
+        target: Cloud<'_>,
+        frame: Frame,
+        initial: Pose,
+    ) -> Result<(), Error> {
+        source.check()?;
+        target.check()?;
+        let centroid = mean(source.points());
+        let initial = initial.checked()?.to_disentangled(centroid);
+        self.source = source;
+        self.phase = Phase::START;
+        self.order.clear();
+        self.policy = policy.checksum;
+        self.centroid = centroid;
+        self.frame = frame;
+        self.accumulated = Pose {
+            rotation: initial.rotation,
+            translation: initial.translation / frame.scale,
+        };
+        self.steps = 0;
+        self.before = Action::STOP;
+        self.last = Action::STOP;
+        self.is_settled = false;
+        Ok(())
+    }
+
+    /// Refuses one that was not started with a policy: no cloud that is accepted is empty.
+    pub(super) fn check(&self, policy: &Policy<'_>) -> Result<(), Error> {
+        if self.source.is_empty() || self.policy != policy.checksum {
+            return Err(Error::NotStarted);
+        }
+        Ok(())
+    }
+
+    /// The pose so far as a plain rigid transform in the clouds' own units (to-global).
+    pub fn target_from_source(&self) -> Pose {
+        Pose {
+            rotation: self.accumulated.rotation,
+            translation: self.accumulated.translation * self.frame.scale,
+        }
+        .to_global(self.centroid)
+    }
+
+    /// Steps taken so far.
+    pub fn steps(&self) -> usize {
+        self.steps
+    }
+
+    /// The result if no further step is taken.
+    pub fn outcome(&self) -> Outcome {
+        Outcome {
+            target_from_source: self.target_from_source(),
+            steps: self.steps,
+            verdict: self.verdict(),
+        }
+    }
+
+    /// Goes on from where another registration of the same clouds is, of another policy perhaps: to compare what two
+    /// policies do there.
+    pub fn copy_progress_from(&mut self, other: &Registration<'_>) {
+        self.accumulated = other.accumulated;
+        self.critical.clone_from(&other.critical);
+        self.steps = other.steps;
+        self.before = other.before;
+        self.last = other.last;
+        self.is_settled = other.is_settled;
+    }
+
+    /// Points that the next step looks at.
+    pub fn points_ahead(&self, policy: &Policy<'_>) -> usize {
+        if policy.sees_all(self.steps) {
+            self.source.len()
+        } else {
+            self.critical.len()
+        }
+    }
+
+    /// Whether slices still embed the target ([`super::Registrar::advance`]).
+    pub fn is_at_target(&self) -> bool {
+        matches!(self.phase, Phase::Target { .. })
+    }
+
+    /// Whether further steps would change nothing: the last one looked at all points, in all the ways in which the
+    /// policy ever looks, and stopped on every axis.
+    pub fn is_settled(&self) -> bool {
+        self.is_settled
+    }
+
+    /// Verdict if no further step is taken.
+    pub fn verdict(&self) -> Verdict {
+        if self.steps == 0 {
+            return Verdict::StepLimit;
+        }
+        Verdict::of_actions(self.before, self.last)
+    }
+
+    /// How the policy sees the target: `(x - centre)/s`.
+    pub(super) fn target_view(&self) -> View {
+        View {
+            origin: self.frame.centre,
+            map: Pose {
+                rotation: Pose::IDENTITY.rotation * (1.0 / self.frame.scale),
+                translation: Vec3::ZERO,
+            },
+        }
+    }
+
+    /// How the policy sees the source now: `R (x - μ)/s + (μ - centre)/s + t`.
+    pub(super) fn source_view(&self) -> View {
+        let scale = 1.0 / self.frame.scale;
+        View {
+            origin: self.centroid,
+            map: Pose {
+                rotation: self.accumulated.rotation * scale,
+                translation: (self.centroid - self.frame.centre) * scale
+                    + self.accumulated.translation,
+            },
+        }
+    }
+
+    /// Takes the action that follows from both heads' logits.
+    pub(super) fn act(
+        &mut self,
+        policy: &Policy<'_>,
+        logits_t: [f32; LOGITS],
+        logits_r: [f32; LOGITS],
+    ) -> Step {
+        let decision = policy.decision;
+        let action = Action {
+            translation: decision.steps(&logits_t),
+            rotation: decision.steps(&logits_r),
+        };
+        self.accumulated = self.accumulated.accumulate(action.update());
+        self.is_settled = action == Action::STOP
+            && policy.sees_all(self.steps)
+            && decision.ways(self.steps) == decision.ways(usize::MAX);
+        self.steps += 1;
+        self.before = core::mem::replace(&mut self.last, action);
+        Step {
+            action,
+            logits_t,
+            logits_r,
+        }
+    }
+}
+
+impl Default for Registration<'_> {
+    fn default() -> Self {
+        Self::new()
+    }
+}

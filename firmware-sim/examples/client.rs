@@ -17,7 +17,7 @@ async fn main() -> anyhow::Result<()> {
     };
     let cloud = |path: &String, seed: u64| {
         let cloud = read_cloud(Path::new(path), seed)?;
-        anyhow::Ok(within_capacity(cloud.points, seed, 0))
+        anyhow::Ok(within_capacity(&cloud.relative_to([0.0; 3])))
     };
     let (source, target) = (cloud(scan, 1)?, cloud(part, 2)?);
 

@@ -141,9 +141,9 @@ impl RefineArgs {
                 self.start().await?.refine_pairs(&pairs).await
             }
             (None, Some(source), Some(target)) => {
-                let clouds = [(0, source), (1, target)].map(|(index, path)| {
+                let clouds = [source, target].map(|path| {
                     let cloud = read_cloud(path, self.seed)?;
-                    anyhow::Ok(within_capacity(cloud.points, self.seed, index))
+                    anyhow::Ok(within_capacity(&cloud.relative_to([0.0; 3])))
                 });
                 let [source, target] = clouds;
                 let (source, target) = (source?, target?);
@@ -163,7 +163,7 @@ impl RefineArgs {
         Ok(Asking {
             client,
             args: self.clone(),
-            initial: initial.map(|pose| pose.to_rows()),
+            initial: initial.map(|start| start.near([0.0; 3], [0.0; 3]).to_rows()),
             traces,
         })
     }
@@ -240,11 +240,8 @@ impl Asking {
     async fn refine_pairs(&mut self, pairs: &PairSet) -> anyhow::Result<()> {
         let (mut answers, mut before, mut after) = (Vec::new(), Vec::new(), Vec::new());
         for index in 0..pairs.source.len() {
-            let seed = self.args.seed;
-            let cloud = |clouds: &[Vec<Point>], number: u64| {
-                within_capacity(clouds[index].clone(), seed, 2 * index as u64 + number)
-            };
-            let (source, target) = (cloud(&pairs.source, 0), cloud(&pairs.target, 1));
+            let [source, target] =
+                [&pairs.source, &pairs.target].map(|clouds| within_capacity(&clouds[index]));
             let answer = self.ask(index as u64 + 1, &source, &target).await;
             let answer = answer.with_context(|| format!("pair {index}"))?;
             let [initial, refined] = errors(pairs, index, &answer.reply)?;

@@ -4,9 +4,10 @@
 use anyhow::bail;
 use host_train::dataset::cloud_file::{read_cloud, write_cloud};
 use host_train::export::WeightFile;
+use host_train::pose64::Pose64;
 use host_train::refine::Mode;
-use host_train::register::{register, within_capacity};
-use reagent_core::{Pose, Verdict};
+use host_train::register::{Start, register, within_capacity};
+use reagent_core::Verdict;
 use std::path::Path;
 
 fn main() -> anyhow::Result<()> {
@@ -14,16 +15,19 @@ fn main() -> anyhow::Result<()> {
     let [scan, part, aligned] = &files[..] else {
         bail!("usage: register_clouds SCAN PART ALIGNED");
     };
-    // Any unit, the same for both. Seeds draw the points of meshes and of clouds that are too large.
+    // Any unit, the same for both. Seeds draw the points of meshes; clouds that are too large are thinned.
     let (source, target) = (
         read_cloud(Path::new(scan), 1)?,
         read_cloud(Path::new(part), 2)?,
     );
-    let source_points = within_capacity(source.points.clone(), 1, 0);
-    let target_points = within_capacity(target.points, 1, 1);
+    // The core computes in f32: clouds far from zero are taken relative to a point of their own.
+    let origins = [source.origin(), target.origin()];
+    let source_points = within_capacity(&source.relative_to(origins[0]));
+    let target_points = within_capacity(&target.relative_to(origins[1]));
 
     let weights = WeightFile::pretrained(); // or WeightFile::load(path)
-    let initial = Pose::IDENTITY; // or an estimate
+    let start = Start::Identity; // or an estimate
+    let initial = start.near(origins[0], origins[1]);
     let found = register(
         weights.policy(),
         &source_points,
@@ -33,10 +37,8 @@ fn main() -> anyhow::Result<()> {
         Mode::Verify,
     )?;
 
-    println!(
-        "target_from_source {:?}",
-        found.target_from_source.to_rows()
-    );
+    let target_from_source = Pose64::of(found.target_from_source, origins[0], origins[1]);
+    println!("target_from_source {:?}", target_from_source.to_rows());
     if let Some(refinement) = &found.refinement {
         println!(
             "right with probability {:.3}",
@@ -46,6 +48,6 @@ fn main() -> anyhow::Result<()> {
     if found.verdict != Verdict::Converged {
         bail!("not to be trusted: {}", found.verdict);
     }
-    write_cloud(Path::new(aligned), &source.moved(&found.target_from_source))?;
+    write_cloud(Path::new(aligned), &source.moved(&target_from_source))?;
     Ok(())
 }

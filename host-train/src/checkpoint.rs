@@ -1,7 +1,9 @@
 //! The state of a training run on disk: parameters, optimiser and progress, as one safetensors file.
 
+mod seal;
+
 use crate::env::Accumulation;
-use crate::files::write_atomically;
+use crate::files;
 use crate::nn::{Parameters, Shape};
 use crate::optim::Adam;
 use safetensors::{Dtype, SafeTensors, tensor::TensorView};
@@ -211,7 +213,8 @@ impl Checkpoint {
         ]);
         let bytes = safetensors::serialize(views, Some(metadata))
             .map_err(|e| write(std::io::Error::other(e)))?;
-        write_atomically(path, &bytes).map_err(write)
+        let sealed = seal::seal(&bytes).map_err(|e| write(std::io::Error::other(e)))?;
+        files::write(path, &sealed).map_err(write)
     }
 
     /// Reads a checkpoint.
@@ -224,6 +227,7 @@ impl Checkpoint {
             path: path.into(),
             source,
         })?;
+        seal::check(&bytes).map_err(damaged)?;
         let (_, header) = SafeTensors::read_metadata(&bytes).map_err(|e| damaged(e.to_string()))?;
         let field = |name: &str| {
             let found = header.metadata().as_ref().and_then(|m| m.get(name));
@@ -333,11 +337,32 @@ mod tests {
         assert_eq!(Checkpoint::find(directory.path()).expect("found"), path);
         assert_eq!(Checkpoint::load(&path).expect("read"), checkpoint);
 
+        // Equal contents make equal files.
         let bytes = std::fs::read(&path).expect("read");
-        std::fs::write(&path, &bytes[..bytes.len() / 2]).expect("cut");
-        assert!(matches!(
-            Checkpoint::load(&path),
-            Err(CheckpointError::Damaged { .. })
-        ));
+        let again = directory.path().join("again.safetensors");
+        checkpoint.save(&again).expect("written");
+        assert!(std::fs::read(&again).expect("read") == bytes);
+
+        let refused = |bytes: &[u8]| {
+            std::fs::write(&path, bytes).expect("written");
+            matches!(
+                Checkpoint::load(&path),
+                Err(CheckpointError::Damaged { .. })
+            )
+        };
+        assert!(refused(&bytes[..bytes.len() / 2]));
+        // Every bit of the header, and some of what follows.
+        let header = 8 + u64::from_le_bytes(*bytes.first_chunk().expect("a length")) as usize;
+        let sampled = (header..bytes.len()).step_by(977);
+        for at in (0..header)
+            .step_by(3)
+            .chain(sampled)
+            .chain([bytes.len() - 1])
+        {
+            let mut flipped = bytes.clone();
+            flipped[at] ^= 1 << (at % 8);
+            assert!(refused(&flipped), "bit {} of byte {at}", at % 8);
+        }
+        assert!(!refused(&bytes));
     }
 }

@@ -3,7 +3,7 @@
 use crate::checkpoint::{Checkpoint, CheckpointError};
 use crate::dataset::pairs::PairSet;
 use crate::env::Accumulation;
-use crate::files::write_atomically;
+use crate::files;
 use crate::nn::{Parameters, Shape};
 use crate::quantise::{self, Ranges};
 use reagent_core::dims::{LAYERS, LOGITS, padded};
@@ -216,7 +216,7 @@ impl WeightFile {
 
     /// Writes the file, whole or not at all.
     pub fn save(&self, path: &Path) -> Result<(), ExportError> {
-        write_atomically(path, self.bytes()).map_err(|source| ExportError::Write {
+        files::write(path, self.bytes()).map_err(|source| ExportError::Write {
             path: path.into(),
             source,
         })

@@ -1,24 +1,251 @@
-//! Files that are either whole or absent.
+//! The one way in which outputs are written: whole or not at all.
 
-use std::io::Write;
-use std::path::Path;
+use std::fs::{self, OpenOptions, Permissions};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
 
-/// Writes a file beside its place and moves it there: no reader ever sees a part of it, and a full
-/// disk leaves what was there before.
-pub fn write_atomically(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
-    let directory = match path.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent,
-        _ => Path::new("."),
+/// Writes a file: to a temporary one beside its place, moved there when all of it is on the disk, so that no reader
+/// sees a part of it and a full disk loses nothing. A file that exists keeps its mode and owner, a new one gets
+/// those of any new file; symbolic links are followed. What is no regular file (a device, a pipe) is written
+/// through, and `-` is standard output.
+///
+/// # Errors
+/// The system's; what was there before is still there.
+pub fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    replace(path, bytes).map_err(plain)
+}
+
+fn replace(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    if path == Path::new("-") {
+        let mut output = io::stdout().lock();
+        return output.write_all(bytes).and_then(|()| output.flush());
+    }
+    if is_special(path) {
+        return OpenOptions::new().write(true).open(path)?.write_all(bytes);
+    }
+    let target = target(path)?;
+    let before = match OpenOptions::new().write(true).open(&target) {
+        Ok(file) => Some(file.metadata()?),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => None,
+        Err(error) => return Err(error),
     };
-    let mut file = tempfile::NamedTempFile::new_in(directory)?;
+    let file = temporary(&target, before.as_ref())?;
+    commit(file, bytes, |file| file.persist(&target))
+}
+
+/// Writes a file that only its owner may read, and that must not exist.
+///
+/// # Errors
+/// The system's; no file is left then.
+pub fn write_secret(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    let write = || {
+        let file = tempfile::NamedTempFile::new_in(directory(path))?;
+        commit(file, bytes, |file| file.persist_noclobber(path))
+    };
+    write().map_err(plain)
+}
+
+/// What the system said, without the name of a temporary file.
+fn plain(error: io::Error) -> io::Error {
+    let text = error.to_string();
+    match text.split_once(" at path ") {
+        Some((said, _)) => io::Error::new(error.kind(), said),
+        None => error,
+    }
+}
+
+/// Whether something other than a file on a disk is at a path: a device, a pipe, or an open file of this process.
+pub fn is_special(path: &Path) -> bool {
+    let opened = ["/dev/fd", "/dev/stdout", "/dev/stderr", "/proc"];
+    fs::metadata(path).is_ok_and(|found| {
+        let is_opened = opened.iter().any(|root| path.starts_with(root));
+        !found.is_dir() && (is_opened || !found.is_file())
+    })
+}
+
+type Persisted = Result<fs::File, tempfile::PersistError>;
+
+fn commit(
+    mut file: tempfile::NamedTempFile,
+    bytes: &[u8],
+    persist: impl FnOnce(tempfile::NamedTempFile) -> Persisted,
+) -> io::Result<()> {
     file.write_all(bytes)?;
     file.as_file().sync_all()?;
-    let file = file.persist(path)?;
-    // A temporary file is private; what takes its place is readable as any new file.
+    persist(file).map_err(|refused| refused.error)?;
+    Ok(())
+}
+
+/// The folder of a file.
+fn directory(path: &Path) -> &Path {
+    match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    }
+}
+
+/// Where a path leads, through symbolic links, whether or not a file is at their end.
+fn target(path: &Path) -> io::Result<PathBuf> {
+    let mut path = path.to_path_buf();
+    for _ in 0..40 {
+        match fs::read_link(&path) {
+            Ok(link) => path = directory(&path).join(link),
+            Err(_) => return Ok(path),
+        }
+    }
+    Err(io::Error::other("too many symbolic links"))
+}
+
+/// A file beside the target with the mode and owner that the target has, or would get.
+fn temporary(target: &Path, before: Option<&fs::Metadata>) -> io::Result<tempfile::NamedTempFile> {
+    let mut builder = tempfile::Builder::new();
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt;
-        file.set_permissions(std::fs::Permissions::from_mode(0o644))?;
+        builder.permissions(Permissions::from_mode(0o666));
     }
-    Ok(())
+    let file = builder.tempfile_in(directory(target))?;
+    if let Some(before) = before {
+        // Only the superuser can write for another owner.
+        #[cfg(unix)]
+        {
+            use std::os::unix::fs::MetadataExt;
+            let _ =
+                std::os::unix::fs::fchown(file.as_file(), Some(before.uid()), Some(before.gid()));
+        }
+        file.as_file().set_permissions(before.permissions())?;
+    }
+    Ok(file)
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use super::*;
+    use std::os::unix::fs::{PermissionsExt, symlink};
+
+    fn mode(path: &Path) -> u32 {
+        fs::metadata(path).expect("a file").permissions().mode() & 0o7777
+    }
+
+    fn names(folder: &Path) -> Vec<String> {
+        let entries = fs::read_dir(folder).expect("a folder");
+        let mut names: Vec<String> = entries
+            .map(|entry| {
+                entry
+                    .expect("an entry")
+                    .file_name()
+                    .to_string_lossy()
+                    .into_owned()
+            })
+            .collect();
+        names.sort();
+        names
+    }
+
+    #[test]
+    fn new_files_get_the_mode_of_any_new_file_and_old_ones_keep_theirs() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let at = |name: &str| folder.path().join(name);
+        fs::write(at("usual"), "").expect("written");
+        write(&at("new"), b"new").expect("written");
+        assert_eq!(mode(&at("new")), mode(&at("usual")));
+        for kept in [0o600, 0o640, 0o755] {
+            fs::set_permissions(at("new"), Permissions::from_mode(kept)).expect("changed");
+            write(&at("new"), b"newer").expect("written");
+            assert_eq!(
+                (mode(&at("new")), &*fs::read(at("new")).expect("read")),
+                (kept, &b"newer"[..])
+            );
+        }
+        write_secret(&at("key"), b"secret").expect("written");
+        assert_eq!(mode(&at("key")), 0o600);
+        let refused = write_secret(&at("key"), b"other").expect_err("exists");
+        assert_eq!(refused.kind(), io::ErrorKind::AlreadyExists);
+        assert_eq!(names(folder.path()), ["key", "new", "usual"]);
+    }
+
+    #[test]
+    fn links_are_followed_to_files_that_are_and_are_not() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let at = |name: &str| folder.path().join(name);
+        fs::create_dir(at("below")).expect("created");
+        symlink("below/file", at("first")).expect("linked");
+        symlink("first", at("second")).expect("linked");
+        for text in ["one", "two"] {
+            write(&at("second"), text.as_bytes()).expect("written");
+            assert_eq!(fs::read_to_string(at("below/file")).expect("read"), text);
+        }
+        assert!(at("first").is_symlink() && at("second").is_symlink());
+        symlink("round", at("round")).expect("linked");
+        assert!(write(&at("round"), b"").is_err());
+        assert_eq!(names(folder.path()), ["below", "first", "round", "second"]);
+    }
+
+    #[test]
+    fn devices_and_pipes_are_written_through() {
+        use std::os::unix::fs::FileTypeExt;
+        let is_device = |path: &str| {
+            let found = fs::symlink_metadata(path).expect("a device");
+            found.file_type().is_char_device()
+        };
+        write(Path::new("/dev/null"), b"text").expect("written");
+        assert!(is_device("/dev/null"));
+        let full = write(Path::new("/dev/full"), b"text").expect_err("full");
+        assert_eq!(full.kind(), io::ErrorKind::StorageFull);
+        assert!(is_device("/dev/full"));
+
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let pipe = folder.path().join("pipe");
+        let made = std::process::Command::new("mkfifo").arg(&pipe).status();
+        assert!(made.expect("mkfifo runs").success());
+        let reader = std::thread::spawn({
+            let pipe = pipe.clone();
+            move || fs::read(pipe).expect("read")
+        });
+        write(&pipe, b"through").expect("written");
+        assert_eq!(reader.join().expect("read"), b"through");
+        assert!(
+            fs::symlink_metadata(&pipe)
+                .expect("there")
+                .file_type()
+                .is_fifo()
+        );
+    }
+
+    #[test]
+    fn a_folder_is_refused_and_a_missing_one_named() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        assert!(write(folder.path(), b"").is_err());
+        let missing = write(&folder.path().join("no/such"), b"").expect_err("no folder");
+        assert!(!missing.to_string().contains("tmp"), "{missing}");
+        assert_eq!(names(folder.path()), [""; 0]);
+    }
+
+    /// Needs the right to mount; else it says so.
+    #[test]
+    fn on_a_full_disk_nothing_is_lost() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let mount = |arguments: &[&str]| {
+            let mut command = std::process::Command::new(arguments[0]);
+            command.args(&arguments[1..]).arg(folder.path());
+            command.output().is_ok_and(|output| output.status.success())
+        };
+        if !mount(&["mount", "-t", "tmpfs", "-o", "size=64k", "none"]) {
+            println!("skipped: no file system may be mounted here");
+            return;
+        }
+        let at = |name: &str| folder.path().join(name);
+        let outcome = std::panic::catch_unwind(|| {
+            write(&at("old"), b"old content").expect("written");
+            for (name, kept) in [("old", Some("old content")), ("new", None)] {
+                let full = write(&at(name), &[7; 200_000]).expect_err("full");
+                assert_eq!(full.kind(), io::ErrorKind::StorageFull);
+                assert_eq!(fs::read_to_string(at(name)).ok().as_deref(), kept);
+            }
+            assert!(write_secret(&at("key"), &[7; 200_000]).is_err());
+            assert_eq!(names(folder.path()), ["old"]);
+        });
+        assert!(mount(&["umount"]), "the file system stays mounted");
+        outcome.expect("nothing is lost");
+    }
 }

@@ -1,7 +1,7 @@
 //! The command line of the trainer; see `host-train --help`.
 
 use clap::Parser;
-use host_train::cli::{Cli, one_line};
+use host_train::cli::{Cli, one_line, status};
 use std::io::Write;
 use std::process::ExitCode;
 use tracing_subscriber::EnvFilter;
@@ -19,7 +19,7 @@ fn main() -> ExitCode {
         Err(error) => {
             // Whoever closed the other end of stderr does not want to know.
             let _ = writeln!(std::io::stderr(), "error: {}", one_line(&error));
-            ExitCode::FAILURE
+            ExitCode::from(status(&error))
         }
     }
 }

@@ -1,17 +1,39 @@
 //! One registration of two clouds in the user's own units.
 
-use crate::augment::resample;
 use crate::dataset::Point;
-use crate::random::{Purpose, stream};
+use crate::pose64::{Pose64, Position};
 use crate::refine::{Mode, Refinement, refine};
+use crate::thin::thin;
 use crate::trace::Step;
 use reagent_core::dims::MAX_POINTS;
 use reagent_core::net::Scratch;
 use reagent_core::polish::Workspace;
 use reagent_core::{Error, Frame, Policy, Pose, Registrar, Verdict};
 
-/// Points drawn from a cloud that exceeds the capacity.
+/// Points to which a cloud that exceeds the capacity is thinned.
 pub const SUBSAMPLE: usize = 2048;
+
+/// Where a registration starts.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Start {
+    /// With the clouds as they lie.
+    Identity,
+    /// From this target_from_source, a plain rigid transform.
+    Pose(Pose64),
+    /// Nothing is known: the source may be turned in any way.
+    None,
+}
+
+impl Start {
+    /// The pose of the first step, between coordinates relative to two origins.
+    pub fn near(&self, source_origin: Position, target_origin: Position) -> Pose {
+        let pose = match self {
+            Start::Pose(pose) => pose,
+            Start::Identity | Start::None => &Pose64::IDENTITY,
+        };
+        pose.near(source_origin, target_origin)
+    }
+}
 
 /// A finished registration.
 #[derive(Clone, Debug, PartialEq)]
@@ -72,13 +94,12 @@ pub fn register(
     })
 }
 
-/// A cloud within the core's capacity: itself, or [`SUBSAMPLE`] of its points, drawn without replacement
-/// from the seed's stream number `index`.
-pub fn within_capacity(points: Vec<Point>, seed: u64, index: u64) -> Vec<Point> {
-    if points.len() <= MAX_POINTS {
-        return points;
+/// A cloud within the core's capacity: itself, or [`SUBSAMPLE`] of its points ([`thin`]).
+pub fn within_capacity(points: &[Point]) -> Vec<Point> {
+    match points.len() {
+        ..=MAX_POINTS => points.to_vec(),
+        _ => thin(points, SUBSAMPLE),
     }
-    resample(&mut stream(seed, Purpose::Pairs, index), &points, SUBSAMPLE)
 }
 
 #[cfg(test)]
@@ -86,6 +107,7 @@ mod tests {
     use super::*;
     use crate::export::WeightFile;
     use crate::nn::{Parameters, Shape};
+    use crate::random::{Purpose, stream};
     use rand::RngExt;
 
     fn cloud(index: u64) -> Vec<Point> {
@@ -155,15 +177,9 @@ mod tests {
     }
 
     #[test]
-    fn only_clouds_beyond_the_capacity_are_subsampled() {
+    fn only_clouds_beyond_the_capacity_are_thinned() {
         let cloud = |n: usize| (0..n).map(|i| [i as f32, 0.0, 0.0]).collect::<Vec<Point>>();
-        assert_eq!(within_capacity(cloud(MAX_POINTS), 1, 0).len(), MAX_POINTS);
-        let drawn = within_capacity(cloud(MAX_POINTS + 1), 1, 0);
-        assert_eq!(drawn, within_capacity(cloud(MAX_POINTS + 1), 1, 0));
-        assert_ne!(drawn, within_capacity(cloud(MAX_POINTS + 1), 2, 0));
-        let mut ids: Vec<u32> = drawn.iter().map(|p| p[0] as u32).collect();
-        ids.sort_unstable();
-        ids.dedup();
-        assert_eq!(ids.len(), SUBSAMPLE, "no point twice");
+        assert_eq!(within_capacity(&cloud(MAX_POINTS)).len(), MAX_POINTS);
+        assert_eq!(within_capacity(&cloud(MAX_POINTS + 1)).len(), SUBSAMPLE);
     }
 }

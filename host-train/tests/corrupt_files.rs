@@ -3,7 +3,7 @@
 //!
 //! `PROPTEST_CASES` asks for more cases than the default.
 
-use host_train::dataset::cloud_file::{Cloud, read_file, write_cloud};
+use host_train::dataset::cloud_file::{CloudFile, read_file, write_cloud};
 use host_train::dataset::pairs::{PairSet, Sample, load_poses, save_poses};
 use host_train::dataset::{self, Point, Split, modelnet};
 use peak_alloc::PeakAlloc;
@@ -179,9 +179,11 @@ fn points(n: usize) -> Vec<Point> {
 
 /// A small file of every format and flavour.
 fn loose_files(dir: &Path) -> Vec<PathBuf> {
-    let cloud = Cloud {
-        points: points(40),
+    let cloud = CloudFile {
         normals: Some(vec![[0.0, 0.6, 0.8]; 40]),
+        colours: Some(vec![[1, 100, 255]; 40]),
+        intensities: Some(vec![0.5; 40]),
+        ..CloudFile::of(&points(40))
     };
     let mut paths: Vec<PathBuf> = ["le.ply", "binary.pcd", "cloud.npy", "cloud.xyz"]
         .map(|name| dir.join(name))

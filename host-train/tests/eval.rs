@@ -47,7 +47,15 @@ fn register_writes_pose_trace_and_the_moved_cloud() {
         .collect();
     assert_eq!(lines.len(), 4);
     assert_eq!(lines[0]["registration"]["name"], "a.xyz to b.xyz");
-    assert_eq!(lines[3]["target_from_source"], result["target_from_source"]);
+    // The trace has the policy's float32.
+    for row in 0..3 {
+        for column in 0..4 {
+            let number = |value: &Value| value["target_from_source"][row][column].as_f64();
+            let (traced, found) = (number(&lines[3]), number(&result));
+            let apart = traced.expect("a number") - found.expect("a number");
+            assert!(apart.abs() < 1e-6, "{apart}");
+        }
+    }
     assert_eq!(result["source_points"], 200);
 
     // The moved cloud needs no initial pose to be where the first registration ended.
@@ -63,14 +71,10 @@ fn register_writes_pose_trace_and_the_moved_cloud() {
         .collect();
     let first = [0.5, 2.0, 0.0];
     let x = row[0] * first[0] + row[1] * first[1] + row[2] * first[2] + row[3];
-    assert!(
-        (f64::from(moved[0][0]) - x).abs() < 1e-5,
-        "{x} {:?}",
-        moved[0]
-    );
+    assert!((moved[0][0] - x).abs() < 1e-9, "{x} {:?}", moved[0]);
 }
 
-/// Beyond the capacity a seeded part of the points is used, and said so.
+/// Beyond the capacity a part of the points is used, the same whatever the seed, and said so.
 #[test]
 fn clouds_beyond_the_capacity_are_sampled() {
     let folder = folder();
@@ -95,7 +99,7 @@ fn clouds_beyond_the_capacity_are_sampled() {
     };
     let first = register(1, "1.json");
     assert_eq!(first["source_points"], 2048);
-    assert_eq!(first, register(1, "again.json"));
+    assert_eq!(first, register(2, "again.json"));
 }
 
 #[test]

@@ -169,14 +169,9 @@ fn the_true_pose_takes_what_is_seen_onto_the_model() {
                 continue;
             }
             let path = root.join(format!("models_eval/obj_{:06}.ply", instance.object));
-            let mesh = read_file(&path).expect("a mesh");
-            let vertex = |i: u32| Vec3::from_array(mesh.points[i as usize]);
-            let faces: Vec<[Vec3; 3]> = mesh
-                .faces
-                .iter()
-                .flatten()
-                .map(|face| face.map(vertex))
-                .collect();
+            let mesh = read_file(&path).expect("a mesh").mesh();
+            let vertex = |i: u32| mesh.vertices[i as usize];
+            let faces: Vec<[Vec3; 3]> = mesh.faces.iter().map(|face| face.map(vertex)).collect();
             let model_from_camera = instance.camera_from_model.inverse();
             for &pixel in inside.iter().step_by(1 + inside.len() / 20) {
                 let p = model_from_camera.apply(Vec3::from_array(seen.point(pixel)));

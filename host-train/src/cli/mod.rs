@@ -1,7 +1,7 @@
 //! The command line: one file a command, each a set of arguments and what is called with them.
 //!
 //! Exit status: 0 on success, 2 on bad usage (clap's), 1 on failure, with one line on stderr that says
-//! what was wrong, where, and what to do.
+//! what was wrong, where, and what to do; 3 where `register --fail-below` was not reached.
 
 mod bench;
 mod bop_eval;
@@ -92,6 +92,25 @@ impl Cli {
             }
         }
     }
+}
+
+/// Poses were found, and are less probably right than was asked for.
+#[derive(Debug, thiserror::Error)]
+#[error(
+    "{poses} poses are less probably right than {least}; the lowest probability is {lowest:.3}"
+)]
+pub struct BelowProbability {
+    /// How many.
+    pub poses: usize,
+    /// The lowest probability.
+    pub lowest: f32,
+    /// What was asked for.
+    pub least: f32,
+}
+
+/// The exit status of a failure.
+pub fn status(error: &anyhow::Error) -> u8 {
+    if error.is::<BelowProbability>() { 3 } else { 1 }
 }
 
 /// The chain of causes on one line.

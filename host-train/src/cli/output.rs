@@ -1,12 +1,13 @@
-//! Files that commands write.
+//! Files that commands write; `-` is standard output.
 
+use crate::files;
 use anyhow::Context;
 use serde::Serialize;
 use std::path::Path;
 
 /// Writes text, naming the file if that fails.
 pub(super) fn write_text(path: &Path, text: &str) -> anyhow::Result<()> {
-    std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))
+    files::write(path, text.as_bytes()).with_context(|| format!("cannot write {}", path.display()))
 }
 
 /// Writes an indented JSON document.

@@ -1,195 +1,385 @@
 //! `host-train register`
 
+mod document;
+mod initial;
+mod input;
+mod pairs;
+mod text;
+
+pub use initial::Initial;
+
 use super::output::{write_json, write_text};
-use super::source;
-use crate::dataset::Point;
-use crate::dataset::cloud_file::{check_output, read_cloud, write_cloud};
+use super::{BelowProbability, bad_usage, source};
+use crate::dataset::cloud_file::{STANDARD, check_output, write_cloud};
+use crate::dense::{Dense, Densely, refine_densely};
 use crate::export::WeightFile;
-use crate::refine::{Mode, Refinement};
-use crate::register::{Registered, SUBSAMPLE, register, within_capacity};
+use crate::pose64::Pose64;
+use crate::refine::Mode;
+use crate::register::{Registered, Start, register};
 use crate::trace::{self, Header, Traced};
 use anyhow::{Context, bail};
 use clap::Args;
+use document::Document;
+use input::{Input, Units};
+use pairs::Pair;
 use reagent_core::dims::{MAX_POINTS, STEPS};
-use reagent_core::polish::Refined;
-use reagent_core::{Frame, Pose};
-use serde::Serialize;
-use std::fs::File;
-use std::io::Read;
+use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
-use std::str::FromStr;
 use std::time::Instant;
-
-/// Longest pose file that is read.
-const POSE_BYTES: u64 = 64 * 1024;
 
 /// Register a source cloud to a target cloud and print the pose
 ///
-/// Both clouds must be in the same unit of length; the pose and the trace are in it too. The policy sees the
-/// clouds normalised: the target's mean at the origin, its farthest point at 1. Files: .ply .pcd .xyz .npy .off
-/// .obj .stl. Of a mesh, 2048 points of its surface are used; of a cloud with more than 4096 points, 2048 of
-/// its points. Points with NaN in a .pcd, pixels without depth, are left out.
+/// The pose maps the source onto the target, in the clouds' own unit and coordinates. Both clouds must be in the
+/// same unit of length, or --unit or --scale says what the source is in. The policy sees the clouds normalised:
+/// the target's mean at the origin, its farthest point at 1; clouds that lie far from the origin of their
+/// coordinates are registered relative to a point of their own.
+///
+/// Files: .ply .pcd .xyz .txt .asc .csv .pts .npy .off .obj .stl; `-` is standard input or output. Of a mesh, 2048
+/// points of its surface are used; a cloud of more than 4096 points is thinned to 2048. The last refinement uses
+/// all of them. Invalid points (NaN, infinite, beyond 1e30) are left out. Whatever a reader left out or
+/// understood in a way of its own is said on stderr and listed by --json.
+///
+/// Exit status: 0 with a pose, 1 without, 2 on bad usage, 3 where --fail-below was not reached.
 #[derive(Debug, Args)]
 pub(super) struct RegisterArgs {
     /// Policy [default: the bundled one]
     #[arg(long, value_name = "FILE.rgw")]
     weights: Option<PathBuf>,
     /// Cloud to move
-    source: PathBuf,
+    #[arg(required_unless_present = "pairs")]
+    source: Option<PathBuf>,
     /// Cloud that stays
-    target: PathBuf,
-    /// Where to start: 12 numbers separated by commas (rows of [R | t]), or a file with them (.json, .txt)
-    /// [default: identity]
-    #[arg(long, value_name = "POSE", allow_hyphen_values = true)]
+    #[arg(required_unless_present = "pairs")]
+    target: Option<PathBuf>,
+    /// Register many pairs, and print one JSON line each: a folder with NAME_source.EXT and NAME_target.EXT, or a
+    /// list with two paths a line
+    #[arg(long, value_name = "FOLDER|LIST", conflicts_with_all = ["source", "target", "out", "trace", "matrix"])]
+    pairs: Option<PathBuf>,
+    /// Where to start: none (turned in any way), identity, 12 numbers separated by commas (rows of [R | t]), or a
+    /// file with them: .txt, .json, also what --json wrote [default: identity]
+    #[arg(long, value_name = "START", allow_hyphen_values = true)]
     init: Option<Initial>,
+    /// Unit of the source, where the target is in metres, or of both: in:mm. Units: mm, cm, m, in, ft. The source
+    /// is scaled before anything else; the pose is that of the scaled source
+    #[arg(long, value_name = "UNIT[:UNIT]", conflicts_with = "scale")]
+    unit: Option<Units>,
+    /// Number by which the source is multiplied before anything else
+    #[arg(long, value_name = "FACTOR", value_parser = factor)]
+    scale: Option<f64>,
+    /// Points of each cloud that the policy sees at most [default: 4096, or 2048 where there are more]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(16..=MAX_POINTS as u64))]
+    points: Option<u64>,
     /// Refinement steps at most
     #[arg(long, value_name = "N", default_value_t = STEPS, value_parser = source::positive())]
     steps: usize,
     /// What follows the policy's steps
     #[arg(long, value_enum, value_name = "MODE", default_value_t = Mode::Verify)]
     mode: Mode,
-    /// Write the source, moved onto the target: .ply .pcd .npy (with normals where it has them) or .xyz
+    /// Whether to refine the pose on all points at last; not in mode fast
+    #[arg(long, value_enum, value_name = "WHEN", default_value_t = Dense::Auto)]
+    dense: Dense,
+    /// Write the source, moved onto the target, with its normals, colours and intensities: .ply .pcd .xyz .npy, or of
+    /// a mesh .ply .obj .off .stl
     #[arg(long, value_name = "ALIGNED.ply")]
     out: Option<PathBuf>,
     /// Write one JSON line with clouds and initial pose, then one a step: action ids, signed steps, pose,
-    /// probabilities; `report` shows it
+    /// probabilities; `report` shows it. Coordinates are those that the policy started from
     #[arg(long, value_name = "FILE")]
     trace: Option<PathBuf>,
-    /// Write pose, verdict, steps and time (milliseconds) as JSON
+    /// Write pose, verdict, probability, stages, notes and time (milliseconds) as JSON; of pairs a line each
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
+    /// Write the pose as a 4x4 matrix, four numbers a line
+    #[arg(long, value_name = "FILE.txt")]
+    matrix: Option<PathBuf>,
+    /// End with status 3 where the probability that the pose is right is below this
+    #[arg(long, value_name = "P", value_parser = probability)]
+    fail_below: Option<f32>,
 }
 
-/// A pose on the command line, or the file that holds it.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Initial {
-    /// On the command line.
-    Pose(Pose),
-    /// In this file.
-    File(PathBuf),
-}
-
-impl FromStr for Initial {
-    type Err = anyhow::Error;
-
-    fn from_str(text: &str) -> anyhow::Result<Initial> {
-        if text.contains(',') {
-            Ok(Initial::Pose(parse_pose(text)?))
-        } else {
-            Ok(Initial::File(text.into()))
-        }
+fn factor(text: &str) -> anyhow::Result<f64> {
+    match text.parse::<f64>() {
+        Ok(factor) if factor.is_normal() && factor > 0.0 => Ok(factor),
+        _ => bail!("a scale is a positive number"),
     }
 }
 
-impl Initial {
-    /// The pose.
-    ///
-    /// # Errors
-    /// A file that cannot be read, or holds no pose.
-    pub fn load(self) -> anyhow::Result<Pose> {
-        match self {
-            Initial::Pose(pose) => Ok(pose),
-            Initial::File(path) => {
-                let read = || {
-                    let mut text = String::new();
-                    File::open(&path)?
-                        .take(POSE_BYTES)
-                        .read_to_string(&mut text)?;
-                    parse_pose(&text)
-                };
-                read().with_context(|| format!("initial pose {}", path.display()))
-            }
-        }
+fn probability(text: &str) -> anyhow::Result<f32> {
+    match text.parse::<f32>() {
+        Ok(p) if (0.0..=1.0).contains(&p) => Ok(p),
+        _ => bail!("a probability is a number from 0 to 1"),
     }
 }
 
-/// Twelve numbers, the rows of `[R | t]`, or sixteen with the row 0 0 0 1; brackets, commas and white
-/// space separate them, as JSON arrays and text files do.
-fn parse_pose(text: &str) -> anyhow::Result<Pose> {
-    let numbers = text
-        .split(|c: char| c.is_whitespace() || matches!(c, ',' | '[' | ']'))
-        .filter(|word| !word.is_empty())
-        .map(|word| {
-            word.parse::<f32>()
-                .with_context(|| format!("\"{word}\" is not a number"))
-        })
-        .collect::<anyhow::Result<Vec<f32>>>()?;
-    let (rows, rest) = numbers.as_chunks::<4>();
-    let pose = match (rows, rest) {
-        ([a, b, c], []) | ([a, b, c, [0.0, 0.0, 0.0, 1.0]], []) => Pose::from_rows([*a, *b, *c]),
-        _ => bail!(
-            "a pose is 12 numbers, the rows of [R | t]; there are {}",
-            numbers.len()
-        ),
-    };
-    Ok(pose.checked()?)
+/// One pair, registered.
+struct Done {
+    inputs: [Input; 2],
+    found: Registered,
+    dense: Option<Densely>,
+    /// Between the files' own coordinates; the source scaled.
+    pose: Pose64,
+    /// Of the first step, near the origin.
+    initial: reagent_core::Pose,
+    ms: f64,
 }
 
 impl RegisterArgs {
     pub(super) fn run(self, seed: u64) -> anyhow::Result<()> {
+        self.check();
         if let Some(path) = &self.out {
             check_output(path)?;
         }
         let weights = WeightFile::load_or_pretrained(self.weights.as_deref())?;
-        let initial = self.init.map_or(Ok(Pose::IDENTITY), Initial::load)?;
-        // Seeds of their own: a mesh registered to itself must not be sampled at the very same points.
-        let source_all = read_cloud(&self.source, seed)?;
-        let target_all = read_cloud(&self.target, seed.wrapping_add(1))?;
-        let source = fit(&self.source, source_all.points.clone(), seed, 0);
-        let target = fit(&self.target, target_all.points, seed, 1);
-        note_units(&source, &target);
+        let start = self
+            .init
+            .clone()
+            .map_or(Ok(Start::Identity), Initial::load)?;
+        match (&self.pairs, &self.source, &self.target) {
+            (Some(list), ..) => self.run_pairs(&weights, &start, &pairs::find(list)?, seed),
+            (None, Some(source), Some(target)) => {
+                let pair = Pair {
+                    source: source.clone(),
+                    target: target.clone(),
+                };
+                self.run_one(&weights, &start, &pair, seed)
+            }
+            _ => bail!("give SOURCE and TARGET, or --pairs"),
+        }
+    }
 
-        let start = Instant::now();
+    /// Ends with status 2 where options contradict each other.
+    fn check(&self) {
+        let outputs = [&self.out, &self.trace, &self.json, &self.matrix];
+        let standard = |path: &&Option<PathBuf>| path.as_deref() == Some(Path::new(STANDARD));
+        if outputs.into_iter().filter(standard).count() > 1 {
+            bad_usage("register", "only one output can be standard output");
+        }
+        let init = match &self.init {
+            Some(Initial::File(path)) => Some(path.clone()),
+            _ => None,
+        };
+        let inputs = [&self.source, &self.target, &init];
+        if inputs.into_iter().filter(standard).count() > 1 {
+            bad_usage("register", "only one input can be standard input");
+        }
+        if self.fail_below.is_some() && self.mode == Mode::Fast {
+            bad_usage(
+                "register",
+                "mode fast gives no probability for --fail-below",
+            );
+        }
+    }
+
+    fn scale(&self) -> f64 {
+        let unit = self.unit.map(|units| units.scale);
+        self.scale.or(unit).unwrap_or(1.0)
+    }
+
+    fn register(
+        &self,
+        weights: &WeightFile,
+        start: &Start,
+        pair: &Pair,
+        seed: u64,
+    ) -> anyhow::Result<Done> {
+        let points = self.points.map(|count| count as usize);
+        // Seeds of their own: a mesh registered to itself must not be sampled at the very same points.
+        let source = Input::read(&pair.source, self.scale(), points, seed)?;
+        let target = Input::read(&pair.target, 1.0, points, seed.wrapping_add(1))?;
+        let before = Instant::now();
+        let initial = start.near(source.origin, target.origin);
+        let failed = || {
+            format!(
+                "cannot register {} to {}",
+                pair.source.display(),
+                pair.target.display()
+            )
+        };
         let found = register(
             weights.policy(),
-            &source,
-            &target,
+            &source.points,
+            &target.points,
             initial,
             self.steps,
             self.mode,
         )
-        .with_context(|| {
-            format!(
-                "cannot register {} to {}",
-                self.source.display(),
-                self.target.display()
-            )
-        })?;
-        let ms = start.elapsed().as_secs_f64() * 1e3;
-        let pose = found.target_from_source;
+        .with_context(failed)?;
+        let wanted = match self.dense {
+            Dense::Never => false,
+            Dense::Always => true,
+            Dense::Auto => source.is_thinned() || target.is_thinned(),
+        };
+        let dense = if wanted && self.mode != Mode::Fast {
+            refine_densely(&source.all, &target.all, found.target_from_source)
+                .with_context(failed)?
+        } else {
+            None
+        };
+        let near = dense.map_or(found.target_from_source, |d| d.target_from_source);
+        Ok(Done {
+            pose: Pose64::of(near, source.origin, target.origin),
+            ms: before.elapsed().as_secs_f64() * 1e3,
+            inputs: [source, target],
+            found,
+            dense,
+            initial,
+        })
+    }
 
-        print!("{}", report(&found, ms));
+    fn document(&self, done: &Done) -> Document {
+        Document::new(
+            &done.inputs,
+            &done.found,
+            done.dense.as_ref(),
+            &done.pose,
+            self.scale(),
+            done.ms,
+        )
+    }
+
+    fn run_one(
+        &self,
+        weights: &WeightFile,
+        start: &Start,
+        pair: &Pair,
+        seed: u64,
+    ) -> anyhow::Result<()> {
+        let done = self.register(weights, start, pair, seed)?;
+        for (path, input) in [&pair.source, &pair.target].into_iter().zip(&done.inputs) {
+            for note in &input.file.notes {
+                eprintln!("{}: {note}", path.display());
+            }
+        }
+        note_units(&done);
+        let text = text::report(&done.found, done.dense.as_ref(), &done.pose, done.ms);
+        let outputs = [&self.out, &self.trace, &self.json, &self.matrix];
+        if outputs
+            .iter()
+            .any(|path| path.as_deref() == Some(Path::new(STANDARD)))
+        {
+            eprintln!("{}", text.trim_end());
+        } else {
+            print!("{text}");
+        }
         if let Some(path) = &self.out {
-            write_cloud(path, &source_all.moved(&pose))?;
+            write_cloud(path, &self.aligned(&done, path))?;
         }
         if let Some(path) = &self.trace {
-            let traced = Traced {
-                header: Header {
-                    name: format!("{} to {}", file_name(&self.source), file_name(&self.target)),
-                    policy: self.weights.as_deref().map_or("reagent".into(), stem),
-                    source: source.clone(),
-                    target: target.clone(),
-                    truth: None,
-                    initial: initial.to_rows(),
-                },
-                steps: found.trace.clone(),
-            };
-            write_text(path, &trace::to_text(&[traced])?)?;
+            write_text(path, &trace::to_text(&[self.traced(&done, pair)])?)?;
         }
         if let Some(path) = &self.json {
-            let document = Document {
-                target_from_source: pose.to_rows(),
-                verdict: found.verdict.to_string(),
-                steps: found.trace.len(),
-                stages: Stages::of(&found),
-                ms,
-                source_points: source.len(),
-                target_points: target.len(),
-            };
-            write_json(path, &document)?;
+            write_json(path, &self.document(&done))?;
         }
-        Ok(())
+        if let Some(path) = &self.matrix {
+            write_text(path, &text::matrix(&done.pose))?;
+        }
+        self.judge([&done].into_iter())
     }
+
+    /// The source, moved: a mesh as one where the format holds one, else the points of its surface.
+    fn aligned(&self, done: &Done, path: &Path) -> crate::dataset::cloud_file::CloudFile {
+        let [source, _] = &done.inputs;
+        let mut moved = source.file.moved(&done.pose);
+        let extension = path
+            .extension()
+            .and_then(|e| e.to_str())
+            .unwrap_or_default();
+        let cloud_only = ["pcd", "npy", "xyz"].contains(&&*extension.to_ascii_lowercase());
+        if moved.faces.is_some() && cloud_only {
+            let placed = |p: &crate::dataset::Point| {
+                let [x, y, z] = p.map(f64::from);
+                let [a, b, c] = source.origin;
+                done.pose.apply([x + a, y + b, z + c])
+            };
+            moved = crate::dataset::cloud_file::CloudFile {
+                points: source.all.iter().map(placed).collect(),
+                ..Default::default()
+            };
+        }
+        moved
+    }
+
+    fn traced(&self, done: &Done, pair: &Pair) -> Traced {
+        let [source, target] = &done.inputs;
+        Traced {
+            header: Header {
+                name: format!("{} to {}", file_name(&pair.source), file_name(&pair.target)),
+                policy: self.weights.as_deref().map_or("reagent".into(), stem),
+                source: source.points.clone(),
+                target: target.points.clone(),
+                truth: None,
+                initial: done.initial.to_rows(),
+            },
+            steps: done.found.trace.clone(),
+        }
+    }
+
+    /// One line a pair, as it is done; a pair that fails has a line with the reason.
+    fn run_pairs(
+        &self,
+        weights: &WeightFile,
+        start: &Start,
+        pairs: &[Pair],
+        seed: u64,
+    ) -> anyhow::Result<()> {
+        let mut lines = String::new();
+        let mut done = Vec::new();
+        for pair in pairs {
+            let names = json!({ "source": pair.source.display().to_string(), "target": pair.target.display().to_string() });
+            let result = match self.register(weights, start, pair, seed) {
+                Ok(found) => {
+                    let document = serde_json::to_value(self.document(&found))?;
+                    done.push(found);
+                    document
+                }
+                Err(error) => json!({ "error": super::one_line(&error) }),
+            };
+            let line = merged(names, result).to_string() + "\n";
+            if self.json.is_some() {
+                lines += &line;
+            } else {
+                print!("{line}");
+            }
+        }
+        if let Some(path) = &self.json {
+            write_text(path, &lines)?;
+        }
+        let failed = pairs.len() - done.len();
+        if failed > 0 {
+            bail!("{failed} of {} pairs could not be registered", pairs.len());
+        }
+        self.judge(done.iter())
+    }
+
+    /// Whether all are as probable as `--fail-below` asks.
+    fn judge<'a>(&self, done: impl Iterator<Item = &'a Done>) -> anyhow::Result<()> {
+        let Some(least) = self.fail_below else {
+            return Ok(());
+        };
+        let probability = |done: &Done| {
+            let refinement = done.found.refinement.as_ref();
+            refinement.map_or(0.0, |found| found.evidence.probability())
+        };
+        let below: Vec<f32> = done.map(probability).filter(|&p| !(p >= least)).collect();
+        match below.iter().copied().reduce(f32::min) {
+            None => Ok(()),
+            Some(lowest) => Err(BelowProbability {
+                poses: below.len(),
+                lowest,
+                least,
+            }
+            .into()),
+        }
+    }
+}
+
+/// Two JSON objects as one.
+fn merged(first: Value, second: Value) -> Value {
+    let fields = [first, second].into_iter().filter_map(|value| match value {
+        Value::Object(fields) => Some(fields),
+        _ => None,
+    });
+    Value::Object(fields.flatten().collect())
 }
 
 /// Last part of a path.
@@ -205,182 +395,16 @@ fn stem(path: &Path) -> String {
     file_name(&path.with_extension(""))
 }
 
-/// What `--json` writes.
-#[derive(Serialize)]
-struct Document {
-    target_from_source: [[f32; 4]; 3],
-    verdict: String,
-    steps: usize,
-    #[serde(flatten)]
-    stages: Stages,
-    ms: f64,
-    source_points: usize,
-    target_points: usize,
-}
-
-/// What the stages found.
-#[derive(Serialize)]
-struct Stages {
-    policy: PolicyStage,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    polish: Option<RefinedStage>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    verify: Option<RefinedStage>,
-    /// That the pose is within 5 degrees and .05 target radii.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    probability: Option<f32>,
-}
-
-#[derive(Serialize)]
-struct PolicyStage {
-    target_from_source: [[f32; 4]; 3],
-    verdict: String,
-}
-
-#[derive(Serialize)]
-struct RefinedStage {
-    target_from_source: [[f32; 4]; 3],
-    /// Of the source's points to the target, and of the target's to the source.
-    residual: [f32; 2],
-    iterations: usize,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    hypotheses: Option<usize>,
-}
-
-impl Stages {
-    fn of(found: &Registered) -> Stages {
-        let (verdict, pose) = found.policy;
-        let stage = |refined: &Refined, hypotheses| RefinedStage {
-            target_from_source: refined.target_from_source.to_rows(),
-            residual: [refined.residual.source, refined.residual.target],
-            iterations: refined.iterations,
-            hypotheses,
-        };
-        let refinement = found.refinement.as_ref();
-        Stages {
-            policy: PolicyStage {
-                target_from_source: pose.to_rows(),
-                verdict: verdict.to_string(),
-            },
-            polish: refinement.map(|r| stage(&r.polished, None)),
-            verify: refinement.and_then(|r| {
-                r.hypotheses
-                    .map(|hypotheses| stage(&r.refined, Some(hypotheses)))
-            }),
-            probability: refinement.map(|r| r.evidence.probability()),
-        }
-    }
-}
-
-/// The cloud within the core's capacity; says so where points are left out.
-fn fit(path: &Path, points: Vec<Point>, seed: u64, index: u64) -> Vec<Point> {
-    if points.len() > MAX_POINTS {
-        eprintln!(
-            "{}: {} points exceed the capacity of {MAX_POINTS}; {SUBSAMPLE} of them are used",
-            path.display(),
-            points.len(),
-        );
-    }
-    within_capacity(points, seed, index)
-}
-
 /// Says so where the clouds differ in size as millimetres and metres do.
-fn note_units(source: &[Point], target: &[Point]) {
-    let size = |points: &[Point]| Frame::of(points).map_or(0.0, |frame| frame.scale);
-    let ratio = size(source) / size(target);
+fn note_units(done: &Done) {
+    let [source, target] = done
+        .inputs
+        .each_ref()
+        .map(|input| reagent_core::Frame::of(&input.points).map_or(0.0, |frame| frame.scale));
+    let ratio = source / target;
     if ratio.is_normal() && !(0.02..50.0).contains(&ratio) {
         eprintln!(
             "the source is {ratio:.3} times as large as the target; are both in the same unit of length?"
         );
-    }
-}
-
-fn report(found: &Registered, ms: f64) -> String {
-    let mut text = String::from("target_from_source, rows of [R | t] in the clouds' units:\n");
-    for row in found.target_from_source.to_rows() {
-        text += &row.map(|x| format!("{x:12.6}")).join(" ");
-        text += "\n";
-    }
-    text += &format!(
-        "policy: {} after {} steps\n",
-        found.policy.0,
-        found.trace.len()
-    );
-    if let Some(refinement) = &found.refinement {
-        text += &refinement_report(refinement);
-    }
-    text + &format!("{}, {ms:.1} ms\n", found.verdict)
-}
-
-/// A line a stage.
-fn refinement_report(found: &Refinement) -> String {
-    let residual = |r: &Refined| {
-        format!(
-            "residual {:.3} (source {:.3}, target {:.3})",
-            r.residual.mean(),
-            r.residual.source,
-            r.residual.target
-        )
-    };
-    let mut text = format!(
-        "polish: {} after {} iterations\n",
-        residual(&found.polished),
-        found.polished.iterations
-    );
-    match found.hypotheses {
-        None => {}
-        Some(0) => text += "verify: explained by how the clouds are sampled\n",
-        Some(tried) => {
-            let kept = if found.refined == found.polished {
-                "kept"
-            } else {
-                "replaced"
-            };
-            text += &format!(
-                "verify: {kept} against {tried} other poses, {}\n",
-                residual(&found.refined)
-            );
-        }
-    }
-    let percent = 100.0 * found.evidence.probability();
-    text + &format!("right within 5 degrees and .05 target radii: {percent:.0} %\n")
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use glam::Vec3;
-    use proptest::prelude::*;
-
-    #[test]
-    fn poses_are_read_from_numbers_and_json() {
-        let turned = "0,-1,0,.5, 1,0,0,-2, 0,0,1,3";
-        let pose = parse_pose(turned).expect("twelve numbers");
-        assert_eq!(pose.translation, Vec3::new(0.5, -2.0, 3.0));
-        let json = "[[0,-1,0,0.5],[1,0,0,-2],[0,0,1,3]]\n";
-        assert_eq!(parse_pose(json).expect("twelve numbers"), pose);
-        let text = "0 -1 0 .5\n1 0 0 -2\n0 0 1 3\n0 0 0 1\n";
-        assert_eq!(parse_pose(text).expect("sixteen numbers"), pose);
-    }
-
-    #[test]
-    fn what_is_no_pose_is_refused_with_the_reason() {
-        let reason = |text: &str| format!("{:#}", parse_pose(text).expect_err("not a pose"));
-        assert!(reason("1,2,3").contains("there are 3"));
-        assert!(reason("1,0,0,0,0,one,0,0,0,0,1,0").contains("\"one\" is not a number"));
-        assert!(reason("2,0,0,0,0,1,0,0,0,0,1,0").contains("rigid"));
-        assert!(reason("1,0,0,nan,0,1,0,0,0,0,1,0").contains("pose"));
-    }
-
-    proptest! {
-        #[test]
-        fn no_text_is_more_than_refused(text in r"[-+.,0-9eEnaif\[\] \n]{0,80}", numbers in prop::collection::vec(any::<f32>(), 0..18)) {
-            let listed: Vec<String> = numbers.iter().map(f32::to_string).collect();
-            for text in [text, listed.join(",")] {
-                if let Ok(pose) = parse_pose(&text) {
-                    prop_assert!(pose.translation.is_finite() && pose.rotation.is_finite());
-                }
-            }
-        }
     }
 }

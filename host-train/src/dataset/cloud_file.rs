@@ -1,167 +1,147 @@
-//! Loose clouds and meshes, one a file; the extension decides.
+//! Loose clouds and meshes, one a file; the extension decides, of standard input (`-`) the contents.
 //!
 //! | extension | what is read |
 //! |---|---|
-//! | `.ply` | vertices, normals and faces; ASCII, binary of either byte order |
-//! | `.pcd` | points and normals; ASCII, binary, compressed; points with NaN are left out and counted |
-//! | `.off`, `.obj`, `.stl` | vertices and faces; `.stl` ASCII or binary |
-//! | `.xyz`, `.txt` | the first three numbers of each line |
-//! | `.npy` | `[N, 3]` or more columns of float32 or float64 |
+//! | `.ply` | vertices with normals, colours and intensities, faces and strips; ASCII, binary of either byte order |
+//! | `.pcd` | points with normals, colours and intensities; ASCII, binary, compressed |
+//! | `.off`, `.obj` | vertices with colours and normals, and faces |
+//! | `.stl` | faces; ASCII or binary |
+//! | `.xyz`, `.txt`, `.asc`, `.csv`, `.pts` | lines of numbers, see [`table`] |
+//! | `.npy` | `[N, 3]` or more columns of numbers, or `[3, N]` |
 //!
-//! Files are read whole; memory beside the result is a small multiple of the file's length, whatever its
-//! header claims.
+//! In every format, points that are NaN, infinite or beyond 1e30 are left out, and whatever was left out or
+//! understood in a way of its own is listed as a [`Note`]. Coordinates stay f64. Files are read whole; memory
+//! beside the result is a small multiple of the file's length, whatever its header claims.
 
+mod error;
+mod lines;
+mod note;
 mod npy;
 mod obj;
+mod off;
 mod pcd;
 mod ply;
+mod polygon;
 mod stl;
-mod text;
+mod table;
+mod write;
+
+pub use error::CloudError;
+pub use note::Note;
+pub use write::{check_output, write_cloud};
 
 use super::Point;
 use super::mesh::Mesh;
+use crate::pose64::{Pose64, Position};
 use crate::random::{Purpose, Rng, stream};
 use glam::Vec3;
-use reagent_core::Pose;
-use std::path::{Path, PathBuf};
+use nalgebra::Vector3;
+use std::io::Read;
+use std::path::Path;
 
 /// Points drawn from a mesh, as many as ModelNet40's clouds have.
 pub const MESH_POINTS: usize = 2048;
 
-/// A cloud, or a mesh where the file has faces.
+/// Coordinates beyond this are marks of what a sensor did not see, as 3.4e38 is.
+const MAX_COORDINATE: f64 = 1e30;
+
+/// A cloud farther from the origin than this many times its radius is registered relative to a point of its
+/// own; nearer by, f32 resolves a millionth of the radius.
+const FAR: f64 = 16.0;
+
+/// The path of standard input and output.
+pub const STANDARD: &str = "-";
+
+/// Extensions that are read.
+pub const EXTENSIONS: [&str; 11] = [
+    "ply", "pcd", "xyz", "txt", "asc", "csv", "pts", "npy", "off", "obj", "stl",
+];
+
+/// A cloud, or a mesh where there are faces, in units of its own.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CloudFile {
     /// Points, or vertices, in the file's units; all finite.
-    pub points: Vec<Point>,
-    /// Unit normals of the points or vertices, where the file gives one for each.
+    pub points: Vec<Position>,
+    /// Unit normals of the points or vertices, where there is one for each.
     pub normals: Option<Vec<Point>>,
+    /// Red, green and blue of the points or vertices.
+    pub colours: Option<Vec<[u8; 3]>>,
+    /// Intensities of the points or vertices, as the file scales them.
+    pub intensities: Option<Vec<f32>>,
     /// Vertex indices of each triangle (larger polygons are divided); `None` for a plain cloud.
     pub faces: Option<Vec<[u32; 3]>>,
-    /// Invalid points left out: organised `.pcd` clouds mark pixels without depth by NaN.
-    pub dropped: usize,
-}
-
-/// Points in a file's own units, to be registered.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Cloud {
-    /// Points, `[N, 3]`.
-    pub points: Vec<Point>,
-    /// Unit normals, `[N, 3]`, where they are known; of a mesh, those of its faces.
-    pub normals: Option<Vec<Point>>,
-}
-
-impl Cloud {
-    /// The cloud after a rigid transform.
-    pub fn moved(&self, pose: &Pose) -> Cloud {
-        let turned = |&n: &Point| (pose.rotation * Vec3::from(n)).to_array();
-        Cloud {
-            points: self
-                .points
-                .iter()
-                .map(|&p| pose.apply(p.into()).to_array())
-                .collect(),
-            normals: self
-                .normals
-                .as_ref()
-                .map(|normals| normals.iter().map(turned).collect()),
-        }
-    }
-}
-
-/// Why a file of points was refused.
-#[derive(Debug, thiserror::Error)]
-pub enum CloudError {
-    /// The extension is not one of those that are read.
-    #[error("{}: unknown kind of file; give .ply .pcd .xyz .npy .off .obj or .stl", path.display())]
-    Extension {
-        /// File concerned.
-        path: PathBuf,
-    },
-    /// Nothing of this extension is written.
-    #[error("{}: clouds are written as .ply .pcd .xyz or .npy", path.display())]
-    OutputExtension {
-        /// File concerned.
-        path: PathBuf,
-    },
-    /// The operating system refused to read or write.
-    #[error("{}: {source}", path.display())]
-    Io {
-        /// File concerned.
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
-    /// The contents are not what the extension says, or end early.
-    #[error("{}: {reason}", path.display())]
-    Malformed {
-        /// File concerned.
-        path: PathBuf,
-        /// What is wrong, and where.
-        reason: String,
-    },
-    /// No valid points.
-    #[error("{}: no points ({dropped} invalid ones were left out)", path.display())]
-    Empty {
-        /// File concerned.
-        path: PathBuf,
-        /// NaN points that were left out.
-        dropped: usize,
-    },
-    /// A coordinate is NaN or infinite.
-    #[error("{}: point {index} has a NaN or infinite coordinate; drop invalid points first", path.display())]
-    NotFinite {
-        /// File concerned.
-        path: PathBuf,
-        /// Index of the first such point.
-        index: usize,
-    },
-    /// A face names a vertex that does not exist.
-    #[error("{}: face {face} names vertex {vertex} of {vertices}", path.display())]
-    BadFace {
-        /// File concerned.
-        path: PathBuf,
-        /// Index of the triangle.
-        face: usize,
-        /// The vertex it names.
-        vertex: u32,
-        /// Number of vertices.
-        vertices: usize,
-    },
-    /// All points of the cloud coincide.
-    #[error("{}: all points coincide; there is nothing to register", path.display())]
-    NoExtent {
-        /// File concerned.
-        path: PathBuf,
-    },
-    /// All faces of the mesh are degenerate.
-    #[error("{}: the mesh has no area to sample points from", path.display())]
-    NoArea {
-        /// File concerned.
-        path: PathBuf,
-    },
+    /// What the reader noticed.
+    pub notes: Vec<Note>,
 }
 
 /// Reads a cloud or mesh and checks it: at least one point, all finite, no face out of range.
 pub fn read_file(path: &Path) -> Result<CloudFile, CloudError> {
-    let parse: fn(&[u8]) -> Result<CloudFile, String> = match extension(path).as_str() {
-        "ply" => ply::parse,
-        "pcd" => pcd::parse,
-        "xyz" | "txt" => text::parse_xyz,
-        "npy" => npy::parse,
-        "off" => text::parse_off,
-        "obj" => obj::parse,
-        "stl" => stl::parse,
-        _ => return Err(CloudError::Extension { path: path.into() }),
-    };
-    let bytes = std::fs::read(path).map_err(|source| CloudError::Io {
+    let io = |source| CloudError::Io {
         path: path.into(),
         source,
-    })?;
+    };
+    let mut bytes = Vec::new();
+    let kind = if path == Path::new(STANDARD) {
+        std::io::stdin().read_to_end(&mut bytes).map_err(io)?;
+        kind_of(&bytes).to_owned()
+    } else {
+        let kind = extension(path);
+        if !EXTENSIONS.contains(&kind.as_str()) {
+            return Err(CloudError::Extension { path: path.into() });
+        }
+        bytes = std::fs::read(path).map_err(io)?;
+        kind
+    };
+    let parse: fn(&[u8]) -> Result<CloudFile, String> = match kind.as_str() {
+        "ply" => ply::parse,
+        "pcd" => pcd::parse,
+        "npy" => npy::parse,
+        "off" => off::parse,
+        "obj" => obj::parse,
+        "stl" => stl::parse,
+        _ => table::parse,
+    };
     let file = parse(&bytes).map_err(|reason| CloudError::Malformed {
         path: path.into(),
         reason,
     })?;
     file.checked(path)
+}
+
+/// The extension that the contents deserve.
+fn kind_of(bytes: &[u8]) -> &'static str {
+    let start = bytes.trim_ascii_start();
+    let begins = |word: &[u8]| {
+        start
+            .get(..word.len())
+            .is_some_and(|w| w.eq_ignore_ascii_case(word))
+    };
+    let first = start.split(|&b| b == b'\n').next().unwrap_or_default();
+    if begins(b"ply") {
+        "ply"
+    } else if begins(b"# .PCD") || begins(b"VERSION") {
+        "pcd"
+    } else if begins(b"\x93NUMPY") {
+        "npy"
+    } else if first.len() < 32 && first.windows(3).any(|word| word == b"OFF") {
+        "off"
+    } else if begins(b"solid") {
+        "stl"
+    } else if ["v ", "o ", "g ", "mtllib "].iter().any(|word| {
+        bytes.starts_with(word.as_bytes())
+            || bytes
+                .windows(word.len() + 1)
+                .take(1024)
+                .any(|w| w[0] == b'\n' && &w[1..] == word.as_bytes())
+    }) {
+        "obj"
+    } else if bytes.iter().take(84).any(|&b| b == 0)
+        && !matches!(bytes, [0xff, 0xfe, ..] | [0xfe, 0xff, ..])
+    {
+        "stl"
+    } else {
+        "xyz"
+    }
 }
 
 /// The extension in lower case; empty where there is none.
@@ -171,128 +151,214 @@ pub(super) fn extension(path: &Path) -> String {
 }
 
 /// Reads a file as a cloud in its own units: a plain cloud as it is, a mesh as [`MESH_POINTS`] points drawn
-/// evenly from its surface, with the normals of its faces.
-pub fn read_cloud(path: &Path, seed: u64) -> Result<Cloud, CloudError> {
+/// evenly from its surface, with the normals of its faces. What the reader noticed becomes a warning.
+pub fn read_cloud(path: &Path, seed: u64) -> Result<CloudFile, CloudError> {
     read_surface(path, &mut stream(seed, Purpose::Surface, 0))
 }
 
 /// As [`read_cloud`], with the draws of a given stream.
-pub(super) fn read_surface(path: &Path, rng: &mut Rng) -> Result<Cloud, CloudError> {
+pub(super) fn read_surface(path: &Path, rng: &mut Rng) -> Result<CloudFile, CloudError> {
     let file = read_file(path)?;
-    if file.dropped > 0 {
-        tracing::warn!(
-            "{}: left out {} invalid points",
-            path.display(),
-            file.dropped
-        );
+    for note in &file.notes {
+        tracing::warn!("{}: {note}", path.display());
     }
-    let Some(faces) = file.faces else {
-        return Ok(Cloud {
-            points: file.points,
-            normals: file.normals,
-        });
-    };
-    let vertices = file.points.into_iter().map(Vec3::from).collect();
-    let mesh = Mesh { vertices, faces };
-    let drawn = mesh.sample_with_normals(MESH_POINTS, rng);
-    if drawn.is_empty() {
-        return Err(CloudError::NoArea { path: path.into() });
-    }
-    let (points, normals) = drawn.into_iter().unzip();
-    Ok(Cloud {
-        points,
-        normals: Some(normals),
-    })
-}
-
-/// Refuses a path that [`write_cloud`] could not write for its extension.
-pub fn check_output(path: &Path) -> Result<(), CloudError> {
-    match extension(path).as_str() {
-        "ply" | "pcd" | "xyz" | "npy" => Ok(()),
-        _ => Err(CloudError::OutputExtension { path: path.into() }),
-    }
-}
-
-/// Writes a cloud: binary `.ply` or `.pcd`, `.npy` (`[N, 3]` or, with normals, `[N, 6]`), or the points only as
-/// lines of `.xyz`.
-pub fn write_cloud(path: &Path, cloud: &Cloud) -> Result<(), CloudError> {
-    check_output(path)?;
-    let count = cloud.points.len();
-    let normals = cloud
-        .normals
-        .as_ref()
-        .filter(|normals| normals.len() == count);
-    let columns = if normals.is_some() { 6 } else { 3 };
-    let rows = || -> Vec<u8> {
-        let row = |i: usize| {
-            cloud.points[i]
-                .iter()
-                .chain(normals.into_iter().flat_map(move |n| &n[i]))
-        };
-        (0..count)
-            .flat_map(row)
-            .flat_map(|x| x.to_le_bytes())
-            .collect()
-    };
-    let bytes = match extension(path).as_str() {
-        "pcd" => pcd::emit(&rows(), count, columns),
-        "npy" => npy::emit(&rows(), count, columns),
-        "xyz" => text::emit_xyz(&cloud.points),
-        _ => ply::emit(&rows(), count, columns),
-    };
-    std::fs::write(path, bytes).map_err(|source| CloudError::Io {
-        path: path.into(),
-        source,
-    })
+    file.sampled(MESH_POINTS, rng)
+        .ok_or_else(|| CloudError::NoArea { path: path.into() })
 }
 
 impl CloudFile {
-    fn checked(mut self, path: &Path) -> Result<CloudFile, CloudError> {
-        let path = || path.to_path_buf();
-        if self.points.is_empty() {
-            return Err(CloudError::Empty {
-                path: path(),
-                dropped: self.dropped,
-            });
+    /// A plain cloud of f32 points.
+    pub fn of(points: &[Point]) -> CloudFile {
+        CloudFile {
+            points: points.iter().map(|p| p.map(f64::from)).collect(),
+            ..CloudFile::default()
         }
-        if let Some(index) = self
-            .points
-            .iter()
-            .position(|p| !p.iter().all(|x| x.is_finite()))
-        {
-            return Err(CloudError::NotFinite {
-                path: path(),
-                index,
-            });
+    }
+
+    /// Points relative to `origin`, in f32.
+    pub fn relative_to(&self, origin: Position) -> Vec<Point> {
+        let relative = |p: &Position| [0, 1, 2].map(|axis| (p[axis] - origin[axis]) as f32);
+        self.points.iter().map(relative).collect()
+    }
+
+    /// The point relative to which coordinates are f32: zero, or the middle of a cloud far from it, of whose size
+    /// f32 would round more than a millionth.
+    pub fn origin(&self) -> Position {
+        let (middle, radius) = self.extent();
+        match Vector3::from(middle).norm() > FAR * radius {
+            true => middle,
+            false => [0.0; 3],
         }
-        let vertices = self.points.len();
-        let unit = |normal: Point| {
-            let unit = Vec3::from(normal).try_normalize()?;
-            Some(unit.to_array())
+    }
+
+    /// Median of each coordinate, and median distance from there: points that a sensor left at zero do not count.
+    fn extent(&self) -> (Position, f64) {
+        let median = |mut values: Vec<f64>| {
+            let half = values.len() / 2;
+            match values.is_empty() {
+                true => 0.0,
+                false => *values.select_nth_unstable_by(half, f64::total_cmp).1,
+            }
         };
-        // One undefined normal, and those of the file are of no use.
-        self.normals = self
-            .normals
-            .filter(|normals| normals.len() == vertices)
-            .and_then(|normals| normals.into_iter().map(unit).collect());
+        let middle = [0, 1, 2].map(|axis| median(self.points.iter().map(|p| p[axis]).collect()));
+        let distance = |&p: &Position| (Vector3::from(p) - Vector3::from(middle)).norm();
+        (middle, median(self.points.iter().map(distance).collect()))
+    }
+
+    /// The mesh, without a shift, in f32.
+    pub fn mesh(&self) -> Mesh {
+        self.mesh_relative_to([0.0; 3])
+    }
+
+    fn mesh_relative_to(&self, origin: Position) -> Mesh {
+        Mesh {
+            vertices: self
+                .relative_to(origin)
+                .into_iter()
+                .map(Vec3::from)
+                .collect(),
+            faces: self.faces.clone().unwrap_or_default(),
+        }
+    }
+
+    /// The cloud itself, or `count` points drawn evenly from the surface of a mesh, with the normals of its faces;
+    /// `None` where it has no area.
+    pub fn sampled(self, count: usize, rng: &mut Rng) -> Option<CloudFile> {
+        if self.faces.is_none() {
+            return Some(self);
+        }
+        let origin = self.origin();
+        let drawn = self
+            .mesh_relative_to(origin)
+            .sample_with_normals(count, rng);
+        if drawn.is_empty() {
+            return None;
+        }
+        let (points, normals): (Vec<Point>, Vec<Point>) = drawn.into_iter().unzip();
+        let placed = |p: Point| [0, 1, 2].map(|axis| origin[axis] + f64::from(p[axis]));
+        Some(CloudFile {
+            points: points.into_iter().map(placed).collect(),
+            normals: Some(normals),
+            notes: self.notes,
+            ..CloudFile::default()
+        })
+    }
+
+    /// All that there is, after a rigid transform.
+    pub fn moved(&self, pose: &Pose64) -> CloudFile {
+        let turned = |&n: &Point| {
+            let turned: Position = (pose.rotation * Vector3::from(n.map(f64::from))).into();
+            turned.map(|x| x as f32)
+        };
+        CloudFile {
+            points: self.points.iter().map(|&p| pose.apply(p)).collect(),
+            normals: self
+                .normals
+                .as_ref()
+                .map(|normals| normals.iter().map(turned).collect()),
+            ..self.clone()
+        }
+    }
+
+    fn checked(mut self, path: &Path) -> Result<CloudFile, CloudError> {
+        let vertices = self.points.len();
         for (face, corners) in self.faces.iter().flatten().enumerate() {
             if let Some(&vertex) = corners.iter().find(|&&vertex| vertex as usize >= vertices) {
                 return Err(CloudError::BadFace {
-                    path: path(),
+                    path: path.into(),
                     face,
                     vertex,
                     vertices,
                 });
             }
         }
+        let dropped = self.drop_invalid();
+        if self.points.is_empty() {
+            return Err(CloudError::Empty {
+                path: path.into(),
+                dropped,
+            });
+        }
+        let unit = |normal: Point| Some(Vec3::from(normal).try_normalize()?.to_array());
+        let count = self.points.len();
+        if let Some(normals) = self.normals.take() {
+            // One undefined normal, and those of the file are of no use.
+            let units: Option<Vec<Point>> = normals.into_iter().map(unit).collect();
+            self.normals = units.filter(|units| units.len() == count);
+            if self.normals.is_none() {
+                self.notes.push(Note::NormalsLeftOut);
+            }
+        }
         Ok(self)
+    }
+
+    /// Leaves out invalid points, what goes with them, and the faces that they are corners of. Returns how many.
+    fn drop_invalid(&mut self) -> usize {
+        let valid = |p: &Position| p.iter().all(|x| x.abs() <= MAX_COORDINATE);
+        let kept: Vec<bool> = self.points.iter().map(valid).collect();
+        let dropped = kept.iter().filter(|&&kept| !kept).count();
+        if dropped == 0 {
+            return 0;
+        }
+        let mut count = 0;
+        let place: Vec<Option<u32>> = kept
+            .iter()
+            .map(|&kept| {
+                count += u32::from(kept);
+                kept.then_some(count.wrapping_sub(1))
+            })
+            .collect();
+        retain(&mut self.points, &kept);
+        if let Some(normals) = &mut self.normals {
+            retain(normals, &kept);
+        }
+        if let Some(colours) = &mut self.colours {
+            retain(colours, &kept);
+        }
+        if let Some(intensities) = &mut self.intensities {
+            retain(intensities, &kept);
+        }
+        let moved = |face: &[u32; 3]| {
+            let [a, b, c] = face.map(|vertex| place[vertex as usize]);
+            Some([a?, b?, c?])
+        };
+        let before = self.faces.as_ref().map_or(0, Vec::len);
+        if let Some(faces) = &mut self.faces {
+            *faces = faces.iter().filter_map(moved).collect();
+        }
+        let after = self.faces.as_ref().map_or(0, Vec::len);
+        self.notes.push(Note::Dropped {
+            points: dropped,
+            faces: before - after,
+        });
+        dropped
     }
 }
 
-/// Divides a polygon into triangles from its first corner.
-fn fan(polygon: &[u32]) -> impl Iterator<Item = [u32; 3]> + '_ {
-    let edges = polygon.windows(2).skip(1);
-    edges.map(|edge| [polygon[0], edge[0], edge[1]])
+/// Keeps the entries that are marked.
+fn retain<T>(entries: &mut Vec<T>, kept: &[bool]) {
+    let mut marks = kept.iter();
+    entries.retain(|_| marks.next().copied().unwrap_or(true));
+}
+
+/// Whether all of them are unit vectors.
+fn are_units(normals: &[Point]) -> bool {
+    let unit = |normal: &Point| (Vec3::from(*normal).length_squared() - 1.0).abs() < 0.02;
+    !normals.is_empty() && normals.iter().all(unit)
+}
+
+/// Colours in bytes, from numbers up to 1, 255 or 65535; `None` where they are none of these.
+fn colours(values: &[Position]) -> Option<Vec<[u8; 3]>> {
+    let largest = values.iter().flatten().copied().fold(0.0, f64::max);
+    let scale = match largest {
+        ..=1.0 => 255.0,
+        ..=255.0 => 1.0,
+        ..=65535.0 => 1.0 / 257.0,
+        _ => return None,
+    };
+    let valid = values.iter().flatten().all(|&x| x >= 0.0);
+    let bytes = values.iter().map(|c| c.map(|x| (x * scale).round() as u8));
+    valid.then(|| bytes.collect())
 }
 
 #[cfg(test)]

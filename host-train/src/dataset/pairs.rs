@@ -4,18 +4,19 @@
 //! |---|---|---|
 //! | `source` | `[M,N,3]` f32 | observed clouds |
 //! | `target` | `[M,N,3]` f32 | model clouds |
-//! | `transform_gt` | `[M,3,4]` f32 | rows of `[R \| t]`, target_from_source |
+//! | `transform_gt` | `[M,3,4]` or `[M,4,4]` f32 | rows of `[R \| t]`, target_from_source |
 //! | `raw` | `[M,K,3]` f32 | noise-free target; may be absent |
 //! | `label` | `[M]` integer | category; may be absent |
 
 use super::h5::H5File;
 use super::{DatasetError, Point};
+use crate::files;
 use hdf5_pure::FileBuilder;
 use reagent_core::Pose;
 use std::path::Path;
 
 const CLOUDS: &str = "[M,N,3] f32";
-const POSES: &str = "[M,3,4] f32";
+const POSES: &str = "[M,3,4] or [M,4,4] f32";
 /// Label of a pair whose category is not known.
 pub const NO_LABEL: i32 = -1;
 
@@ -156,14 +157,15 @@ pub fn save_poses(path: &Path, sets: &[(String, Vec<Pose>)]) -> Result<(), Datas
     write(file, path)
 }
 
-/// Reads a dataset `[M,3,4]` of rigid transforms.
+/// Reads a dataset `[M,3,4]` or `[M,4,4]` of rigid transforms.
 pub fn load_poses(path: &Path, dataset: &str) -> Result<Vec<Pose>, DatasetError> {
     poses(&H5File::open(path)?, path, dataset)
 }
 
 fn poses(file: &H5File, path: &Path, name: &str) -> Result<Vec<Pose>, DatasetError> {
     let (shape, values) = file.read_f32(name, 3, POSES)?;
-    if shape[1..] != [3, 4] {
+    let homogeneous = shape[1..] == [4, 4];
+    if shape[1..] != [3, 4] && !homogeneous {
         return Err(DatasetError::WrongDataset {
             path: path.into(),
             dataset: name.into(),
@@ -172,15 +174,19 @@ fn poses(file: &H5File, path: &Path, name: &str) -> Result<Vec<Pose>, DatasetErr
         });
     }
     let (rows, _) = values.as_chunks::<4>();
-    let (matrices, _) = rows.as_chunks::<3>();
-    let checked = matrices.iter().enumerate().map(|(entry, &matrix)| {
-        Pose::from_rows(matrix)
-            .checked()
-            .map_err(|_| DatasetError::NotRigid {
-                path: path.into(),
-                dataset: name.into(),
-                entry,
-            })
+    let matrices = rows.chunks_exact(shape[1] as usize);
+    let checked = matrices.enumerate().map(|(entry, matrix)| {
+        let pose = match *matrix {
+            [a, b, c] | [a, b, c, [0.0, 0.0, 0.0, 1.0]] => {
+                Pose::from_rows([a, b, c]).checked().ok()
+            }
+            _ => None,
+        };
+        pose.ok_or_else(|| DatasetError::NotRigid {
+            path: path.into(),
+            dataset: name.into(),
+            entry,
+        })
     });
     checked.collect()
 }
@@ -222,7 +228,7 @@ fn write(file: FileBuilder, path: &Path) -> Result<(), DatasetError> {
         path: path.into(),
         reason: e.to_string(),
     })?;
-    std::fs::write(path, bytes).map_err(|source| DatasetError::Io {
+    files::write(path, &bytes).map_err(|source| DatasetError::Io {
         path: path.into(),
         source,
     })
@@ -291,6 +297,36 @@ mod tests {
     }
 
     #[test]
+    fn homogeneous_poses_are_read() {
+        let dir = tempfile::tempdir().expect("temporary directory");
+        let path = dir.path().join("pairs.h5");
+        let set = sample();
+        let with_last_row = |last: [f32; 4]| {
+            let mut file = FileBuilder::new();
+            add_clouds(&mut file, "source", &set.source).expect("equal sizes");
+            add_clouds(&mut file, "target", &set.target).expect("equal sizes");
+            let values: Vec<f32> = set
+                .target_from_source
+                .iter()
+                .flat_map(|pose| pose.to_rows().into_iter().chain([last]))
+                .flatten()
+                .collect();
+            file.create_dataset("transform_gt")
+                .with_f32_data(&values)
+                .with_shape(&[set.source.len() as u64, 4, 4]);
+            write(file, &path).expect("write");
+            PairSet::load(&path)
+        };
+        let read = with_last_row([0.0, 0.0, 0.0, 1.0]).expect("load");
+        assert_eq!(read.target_from_source, set.target_from_source);
+        let said = with_last_row([0.0, 0.0, 1.0, 1.0]).expect_err("refused");
+        assert!(
+            said.to_string().contains("entry 0 is not a finite rigid"),
+            "{said}"
+        );
+    }
+
+    #[test]
     fn bad_numbers_are_named_by_their_place() {
         let mut set = sample();
         set.target[3][5][1] = f32::INFINITY;
@@ -341,7 +377,7 @@ mod tests {
             .expect_err("must be refused")
             .to_string();
         assert!(
-            said.contains("no dataset \"transform_gt\" ([M,3,4] f32)"),
+            said.contains("no dataset \"transform_gt\" ([M,3,4] or [M,4,4] f32)"),
             "{said}"
         );
         assert!(said.contains("source [10, 20, 3] f32"), "{said}");

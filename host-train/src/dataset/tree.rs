@@ -15,7 +15,7 @@
 //! with repetitions from a smaller one. They are normalised as ModelNet40's are: mean at the origin, farthest
 //! point at 1.
 
-use super::cloud_file::{CloudError, MESH_POINTS, extension, read_surface};
+use super::cloud_file::{CloudError, EXTENSIONS, MESH_POINTS, extension, read_surface};
 use super::mesh::normalise;
 use super::{DatasetError, MAX_BYTES, Model, Point, Split};
 use crate::augment::resample;
@@ -25,8 +25,8 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use walkdir::{DirEntry, WalkDir};
 
-/// Extensions that are taken for models; others are left alone.
-const EXTENSIONS: [&str; 7] = ["off", "ply", "obj", "stl", "pcd", "xyz", "npy"];
+/// Text that may be anything else, as a list of names.
+const NO_MODELS: [&str; 2] = ["txt", "csv"];
 
 /// A model's file and what its path says.
 struct Entry {
@@ -85,7 +85,8 @@ pub fn load(dir: &Path, split: Split, seed: u64) -> Result<Vec<Model>, DatasetEr
 
 fn read(path: &Path, seed: u64, index: u64) -> Result<Vec<Point>, CloudError> {
     let rng = &mut stream(seed, Purpose::Surface, index);
-    let mut points = read_surface(path, rng)?.points;
+    let surface = read_surface(path, rng)?;
+    let mut points = surface.relative_to(surface.origin());
     if points.len() != MESH_POINTS {
         points = resample(rng, &points, MESH_POINTS);
     }
@@ -111,7 +112,9 @@ fn list(dir: &Path) -> Result<Vec<Entry>, DatasetError> {
             path: e.path().unwrap_or(dir).into(),
             source: e.into(),
         })?;
-        if item.file_type().is_file() && EXTENSIONS.contains(&extension(item.path()).as_str()) {
+        let extension = extension(item.path());
+        let is_model = EXTENSIONS.contains(&&*extension) && !NO_MODELS.contains(&&*extension);
+        if item.file_type().is_file() && is_model {
             entries.push(entry(dir, item.into_path()));
         }
     }

@@ -99,7 +99,8 @@ fn clip_ears(corners: &[Vec2], mut ring: Vec<usize>) -> Vec<[u32; 3]> {
     triangles
 }
 
-fn signed_area(ring: &[Vec2]) -> f32 {
+/// Area of a ring; negative where it runs clockwise.
+pub(super) fn signed_area(ring: &[Vec2]) -> f32 {
     let edges = ring.iter().zip(ring.iter().cycle().skip(1));
     edges.map(|(a, b)| a.perp_dot(*b)).sum::<f32>() / 2.0
 }
@@ -124,7 +125,7 @@ fn in_cone(before: Vec2, at: Vec2, after: Vec2, to: Vec2) -> bool {
 }
 
 /// Whether two segments cross at a point inside both.
-fn cross(a: Vec2, b: Vec2, c: Vec2, d: Vec2) -> bool {
+pub(super) fn cross(a: Vec2, b: Vec2, c: Vec2, d: Vec2) -> bool {
     turn(a, b, c) * turn(a, b, d) < 0.0 && turn(c, d, a) * turn(c, d, b) < 0.0
 }
 

@@ -1,9 +1,9 @@
 //! Signing keys in files: the 32-byte ed25519 seed as 64 hexadecimal digits.
 
+use crate::files;
 use ed25519_dalek::{SigningKey, VerifyingKey};
 use reagent_core::wire::keys::Hex;
-use std::fs::OpenOptions;
-use std::io::{self, Write};
+use std::io;
 use std::path::Path;
 use thiserror::Error;
 
@@ -46,15 +46,8 @@ pub enum KeyError {
 pub fn keygen(path: &Path) -> Result<VerifyingKey, KeyError> {
     let mut seed = [0u8; 32];
     getrandom::fill(&mut seed).map_err(|e| failed(path, io::Error::other(e)))?;
-    let mut options = OpenOptions::new();
-    options.write(true).create_new(true);
-    #[cfg(unix)]
-    std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
-    let write = |mut file: std::fs::File| writeln!(file, "{}", Hex(&seed));
-    options
-        .open(path)
-        .and_then(write)
-        .map_err(|error| failed(path, error))?;
+    let text = format!("{}\n", Hex(&seed));
+    files::write_secret(path, text.as_bytes()).map_err(|error| failed(path, error))?;
     Ok(SigningKey::from_bytes(&seed).verifying_key())
 }
 

@@ -21,7 +21,7 @@ mod views;
 
 pub use error::ReportError;
 
-use crate::files::write_atomically;
+use crate::files;
 use chart::Chart;
 use input::{Input, Run, TraceFile};
 use section::Section;
@@ -108,7 +108,7 @@ impl Report {
             let svg = chart::svg(chart)?.into_bytes();
             for (extension, bytes) in [("svg", svg), ("png", chart::png(chart)?)] {
                 let path = folder.join(format!("{name}.{extension}"));
-                write_atomically(&path, &bytes).map_err(failed(&path))?;
+                files::write(&path, &bytes).map_err(failed(&path))?;
             }
         }
         Ok(charts.len())

@@ -12,7 +12,7 @@ use super::config::TrainConfig;
 use super::learning_rate::Anneal;
 use super::run::TrainError;
 use super::trainer::Diverged;
-use crate::files::write_atomically;
+use crate::files;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::fs::File;
@@ -115,7 +115,7 @@ impl RunDirectory {
             }
         }
         let text = serde_json::to_string_pretty(record).map_err(|e| unusable(&path, e.into()))?;
-        write_atomically(&path.join(CONFIG), text.as_bytes()).map_err(|e| unusable(&path, e))?;
+        files::write(&path.join(CONFIG), text.as_bytes()).map_err(|e| unusable(&path, e))?;
         let file = path.join(METRICS);
         let kept = match resumed {
             Some(updates) => match std::fs::read_to_string(&file) {
@@ -125,7 +125,7 @@ impl RunDirectory {
             },
             None => String::new(),
         };
-        write_atomically(&file, kept.as_bytes()).map_err(|e| unusable(&file, e))?;
+        files::write(&file, kept.as_bytes()).map_err(|e| unusable(&file, e))?;
         let metrics = File::options()
             .append(true)
             .open(&file)
@@ -173,7 +173,7 @@ impl RunDirectory {
             "update": update, "mini_batch": what.mini_batch, "losses": what.losses,
             "gradient_norm": what.gradient_norm, "observations": observations, "problems": problems,
         });
-        write_atomically(&path, document.to_string().as_bytes()).map_err(|e| unusable(&path, e))?;
+        files::write(&path, document.to_string().as_bytes()).map_err(|e| unusable(&path, e))?;
         Ok(path)
     }
 }

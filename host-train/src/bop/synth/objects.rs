@@ -183,10 +183,7 @@ pub fn from_files(
     let mut objects = Vec::new();
     for (k, file) in files.into_iter().enumerate() {
         let read = read_file(&file)?;
-        let mesh = Mesh {
-            vertices: read.points.into_iter().map(Vec3::from).collect(),
-            faces: read.faces.unwrap_or_default(),
-        };
+        let mesh = read.mesh();
         let drawn = rng.random_range(DIAMETER_MM);
         let size = mm_per_unit.map_or(drawn, |scale| scale * exact_diameter(&mesh) as f32);
         let name = file.file_stem().unwrap_or_default().to_string_lossy();
@@ -231,7 +228,7 @@ pub(super) fn write_models(folder: &Path, objects: &[Object]) -> Result<(), BopE
     super::create(folder)?;
     for object in objects {
         let path = folder.join(format!("obj_{:06}.ply", object.id));
-        std::fs::write(&path, ply(&object.mesh)).map_err(super::io(&path))?;
+        crate::files::write(&path, &ply(&object.mesh)).map_err(super::io(&path))?;
     }
     let info: Numbered<ModelInfo> = objects.iter().map(|o| (o.id, o.info())).collect();
     json::write(&folder.join("models_info.json"), &info)

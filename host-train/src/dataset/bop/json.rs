@@ -132,7 +132,7 @@ pub(crate) fn write(path: &Path, document: &impl Serialize) -> Result<(), BopErr
         source,
     };
     let text = serde_json::to_string_pretty(document).map_err(|e| io(std::io::Error::other(e)))?;
-    std::fs::write(path, text + "\n").map_err(io)
+    crate::files::write(path, (text + "\n").as_bytes()).map_err(io)
 }
 
 /// A pose from a row-major rotation and a translation, `None` unless it is finite and rigid to 1e-2 (files are

@@ -4,9 +4,7 @@ use super::BopError;
 use super::json::{self, MODELS_INFO, ModelInfo, Numbered};
 use crate::dataset::Point;
 use crate::dataset::cloud_file::{CloudError, read_file};
-use crate::dataset::mesh::Mesh;
 use crate::random::{Purpose, stream};
-use glam::Vec3;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -138,23 +136,21 @@ impl Models {
 /// Points of the surface, and points of the metrics.
 fn points(path: &Path, seed: u64) -> Result<(Vec<Point>, Vec<Point>), BopError> {
     let file = read_file(path)?;
-    let Some(faces) = file.faces else {
+    let vertices = file.relative_to([0.0; 3]);
+    if file.faces.is_none() {
         // A model that is a cloud already.
-        return Ok((file.points.clone(), file.points));
-    };
-    let mesh = Mesh {
-        vertices: file.points.iter().copied().map(Vec3::from).collect(),
-        faces,
-    };
+        return Ok((vertices.clone(), vertices));
+    }
+    let mesh = file.mesh();
     let rng = &mut stream(seed, Purpose::Shape, SURFACE_STREAM);
     let surface = mesh.sample(SURFACE_POINTS, rng);
     if surface.is_empty() {
         return Err(CloudError::NoArea { path: path.into() }.into());
     }
-    let metric_points = if file.points.len() < DENSE_VERTICES {
+    let metric_points = if vertices.len() < DENSE_VERTICES {
         mesh.sample(2 * SURFACE_POINTS, rng)
     } else {
-        file.points
+        vertices
     };
     Ok((surface, metric_points))
 }

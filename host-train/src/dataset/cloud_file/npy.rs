@@ -1,33 +1,18 @@
-//! NumPy arrays `.npy`: `[N, C]` floating-point numbers, of which the first three columns are coordinates. Six
-//! columns are coordinates and normals where the last three are unit vectors everywhere.
+//! NumPy arrays `.npy`: `[N, C]` numbers, of which the first three columns are coordinates; `[C, N]` where the
+//! second axis is longer, and `[H, W, C]` of an organised cloud. Six columns are coordinates and normals where
+//! the last three are unit vectors everywhere.
 //!
 //! Read here rather than by a crate: the header of a plain array is one line, and the crates' parsers of
 //! Python literals recurse and multiply without limits on corrupt ones.
 
-use super::CloudFile;
-use crate::dataset::Point;
+use super::{CloudFile, Note, Position};
 
 const MAGIC: &[u8] = b"\x93NUMPY";
 
 pub(super) fn parse(bytes: &[u8]) -> Result<CloudFile, String> {
     let (header, payload) = split(bytes)?;
-    let decode: fn(&[u8]) -> f32 = match value(header, "descr")? {
-        "'<f4'" => |b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]),
-        "'>f4'" => |b| f32::from_be_bytes([b[0], b[1], b[2], b[3]]),
-        "'<f8'" => |b| f64::from_le_bytes([b[0], b[1], b[2], b[3], b[4], b[5], b[6], b[7]]) as f32,
-        "'>f8'" => |b| f64::from_be_bytes([b[0], b[1], b[2], b[3], b[4], b[5], b[6], b[7]]) as f32,
-        other => {
-            return Err(format!(
-                "its numbers are {other}, expected float32 or float64"
-            ));
-        }
-    };
-    let width = if value(header, "descr")?.contains("f4") {
-        4
-    } else {
-        8
-    };
-    let by_columns = match value(header, "fortran_order")? {
+    let (width, decode) = number(value(header, "descr")?)?;
+    let fortran = match value(header, "fortran_order")? {
         "False" => false,
         "True" => true,
         other => return Err(format!("its fortran_order is {other}")),
@@ -39,42 +24,99 @@ pub(super) fn parse(bytes: &[u8]) -> Result<CloudFile, String> {
         .filter(|size| !size.is_empty())
         .map(|size| size.parse().ok())
         .collect();
-    let (rows, columns) = match sizes.as_deref() {
-        Some(&[rows, columns]) if columns >= 3 => (rows, columns),
-        _ => {
-            return Err(format!(
-                "its shape is ({shape}), expected (N, 3) or more columns"
-            ));
+    let unexpected = || format!("its shape is ({shape}), expected (N, 3) or more columns");
+    let (first, second) = match sizes.as_deref() {
+        Some(&[rows, columns]) => (rows, columns),
+        Some(&[height, width, columns]) if columns >= 3 => {
+            (height.checked_mul(width).ok_or_else(unexpected)?, columns)
         }
+        _ => return Err(unexpected()),
     };
-    let numbers = payload.chunks_exact(width);
-    if rows.checked_mul(columns) != Some(numbers.len()) {
+    let count = payload.len() / width;
+    if first.checked_mul(second) != Some(count) {
         return Err(format!(
-            "its shape is ({shape}), but {} numbers follow; it is cut off or corrupt",
-            numbers.len()
+            "its shape is ({shape}), but {count} numbers follow; it is cut off or corrupt"
         ));
     }
-    let at = |row: usize, column: usize| {
-        let index = if by_columns {
-            column * rows + row
+    let mut file = CloudFile::default();
+    let normals_in_rows = || {
+        let row = |i: usize| &payload[i * 6 * width..][..6 * width];
+        let normal = |i: usize| [3, 4, 5].map(|axis| decode(&row(i)[axis * width..]) as f32);
+        !fortran && super::are_units(&(0..first).map(normal).collect::<Vec<_>>())
+    };
+    // Points lie along the longer axis; but a few points may have more columns than there are points.
+    let transposed = match (first, second) {
+        (3.., 6) if second > first => !normals_in_rows(),
+        (3, 4..) => true,
+        (4.., 17..) => second > first,
+        _ => false,
+    };
+    let (points, columns) = if transposed {
+        file.notes.push(Note::LongerAxis {
+            rows: first,
+            columns: second,
+        });
+        (second, first)
+    } else {
+        (first, second)
+    };
+    if columns < 3 {
+        return Err(unexpected());
+    }
+    let at = |point: usize, column: usize| {
+        let index = if fortran != transposed {
+            column * points + point
         } else {
-            row * columns + column
+            point * columns + column
         };
         decode(&payload[index * width..])
     };
-    let columns_from = |first: usize| -> Vec<Point> {
-        (0..rows)
-            .map(|row| [0, 1, 2].map(|axis| at(row, first + axis)))
+    let columns_from = |first: usize| -> Vec<Position> {
+        (0..points)
+            .map(|point| [0, 1, 2].map(|axis| at(point, first + axis)))
             .collect()
     };
-    let unit = |normal: &Point| (normal.iter().map(|x| x * x).sum::<f32>() - 1.0).abs() < 0.02;
-    Ok(CloudFile {
-        points: columns_from(0),
-        normals: Some(columns)
-            .filter(|&columns| columns == 6)
-            .map(|_| columns_from(3))
-            .filter(|normals| normals.iter().all(unit)),
-        ..CloudFile::default()
+    file.points = columns_from(0);
+    if columns == 6 {
+        let normals: Vec<_> = columns_from(3)
+            .into_iter()
+            .map(|n| n.map(|x| x as f32))
+            .collect();
+        file.normals = Some(normals).filter(|normals| super::are_units(normals));
+    }
+    if columns > 3 && file.normals.is_none() {
+        let what = "columns from number 4 on".into();
+        file.notes.push(Note::Ignored { what });
+    }
+    Ok(file)
+}
+
+/// Bytes of a number of this type, and how it is read.
+#[rustfmt::skip]
+fn number(descr: &str) -> Result<(usize, fn(&[u8]) -> f64), String> {
+    /// Reads the first bytes of a slice by one of the standard library's functions.
+    macro_rules! read {
+        ($type:ty, $from:ident) => {
+            (size_of::<$type>(), |bytes| {
+                let first = bytes.first_chunk().copied().unwrap_or_default();
+                <$type>::$from(first) as f64
+            })
+        };
+    }
+    Ok(match descr.trim_matches('\'') {
+        "<f4" => read!(f32, from_le_bytes),
+        ">f4" => read!(f32, from_be_bytes),
+        "<f8" => read!(f64, from_le_bytes),
+        ">f8" => read!(f64, from_be_bytes),
+        "|i1" => read!(i8, from_le_bytes),
+        "|u1" => read!(u8, from_le_bytes),
+        "<i2" => read!(i16, from_le_bytes),
+        "<u2" => read!(u16, from_le_bytes),
+        "<i4" => read!(i32, from_le_bytes),
+        "<u4" => read!(u32, from_le_bytes),
+        "<i8" => read!(i64, from_le_bytes),
+        "<u8" => read!(u64, from_le_bytes),
+        _ => return Err(format!("its numbers are {descr}, expected float32 or float64")),
     })
 }
 
@@ -110,19 +152,30 @@ fn value<'a>(header: &'a str, key: &str) -> Result<&'a str, String> {
     Ok(value.trim())
 }
 
-/// `[N, 3]` points, or `[N, 6]` points and normals, as little-endian float32.
-pub(super) fn emit(rows: &[u8], count: usize, columns: usize) -> Vec<u8> {
+/// `[N, 3]` points, or `[N, 6]` points and normals, as little-endian float64.
+pub(super) fn emit(file: &CloudFile) -> Vec<u8> {
+    let columns = if file.normals.is_some() { 6 } else { 3 };
+    let count = file.points.len();
     let dictionary =
-        format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({count}, {columns}), }}");
+        format!("{{'descr': '<f8', 'fortran_order': False, 'shape': ({count}, {columns}), }}");
     // Magic, version, length and dictionary take a multiple of 64 bytes and end with a line break.
     let length = (dictionary.len() + 11).next_multiple_of(64) - 10;
     let header = format!("{dictionary:<width$}\n", width = length - 1);
-    [
+    let mut bytes = [
         MAGIC,
         &[1, 0],
         &(length as u16).to_le_bytes(),
         header.as_bytes(),
-        rows,
     ]
-    .concat()
+    .concat();
+    for (i, point) in file.points.iter().enumerate() {
+        let normal = file
+            .normals
+            .as_ref()
+            .map(|normals| normals[i].map(f64::from));
+        for x in point.iter().chain(normal.iter().flatten()) {
+            bytes.extend(x.to_le_bytes());
+        }
+    }
+    bytes
 }

@@ -1,47 +1,79 @@
 //! Wavefront `.obj`: all objects of the file as one mesh, or its bare vertices where it has no faces.
 //!
-//! Read here rather than by a crate: a surface needs two of the format's keywords, and a refusal should name
+//! Read here rather than by a crate: a surface needs few of the format's keywords, and a refusal should name
 //! the line.
 
-use super::{CloudFile, fan, text};
+use super::lines::{decode, numbered, numbers, position};
+use super::polygon::divide;
+use super::{CloudFile, Note};
+use crate::dataset::Point;
 
 pub(super) fn parse(bytes: &[u8]) -> Result<CloudFile, String> {
-    // Names and comments may be in any encoding.
-    let mut whole = String::from_utf8_lossy(bytes);
+    let mut file = CloudFile::default();
+    let mut whole = decode(bytes, &mut file.notes)?;
     if whole.contains('\\') {
         // A backslash continues a line.
         whole = whole.replace("\\\r\n", " ").replace("\\\n", " ").into();
     }
-    let mut file = CloudFile::default();
-    let mut triangles = Vec::new();
-    let mut polygon = Vec::new();
-    for (line, content) in text::numbered(&whole) {
+    let (mut polygons, mut sizes) = (Vec::new(), Vec::new());
+    let mut colours = Vec::new();
+    let mut normals = Normals::default();
+    let mut ignored: Vec<&str> = Vec::new();
+    for (line, content) in numbered(&whole) {
         let (keyword, rest) = content
             .split_once(char::is_whitespace)
             .unwrap_or((content, ""));
         match keyword {
-            "v" => file.points.push(text::point(rest, line)?),
-            "f" => {
-                polygon.clear();
-                for corner in rest.split_whitespace() {
-                    let index = corner.split('/').next().and_then(|word| word.parse().ok());
-                    let vertex = index.and_then(|index| resolve(index, file.points.len()));
-                    polygon.push(vertex.ok_or_else(|| {
-                        format!("line {line}: \"{corner}\" names no vertex before it")
-                    })?);
+            "v" => {
+                let row = numbers(rest);
+                file.points.push(position(row.as_deref(), rest, line)?);
+                // A weight may follow the coordinates, or a colour.
+                if let Some(&[_, _, _, r, g, b]) = row.as_deref() {
+                    colours.push([r, g, b]);
                 }
-                triangles.extend(fan(&polygon));
             }
+            "vn" => {
+                let [x, y, z] = position(numbers(rest).as_deref(), rest, line)?;
+                normals.listed.push([x as f32, y as f32, z as f32]);
+            }
+            "f" => {
+                let before = polygons.len();
+                for corner in rest.split_whitespace() {
+                    let mut words = corner.split('/');
+                    let index = words.next().and_then(|word| word.parse().ok());
+                    let vertex = index.and_then(|index| resolve(index, file.points.len()));
+                    let vertex = vertex.ok_or_else(|| {
+                        format!("line {line}: \"{corner}\" names no vertex before it")
+                    })?;
+                    polygons.push(vertex);
+                    normals.assign(vertex, words.nth(1));
+                }
+                sizes.push(polygons.len() - before);
+            }
+            // Names, groups and materials do not change the surface.
+            "o" | "g" | "s" | "vt" | "mtllib" | "usemtl" => {}
+            _ if !ignored.contains(&keyword) && ignored.len() < 8 => ignored.push(keyword),
             _ => {}
         }
     }
-    file.faces = Some(triangles).filter(|triangles| !triangles.is_empty());
+    if !ignored.is_empty() {
+        let what = format!("lines {}", super::lines::excerpt(&ignored.join(", ")));
+        file.notes.push(Note::Ignored { what });
+    }
+    if colours.len() == file.points.len() {
+        file.colours = super::colours(&colours);
+    }
+    divide(&mut file, &polygons, &sizes)?;
+    file.normals = normals.of_vertices(file.points.len(), file.faces.is_some());
+    if file.normals.is_none() && !normals.listed.is_empty() {
+        file.notes.push(Note::NormalsLeftOut);
+    }
     Ok(file)
 }
 
-/// The vertex of an index: they count from 1, negative ones back from the last.
-fn resolve(index: i64, vertices: usize) -> Option<u32> {
-    let count = i64::try_from(vertices).ok()?;
+/// The entry that an index names: they count from 1, negative ones back from the last.
+fn resolve(index: i64, entries: usize) -> Option<u32> {
+    let count = i64::try_from(entries).ok()?;
     let at = if index < 0 {
         count.checked_add(index)?
     } else {
@@ -52,4 +84,64 @@ fn resolve(index: i64, vertices: usize) -> Option<u32> {
     } else {
         None
     }
+}
+
+/// Normals as the format has them: a list, and an index into it at every corner of a face.
+#[derive(Default)]
+struct Normals {
+    listed: Vec<Point>,
+    /// That of each vertex, as far as faces name one.
+    of_vertex: Vec<Option<Point>>,
+    /// A vertex has several.
+    ambiguous: bool,
+}
+
+impl Normals {
+    fn assign(&mut self, vertex: u32, word: Option<&str>) {
+        let index = word.and_then(|word| resolve(word.parse().ok()?, self.listed.len()));
+        let Some(&normal) = index.and_then(|index| self.listed.get(index as usize)) else {
+            return;
+        };
+        let vertex = vertex as usize;
+        if self.of_vertex.len() <= vertex {
+            self.of_vertex.resize(vertex + 1, None);
+        }
+        let before = self.of_vertex[vertex].replace(normal);
+        self.ambiguous |= before.is_some_and(|before| before != normal);
+    }
+
+    /// One for each vertex, where there is exactly one; of a plain cloud in the order of the list.
+    fn of_vertices(&mut self, vertices: usize, faces: bool) -> Option<Vec<Point>> {
+        if !faces {
+            return Some(self.listed.clone()).filter(|l| !l.is_empty() && l.len() == vertices);
+        }
+        if self.ambiguous || self.of_vertex.len() != vertices {
+            return None;
+        }
+        std::mem::take(&mut self.of_vertex).into_iter().collect()
+    }
+}
+
+/// The mesh, with colours and normals of its vertices where it has them.
+pub(super) fn emit(file: &CloudFile) -> Vec<u8> {
+    let mut text = String::new();
+    for (i, [x, y, z]) in file.points.iter().enumerate() {
+        text += &format!("v {x} {y} {z}");
+        if let Some(colours) = &file.colours {
+            let [r, g, b] = colours[i].map(|c| f32::from(c) / 255.0);
+            text += &format!(" {r} {g} {b}");
+        }
+        text += "\n";
+    }
+    for [x, y, z] in file.normals.iter().flatten() {
+        text += &format!("vn {x} {y} {z}\n");
+    }
+    for face in file.faces.iter().flatten() {
+        let [a, b, c] = face.map(|i| match file.normals {
+            Some(_) => format!("{0}//{0}", i + 1),
+            None => (i + 1).to_string(),
+        });
+        text += &format!("f {a} {b} {c}\n");
+    }
+    text.into_bytes()
 }

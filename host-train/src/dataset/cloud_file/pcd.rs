@@ -1,14 +1,15 @@
 //! Point Cloud Library files: ASCII, binary and compressed.
 
-use super::CloudFile;
-use crate::dataset::Point;
-use pcd_rs::{DataKind, DynReader, DynRecord, Field, PcdMeta};
+use super::{CloudFile, Note, Position};
+use pcd_rs::{DataKind, DynReader, DynRecord, Field, PcdMeta, ViewPoint};
+use std::borrow::Cow;
 use std::io::Read;
 
 /// Larger records than any sensor's are a corrupt header.
 const MAX_RECORD_BYTES: u64 = 1 << 16;
 
 pub(super) fn parse(bytes: &[u8]) -> Result<CloudFile, String> {
+    let bytes = &*without_empty_fields(bytes);
     check_sizes(bytes)?;
     let reader = DynReader::from_bytes(bytes).map_err(|e| e.to_string())?;
     // Padding has a definition, but no place in the records that the reader returns.
@@ -17,45 +18,132 @@ pub(super) fn parse(bytes: &[u8]) -> Result<CloudFile, String> {
         .map(|field| field.name.clone())
         .filter(|name| name != "_")
         .collect();
-    let place = |name| fields.iter().position(|field| field == name);
-    let [Some(x), Some(y), Some(z)] = ["x", "y", "z"].map(place) else {
-        return Err(format!(
-            "it has no fields x, y, z, only {}",
-            fields.join(" ")
-        ));
+    let place = |name: &str| fields.iter().position(|field| field == name);
+    let triple = |names: [&str; 3]| {
+        let [x, y, z] = names.map(place);
+        Some([x?, y?, z?])
     };
-    let normal = match ["normal_x", "normal_y", "normal_z"].map(place) {
-        [Some(x), Some(y), Some(z)] => Some([x, y, z]),
-        _ => None,
-    };
+    let point = triple(["x", "y", "z"])
+        .ok_or_else(|| format!("it has no fields x, y, z, only {}", fields.join(" ")))?;
+    let normal = triple(["normal_x", "normal_y", "normal_z"]);
+    let colour = place("rgb").or_else(|| place("rgba"));
+    let intensity = place("intensity");
     let mut file = CloudFile {
         normals: normal.map(|_| Vec::new()),
+        colours: colour.map(|_| Vec::new()),
+        intensities: intensity.map(|_| Vec::new()),
         ..CloudFile::default()
     };
+    let used: Vec<usize> = [Some(point), normal]
+        .into_iter()
+        .flatten()
+        .flatten()
+        .chain(colour)
+        .chain(intensity)
+        .collect();
+    let mut ignored: Vec<&str> = (0..fields.len())
+        .filter(|at| !used.contains(at))
+        .map(|at| fields[at].as_str())
+        .collect();
+    if reader.meta().viewpoint != ViewPoint::default() {
+        ignored.push("the viewpoint");
+    }
+    if !ignored.is_empty() {
+        let what = super::lines::excerpt(&ignored.join(", "));
+        file.notes.push(Note::Ignored { what });
+    }
     for (index, record) in reader.enumerate() {
         let record = record.map_err(|e| format!("point {index}: {e}"))?;
-        let point = vector(&record, [x, y, z])
-            .ok_or("its fields x, y, z are not floating-point numbers")?;
-        if !point.iter().all(|x| x.is_finite()) {
-            file.dropped += 1;
-            continue;
+        let number = |at: usize| number(&record, at).ok_or("a field of it holds no numbers");
+        let vector = |at: [usize; 3]| -> Result<Position, &str> {
+            Ok([number(at[0])?, number(at[1])?, number(at[2])?])
+        };
+        file.points.push(vector(point)?);
+        if let (Some(normals), Some(at)) = (&mut file.normals, normal) {
+            normals.push(vector(at)?.map(|x| x as f32));
         }
-        file.points.push(point);
-        if let (Some(normals), Some(places)) = (&mut file.normals, normal) {
-            normals.push(vector(&record, places).unwrap_or([f32::NAN; 3]));
+        if let (Some(colours), Some(at)) = (&mut file.colours, colour) {
+            colours.push(packed(&record, at).ok_or("its colours are not packed into 4 bytes")?);
+        }
+        if let (Some(intensities), Some(at)) = (&mut file.intensities, intensity) {
+            intensities.push(number(at)? as f32);
         }
     }
     Ok(file)
 }
 
-fn vector(record: &DynRecord, places: [usize; 3]) -> Option<Point> {
-    let number = |place: usize| match record.0.get(place) {
-        Some(Field::F32(values)) => values.first().copied(),
-        Some(Field::F64(values)) => values.first().map(|&x| x as f32),
-        _ => None,
+fn number(record: &DynRecord, at: usize) -> Option<f64> {
+    Some(match record.0.get(at)? {
+        Field::I8(v) => f64::from(*v.first()?),
+        Field::I16(v) => f64::from(*v.first()?),
+        Field::I32(v) => f64::from(*v.first()?),
+        Field::I64(v) => *v.first()? as f64,
+        Field::U8(v) => f64::from(*v.first()?),
+        Field::U16(v) => f64::from(*v.first()?),
+        Field::U32(v) => f64::from(*v.first()?),
+        Field::U64(v) => *v.first()? as f64,
+        Field::F32(v) => f64::from(*v.first()?),
+        Field::F64(v) => *v.first()?,
+    })
+}
+
+/// Red, green and blue of the lower 24 bits, whatever type they are given.
+fn packed(record: &DynRecord, at: usize) -> Option<[u8; 3]> {
+    let bits = match record.0.get(at)? {
+        Field::F32(v) => v.first()?.to_bits(),
+        Field::U32(v) => *v.first()?,
+        Field::I32(v) => v.first()?.cast_unsigned(),
+        _ => return None,
     };
-    let [x, y, z] = places.map(number);
-    Some([x?, y?, z?])
+    let [_, r, g, b] = bits.to_be_bytes();
+    Some([r, g, b])
+}
+
+/// The file without fields of COUNT 0: some programs pad so, the point cloud library leaves them out, and the
+/// reader here takes them for 1.
+fn without_empty_fields(bytes: &[u8]) -> Cow<'_, [u8]> {
+    let mut end = 0;
+    let mut header: Vec<Vec<&[u8]>> = Vec::new();
+    for line in bytes.split_inclusive(|&b| b == b'\n').take(64) {
+        end += line.len();
+        let words: Vec<&[u8]> = line
+            .split(u8::is_ascii_whitespace)
+            .filter(|word| !word.is_empty())
+            .collect();
+        let is_data = words
+            .first()
+            .is_some_and(|w| w.eq_ignore_ascii_case(b"DATA"));
+        header.push(words);
+        if is_data {
+            break;
+        }
+    }
+    let counts = header
+        .iter()
+        .find(|words| words.first() == Some(&&b"COUNT"[..]));
+    let empty: Vec<bool> = counts
+        .into_iter()
+        .flatten()
+        .map(|&count| count == b"0")
+        .collect();
+    if !empty.contains(&true) {
+        return bytes.into();
+    }
+    let mut changed = Vec::with_capacity(bytes.len());
+    for words in header {
+        let listed = words.first().is_some_and(|word| {
+            [&b"FIELDS"[..], b"COLUMNS", b"SIZE", b"TYPE", b"COUNT"].contains(word)
+        });
+        for (at, word) in words.iter().enumerate() {
+            if !(listed && empty.get(at) == Some(&true)) {
+                changed.extend_from_slice(word);
+                changed.push(b' ');
+            }
+        }
+        changed.push(b'\n');
+    }
+    changed.extend_from_slice(&bytes[end..]);
+    changed.into()
 }
 
 /// Refuses what would make the reader reserve memory for, or reach for, more than the file holds.
@@ -100,17 +188,49 @@ fn check_sizes(bytes: &[u8]) -> Result<(), String> {
     }
 }
 
-/// A binary file of `[N, 3]` points, or `[N, 6]` points and normals, given as little-endian float32.
-pub(super) fn emit(rows: &[u8], count: usize, columns: usize) -> Vec<u8> {
-    let fields = ["x", "y", "z", "normal_x", "normal_y", "normal_z"];
-    let list = |word: &str| vec![word; columns].join(" ");
+/// A binary file of points, with normals, colours and intensities where there are any. Coordinates are float32,
+/// as the library's own point types are, unless that would round those of a cloud far from the origin.
+pub(super) fn emit(file: &CloudFile) -> Vec<u8> {
+    let count = file.points.len();
+    let wide = file.origin() != [0.0; 3];
+    let mut fields = vec!["x", "y", "z"];
+    if file.normals.is_some() {
+        fields.extend(["normal_x", "normal_y", "normal_z"]);
+    }
+    if file.colours.is_some() {
+        fields.push("rgb");
+    }
+    if file.intensities.is_some() {
+        fields.push("intensity");
+    }
+    let size = |at: usize| if wide && at < 3 { "8" } else { "4" };
+    let sizes: Vec<&str> = (0..fields.len()).map(size).collect();
+    let list = |word: &str| vec![word; fields.len()].join(" ");
     let header = format!(
         "# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS {}\nSIZE {}\nTYPE {}\nCOUNT {}\n\
          WIDTH {count}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {count}\nDATA binary\n",
-        fields[..columns].join(" "),
-        list("4"),
+        fields.join(" "),
+        sizes.join(" "),
         list("F"),
         list("1"),
     );
-    [header.as_bytes(), rows].concat()
+    let mut bytes = header.into_bytes();
+    for (i, point) in file.points.iter().enumerate() {
+        if wide {
+            bytes.extend(point.iter().flat_map(|x| x.to_le_bytes()));
+        } else {
+            bytes.extend(point.iter().flat_map(|&x| (x as f32).to_le_bytes()));
+        }
+        if let Some(normals) = &file.normals {
+            bytes.extend(normals[i].iter().flat_map(|x| x.to_le_bytes()));
+        }
+        if let Some(colours) = &file.colours {
+            let [r, g, b] = colours[i];
+            bytes.extend([b, g, r, 0]);
+        }
+        if let Some(intensities) = &file.intensities {
+            bytes.extend(intensities[i].to_le_bytes());
+        }
+    }
+    bytes
 }

@@ -1,14 +1,41 @@
-//! Stanford polygon files: ASCII and both binary forms.
+//! Stanford polygon files: ASCII and both binary forms, with faces or strips of triangles.
 
-use super::{CloudFile, fan};
-use crate::dataset::Point;
+use super::polygon::divide;
+use super::{CloudFile, Note};
 use ply_rs_bw::parser::{ParseError, Parser, Reader};
-use ply_rs_bw::ply::{Property, PropertyAccess, PropertyAccessResult};
+use ply_rs_bw::ply::{ElementDef, Property, PropertyAccess, PropertyAccessResult};
+use std::borrow::Cow;
+
+/// Properties of a vertex that are read, in the order of [`Vertex::values`].
+const VERTEX: [&str; 10] = [
+    "x",
+    "y",
+    "z",
+    "nx",
+    "ny",
+    "nz",
+    "red",
+    "green",
+    "blue",
+    "intensity",
+];
 
 #[derive(Default)]
 struct Vertex {
-    position: Point,
-    normal: Point,
+    values: [f64; 10],
+}
+
+/// The place of a property, under any of its names.
+fn place(name: &str) -> Option<usize> {
+    let name = name.strip_prefix("diffuse_").unwrap_or(name);
+    let name = match name {
+        "r" => "red",
+        "g" => "green",
+        "b" => "blue",
+        "scalar_Intensity" | "scalar_intensity" | "reflectance" => "intensity",
+        other => other,
+    };
+    VERTEX.iter().position(|&known| known == name)
 }
 
 impl PropertyAccess for Vertex {
@@ -17,46 +44,60 @@ impl PropertyAccess for Vertex {
     }
 
     fn set_property(&mut self, name: &str, property: Property) -> PropertyAccessResult {
-        let coordinate = match name {
-            "x" => &mut self.position[0],
-            "y" => &mut self.position[1],
-            "z" => &mut self.position[2],
-            "nx" => &mut self.normal[0],
-            "ny" => &mut self.normal[1],
-            "nz" => &mut self.normal[2],
-            _ => return PropertyAccessResult::Ignored,
+        let Some(place) = place(name) else {
+            return PropertyAccessResult::Ignored;
         };
-        *coordinate = property.to_f32_lossy().unwrap_or(f32::NAN);
+        self.values[place] = match property {
+            Property::Char(x) => x.into(),
+            Property::UChar(x) => x.into(),
+            Property::Short(x) => x.into(),
+            Property::UShort(x) => x.into(),
+            Property::Int(x) => x.into(),
+            Property::UInt(x) => x.into(),
+            Property::Float(x) => x.into(),
+            Property::Double(x) => x,
+            _ => f64::NAN,
+        };
         PropertyAccessResult::Set
     }
 }
 
+/// Vertex indices of a face, or of a strip, in which -1 begins a new one.
 #[derive(Default)]
-struct Face {
-    corners: Vec<u32>,
-}
+struct Corners(Vec<u32>);
 
-impl PropertyAccess for Face {
-    fn new() -> Face {
-        Face::default()
+const RESTART: u32 = u32::MAX;
+
+impl PropertyAccess for Corners {
+    fn new() -> Corners {
+        Corners::default()
     }
 
     fn set_property(&mut self, name: &str, property: Property) -> PropertyAccessResult {
         if !matches!(name, "vertex_indices" | "vertex_index") {
             return PropertyAccessResult::Ignored;
         }
-        // A negative index is out of range like any other that names no vertex.
-        self.corners = property.to_u32_list().unwrap_or_else(|| vec![u32::MAX; 3]);
+        // Negative indices are out of range like any other that names no vertex.
+        let signed = |x: i64| u32::try_from(x).unwrap_or(RESTART);
+        self.0 = match property {
+            Property::ListChar(list) => list.into_iter().map(|x| signed(x.into())).collect(),
+            Property::ListShort(list) => list.into_iter().map(|x| signed(x.into())).collect(),
+            Property::ListInt(list) => list.into_iter().map(|x| signed(x.into())).collect(),
+            other => other.to_u32_list().unwrap_or_else(|| vec![RESTART; 3]),
+        };
         PropertyAccessResult::Set
     }
 }
 
 pub(super) fn parse(bytes: &[u8]) -> Result<CloudFile, String> {
+    let bytes = &*without_words(bytes);
     let mut reader = Reader::new(bytes);
     let vertices = Parser::<Vertex>::new();
-    let faces = Parser::<Face>::new();
+    let corners = Parser::<Corners>::new();
     let header = vertices.read_header(&mut reader).map_err(reason)?;
     let mut file = CloudFile::default();
+    let (mut polygons, mut sizes) = (Vec::new(), Vec::new());
+    let mut ignored = Vec::new();
     for (name, element) in &header.elements {
         // An entry takes a byte at least, so that a corrupt count cannot ask for more than the file has.
         if element.properties.is_empty() || element.count > bytes.len() {
@@ -66,32 +107,125 @@ pub(super) fn parse(bytes: &[u8]) -> Result<CloudFile, String> {
                 bytes.len()
             ));
         }
-        if name == "face" {
-            let read = faces
-                .read_payload_for_element(&mut reader, element, &header)
-                .map_err(reason)?;
-            file.faces = Some(read.iter().flat_map(|face| fan(&face.corners)).collect())
-                .filter(|f: &Vec<_>| !f.is_empty());
-        } else {
-            let read = vertices
-                .read_payload_for_element(&mut reader, element, &header)
-                .map_err(reason)?;
-            if name == "vertex" {
-                let has = |axes: [&str; 3]| {
-                    axes.iter()
-                        .all(|&axis| element.properties.contains_key(axis))
-                };
-                if !has(["x", "y", "z"]) {
-                    return Err("its vertices lack x, y or z".into());
+        match name.as_str() {
+            "face" | "tristrips" => {
+                let read = corners
+                    .read_payload_for_element(&mut reader, element, &header)
+                    .map_err(reason)?;
+                for Corners(list) in read {
+                    if name == "face" {
+                        sizes.push(list.len());
+                        polygons.extend(list);
+                    } else {
+                        strips(&list, |triangle| {
+                            sizes.push(3);
+                            polygons.extend(triangle);
+                        });
+                    }
                 }
-                file.points = read.iter().map(|vertex| vertex.position).collect();
-                if has(["nx", "ny", "nz"]) {
-                    file.normals = Some(read.iter().map(|vertex| vertex.normal).collect());
-                }
+                let used = |name: &str| matches!(name, "vertex_indices" | "vertex_index");
+                ignored.extend(unused(element, used));
+            }
+            "vertex" => {
+                let read = vertices
+                    .read_payload_for_element(&mut reader, element, &header)
+                    .map_err(reason)?;
+                fill(&mut file, element, &read)?;
+                ignored.extend(unused(element, |name| place(name).is_some()));
+            }
+            _ => {
+                vertices
+                    .read_payload_for_element(&mut reader, element, &header)
+                    .map_err(reason)?;
+                ignored.push(format!("element {name}"));
             }
         }
     }
+    if !ignored.is_empty() {
+        let what = super::lines::excerpt(&ignored.join(", "));
+        file.notes.push(Note::Ignored { what });
+    }
+    divide(&mut file, &polygons, &sizes)?;
     Ok(file)
+}
+
+/// The file with a number beyond all coordinates for every `nan` and `inf` of an ASCII one: the parser knows no
+/// such words.
+fn without_words(bytes: &[u8]) -> Cow<'_, [u8]> {
+    const END: &[u8] = b"end_header";
+    let Some(end) = bytes.windows(END.len()).position(|word| word == END) else {
+        return bytes.into();
+    };
+    let (header, payload) = bytes.split_at(end + END.len());
+    let is_ascii = header.windows(12).any(|word| word == b"format ascii");
+    let is_word = |word: &&[u8]| {
+        let number = word.strip_prefix(b"-").unwrap_or(word);
+        let start = number.get(..3).unwrap_or_default().to_ascii_lowercase();
+        start == b"nan" || start == b"inf"
+    };
+    let blank = u8::is_ascii_whitespace;
+    if !is_ascii || !payload.split(blank).any(|word| is_word(&word)) {
+        return bytes.into();
+    }
+    let mut changed = header.to_vec();
+    for word in payload.split_inclusive(blank) {
+        let number = word.trim_ascii_end();
+        if is_word(&number) {
+            changed.extend_from_slice(b"9e99");
+            changed.extend_from_slice(&word[number.len()..]);
+        } else {
+            changed.extend_from_slice(word);
+        }
+    }
+    changed.into()
+}
+
+/// The triangles of strips, all wound the same way.
+fn strips(list: &[u32], mut push: impl FnMut([u32; 3])) {
+    for strip in list.split(|&index| index == RESTART) {
+        for (i, window) in strip.windows(3).enumerate() {
+            let [a, b, c] = [window[0], window[1], window[2]];
+            // Strips are joined by triangles without area.
+            if a != b && b != c && c != a {
+                push(if i % 2 == 0 { [a, b, c] } else { [b, a, c] });
+            }
+        }
+    }
+}
+
+/// Points and what goes with them.
+fn fill(file: &mut CloudFile, element: &ElementDef, read: &[Vertex]) -> Result<(), String> {
+    let has = |first: usize| {
+        let known: Vec<usize> = element.properties.keys().filter_map(|n| place(n)).collect();
+        (first..first + 3).all(|at| known.contains(&at))
+    };
+    let triple = |first: usize| {
+        read.iter()
+            .map(move |v| [v.values[first], v.values[first + 1], v.values[first + 2]])
+    };
+    if !has(0) {
+        return Err("its vertices lack x, y or z".into());
+    }
+    file.points = triple(0).collect();
+    if has(3) {
+        file.normals = Some(triple(3).map(|n| n.map(|x| x as f32)).collect());
+    }
+    if has(6) {
+        file.colours = super::colours(&triple(6).collect::<Vec<_>>());
+    }
+    if element.properties.keys().any(|name| place(name) == Some(9)) {
+        file.intensities = Some(read.iter().map(|v| v.values[9] as f32).collect());
+    }
+    Ok(())
+}
+
+/// Properties of an element that are left out; opaque colours lose nothing by it.
+fn unused(element: &ElementDef, used: impl Fn(&str) -> bool) -> Vec<String> {
+    let names = element
+        .properties
+        .keys()
+        .filter(|name| !used(name) && *name != "alpha");
+    names.cloned().collect()
 }
 
 /// What the parser said, on one line; it repeats lines of the file, which may be long and binary.
@@ -102,14 +236,44 @@ fn reason(error: ParseError) -> String {
     printable.chars().take(200).collect()
 }
 
-/// A binary file of `[N, 3]` points, or `[N, 6]` points and normals, given as little-endian float32.
-pub(super) fn emit(rows: &[u8], count: usize, columns: usize) -> Vec<u8> {
-    let properties: String = ["x", "y", "z", "nx", "ny", "nz"][..columns]
-        .iter()
-        .map(|name| format!("property float {name}\n"))
-        .collect();
-    let header = format!(
-        "ply\nformat binary_little_endian 1.0\nelement vertex {count}\n{properties}end_header\n"
+/// A binary file with double coordinates, and normals, colours, intensities and faces where there are any.
+pub(super) fn emit(file: &CloudFile) -> Vec<u8> {
+    let count = file.points.len();
+    let mut header = format!(
+        "ply\nformat binary_little_endian 1.0\nelement vertex {count}\n\
+         property double x\nproperty double y\nproperty double z\n"
     );
-    [header.as_bytes(), rows].concat()
+    if file.normals.is_some() {
+        header += "property float nx\nproperty float ny\nproperty float nz\n";
+    }
+    if file.colours.is_some() {
+        header += "property uchar red\nproperty uchar green\nproperty uchar blue\n";
+    }
+    if file.intensities.is_some() {
+        header += "property float intensity\n";
+    }
+    if let Some(faces) = &file.faces {
+        header += &format!(
+            "element face {}\nproperty list uchar uint vertex_indices\n",
+            faces.len()
+        );
+    }
+    let mut bytes = (header + "end_header\n").into_bytes();
+    for (i, point) in file.points.iter().enumerate() {
+        bytes.extend(point.iter().flat_map(|x| x.to_le_bytes()));
+        if let Some(normals) = &file.normals {
+            bytes.extend(normals[i].iter().flat_map(|x| x.to_le_bytes()));
+        }
+        if let Some(colours) = &file.colours {
+            bytes.extend(colours[i]);
+        }
+        if let Some(intensities) = &file.intensities {
+            bytes.extend(intensities[i].to_le_bytes());
+        }
+    }
+    for face in file.faces.iter().flatten() {
+        bytes.push(3);
+        bytes.extend(face.iter().flat_map(|i| i.to_le_bytes()));
+    }
+    bytes
 }

@@ -1,0 +1,144 @@
+//! A cloud as it is registered: scaled, near the origin, and within the policy's capacity.
+
+use crate::dataset::Point;
+use crate::dataset::cloud_file::{CloudError, CloudFile, MESH_POINTS, Note, read_file};
+use crate::pose64::Position;
+use crate::random::{Purpose, stream};
+use crate::register::within_capacity;
+use crate::thin::thin;
+use anyhow::bail;
+use std::path::Path;
+use std::str::FromStr;
+
+/// Points drawn from a mesh for the last refinement; the policy sees a part of them.
+const SURFACE_POINTS: usize = 20_000;
+
+/// One of the two clouds.
+pub(super) struct Input {
+    /// What the file holds, scaled; all of it is written by `--out`.
+    pub(super) file: CloudFile,
+    /// The point that coordinates below are relative to.
+    pub(super) origin: Position,
+    /// All points, or many of the mesh's surface.
+    pub(super) all: Vec<Point>,
+    /// Those that the policy sees.
+    pub(super) points: Vec<Point>,
+}
+
+impl Input {
+    /// Reads a file. Of a mesh, the seed decides which points of the surface are taken.
+    pub(super) fn read(
+        path: &Path,
+        scale: f64,
+        points: Option<usize>,
+        seed: u64,
+    ) -> Result<Input, CloudError> {
+        let mut file = read_file(path)?;
+        for x in file.points.iter_mut().flatten() {
+            *x *= scale;
+        }
+        let origin = file.origin();
+        let rng = &mut stream(seed, Purpose::Surface, 0);
+        let surface = file.clone().sampled(SURFACE_POINTS, rng);
+        let surface = surface.ok_or_else(|| CloudError::NoArea { path: path.into() })?;
+        let all = surface.relative_to(origin);
+        if all.len() > 1 && all.iter().all(|point| point == &all[0]) {
+            return Err(CloudError::NoExtent { path: path.into() });
+        }
+        let used = match points {
+            Some(count) => thin(&all, count),
+            None if file.faces.is_some() => thin(&all, MESH_POINTS),
+            None => within_capacity(&all),
+        };
+        if origin != [0.0; 3] {
+            file.notes.push(Note::Shifted { origin });
+        }
+        if file.faces.is_none() && used.len() < all.len() {
+            file.notes.push(Note::Thinned {
+                from: all.len(),
+                to: used.len(),
+            });
+        }
+        Ok(Input {
+            file,
+            origin,
+            all,
+            points: used,
+        })
+    }
+
+    /// Whether the policy sees a part of the points only.
+    pub(super) fn is_thinned(&self) -> bool {
+        self.points.len() < self.all.len()
+    }
+}
+
+/// Units of length: that of the source, and that of the target.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Units {
+    /// Source units in a target unit.
+    pub(super) scale: f64,
+}
+
+impl FromStr for Units {
+    type Err = anyhow::Error;
+
+    fn from_str(text: &str) -> anyhow::Result<Units> {
+        let metres = |name: &str| {
+            Ok(match name {
+                "mm" => 1e-3,
+                "cm" => 1e-2,
+                "m" => 1.0,
+                "in" => 0.0254,
+                "ft" => 0.3048,
+                _ => bail!("\"{name}\" is no unit; give mm, cm, m, in or ft"),
+            })
+        };
+        let (source, target) = text.split_once(':').unwrap_or((text, "m"));
+        Ok(Units {
+            scale: metres(source)? / metres(target)?,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn units_name_a_scale() {
+        let scale = |text: &str| text.parse::<Units>().expect("units").scale;
+        assert_eq!(
+            (scale("mm"), scale("ft:m"), scale("m:m")),
+            (1e-3, 0.3048, 1.0)
+        );
+        assert!((scale("in:mm") - 25.4).abs() < 1e-12);
+        assert!("inch".parse::<Units>().is_err() && "mm:".parse::<Units>().is_err());
+    }
+
+    #[test]
+    fn clouds_are_scaled_shifted_and_thinned() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let path = folder.path().join("c.xyz");
+        let row = |i: usize| format!("{} {} 7\n", 5e6 + i as f64 * 1e-3, i % 7);
+        std::fs::write(&path, (0..5000).map(row).collect::<String>()).expect("written");
+        let input = Input::read(&path, 1.0, None, 1).expect("read");
+        assert_eq!((input.points.len(), input.all.len()), (2048, 5000));
+        assert!((input.origin[0] - 5e6 - 2.5).abs() < 1e-9);
+        let notes = [
+            Note::Shifted {
+                origin: input.origin,
+            },
+            Note::Thinned {
+                from: 5000,
+                to: 2048,
+            },
+        ];
+        assert_eq!(input.file.notes, notes);
+        let scaled = Input::read(&path, 0.5, Some(100), 1).expect("read");
+        assert_eq!(
+            (scaled.points.len(), scaled.file.points[0]),
+            (100, [2.5e6, 0.0, 3.5])
+        );
+    }
+}

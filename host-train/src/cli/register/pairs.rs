@@ -1,0 +1,136 @@
+//! Many pairs in one call: a folder, or a list.
+
+use crate::dataset::cloud_file::EXTENSIONS;
+use anyhow::{Context, bail};
+use std::path::{Path, PathBuf};
+use walkdir::WalkDir;
+
+/// Two files to be registered.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) struct Pair {
+    pub(super) source: PathBuf,
+    pub(super) target: PathBuf,
+}
+
+/// The pairs of a folder: `NAME_source.EXT` and `NAME_target.EXT`, or `source.EXT` and `target.EXT` in folders of
+/// their own, by path. Of any other file, the pairs that it lists: two paths a line, relative to the file's folder,
+/// separated by a tab, a comma or blanks; `#` begins a comment.
+pub(super) fn find(path: &Path) -> anyhow::Result<Vec<Pair>> {
+    let pairs = if path.is_dir() {
+        in_folder(path)?
+    } else {
+        listed(path)?
+    };
+    if pairs.is_empty() {
+        bail!("{}: no pairs", path.display());
+    }
+    Ok(pairs)
+}
+
+fn in_folder(folder: &Path) -> anyhow::Result<Vec<Pair>> {
+    let mut sources = Vec::new();
+    let mut targets = Vec::new();
+    for entry in WalkDir::new(folder).sort_by_file_name() {
+        let path = entry?.into_path();
+        let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("");
+        let stem = path.file_stem().and_then(|s| s.to_str()).unwrap_or("");
+        if !EXTENSIONS.contains(&&*extension.to_ascii_lowercase()) {
+            continue;
+        }
+        let named = |role: &str| {
+            let name = stem.strip_suffix(role)?;
+            let ended = name.is_empty() || name.ends_with(['_', '-', '.']);
+            ended.then(|| path.with_file_name(name))
+        };
+        if let Some(name) = named("source") {
+            sources.push((name, path));
+        } else if let Some(name) = named("target") {
+            targets.push((name, path));
+        }
+    }
+    let both = sources.into_iter().map(|(name, source)| {
+        let mut partners = targets.iter().filter(|target| target.0 == name);
+        match (partners.next(), partners.next()) {
+            (Some((_, target)), None) => Ok(Pair {
+                source,
+                target: target.clone(),
+            }),
+            (None, _) => bail!("{}: no target beside it", source.display()),
+            (Some(_), Some(_)) => bail!("{}: two targets beside it", source.display()),
+        }
+    });
+    both.collect()
+}
+
+fn listed(list: &Path) -> anyhow::Result<Vec<Pair>> {
+    let text = std::fs::read_to_string(list).with_context(|| format!("list {}", list.display()))?;
+    let folder = list.parent().unwrap_or(Path::new("."));
+    let mut pairs = Vec::new();
+    for (number, line) in (1..).zip(text.trim_start_matches('\u{feff}').lines()) {
+        let line = line.split('#').next().unwrap_or("").trim();
+        if line.is_empty() {
+            continue;
+        }
+        let separator = ['\t', ','].into_iter().find(|&c| line.contains(c));
+        let names: Vec<&str> = match separator {
+            Some(c) => line.split(c).map(str::trim).collect(),
+            None => line.split_whitespace().collect(),
+        };
+        let &[source, target] = names.as_slice() else {
+            bail!(
+                "{}: line {number}: expected two files, separated by a tab, found {}",
+                list.display(),
+                names.len()
+            );
+        };
+        pairs.push(Pair {
+            source: folder.join(source),
+            target: folder.join(target),
+        });
+    }
+    Ok(pairs)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn folders_and_lists_name_pairs() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let at = |name: &str| folder.path().join(name);
+        std::fs::create_dir(at("c")).expect("created");
+        for name in [
+            "a_source.ply",
+            "a_target.xyz",
+            "b-target.ply",
+            "b-source.PLY",
+            "c/source.pcd",
+            "c/target.stl",
+            "notes_source.md",
+            "resource.ply",
+        ] {
+            std::fs::write(at(name), "").expect("written");
+        }
+        let pair = |source: &str, target: &str| Pair {
+            source: at(source),
+            target: at(target),
+        };
+        let mut expected = vec![
+            pair("a_source.ply", "a_target.xyz"),
+            pair("b-source.PLY", "b-target.ply"),
+            pair("c/source.pcd", "c/target.stl"),
+        ];
+        assert_eq!(find(folder.path()).expect("pairs"), expected);
+        let list = "# two\na_source.ply a_target.xyz\n\nb-source.PLY\tb-target.ply # one\nc/source.pcd, c/target.stl\n";
+        std::fs::write(at("list.txt"), list).expect("written");
+        assert_eq!(find(&at("list.txt")).expect("pairs"), expected);
+        std::fs::write(at("list.txt"), "one\n").expect("written");
+        let said = find(&at("list.txt")).expect_err("refused").to_string();
+        assert!(said.contains("line 1: expected two files"), "{said}");
+        expected.clear();
+        std::fs::remove_file(at("a_target.xyz")).expect("removed");
+        let said = find(folder.path()).expect_err("refused").to_string();
+        assert!(said.contains("a_source.ply: no target"), "{said}");
+    }
+}

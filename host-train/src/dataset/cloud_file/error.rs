@@ -1,0 +1,80 @@
+//! Why a file of points was refused.
+
+use std::path::PathBuf;
+
+/// Why a file of points was refused.
+#[derive(Debug, thiserror::Error)]
+pub enum CloudError {
+    /// The extension is not one of those that are read.
+    #[error(
+        "{}: unknown kind of file; give .ply .pcd .xyz .txt .asc .csv .pts .npy .off .obj or .stl",
+        path.display()
+    )]
+    Extension {
+        /// File concerned.
+        path: PathBuf,
+    },
+    /// Nothing of this extension is written.
+    #[error(
+        "{}: clouds are written as .ply .pcd .xyz or .npy, meshes as .ply .obj .off or .stl too",
+        path.display()
+    )]
+    OutputExtension {
+        /// File concerned.
+        path: PathBuf,
+    },
+    /// The extension is one of meshes, and there are no faces.
+    #[error("{}: a cloud without faces is no mesh; write it as .ply .pcd .xyz or .npy", path.display())]
+    NoFaces {
+        /// File concerned.
+        path: PathBuf,
+    },
+    /// The operating system refused to read or write.
+    #[error("{}: {source}", path.display())]
+    Io {
+        /// File concerned.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The contents are not what the extension says, or end early.
+    #[error("{}: {reason}", path.display())]
+    Malformed {
+        /// File concerned.
+        path: PathBuf,
+        /// What is wrong, and where.
+        reason: String,
+    },
+    /// No valid points.
+    #[error("{}: no points ({dropped} invalid ones were left out)", path.display())]
+    Empty {
+        /// File concerned.
+        path: PathBuf,
+        /// Invalid points that were left out.
+        dropped: usize,
+    },
+    /// A face names a vertex that does not exist.
+    #[error("{}: face {face} names vertex {vertex} of {vertices}", path.display())]
+    BadFace {
+        /// File concerned.
+        path: PathBuf,
+        /// Index of the triangle.
+        face: usize,
+        /// The vertex it names.
+        vertex: u32,
+        /// Number of vertices.
+        vertices: usize,
+    },
+    /// All points of the cloud coincide.
+    #[error("{}: all points coincide; there is nothing to register", path.display())]
+    NoExtent {
+        /// File concerned.
+        path: PathBuf,
+    },
+    /// All faces of the mesh are degenerate.
+    #[error("{}: the mesh has no area to sample points from", path.display())]
+    NoArea {
+        /// File concerned.
+        path: PathBuf,
+    },
+}

@@ -1,0 +1,108 @@
+//! What a reader noticed, understood in its own way, or left out.
+
+use serde::Serialize;
+use std::fmt;
+
+/// Something about a file that its user should know.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(tag = "kind", rename_all = "snake_case")]
+pub enum Note {
+    /// Points whose coordinates are NaN, infinite or beyond 1e30, as sensors mark what they did not see.
+    Dropped {
+        /// How many.
+        points: usize,
+        /// Triangles that had one of them for a corner.
+        faces: usize,
+    },
+    /// An array with the coordinates along its first axis; the longer axis was taken for the points.
+    LongerAxis {
+        /// Length of the first axis.
+        rows: usize,
+        /// Length of the second, the number of points.
+        columns: usize,
+    },
+    /// The file's own count is not that of what it holds.
+    Count {
+        /// What is counted.
+        what: &'static str,
+        /// Number that the file claims.
+        claimed: u64,
+        /// Number that was read.
+        read: usize,
+    },
+    /// Numbers are written with a decimal comma.
+    DecimalComma,
+    /// The first column counts the lines and was left out.
+    IndexColumn,
+    /// The text is UTF-16.
+    Utf16,
+    /// Polygons whose outline crosses itself or has no plane; they were cut from their first corner.
+    CrossedPolygons {
+        /// How many.
+        polygons: usize,
+    },
+    /// Normals that could not be kept: some are undefined, or a vertex has several.
+    NormalsLeftOut,
+    /// Parts of the file that are not used.
+    Ignored {
+        /// Their names.
+        what: String,
+    },
+    /// A cloud was thinned to what the policy takes.
+    Thinned {
+        /// Points of the cloud.
+        from: usize,
+        /// Points that are used.
+        to: usize,
+    },
+    /// Coordinates are far from the origin; they were taken relative to this point.
+    Shifted {
+        /// The point.
+        origin: [f64; 3],
+    },
+}
+
+impl fmt::Display for Note {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Note::Dropped { points, faces: 0 } => write!(
+                f,
+                "left out {points} invalid points (NaN, infinite or beyond 1e30)"
+            ),
+            Note::Dropped { points, faces } => write!(
+                f,
+                "left out {points} invalid points (NaN, infinite or beyond 1e30) and {faces} triangles with them"
+            ),
+            Note::LongerAxis { rows, columns } => write!(
+                f,
+                "an array of shape ({rows}, {columns}) is read as {columns} points, the longer axis"
+            ),
+            Note::Count {
+                what,
+                claimed,
+                read,
+            } => write!(
+                f,
+                "it claims {claimed} {what} and holds {read}; all {read} are read"
+            ),
+            Note::DecimalComma => write!(f, "numbers are read with a decimal comma"),
+            Note::IndexColumn => write!(f, "the first column counts the lines and is left out"),
+            Note::Utf16 => write!(f, "the text is UTF-16"),
+            Note::CrossedPolygons { polygons } => write!(
+                f,
+                "{polygons} polygons cross themselves and are cut from their first corner"
+            ),
+            Note::NormalsLeftOut => write!(
+                f,
+                "its normals are left out: some are undefined, or differ at one vertex"
+            ),
+            Note::Ignored { what } => write!(f, "not used: {what}"),
+            Note::Thinned { from, to } => {
+                write!(f, "{from} points are thinned to {to} for the policy")
+            }
+            Note::Shifted { origin: [x, y, z] } => {
+                write!(f, "coordinates are taken relative to ({x}, {y}, {z})")
+            }
+        }
+    }
+}

@@ -1,0 +1,389 @@
+//! Points as lines of numbers: `.xyz`, `.txt`, `.asc`, `.csv` and `.pts`.
+//!
+//! Taken are blanks, tabs, commas or semicolons between the numbers; comments after `#` or `//`; a count before
+//! the points; names of the columns, also in a comment (`//X Y Z`); a decimal comma; and a first column that
+//! counts the lines. What could be read in two ways is refused.
+
+use super::lines::{decode, excerpt};
+use super::{CloudFile, Note, Position};
+use crate::dataset::Point;
+use std::borrow::Cow;
+
+/// Columns of one file and what is known of them.
+#[derive(Default)]
+struct Table {
+    /// Names of the columns, in lower case, where a line gives them.
+    names: Vec<String>,
+    /// Numbers, row by row.
+    numbers: Vec<f64>,
+    /// Numbers of a row; 0 before the first.
+    columns: usize,
+    /// Whether numbers have a decimal comma; `None` until one tells.
+    decimal_comma: Option<bool>,
+    /// A number has a point or an exponent.
+    fractions: bool,
+    /// Whether the columns are separated by commas.
+    commas: bool,
+    /// Sum of the counts before the points.
+    counted: Option<u64>,
+}
+
+pub(super) fn parse(bytes: &[u8]) -> Result<CloudFile, String> {
+    let mut file = CloudFile::default();
+    let text = decode(bytes, &mut file.notes)?;
+    let mut table = Table::default();
+    for (line, text) in (1..).zip(text.lines()) {
+        table
+            .read(text)
+            .map_err(|reason| format!("line {line}: {reason}"))?;
+    }
+    table.finish(&mut file)?;
+    Ok(file)
+}
+
+impl Table {
+    /// Reads one line.
+    fn read(&mut self, text: &str) -> Result<(), String> {
+        let comment = text.find('#').into_iter().chain(text.find("//")).min();
+        let (content, comment) = text.split_at(comment.unwrap_or(text.len()));
+        let content = content.trim();
+        if content.is_empty() {
+            let names = self.names_of(comment.trim_start_matches(['#', '/']));
+            self.names.extend(names.unwrap_or_default());
+            return Ok(());
+        }
+        let fields = self.fields(content)?;
+        let row: Option<Vec<f64>> = fields.iter().map(|field| number(field)).collect();
+        match row.as_deref() {
+            Some(&[count]) if count >= 0.0 && count.fract() == 0.0 => {
+                *self.counted.get_or_insert_default() += count as u64;
+                return Ok(());
+            }
+            Some(row) if row.len() >= 3 => {
+                if self.columns == 0 {
+                    self.columns = row.len();
+                }
+                if self.columns != row.len() {
+                    return Err(format!(
+                        "{} columns, where the lines before have {}",
+                        row.len(),
+                        self.columns
+                    ));
+                }
+                self.numbers.extend(row);
+                return Ok(());
+            }
+            _ => {}
+        }
+        match self.names_of(content) {
+            Some(names) => self.names = names,
+            None => {
+                return Err(format!(
+                    "expected three coordinates, found \"{}\"",
+                    excerpt(content)
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    /// Divides a line at its separators: semicolons where there are any, else commas, unless these are decimal
+    /// ones, else white space. A decimal comma becomes a point.
+    fn fields<'a>(&mut self, content: &'a str) -> Result<Vec<Cow<'a, str>>, String> {
+        let plain = |field: &'a str| Cow::from(field.trim().trim_matches('"'));
+        let pointed = |field: &'a str| Cow::from(plain(field).replacen(',', ".", 1));
+        let by_blanks = || content.split_whitespace();
+        let semicolons = content.contains(';');
+        let ends_cut = |separator| content.trim_end_matches(separator).split(separator);
+        if semicolons && !content.contains(',') {
+            self.note_point(content)?;
+            return Ok(ends_cut(';').map(plain).collect());
+        }
+        if !content.contains(',') {
+            self.note_point(content)?;
+            return Ok(by_blanks().map(plain).collect());
+        }
+        let decimal: Vec<Cow<str>> = if semicolons {
+            ends_cut(';').map(pointed).collect()
+        } else {
+            by_blanks().map(pointed).collect()
+        };
+        let is_decimal = !content.contains('.')
+            && decimal.len() >= 3
+            && decimal.iter().all(|field| number(field).is_some())
+            && !by_blanks().any(|word| word.ends_with(',') || word.starts_with(','));
+        if is_decimal {
+            if self.decimal_comma.replace(true) == Some(false) {
+                return Err("a decimal comma, where the lines before have points".into());
+            }
+            return Ok(decimal);
+        }
+        if semicolons {
+            // Not numbers: names, or a line to be refused.
+            return Ok(ends_cut(';').map(plain).collect());
+        }
+        if self.decimal_comma == Some(true) {
+            return Err(format!(
+                "expected numbers with a decimal comma, found \"{}\"",
+                excerpt(content)
+            ));
+        }
+        self.commas = true;
+        self.note_point(content)?;
+        Ok(ends_cut(',').map(plain).collect())
+    }
+
+    /// Notes that numbers have a decimal point, where these do.
+    fn note_point(&mut self, content: &str) -> Result<(), String> {
+        let pointed = content.contains('.') && content.contains(|c: char| c.is_ascii_digit());
+        self.fractions |= pointed || content.contains(['e', 'E']);
+        if !pointed {
+            return Ok(());
+        }
+        match self.decimal_comma.replace(false) {
+            Some(true) => Err("a decimal point, where the lines before have commas".into()),
+            _ => Ok(()),
+        }
+    }
+
+    /// The names of the columns, if this line before the points gives those of the coordinates.
+    fn names_of(&self, text: &str) -> Option<Vec<String>> {
+        if self.columns > 0 || !self.names.is_empty() {
+            return None;
+        }
+        let separator = [';', ',', '\t'].into_iter().find(|&c| text.contains(c));
+        let words: Vec<&str> = match separator {
+            Some(c) => text.split(c).collect(),
+            None => text.split_whitespace().collect(),
+        };
+        let name = |word: &str| {
+            let word = word.trim().trim_matches('"').to_lowercase();
+            word.split(['[', '('])
+                .next()
+                .unwrap_or("")
+                .trim()
+                .to_owned()
+        };
+        let names: Vec<String> = words.into_iter().map(name).collect();
+        let known = coordinates(&names).is_some();
+        known.then_some(names)
+    }
+
+    /// The points and what goes with them.
+    fn finish(self, file: &mut CloudFile) -> Result<(), String> {
+        let rows = self.numbers.len().checked_div(self.columns).unwrap_or(0);
+        if self.commas && !self.fractions && self.columns >= 6 && self.names.is_empty() {
+            return Err(format!(
+                "{} whole numbers a line with commas between them: these could be decimal commas; separate the \
+                 numbers by semicolons, or name the columns on the first line",
+                self.columns
+            ));
+        }
+        if self.decimal_comma == Some(true) {
+            file.notes.push(Note::DecimalComma);
+        }
+        if let Some(claimed) = self.counted.filter(|&claimed| claimed != rows as u64) {
+            file.notes.push(Note::Count {
+                what: "points",
+                claimed,
+                read: rows,
+            });
+        }
+        let row = |i: usize| &self.numbers[i * self.columns..][..self.columns];
+        let column = |at: usize| (0..rows).map(move |i| row(i)[at]);
+        let triple = |[x, y, z]: [usize; 3]| -> Vec<Position> {
+            (0..rows)
+                .map(|i| [row(i)[x], row(i)[y], row(i)[z]])
+                .collect()
+        };
+        let single = |triples: Vec<Position>| -> Vec<Point> {
+            triples.into_iter().map(|t| t.map(|x| x as f32)).collect()
+        };
+        let mut layout = if self.names.is_empty() {
+            let counts = |first: f64| column(0).zip(0..).all(|(x, i)| x == first + f64::from(i));
+            let index = self.columns > 3 && rows > 1 && (counts(0.0) || counts(1.0));
+            if index {
+                file.notes.push(Note::IndexColumn);
+            }
+            Layout::guessed(usize::from(index), self.columns, |at| {
+                column(at).all(|x| (0.0..=255.0).contains(&x) && x.fract() == 0.0)
+            })
+        } else {
+            Layout::named(&self.names)
+                .filter(|layout| layout.point.iter().all(|&at| at < self.columns))
+                .ok_or("its first line names more columns than the points have")?
+        };
+        let has = |at: [usize; 3]| at.iter().all(|&at| at < self.columns);
+        file.points = triple(layout.point);
+        let normals = layout.normal.filter(|&at| has(at));
+        file.normals = normals.map(|at| single(triple(at)));
+        // Without names they may be something else.
+        if self.names.is_empty() && !file.normals.as_deref().is_none_or(super::are_units) {
+            file.normals = None;
+            layout.ignored = "the last three columns".into();
+        }
+        let colours = layout.colour.filter(|&at| has(at));
+        file.colours = colours.and_then(|at| super::colours(&triple(at)));
+        let intensity = layout.intensity.filter(|&at| at < self.columns);
+        file.intensities = intensity.map(|at| column(at).map(|x| x as f32).collect());
+        if !layout.ignored.is_empty() {
+            file.notes.push(Note::Ignored {
+                what: layout.ignored,
+            });
+        }
+        Ok(())
+    }
+}
+
+/// Which columns hold what.
+struct Layout {
+    point: [usize; 3],
+    normal: Option<[usize; 3]>,
+    colour: Option<[usize; 3]>,
+    intensity: Option<usize>,
+    /// The columns of which nothing is known.
+    ignored: String,
+}
+
+impl Layout {
+    /// By the columns' names; `None` where those of the coordinates are missing.
+    fn named(names: &[String]) -> Option<Layout> {
+        let place = |options: &[&str]| names.iter().position(|n| options.contains(&n.as_str()));
+        let places = |options: [&[&str]; 3]| {
+            let [a, b, c] = options.map(place);
+            Some([a?, b?, c?])
+        };
+        let point = coordinates(names)?;
+        let normal = places([
+            &["nx", "normal_x", "normals:0"],
+            &["ny", "normal_y", "normals:1"],
+            &["nz", "normal_z", "normals:2"],
+        ]);
+        let colour = places([&["r", "red"], &["g", "green"], &["b", "blue"]]);
+        let intensity = place(&["i", "intensity", "scalar_intensity", "reflectance"]);
+        let used: Vec<usize> = [Some(point), normal, colour]
+            .into_iter()
+            .flatten()
+            .flatten()
+            .chain(intensity)
+            .collect();
+        let ignored: Vec<&str> = (0..names.len())
+            .filter(|at| !used.contains(at))
+            .map(|at| names[at].as_str())
+            .filter(|name| !name.is_empty())
+            .collect();
+        Some(Layout {
+            point,
+            normal,
+            colour,
+            intensity,
+            ignored: match ignored.is_empty() {
+                true => String::new(),
+                false => format!("columns {}", ignored.join(", ")),
+            },
+        })
+    }
+
+    /// By their number, as `.pts` and most programs order them: `x y z`, then an intensity, a colour, or both,
+    /// then a normal. `is_byte` tells whether a column holds whole numbers up to 255.
+    fn guessed(first: usize, columns: usize, is_byte: impl Fn(usize) -> bool) -> Layout {
+        let at = |start: usize| [start, start + 1, start + 2];
+        let after = first + 3;
+        let bytes = |start: usize| start + 3 <= columns && (start..start + 3).all(&is_byte);
+        let mut layout = Layout {
+            point: at(first),
+            normal: None,
+            colour: None,
+            intensity: None,
+            ignored: String::new(),
+        };
+        let used = match columns - after {
+            0 => 0,
+            1 => {
+                layout.intensity = Some(after);
+                1
+            }
+            3 if bytes(after) => {
+                layout.colour = Some(at(after));
+                3
+            }
+            3 => {
+                layout.normal = Some(at(after));
+                3
+            }
+            4 if bytes(after + 1) => {
+                layout.intensity = Some(after);
+                layout.colour = Some(at(after + 1));
+                4
+            }
+            6 if bytes(after) => {
+                layout.colour = Some(at(after));
+                layout.normal = Some(at(after + 3));
+                6
+            }
+            _ => 0,
+        };
+        if used < columns - after {
+            layout.ignored = format!("columns from number {} on", after + used + 1);
+        }
+        layout
+    }
+}
+
+/// Where the coordinates are.
+fn coordinates(names: &[String]) -> Option<[usize; 3]> {
+    let place = |options: [&str; 6]| names.iter().position(|n| options.contains(&n.as_str()));
+    let x = place(["x", "points:0", "points_0", "easting", "east", "x_coord"]);
+    let y = place(["y", "points:1", "points_1", "northing", "north", "y_coord"]);
+    let z = place([
+        "z",
+        "points:2",
+        "points_2",
+        "elevation",
+        "height",
+        "z_coord",
+    ]);
+    Some([x?, y?, z?])
+}
+
+/// A number, or NaN for a field without content.
+fn number(field: &str) -> Option<f64> {
+    match field {
+        "" => Some(f64::NAN),
+        _ => field.parse().ok(),
+    }
+}
+
+/// Lines of `x y z` and what else there is, named on the first line if anything is; in the shortest form that
+/// reads back the same.
+pub(super) fn emit(file: &CloudFile) -> Vec<u8> {
+    let mut names = String::new();
+    let mut push = |present: bool, name: &str| {
+        if present {
+            names += name;
+        }
+    };
+    push(file.intensities.is_some(), " intensity");
+    push(file.colours.is_some(), " red green blue");
+    push(file.normals.is_some(), " nx ny nz");
+    let mut text = match names.is_empty() {
+        true => String::new(),
+        false => format!("# x y z{names}\n"),
+    };
+    for (i, [x, y, z]) in file.points.iter().enumerate() {
+        text += &format!("{x} {y} {z}");
+        if let Some(intensities) = &file.intensities {
+            text += &format!(" {}", intensities[i]);
+        }
+        if let Some(colours) = &file.colours {
+            let [r, g, b] = colours[i];
+            text += &format!(" {r} {g} {b}");
+        }
+        if let Some(normals) = &file.normals {
+            let [x, y, z] = normals[i];
+            text += &format!(" {x} {y} {z}");
+        }
+        text += "\n";
+    }
+    text.into_bytes()
+}

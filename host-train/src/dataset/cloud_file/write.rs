@@ -1,0 +1,38 @@
+//! Writing clouds and meshes.
+
+use super::{CloudError, CloudFile, STANDARD, extension, npy, obj, off, pcd, ply, stl, table};
+use crate::files;
+use std::path::Path;
+
+/// Refuses a path that [`write_cloud`] could not write for its extension.
+pub fn check_output(path: &Path) -> Result<(), CloudError> {
+    match extension(path).as_str() {
+        "ply" | "pcd" | "xyz" | "npy" | "obj" | "off" | "stl" => Ok(()),
+        _ if path == Path::new(STANDARD) || files::is_special(path) => Ok(()),
+        _ => Err(CloudError::OutputExtension { path: path.into() }),
+    }
+}
+
+/// Writes a cloud or mesh: `.ply` with all that it has; `.obj`, `.off` or `.stl` of a mesh; `.pcd` of a cloud with
+/// all that it has; `.npy` (`[N, 3]` or, with normals, `[N, 6]`, float64); or lines of `.xyz`. Standard output
+/// (`-`), devices and pipes get `.ply`.
+pub fn write_cloud(path: &Path, file: &CloudFile) -> Result<(), CloudError> {
+    check_output(path)?;
+    let kind = extension(path);
+    if file.faces.is_none() && matches!(kind.as_str(), "obj" | "off" | "stl") {
+        return Err(CloudError::NoFaces { path: path.into() });
+    }
+    let bytes = match kind.as_str() {
+        "pcd" => pcd::emit(file),
+        "npy" => npy::emit(file),
+        "xyz" => table::emit(file),
+        "obj" => obj::emit(file),
+        "off" => off::emit(file),
+        "stl" => stl::emit(file),
+        _ => ply::emit(file),
+    };
+    files::write(path, &bytes).map_err(|source| CloudError::Io {
+        path: path.into(),
+        source,
+    })
+}

@@ -1,6 +1,6 @@
 //! The bytes that robots and hosts exchange: frames and key expressions, defined once for both ends.
 //!
-//! A frame is one version byte ([`VERSION`]), one byte that says which [`Message`] follows, and the
+//! A frame is one version byte ([`VERSION`], [`MANIFEST_VERSION`]), one byte that says which [`Message`] follows, and the
 //! message's fields in [postcard](https://postcard.jamesmunns.com/wire-format) encoding. The same
 //! frames travel as Zenoh payloads and, stuffed with COBS, over a serial line.
 //!
@@ -20,7 +20,8 @@
 //! | 11 | [`Cancel`] | `…/robot/<id>/cancel`, published by a client that no longer waits |
 //!
 //! Version 3 brought time budgets, modes, clients and clouds on a grid ([`crate::grid`]) into requests, and what
-//! goes with them into replies and status.
+//! goes with them into replies and status. Manifests, which are kept under their signature, have a version of their
+//! own; its version 4 brought the epoch.
 //!
 //! The signature itself is checked by whoever holds the keys, not here.
 
@@ -28,6 +29,7 @@ mod cloud;
 mod frames;
 pub mod keys;
 mod refine;
+mod release;
 pub mod serial;
 mod taken;
 mod trace;
@@ -37,6 +39,7 @@ pub use frames::{
     Board, Chunk, FlashCheck, Manifest, PolicyId, PolicyName, SignedManifest, Status,
 };
 pub use refine::{BUDGET_MS, Cancel, Cloud, Mode, Reason, RefineReply, RefineRequest, Refusal};
+pub use release::{NotTaken, Release, Tally, WhyNot};
 pub use taken::{TakenRequest, refuse_beginning, take_request};
 pub use trace::{KernelName, STEP_BYTES, StepTaken, StepsView, Trace, step_bytes};
 
@@ -44,8 +47,10 @@ use crate::dims::MAX_POINTS;
 use crate::error::Error;
 use serde::{Deserialize, Serialize};
 
-/// Version of the frames; the first byte of each.
+/// Version of the frames; the first byte of each but a manifest.
 pub const VERSION: u8 = 3;
+/// Version of manifests, signed or not; the first byte of each. Robots keep them over updates of themselves.
+pub const MANIFEST_VERSION: u8 = 4;
 /// Most bytes of one policy chunk.
 pub const CHUNK_BYTES: usize = 32 * 1024;
 /// Most bytes of every frame but a refine request, a chunk and a trace.
@@ -98,7 +103,10 @@ pub fn encode<'b>(message: &Message<'_>, buffer: &'b mut [u8]) -> Result<&'b [u8
     let [version, body @ ..] = &mut *buffer else {
         return Err(Error::FrameBuffer);
     };
-    *version = VERSION;
+    *version = match message {
+        Message::Manifest(_) | Message::SignedManifest(_) => MANIFEST_VERSION,
+        _ => VERSION,
+    };
     let length = postcard::to_slice(message, body)
         .map_err(|_| Error::FrameBuffer)?
         .len();
@@ -111,13 +119,17 @@ pub fn encode<'b>(message: &Message<'_>, buffer: &'b mut [u8]) -> Result<&'b [u8
 /// [`Error::FrameVersion`] for another version, [`Error::Frame`] for anything else that is not
 /// exactly one frame.
 pub fn decode(bytes: &[u8]) -> Result<Message<'_>, Error> {
-    match bytes {
-        [] => Err(Error::Frame),
-        [VERSION, body @ ..] => match postcard::take_from_bytes(body) {
-            Ok((message, [])) => Ok(message),
-            _ => Err(Error::Frame),
-        },
-        [found, ..] => Err(Error::FrameVersion { found: *found }),
+    let (&found, body) = bytes.split_first().ok_or(Error::Frame)?;
+    let version = match body {
+        [0 | 1, ..] => MANIFEST_VERSION,
+        _ => VERSION,
+    };
+    if found != version {
+        return Err(Error::FrameVersion { found });
+    }
+    match postcard::take_from_bytes(body) {
+        Ok((message, [])) => Ok(message),
+        _ => Err(Error::Frame),
     }
 }
 

@@ -7,8 +7,7 @@ use crate::queue::{Queue, Stop};
 use crate::service::{Outlet, Work, next_work, read_request, trace_frame};
 use crate::view::View;
 use reagent_core::wire::{
-    KernelName, Manifest, PolicyId, Reason, RefineReply, Refusal, STEP_BYTES, StepsView, Trace,
-    step_bytes,
+    KernelName, Manifest, Reason, RefineReply, Refusal, STEP_BYTES, StepsView, Trace, step_bytes,
 };
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -79,10 +78,7 @@ fn traced(
     reply: RefineReply,
 ) -> Vec<u8> {
     trace_frame(Trace {
-        policy: PolicyId {
-            version: manifest.version,
-            sha256: manifest.sha256,
-        },
+        policy: manifest.id(),
         kernels: KernelName::try_from(kind.name()).unwrap_or_default(),
         request,
         steps: StepsView::of(steps),
@@ -110,8 +106,7 @@ fn load(
             in_flash.take_if(|last| kept.is_none_or(|kept| kept.sha256 != last.sha256));
             view.send_modify(|view| {
                 view.policy = in_flash.clone();
-                view.updates_refused += 1;
-                view.last_refusal = Some(Arc::new(UpdateError::Board(error)));
+                view.refuse_policy(manifest.id(), UpdateError::Board(error));
             });
         }
     }

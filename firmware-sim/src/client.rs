@@ -4,13 +4,14 @@ mod fleet;
 
 pub use fleet::{Client, Heard};
 
+use crate::session::plain;
 use reagent_core::Error;
 use reagent_core::wire::{self, Message, RefineReply, RefineRequest, Refusal, Status, keys};
 use std::time::Duration;
 use thiserror::Error as ThisError;
 use zenoh::Session;
-use zenoh::query::{QueryTarget, ReplyError};
-use zenoh::sample::Sample;
+use zenoh::query::ReplyError;
+use zenoh::sample::{Sample, SourceInfo};
 
 /// How much longer than a request's own time its client waits: the answer's way over the network.
 pub const MARGIN: Duration = Duration::from_secs(1);
@@ -56,16 +57,27 @@ pub enum RefineError {
         waited: Duration,
     },
     /// The session failed.
-    #[error("zenoh: {0}")]
+    #[error("zenoh: {}", plain(.0))]
     Zenoh(#[from] zenoh::Error),
 }
 
-/// Sends a request to a robot and waits for its pose.
+/// Sends a request to a robot and waits for its pose. A [`Client`] does the same, and can take it back.
 ///
 /// # Errors
 /// See [`RefineError`]; every one comes at the latest [`MARGIN`] after the request's own time.
 pub async fn refine(
     session: &Session,
+    fleet: &str,
+    robot: &str,
+    request: &RefineRequest<'_>,
+) -> Result<RefineReply, RefineError> {
+    refine_from(session, None, fleet, robot, request).await
+}
+
+/// As [`refine`], saying whose request it is.
+async fn refine_from(
+    session: &Session,
+    source: Option<SourceInfo>,
     fleet: &str,
     robot: &str,
     request: &RefineRequest<'_>,
@@ -78,7 +90,7 @@ pub async fn refine(
         .len();
     frame.truncate(length);
     let budget = Duration::from_millis(request.budget_ms.into());
-    let reply = ask(session, &key, robot, frame, budget + MARGIN).await?;
+    let reply = ask_from(session, source, &key, robot, frame, budget + MARGIN).await?;
     if reply.id == request.id {
         Ok(reply)
     } else {
@@ -100,6 +112,17 @@ pub async fn ask(
     frame: Vec<u8>,
     time: Duration,
 ) -> Result<RefineReply, RefineError> {
+    ask_from(session, None, key, robot, frame, time).await
+}
+
+async fn ask_from(
+    session: &Session,
+    source: Option<SourceInfo>,
+    key: &keys::Key,
+    robot: &str,
+    frame: Vec<u8>,
+    time: Duration,
+) -> Result<RefineReply, RefineError> {
     let late = || RefineError::Deadline {
         key: key.to_string(),
         waited: time,
@@ -107,6 +130,7 @@ pub async fn ask(
     let answer = async {
         // A congested link may hold the request up, too.
         let replies = session.get(key.as_str()).payload(frame).timeout(time);
+        let replies = replies.source_info(source);
         zenoh::Result::Ok(replies.await?.recv_async().await)
     };
     let answer = tokio::time::timeout(time, answer).await;
@@ -144,26 +168,6 @@ fn read_refusal(reply: &ReplyError) -> Result<Refusal, String> {
         Ok(Message::Refusal(refusal)) => Ok(refusal),
         _ => Err(String::from_utf8_lossy(&payload).into_owned()),
     }
-}
-
-/// The robots of a fleet that answer now, with their status, in the order of their names.
-///
-/// # Errors
-/// `Request` for a bad fleet name, `Zenoh`.
-pub async fn robots(session: &Session, fleet: &str) -> Result<Vec<(String, Status)>, RefineError> {
-    let key = keys::all_status(fleet).map_err(RefineError::Request)?;
-    let replies = session
-        .get(key.as_str())
-        .target(QueryTarget::All)
-        .timeout(STATUS_TIME)
-        .await?;
-    let mut robots = Vec::new();
-    while let Ok(reply) = replies.recv_async().await {
-        let read = reply.result().ok().and_then(read_status);
-        robots.extend(read.map(|(robot, status)| (robot.to_owned(), status)));
-    }
-    robots.sort_by(|(a, _), (b, _)| a.cmp(b));
-    Ok(robots)
 }
 
 /// A status, and whose it is.

@@ -4,6 +4,7 @@ mod scene;
 
 use crate::client::Client;
 use crate::node::{Node, NodeConfig};
+use crate::policy::Trust;
 use crate::refine::{Row, ask, errors};
 use crate::session::{SessionArgs, open};
 use anyhow::{Context, bail};
@@ -87,7 +88,7 @@ impl DemoArgs {
             let config = NodeConfig {
                 fleet: FLEET.into(),
                 robot: robot.into(),
-                trusted: vec![key.verifying_key()],
+                trust: Trust::Keys(vec![key.verifying_key()]),
                 state: None,
             };
             robots.push(Node::start(join(&endpoint).await?, config).await?);
@@ -100,11 +101,18 @@ impl DemoArgs {
         let mut publisher = Publisher::new(host, FLEET, key)?;
         ship(&mut publisher, &robots, 1, "bundled", first.clone()).await?;
         let before = refine_all(&operator, &scene, 1).await?;
-        let second = self.train(first, &scene).await?;
-        ship(&mut publisher, &robots, 2, "fine-tuned", second).await?;
-        let after = refine_all(&operator, &scene, 2).await?;
+        let second = self.train(first.clone(), &scene).await?;
+        let comparison = scene.compare(&first, &second)?;
+        println!("host: version 2 against version 1 on pairs that neither saw: {comparison}");
+        let after = if comparison.is_worse() {
+            println!("host: version 2 is worse and is not published");
+            None
+        } else {
+            ship(&mut publisher, &robots, 2, "fine-tuned", second).await?;
+            Some(refine_all(&operator, &scene, 2).await?)
+        };
 
-        let document = table(&before, &after);
+        let document = table(&before, after.as_deref());
         println!("done in {:.0} s", started.elapsed().as_secs_f32());
         if let Some(path) = &self.json {
             let text = serde_json::to_string_pretty(&document)?;
@@ -214,13 +222,13 @@ async fn refine_all(operator: &Client, scene: &Scene, version: u64) -> anyhow::R
 }
 
 /// Prints the errors of each robot, and returns them.
-fn table(before: &[Round], after: &[Round]) -> serde_json::Value {
+fn table(before: &[Round], after: Option<&[Round]>) -> serde_json::Value {
     println!("\n{}", Row::HEADER);
     let mut document = serde_json::Map::new();
     let every = |rounds: &[Round], part: fn(&Round) -> &Vec<PairMetrics>| {
         rounds.iter().flat_map(part).copied().collect::<Vec<_>>()
     };
-    let mut print = |robot: &str, rows: [(&str, Vec<PairMetrics>); 3]| {
+    let mut print = |robot: &str, rows: Vec<(&str, Vec<PairMetrics>)>| {
         let mut errors = serde_json::Map::new();
         for (policy, pairs) in rows {
             let row = Row::new(&format!("{robot:5} {policy}"), &pairs);
@@ -229,19 +237,20 @@ fn table(before: &[Round], after: &[Round]) -> serde_json::Value {
         }
         document.insert(robot.into(), errors.into());
     };
-    for ((robot, first), second) in ROBOTS.iter().zip(before).zip(after) {
-        let rows = [
+    for (number, (robot, first)) in ROBOTS.iter().zip(before).enumerate() {
+        let mut rows = vec![
             ("initial", first.initial.clone()),
             ("version 1", first.refined.clone()),
-            ("version 2", second.refined.clone()),
         ];
+        let second = after.and_then(|after| after.get(number));
+        rows.extend(second.map(|second| ("version 2", second.refined.clone())));
         print(robot, rows);
     }
-    let rows = [
+    let mut rows = vec![
         ("initial", every(before, |round| &round.initial)),
         ("version 1", every(before, |round| &round.refined)),
-        ("version 2", every(after, |round| &round.refined)),
     ];
+    rows.extend(after.map(|after| ("version 2", every(after, |round| &round.refined))));
     print("all", rows);
     document.into()
 }

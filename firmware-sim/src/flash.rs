@@ -8,9 +8,10 @@ use embedded_storage_async::nor_flash::{
 };
 use reagent_slots::Layout;
 use reagent_slots::ram::{RamError, RamFlash};
+use same_file::Handle;
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{self, Read, Seek, SeekFrom, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Bytes of a word.
 const WORD: usize = 4;
@@ -19,7 +20,9 @@ const BLOCK: usize = 4096;
 /// Bytes of a slot: an f32 policy and its header.
 const SLOT: usize = 12 << 20;
 /// Bytes of the whole flash.
-const CAPACITY: usize = 2 * BLOCK + 2 * SLOT;
+const CAPACITY: usize = 2 * BLOCK + 2 * SLOT + 2 * BLOCK;
+/// Name of the file in the state directory.
+pub const FILE: &str = "flash.bin";
 
 /// Why the flash failed.
 #[derive(Debug)]
@@ -42,7 +45,81 @@ pub enum RobotFlash {
     /// Lost with the process.
     Memory(RamFlash<Vec<u8>, WORD, BLOCK>),
     /// Kept.
-    File(File),
+    File(StateFile),
+}
+
+/// A file that a robot has for itself.
+#[derive(Debug)]
+pub struct StateFile {
+    file: File,
+    path: PathBuf,
+    /// What the file was when it was opened.
+    opened: Handle,
+}
+
+impl StateFile {
+    fn open(directory: &Path, path: &Path) -> io::Result<StateFile> {
+        std::fs::create_dir_all(directory)?;
+        let file = OpenOptions::new()
+            .read(true)
+            .write(true)
+            .create(true)
+            .truncate(false)
+            .open(path)?;
+        file.try_lock().map_err(not_locked)?;
+        checked_length(&file)?;
+        file.set_len(CAPACITY as u64)?;
+        Ok(StateFile {
+            opened: Handle::from_file(file.try_clone()?)?,
+            path: path.into(),
+            file,
+        })
+    }
+
+    fn is_in_place(&self) -> bool {
+        Handle::from_path(&self.path).is_ok_and(|found| found == self.opened)
+    }
+}
+
+fn may_only_be_read(error: &io::Error) -> bool {
+    let kinds = [
+        io::ErrorKind::PermissionDenied,
+        io::ErrorKind::ReadOnlyFilesystem,
+    ];
+    kinds.contains(&error.kind())
+}
+
+/// The content of a file that is not written.
+fn copy(path: &Path) -> io::Result<Vec<u8>> {
+    let mut file = File::open(path)?;
+    file.try_lock_shared().map_err(not_locked)?;
+    checked_length(&file)?;
+    let mut content = Vec::with_capacity(CAPACITY);
+    file.read_to_end(&mut content)?;
+    content.resize(CAPACITY, 0);
+    Ok(content)
+}
+
+fn not_locked(error: TryLockError) -> io::Error {
+    match error {
+        TryLockError::WouldBlock => io::Error::new(
+            io::ErrorKind::WouldBlock,
+            "another robot uses this state directory",
+        ),
+        TryLockError::Error(error) => error,
+    }
+}
+
+/// A shorter file is one of an older layout, or was cut: what is missing is erased flash.
+fn checked_length(file: &File) -> io::Result<()> {
+    let length = file.metadata()?.len();
+    if length <= CAPACITY as u64 {
+        return Ok(());
+    }
+    Err(io::Error::new(
+        io::ErrorKind::InvalidData,
+        format!("{FILE} has {length} bytes, more than a robot's flash of {CAPACITY}"),
+    ))
 }
 
 impl RobotFlash {
@@ -51,32 +128,37 @@ impl RobotFlash {
         RobotFlash::Memory(RamFlash::new(vec![0; CAPACITY]))
     }
 
-    /// Flash in the file `flash.bin` of a directory, both made where they are missing.
+    /// Flash in the file `flash.bin` of a directory, both made where they are missing. What may only be read is
+    /// copied into memory: the robot starts with it, and forgets what comes later.
     ///
     /// # Errors
-    /// Those of the file system; `WouldBlock` where another robot holds the file.
+    /// Those of the file system; `WouldBlock` where another robot holds the file; `InvalidData` for a file that is
+    /// longer than the flash.
     pub fn in_directory(directory: &Path) -> io::Result<Self> {
-        std::fs::create_dir_all(directory)?;
-        let file = OpenOptions::new()
-            .read(true)
-            .write(true)
-            .create(true)
-            .truncate(false)
-            .open(directory.join("flash.bin"))?;
-        file.try_lock().map_err(|error| match error {
-            TryLockError::WouldBlock => io::Error::new(
-                io::ErrorKind::WouldBlock,
-                "another robot uses this state directory",
-            ),
-            TryLockError::Error(error) => error,
-        })?;
-        if file.metadata()?.len() != CAPACITY as u64 {
-            file.set_len(CAPACITY as u64)?;
+        let path = directory.join(FILE);
+        match StateFile::open(directory, &path) {
+            Ok(file) => Ok(RobotFlash::File(file)),
+            Err(error) if may_only_be_read(&error) && path.exists() => {
+                let memory = copy(&path)?;
+                tracing::warn!(
+                    "{} may only be read: what the robot takes from here on is lost when it ends",
+                    path.display()
+                );
+                Ok(RobotFlash::Memory(RamFlash::new(memory)))
+            }
+            Err(error) => Err(error),
         }
-        Ok(RobotFlash::File(file))
     }
 
-    /// The record and two slots for chunks of this length.
+    /// Whether what is written is found again: not where the file was deleted or replaced.
+    pub fn is_in_place(&self) -> bool {
+        match self {
+            RobotFlash::Memory(_) => true,
+            RobotFlash::File(file) => file.is_in_place(),
+        }
+    }
+
+    /// The records and two slots for chunks of this length.
     pub fn layout(chunk: u32) -> Layout {
         Layout::over::<RobotFlash>(CAPACITY as u32, chunk)
     }
@@ -92,7 +174,9 @@ impl ReadNorFlash for RobotFlash {
     async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), FlashError> {
         match self {
             RobotFlash::Memory(ram) => ram.read(offset, bytes).await.map_err(FlashError::Ram),
-            RobotFlash::File(file) => read_at(file, offset, bytes).map_err(FlashError::File),
+            RobotFlash::File(file) => {
+                read_at(&mut file.file, offset, bytes).map_err(FlashError::File)
+            }
         }
     }
 
@@ -110,7 +194,7 @@ impl NorFlash for RobotFlash {
             RobotFlash::Memory(ram) => ram.erase(from, to).await.map_err(FlashError::Ram),
             RobotFlash::File(file) => {
                 let zeros = vec![0; to.saturating_sub(from) as usize];
-                write_at(file, from, &zeros).map_err(FlashError::File)
+                write_at(&mut file.file, from, &zeros).map_err(FlashError::File)
             }
         }
     }
@@ -120,7 +204,7 @@ impl NorFlash for RobotFlash {
             RobotFlash::Memory(ram) => ram.write(offset, bytes).await.map_err(FlashError::Ram),
             RobotFlash::File(file) => {
                 let complement: Vec<u8> = bytes.iter().map(|byte| !byte).collect();
-                write_at(file, offset, &complement).map_err(FlashError::File)
+                write_at(&mut file.file, offset, &complement).map_err(FlashError::File)
             }
         }
     }

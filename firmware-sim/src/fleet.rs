@@ -9,6 +9,7 @@ pub use watch::WatchArgs;
 use crate::client::Client;
 use crate::demo::{join, unused_endpoint};
 use crate::node::{Node, NodeConfig};
+use crate::policy::Trust;
 use crate::refine::{Answer, ask};
 use crate::session::{SessionArgs, open};
 use anyhow::Context;
@@ -167,7 +168,7 @@ impl FleetArgs {
             let config = NodeConfig {
                 fleet: FLEET.into(),
                 robot: format!("robot-{number:03}"),
-                trusted: vec![key.verifying_key()],
+                trust: Trust::Keys(vec![key.verifying_key()]),
                 state: None,
             };
             let endpoint = endpoint.to_owned();

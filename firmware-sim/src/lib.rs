@@ -29,6 +29,7 @@ mod presence;
 mod queue;
 #[cfg(feature = "demo")]
 pub mod refine;
+mod routers;
 mod service;
 // Compiled in, not linked: the file needs nothing of the trainer.
 #[path = "../../host-train/src/publish/session.rs"]

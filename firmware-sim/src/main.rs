@@ -4,7 +4,8 @@ use clap::{Parser, Subcommand};
 use ed25519_dalek::VerifyingKey;
 use firmware_sim::board::{Board, Clouds, Kind, Simulation, build_image, check_simulator};
 use firmware_sim::node::{Node, NodeConfig};
-use firmware_sim::session::{SessionArgs, open};
+use firmware_sim::policy::Trust;
+use firmware_sim::session::{SessionArgs, has_certificate, open};
 use std::io::{IsTerminal, Write};
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -39,9 +40,12 @@ struct NodeArgs {
     /// Its own name in the fleet
     #[arg(long, value_name = "ID")]
     robot: String,
-    /// Public key (64 hexadecimal digits) whose policies it takes; may be repeated [default: any key]
-    #[arg(long, value_name = "HEX", value_parser = public_key)]
+    /// Public key (64 hexadecimal digits) whose policies it takes; may be repeated
+    #[arg(long, value_name = "HEX", value_parser = public_key, required_unless_present = "trust_any")]
     trust: Vec<VerifyingKey>,
+    /// Take policies signed by any key: whoever reaches the network decides what the robot does
+    #[arg(long, conflicts_with = "trust")]
+    trust_any: bool,
     /// Directory that keeps the policy, so that it is there after a restart [default: none]
     #[arg(long, value_name = "DIR")]
     state: Option<PathBuf>,
@@ -85,11 +89,18 @@ impl NodeArgs {
         let config = NodeConfig {
             fleet: self.fleet,
             robot: self.robot,
-            trusted: self.trust,
+            trust: match self.trust_any {
+                true => Trust::AnyKey,
+                false => Trust::Keys(self.trust),
+            },
             state: self.state,
         };
         tracing::info!("robot {} of fleet {}", config.robot, config.fleet);
-        let _node = Node::start_with(session, config, board).await?;
+        let node = Node::start_with(session, config, board).await?;
+        // A router with access control drops what a certificate may not say, and tells nobody.
+        if has_certificate(&self.session)? {
+            node.check_heard(&open(&self.session).await?).await?;
+        }
         Ok(tokio::signal::ctrl_c().await?)
     }
 }

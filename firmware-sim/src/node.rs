@@ -2,14 +2,15 @@
 
 use crate::board::Board;
 use crate::bridge;
-use crate::policy::UpdateError;
+use crate::policy::{Trust, UpdateError};
 use crate::presence::{draw_instance, follow_clients, instances, watch_for_duplicates};
 pub use crate::queue::PLACES;
 use crate::queue::Queue;
+use crate::routers::follow_routers;
 use crate::service::{Outlet, serve, small_frame};
+use crate::session::plain;
 use crate::updates::Updates;
 use crate::view::View;
-use ed25519_dalek::VerifyingKey;
 use reagent_core::wire::{Message, keys};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -21,6 +22,7 @@ use zenoh::handlers::RingChannel;
 use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::Subscriber;
 use zenoh::query::Queryable;
+use zenoh::session::TransportEventsListener;
 use zenoh::{Session, Wait};
 
 /// The robot id that `refine` takes for "whichever is there".
@@ -35,8 +37,8 @@ pub struct NodeConfig {
     pub fleet: String,
     /// Its own name in the fleet.
     pub robot: String,
-    /// Keys whose policies it takes; if empty, those of any key.
-    pub trusted: Vec<VerifyingKey>,
+    /// Whose policies it takes.
+    pub trust: Trust,
     /// Where it keeps its policy over restarts.
     pub state: Option<PathBuf>,
 }
@@ -65,23 +67,37 @@ pub enum NodeError {
         /// As given.
         robot: String,
     },
+    /// What it says reaches nobody.
+    #[error(
+        "nobody hears robot {robot:?} of fleet {fleet:?}: the router does not let its certificate speak under this name; \
+         give each robot the configuration that was made for it"
+    )]
+    Unheard {
+        /// As given.
+        fleet: String,
+        /// As given.
+        robot: String,
+    },
     /// The state directory cannot be used.
     #[error(transparent)]
     Store(#[from] UpdateError),
     /// The session failed.
-    #[error("zenoh: {0}")]
+    #[error("zenoh: {}", plain(.0))]
     Zenoh(#[from] zenoh::Error),
 }
 
 /// A running node. Dropping it takes it off the network.
 #[derive(Debug)]
 pub struct Node {
+    config: NodeConfig,
+    instance: u32,
     view: watch::Receiver<View>,
     tasks: [JoinHandle<()>; 3],
     _queue: Closing,
     _refine: Queryable<()>,
     _status: Queryable<()>,
     _listening: [Subscriber<()>; 3],
+    _routers: TransportEventsListener<()>,
     _alive: LivelinessToken,
 }
 
@@ -121,13 +137,11 @@ impl Node {
         let status_key = keys::status(fleet, robot).map_err(name)?;
         let alive_key = keys::alive(fleet, robot).map_err(name)?;
         let trace_key = keys::trace(fleet, robot).map_err(name)?;
-        if config.trusted.is_empty() {
-            tracing::warn!("no trusted keys: a policy signed by any key is taken (see --trust)");
-        }
         if !instances(&session, &status_key).await?.is_empty() {
             return Err(duplicate());
         }
 
+        let routers = follow_routers(&session).await?;
         let instance = draw_instance();
         let (view, seen) = watch::channel(View {
             instance,
@@ -184,6 +198,8 @@ impl Node {
             .declare_token(alive_key.as_str())
             .await?;
         Ok(Node {
+            config,
+            instance,
             view: seen,
             tasks: [
                 tokio::spawn(publishing),
@@ -194,6 +210,7 @@ impl Node {
             _refine: refine,
             _status: status,
             _listening: [cancelled, gone, duplicates],
+            _routers: routers,
             _alive: alive,
         })
     }
@@ -204,6 +221,23 @@ impl Node {
             task.abort();
             // Cancelled, as asked.
             task.await.ok();
+        }
+    }
+
+    /// Asks for the node's status from another session, as others do.
+    ///
+    /// # Errors
+    /// `Unheard` where it is not this node that answers; `Zenoh`.
+    pub async fn check_heard(&self, from: &Session) -> Result<(), NodeError> {
+        let NodeConfig { fleet, robot, .. } = self.config.clone();
+        let key = keys::status(&fleet, &robot).map_err(|reason| NodeError::Name {
+            fleet: fleet.clone(),
+            robot: robot.clone(),
+            reason,
+        })?;
+        match instances(from, &key).await?.contains(&self.instance) {
+            true => Ok(()),
+            false => Err(NodeError::Unheard { fleet, robot }),
         }
     }
 

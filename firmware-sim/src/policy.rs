@@ -2,10 +2,12 @@
 
 use crate::board::BoardError;
 use crate::flash::FlashError;
+use crate::session::plain;
 use ed25519_dalek::{Signature, VerifyingKey};
 use reagent_core::kernels::Tile;
 use reagent_core::net::Scratch;
-use reagent_core::wire::{self, Manifest, Message, SignedManifest, keys::Hex};
+use reagent_core::wire::keys::Hex;
+use reagent_core::wire::{self, Manifest, Message, PolicyId, Release, SignedManifest, WhyNot};
 use reagent_core::{Error, Policy, Registrar};
 use reagent_slots::SlotError;
 use sha2::{Digest, Sha256};
@@ -32,6 +34,25 @@ pub enum UpdateError {
         /// The signer's public key, hexadecimal.
         key: String,
     },
+    /// The policy is not later than what is or was in use.
+    #[error("manifest: version {given} is not newer than {last}, which is or was in use")]
+    NotNewer {
+        /// As announced.
+        given: Release,
+        /// The latest that was in use.
+        last: Release,
+    },
+    /// The policy goes to a part of the fleet first.
+    #[error("manifest: version {0} goes to other robots first")]
+    NotYet(Release),
+    /// The version leaves none for the policies after it.
+    #[error("manifest: version {given} is too far ahead of {last}, which is or was in use")]
+    FarAhead {
+        /// As announced.
+        given: Release,
+        /// The latest that was in use.
+        last: Release,
+    },
     /// The file's length or the chunks' is not allowed.
     #[error("manifest: {length} bytes in chunks of {chunk_length} are not allowed")]
     Length {
@@ -41,7 +62,7 @@ pub enum UpdateError {
         chunk_length: u32,
     },
     /// The network failed.
-    #[error("zenoh: {0}")]
+    #[error("zenoh: {}", plain(.0))]
     Zenoh(zenoh::Error),
     /// A chunk did not come.
     #[error("chunk {index} of {chunks} at {key}: {reason}")]
@@ -87,6 +108,25 @@ pub enum UpdateError {
     /// The slots in flash failed.
     #[error("policy slots: {0}")]
     Slots(#[from] SlotError<FlashError>),
+    /// What the state directory holds does not say how far the robot was.
+    #[error(
+        "{path}: {reason}; put a backup back, or delete the file to begin as a new robot, which takes every version \
+         that a trusted key has signed"
+    )]
+    Lost {
+        /// The file.
+        path: String,
+        /// What is wrong.
+        reason: SlotError<FlashError>,
+    },
+    /// The state directory is not there any more.
+    #[error(
+        "{path} was deleted or replaced while the robot used it: nothing is kept any more; start the robot again"
+    )]
+    Gone {
+        /// The file.
+        path: String,
+    },
     /// The state directory failed.
     #[error("{path}: {reason}")]
     Store {
@@ -97,11 +137,65 @@ pub enum UpdateError {
     },
 }
 
-/// Checks a frame from `…/policy/manifest`: right signature, and a trusted key where any are given.
+impl UpdateError {
+    /// What others are told.
+    pub fn why(&self) -> WhyNot {
+        match self {
+            UpdateError::Frame(_) | UpdateError::NotAManifest => WhyNot::Malformed,
+            UpdateError::Signature => WhyNot::Signature,
+            UpdateError::Untrusted { .. } => WhyNot::Untrusted,
+            UpdateError::NotNewer { last, .. } => WhyNot::NotNewer(*last),
+            UpdateError::FarAhead { last, .. } => WhyNot::FarAhead(*last),
+            UpdateError::NotYet(_) => WhyNot::NotYet,
+            UpdateError::Length { .. }
+            | UpdateError::Incompatible { .. }
+            | UpdateError::Slots(SlotError::TooLarge { .. }) => WhyNot::Incompatible,
+            UpdateError::Zenoh(_) | UpdateError::Chunk { .. } => WhyNot::NotFetched,
+            UpdateError::Sha256 { .. } | UpdateError::Policy(_) => WhyNot::Damaged,
+            UpdateError::SelfTest => WhyNot::SelfTest,
+            UpdateError::Board(_) => WhyNot::Board,
+            UpdateError::Slots(_)
+            | UpdateError::Lost { .. }
+            | UpdateError::Gone { .. }
+            | UpdateError::Store { .. } => WhyNot::NotKept,
+        }
+    }
+}
+
+/// Whose policies a robot takes.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Trust {
+    /// Everybody's.
+    AnyKey,
+    /// Those signed with one of these keys.
+    Keys(Vec<VerifyingKey>),
+}
+
+impl Trust {
+    fn includes(&self, key: &VerifyingKey) -> bool {
+        match self {
+            Trust::AnyKey => true,
+            Trust::Keys(keys) => keys.contains(key),
+        }
+    }
+}
+
+/// Which policy a frame claims to announce, checked by nobody; zeros where it is no manifest.
+pub(crate) fn claimed(frame: &[u8]) -> PolicyId {
+    match wire::decode(frame) {
+        Ok(Message::SignedManifest(signed)) => match wire::decode(signed.manifest) {
+            Ok(Message::Manifest(manifest)) => manifest.id(),
+            _ => PolicyId::default(),
+        },
+        _ => PolicyId::default(),
+    }
+}
+
+/// Checks a frame from `…/policy/manifest`: right signature, and a trusted key.
 ///
 /// # Errors
 /// `Frame`, `NotAManifest`, `Signature`, `Untrusted`, `Length`, `Incompatible`.
-pub fn verified_manifest(frame: &[u8], trusted: &[VerifyingKey]) -> Result<Manifest, UpdateError> {
+pub fn verified_manifest(frame: &[u8], trust: &Trust) -> Result<Manifest, UpdateError> {
     let Message::SignedManifest(signed) = wire::decode(frame).map_err(UpdateError::Frame)? else {
         return Err(UpdateError::NotAManifest);
     };
@@ -113,7 +207,7 @@ pub fn verified_manifest(frame: &[u8], trusted: &[VerifyingKey]) -> Result<Manif
     let key = VerifyingKey::from_bytes(&public_key).map_err(|_| UpdateError::Signature)?;
     key.verify_strict(signed_bytes, &Signature::from_components(r, s))
         .map_err(|_| UpdateError::Signature)?;
-    if !trusted.is_empty() && !trusted.contains(&key) {
+    if !trust.includes(&key) {
         let key = Hex(&public_key).to_string();
         return Err(UpdateError::Untrusted { key });
     }

@@ -85,8 +85,11 @@ pub(crate) async fn follow_clients(
     let cancel = session
         .declare_subscriber(named(keys::cancel(fleet, robot))?.as_str())
         .callback(move |sample| {
-            if let Ok(Message::Cancel(request)) = wire::decode(&sample.payload().to_bytes()) {
-                cancelled.take_back(request);
+            let session = sample.source_info().map(|source| source.source_id().zid());
+            if let (Some(session), Ok(Message::Cancel(request))) =
+                (session, wire::decode(&sample.payload().to_bytes()))
+            {
+                cancelled.take_back(request, session);
             }
         })
         .await?;

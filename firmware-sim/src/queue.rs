@@ -10,10 +10,12 @@ use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::{Duration, Instant};
 use tokio::sync::{Notify, watch};
 use zenoh::query::Query;
+use zenoh::session::ZenohId;
 
 /// Requests in hand, the one at work included; one more is refused as busy.
 pub const PLACES: usize = 5;
-/// Of these, how many one client may hold: it does not shut out the others.
+/// Of these, how many one session may hold, or all requests together that do not say which session made them: they
+/// do not shut out the others.
 const SHARE: usize = PLACES - 1;
 /// Requests a second beyond which they are refused unread: several times what a robot can answer.
 const RATE: f64 = 2000.0;
@@ -25,9 +27,16 @@ const LONGEST_BUDGET: Duration = Duration::from_secs(600);
 pub(crate) struct Job {
     pub(crate) query: Query,
     pub(crate) arrived: Instant,
-    asked: Cancel,
+    asked: Asked,
     deadline: Instant,
     taken_back: Arc<AtomicBool>,
+}
+
+/// A request, and the session that made it, where it says so: nobody else takes it back.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Asked {
+    request: Cancel,
+    session: Option<ZenohId>,
 }
 
 /// Why work on a job should end.
@@ -52,7 +61,7 @@ impl Job {
     }
 
     fn refuse(self, reason: Reason) {
-        let id = self.asked.id;
+        let id = self.asked.request.id;
         send_refusal(&self.query, Refusal { id, reason });
     }
 }
@@ -73,13 +82,13 @@ pub(crate) struct Queue {
 struct State {
     waiting: VecDeque<Job>,
     /// The job at work, and how to tell that it has been taken back.
-    running: Option<(Cancel, Arc<AtomicBool>)>,
+    running: Option<(Asked, Arc<AtomicBool>)>,
     closed: bool,
 }
 
 impl State {
     /// Every request that has a place.
-    fn held(&self) -> impl Iterator<Item = Cancel> + '_ {
+    fn held(&self) -> impl Iterator<Item = Asked> + '_ {
         let running = self.running.iter().map(|(asked, _)| *asked);
         running.chain(self.waiting.iter().map(|job| job.asked))
     }
@@ -150,13 +159,15 @@ impl Queue {
             })
         };
         drop(payload);
-        let (asked, budget) = match read {
+        let (request, budget) = match read {
             Ok(read) => read,
             Err(refusal) => {
                 self.view.send_modify(|view| view.refused += 1);
                 return send_refusal(&query, refusal);
             }
         };
+        let session = query.source_info().map(|source| source.source_id().zid());
+        let asked = Asked { request, session };
         let job = Job {
             query,
             arrived,
@@ -166,8 +177,8 @@ impl Queue {
         };
         let mut state = self.state();
         let held = state.held().count();
-        let of_client = |other: &Cancel| asked.client != 0 && other.client == asked.client;
-        let share = state.held().filter(of_client).count();
+        let share = state.held().filter(|other| other.session == session);
+        let share = share.count();
         if state.closed || held >= PLACES || share >= SHARE {
             drop(state);
             self.view.send_modify(|view| view.refused += 1);
@@ -235,19 +246,18 @@ impl Queue {
         }
     }
 
-    /// Takes back one request.
-    pub(crate) fn take_back(&self, request: Cancel) {
-        if request.client != 0 {
-            self.take_back_where(|asked| asked == request);
-        }
+    /// Takes back one request of the session that says so.
+    pub(crate) fn take_back(&self, request: Cancel, session: ZenohId) {
+        let session = Some(session);
+        self.take_back_where(|asked| asked == Asked { request, session });
     }
 
     /// Takes back every request of a client that has gone.
     pub(crate) fn client_gone(&self, client: u64) {
-        self.take_back_where(|asked| asked.client == client);
+        self.take_back_where(|asked| asked.request.client == client);
     }
 
-    fn take_back_where(&self, gone: impl Fn(Cancel) -> bool) {
+    fn take_back_where(&self, gone: impl Fn(Asked) -> bool) {
         if let Some((asked, taken_back)) = &self.state().running
             && gone(*asked)
         {

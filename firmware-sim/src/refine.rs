@@ -239,20 +239,38 @@ impl Asking {
 
     async fn refine_pairs(&mut self, pairs: &PairSet) -> anyhow::Result<()> {
         let (mut answers, mut before, mut after) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut failed, mut first) = (0, None);
         for index in 0..pairs.source.len() {
             let [source, target] =
                 [&pairs.source, &pairs.target].map(|clouds| within_capacity(&clouds[index]));
-            let answer = self.ask(index as u64 + 1, &source, &target).await;
-            let answer = answer.with_context(|| format!("pair {index}"))?;
+            let answer = match self.ask(index as u64 + 1, &source, &target).await {
+                Ok(answer) => answer,
+                // The next one may be answered: a robot that restarts, a request that takes long.
+                Err(error) => {
+                    answers.push(json!({ "error": format!("{error:#}") }));
+                    failed += 1;
+                    first.get_or_insert(error.context(format!("pair {index}")));
+                    continue;
+                }
+            };
             let [initial, refined] = errors(pairs, index, &answer.reply)?;
             before.push(initial);
             after.push(refined);
             answers.push(answer.json());
         }
-        println!("{}", Row::HEADER);
-        println!("{}", Row::new("initial", &before));
-        println!("{}", Row::new("refined", &after));
-        self.args.write(&json!({ "pairs": answers }))
+        if !after.is_empty() {
+            println!("{}", Row::HEADER);
+            println!("{}", Row::new("initial", &before));
+            println!("{}", Row::new("refined", &after));
+        }
+        self.args.write(&json!({ "pairs": answers }))?;
+        match first {
+            None => Ok(()),
+            Some(error) => Err(error.context(format!(
+                "{failed} of {} pairs without a pose, the first",
+                answers.len()
+            ))),
+        }
     }
 }
 

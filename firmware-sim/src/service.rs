@@ -43,13 +43,9 @@ pub(crate) fn serve(
         let loaded = policies.borrow_and_update().clone();
         let mut engine = loaded.as_deref().and_then(|loaded| {
             let policy = loaded.policy().ok()?;
-            let manifest = loaded.manifest();
             Some(Engine {
                 registrar: Registrar::new(policy, &mut scratch),
-                policy: PolicyId {
-                    version: manifest.version,
-                    sha256: manifest.sha256,
-                },
+                policy: loaded.manifest().id(),
             })
         });
         loop {
@@ -267,13 +263,18 @@ impl Outlet {
     /// Counts the answer to a query and sends it.
     pub(crate) fn settle(&self, query: &Query, answer: Result<RefineReply, Refusal>) {
         self.view.send_modify(|view| match answer {
-            Ok(reply) => view.count_served(reply.verdict),
+            Ok(reply) => view.count_served(&reply),
             Err(_) => view.count_refused(),
         });
         let reply = match answer {
             Ok(reply) => reply,
-            Err(refusal) => return send_refusal(query, refusal),
+            Err(refusal) => {
+                tracing::info!("request {} refused: {}", refusal.id, refusal.reason);
+                return send_refusal(query, refusal);
+            }
         };
+        let ms = f64::from(reply.micros) / 1e3;
+        tracing::info!("request {}: {} in {ms:.1} ms", reply.id, reply.verdict);
         let frame = small_frame(&Message::RefineReply(reply));
         if let Err(error) = query.reply(self.reply_key.as_str(), frame).wait() {
             tracing::warn!("reply {} was not sent: {error}", reply.id);

@@ -1,43 +1,50 @@
 //! The robot's policies in flash, so that it starts without a host: see [`reagent_slots`].
 
-use crate::flash::RobotFlash;
-use crate::policy::{LoadedPolicy, UpdateError, verified_manifest};
-use ed25519_dalek::VerifyingKey;
-use reagent_core::wire::{CHUNK_BYTES, Manifest};
-use reagent_slots::{Boot, FRAME_BYTES, Slot, Slots};
+use crate::flash::{FILE, RobotFlash};
+use crate::policy::{LoadedPolicy, Trust, UpdateError, verified_manifest};
+use reagent_core::wire::{CHUNK_BYTES, Manifest, Release};
+use reagent_slots::{Boot, FRAME_BYTES, Floor, Slot, SlotError, Slots};
 use std::path::Path;
 
 /// Two policy slots, and the manifests and policies in them.
 pub(crate) struct Store {
     slots: Slots<RobotFlash>,
+    /// The file, for messages.
+    path: String,
 }
 
 impl Store {
-    /// Opens the flash in a directory, or one in memory without. A record that is damaged beyond repair is
-    /// formatted: the fleet's policy comes again.
+    /// Opens the flash in a directory, or one in memory without.
+    ///
+    /// # Errors
+    /// `Store`; `Lost` where nothing in it says which version the robot must not go below.
     pub(crate) async fn open(directory: Option<&Path>) -> Result<Store, UpdateError> {
-        let flash = || match directory {
-            None => Ok(RobotFlash::in_memory()),
-            Some(path) => RobotFlash::in_directory(path).map_err(|reason| UpdateError::Store {
-                path: path.display().to_string(),
-                reason,
-            }),
-        };
-        let layout = || RobotFlash::layout(CHUNK_BYTES as u32);
-        let slots = match Slots::open(flash()?, layout()).await {
-            Err(reagent_slots::SlotError::Record(damage)) => {
-                tracing::warn!("the record in flash is damaged ({damage}) and is formatted");
-                Slots::format(flash()?, layout()).await?
+        let path = directory.map(|directory| directory.join(FILE));
+        let path = path.unwrap_or_default().display().to_string();
+        let flash = match directory {
+            None => RobotFlash::in_memory(),
+            Some(directory) => {
+                RobotFlash::in_directory(directory).map_err(|reason| UpdateError::Store {
+                    path: directory.display().to_string(),
+                    reason,
+                })?
             }
+        };
+        let layout = RobotFlash::layout(CHUNK_BYTES as u32);
+        let slots = match Slots::open(flash, layout).await {
+            Err(reason @ SlotError::Lost) => return Err(UpdateError::Lost { path, reason }),
             opened => opened?,
         };
-        Ok(Store { slots })
+        if slots.needs_repair() {
+            tracing::warn!("{path}: a copy of the record was lost and is made anew from the other");
+        }
+        Ok(Store { slots, path })
     }
 
     /// The policy that counts, verified as if it had just been fetched; `None` where there is none yet.
     pub(crate) async fn boot(
         &mut self,
-        trusted: &[VerifyingKey],
+        trust: &Trust,
     ) -> Result<Option<LoadedPolicy>, UpdateError> {
         let slot = match self.slots.boot().await? {
             Boot::Empty | Boot::Reverted(None) => return Ok(None),
@@ -47,12 +54,32 @@ impl Store {
                 slot
             }
         };
-        self.load(slot, trusted).await.map(Some)
+        let policy = self.load(slot, trust).await?;
+        let (given, last) = (policy.manifest().release(), self.floor());
+        // Somebody has put an older one there.
+        if given < last {
+            return Err(UpdateError::NotNewer { given, last });
+        }
+        Ok(Some(policy))
     }
 
-    /// Version of the newest policy that was ever in use.
-    pub(crate) fn floor(&self) -> u64 {
-        self.slots.floor()
+    /// Release of the newest policy that was ever in use.
+    pub(crate) fn floor(&self) -> Release {
+        let Floor { epoch, version } = self.slots.floor();
+        Release { epoch, version }
+    }
+
+    /// Whether what is written is found again after a restart.
+    ///
+    /// # Errors
+    /// `Gone`.
+    pub(crate) fn check_in_place(&self) -> Result<(), UpdateError> {
+        match self.slots.flash().is_in_place() {
+            true => Ok(()),
+            false => Err(UpdateError::Gone {
+                path: self.path.clone(),
+            }),
+        }
     }
 
     /// The slots, for a download.
@@ -65,16 +92,17 @@ impl Store {
     pub(crate) async fn take(
         &mut self,
         manifest: &Manifest,
-        trusted: &[VerifyingKey],
+        trust: &Trust,
     ) -> Result<LoadedPolicy, UpdateError> {
         let slot = self.slots.try_out().await?;
-        let tried = self.load(slot, trusted).await.and_then(|policy| {
+        let tried = self.load(slot, trust).await.and_then(|policy| {
             policy.test()?;
             Ok(policy)
         });
         match tried {
             Ok(policy) => {
-                self.slots.confirm(manifest.version).await?;
+                let Release { epoch, version } = manifest.release();
+                self.slots.confirm(Floor { epoch, version }).await?;
                 Ok(policy)
             }
             Err(error) => {
@@ -84,14 +112,10 @@ impl Store {
         }
     }
 
-    async fn load(
-        &mut self,
-        slot: Slot,
-        trusted: &[VerifyingKey],
-    ) -> Result<LoadedPolicy, UpdateError> {
+    async fn load(&mut self, slot: Slot, trust: &Trust) -> Result<LoadedPolicy, UpdateError> {
         let mut frame = [0; FRAME_BYTES as usize];
         let frame = self.slots.frame(slot, &mut frame).await?;
-        let manifest = verified_manifest(frame.unwrap_or_default(), trusted)?;
+        let manifest = verified_manifest(frame.unwrap_or_default(), trust)?;
         let mut bytes = vec![0; manifest.length as usize];
         self.slots.read(slot, 0, &mut bytes).await?;
         LoadedPolicy::new(manifest, &bytes)

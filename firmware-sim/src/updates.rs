@@ -2,16 +2,20 @@
 
 use crate::fetch::{Jitter, download};
 use crate::node::NodeConfig;
-use crate::policy::{LoadedPolicy, UpdateError, verified_manifest};
+use crate::policy::{LoadedPolicy, UpdateError, claimed, verified_manifest};
 use crate::store::Store;
 use crate::view::View;
-use reagent_core::wire::{Manifest, keys};
+use reagent_core::wire::{Manifest, PolicyId, keys};
 use std::sync::Arc;
+use std::time::Duration;
 use tokio::sync::watch;
 use zenoh::Session;
 use zenoh::handlers::RingChannelHandler;
 use zenoh::pubsub::Subscriber;
 use zenoh::sample::Sample;
+
+/// How often a robot looks whether its state directory is there still.
+const LOOK_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Takes policies into use.
 pub(crate) struct Updates {
@@ -38,10 +42,10 @@ impl Updates {
             view,
             config,
         };
-        match updates.store.boot(&updates.config.trusted).await {
+        match updates.store.boot(&updates.config.trust).await {
             Ok(Some(kept)) => updates.swap(kept),
             Ok(None) => {}
-            Err(error) => updates.refused(error),
+            Err(error) => updates.refused(PolicyId::default(), error),
         }
         Ok(updates)
     }
@@ -71,8 +75,10 @@ impl Updates {
         let querier = self.session.declare_querier(key.as_str()).await?;
         let publisher_there = querier.matching_listener().await?;
         self.ask(key).await?;
+        let mut looking = tokio::time::interval(LOOK_INTERVAL);
         loop {
             tokio::select! {
+                _ = looking.tick() => self.look_for_state(),
                 sample = announced.recv_async() => self.consider(&sample?.payload().to_bytes()).await,
                 matching = publisher_there.recv_async() => {
                     if matching?.matching() {
@@ -81,6 +87,19 @@ impl Updates {
                 }
             }
         }
+    }
+
+    /// Says it once where the state directory is not there any more.
+    fn look_for_state(&self) {
+        let lost = self.store.check_in_place().err();
+        self.view.send_if_modified(|view| {
+            let news = lost.as_ref().filter(|_| !view.state_lost);
+            if let Some(error) = news {
+                tracing::error!("{error}");
+                view.state_lost = true;
+            }
+            news.is_some()
+        });
     }
 
     async fn ask(&mut self, key: &keys::Key) -> zenoh::Result<()> {
@@ -98,7 +117,7 @@ impl Updates {
         match self.update(signed_manifest).await {
             Ok(Some(policy)) => self.swap(policy),
             Ok(None) => {}
-            Err(error) => self.refused(error),
+            Err(error) => self.refused(claimed(signed_manifest), error),
         }
     }
 
@@ -106,18 +125,27 @@ impl Updates {
         &mut self,
         signed_manifest: &[u8],
     ) -> Result<Option<LoadedPolicy>, UpdateError> {
-        let trusted = &self.config.trusted;
-        let manifest = verified_manifest(signed_manifest, trusted)?;
+        let trust = &self.config.trust;
+        let manifest = verified_manifest(signed_manifest, trust)?;
         let in_use = self.view.borrow().policy.clone();
-        let (announced, floor) = (manifest.version, self.store.floor());
-        // Of two policies that were given one version, all robots end with the same. One whose policy was damaged
-        // in flash takes the same version again.
-        let order = |m: &Manifest| (m.version, m.sha256);
-        let known = in_use.is_some_and(|in_use| order(&manifest) <= order(&in_use));
-        if known || announced < floor {
-            tracing::debug!("policy version {announced} ignored: {floor} is or was in use");
+        if in_use.as_ref().map(Manifest::id) == Some(manifest.id()) {
             return Ok(None);
         }
+        let (given, floor) = (manifest.release(), self.store.floor());
+        // Of two policies that were given one version, all robots end with the same. One whose policy was damaged
+        // in flash takes the same version again.
+        let order = |m: &Manifest| (m.release(), m.sha256);
+        let last = in_use.as_ref().map_or(floor, |m| m.release().max(floor));
+        if given < floor || in_use.is_some_and(|in_use| order(&manifest) <= order(&in_use)) {
+            return Err(UpdateError::NotNewer { given, last });
+        }
+        if given.is_far_ahead_of(floor) {
+            return Err(UpdateError::FarAhead { given, last });
+        }
+        if !manifest.reaches(&self.config.robot) {
+            return Err(UpdateError::NotYet(given));
+        }
+        self.store.check_in_place()?;
         let fleet = &self.config.fleet;
         let (slots, jitter) = (self.store.slots(), &mut self.jitter);
         download(
@@ -129,22 +157,26 @@ impl Updates {
             jitter,
         )
         .await?;
-        self.store.take(&manifest, trusted).await.map(Some)
+        self.store.take(&manifest, trust).await.map(Some)
     }
 
     fn swap(&self, policy: LoadedPolicy) {
         let manifest = policy.manifest().clone();
-        let (name, version) = (&manifest.name, manifest.version);
-        tracing::info!("policy {name:?} version {version} verified and in use");
+        let (name, release) = (&manifest.name, manifest.release());
+        tracing::info!("policy {name:?} version {release} verified and in use");
         self.policies.send_replace(Some(Arc::new(policy)));
-        self.view.send_modify(|view| view.policy = Some(manifest));
+        self.view.send_modify(|view| view.use_policy(manifest));
     }
 
-    fn refused(&self, error: UpdateError) {
-        tracing::warn!("policy not taken: {error}");
-        self.view.send_modify(|view| {
-            view.updates_refused += 1;
-            view.last_refusal = Some(Arc::new(error));
-        });
+    fn refused(&self, policy: PolicyId, error: UpdateError) {
+        // What two publishers say in turns is no fault of the robot.
+        match &error {
+            UpdateError::NotNewer { .. } | UpdateError::NotYet(_) => {
+                tracing::info!("policy not taken: {error}")
+            }
+            _ => tracing::warn!("policy not taken: {error}"),
+        }
+        self.view
+            .send_modify(|view| view.refuse_policy(policy, error));
     }
 }

@@ -1,9 +1,8 @@
 //! What can be seen of a node from outside.
 
 use crate::policy::UpdateError;
-use reagent_core::Verdict;
 use reagent_core::verdict::VERDICTS;
-use reagent_core::wire::{Manifest, PolicyId, Status};
+use reagent_core::wire::{Manifest, NotTaken, PolicyId, RefineReply, Status, Tally};
 use std::sync::Arc;
 
 /// A node's state; changes are watched with [`crate::node::Node::watch`].
@@ -15,6 +14,12 @@ pub struct View {
     pub updates_refused: u64,
     /// Why the last of them was not.
     pub last_refusal: Option<Arc<UpdateError>>,
+    /// The same for others, until a policy is taken.
+    pub not_taken: Option<NotTaken>,
+    /// What the policy in use has done.
+    pub tally: Tally,
+    /// Whether the state directory was deleted or replaced.
+    pub state_lost: bool,
     /// Requests answered with a pose.
     pub served: u64,
     /// Requests refused.
@@ -23,7 +28,7 @@ pub struct View {
     pub in_hand: u16,
     /// Requests that their clients took back, or left.
     pub taken_back: u64,
-    /// Poses by verdict, in the order of [`Verdict::ALL`].
+    /// Poses by verdict, in the order of [`reagent_core::Verdict::ALL`].
     pub verdicts: [u32; VERDICTS],
     /// Drawn at the node's start.
     pub instance: u32,
@@ -35,20 +40,34 @@ impl View {
     /// The frame that others see.
     pub fn status(&self) -> Status {
         Status {
-            policy: self.policy.as_ref().map(|manifest| PolicyId {
-                version: manifest.version,
-                sha256: manifest.sha256,
-            }),
+            policy: self.policy.as_ref().map(Manifest::id),
             served: self.served,
             refused: self.refused,
             in_hand: self.in_hand,
             instance: self.instance,
             verdicts: self.verdicts,
+            not_taken: self.not_taken,
+            tally: self.tally,
         }
     }
 
-    pub(crate) fn count_served(&mut self, verdict: Verdict) {
+    pub(crate) fn use_policy(&mut self, manifest: Manifest) {
+        self.policy = Some(manifest);
+        self.not_taken = None;
+        self.tally = Tally::default();
+    }
+
+    pub(crate) fn refuse_policy(&mut self, policy: PolicyId, error: UpdateError) {
+        self.updates_refused += 1;
+        let reason = error.why();
+        self.not_taken = Some(NotTaken { policy, reason });
+        self.last_refusal = Some(Arc::new(error));
+    }
+
+    pub(crate) fn count_served(&mut self, reply: &RefineReply) {
         self.served += 1;
+        let RefineReply { verdict, .. } = *reply;
+        self.tally.count(verdict, reply.probability, reply.micros);
         let of_kind = self.verdicts.get_mut(verdict as usize);
         of_kind.into_iter().for_each(|count| *count += 1);
         self.in_hand = self.in_hand.saturating_sub(1);

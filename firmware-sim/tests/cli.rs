@@ -1,15 +1,20 @@
 //! The program's exit status and its one line of error.
 #![cfg(feature = "demo")]
 
+use ed25519_dalek::SigningKey;
+use firmware_sim::client::Client;
 use firmware_sim::session::{SessionArgs, open};
 use host_train::dataset::pairs::PairSet;
 use host_train::export::WeightFile;
 use host_train::nn::{Parameters, Shape};
+use host_train::publish::Publisher;
 use reagent_core::Pose;
-use reagent_core::wire::keys;
+use reagent_core::wire::{CloudView, RefineRequest, keys};
+use std::io::{BufRead, BufReader};
 use std::net::TcpListener;
 use std::path::Path;
-use std::process::{Child, Command, Output};
+use std::process::{Child, Command, Output, Stdio};
+use std::time::Duration;
 
 fn firmware_sim(arguments: &[&str]) -> Output {
     let mut program = Command::new(env!("CARGO_BIN_EXE_firmware-sim"));
@@ -58,6 +63,7 @@ fn bad_usage_is_status_2() {
     for arguments in [
         &[][..],
         &["node", "--fleet", "f"],
+        &["node", "--fleet", "f", "--robot", "r"],
         &["node", "--fleet", "f", "--robot", "r", "--trust", "abc"],
         &["refine", "--fleet", "f", "--robot", "r"],
         &["refine", "--fleet", "f", "--robot", "r", "only-one.ply"],
@@ -78,6 +84,7 @@ fn no_router_is_an_error_that_names_the_endpoint() {
         "f",
         "--robot",
         "r",
+        "--trust-any",
         "--connect",
         &endpoint,
     ]);
@@ -94,6 +101,7 @@ fn a_bad_configuration_file_is_named() {
         "f",
         "--robot",
         "r",
+        "--trust-any",
         "--zenoh",
         text(&config),
     ];
@@ -111,6 +119,7 @@ fn a_board_without_its_simulator_says_how_to_get_it() {
             "f",
             "--robot",
             "r",
+            "--trust-any",
             "--board",
             "cortex-m7",
         ])
@@ -184,6 +193,7 @@ async fn a_node_process_refuses_until_it_has_a_policy() {
             "f",
             "--robot",
             "r1",
+            "--trust-any",
             "--connect",
             &endpoint,
         ])
@@ -273,4 +283,123 @@ fn a_small_fleet_is_updated_and_asked_whether_or_not_anybody_reads() {
     drop(unread.stdout.take());
     assert!(unread.wait().expect("it ends").success());
     assert!(json.exists(), "it went on to write its numbers");
+}
+
+/// A node in a process of its own, and the lines that it logs.
+fn logging_node(
+    endpoint: &str,
+) -> (
+    Running,
+    std::io::Lines<BufReader<std::process::ChildStderr>>,
+) {
+    let names = ["node", "--fleet", "f", "--robot", "r1", "--trust-any"];
+    let mut node = Command::new(env!("CARGO_BIN_EXE_firmware-sim"))
+        .args(names)
+        .args(["--connect", endpoint])
+        .env_remove("RUST_LOG")
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("the program runs");
+    let log = BufReader::new(node.stderr.take().expect("piped")).lines();
+    (Running(node), log)
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_node_logs_its_router_going_and_coming_and_every_request() {
+    let endpoint = unused_endpoint();
+    let args = SessionArgs {
+        listen: vec![endpoint.clone()],
+        ..SessionArgs::default()
+    };
+    let router = open(&args).await.expect("the port is free");
+    let (node, mut log) = logging_node(&endpoint);
+    let mut until = move |text: &str| {
+        let line = log.find(|line| line.as_ref().is_ok_and(|line| line.contains(text)));
+        assert!(line.is_some(), "{text}");
+    };
+    tokio::task::block_in_place(|| until("connected to router"));
+    router.close().await.expect("it was open");
+    tokio::task::block_in_place(|| until("lost router"));
+    let router = open(&args).await.expect("the port is free again");
+    tokio::task::block_in_place(|| until("connected to router"));
+
+    let cloud = [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.5; 3]];
+    let cloud = CloudView::of(&cloud);
+    let client = Client::new(router, "f").await.expect("a good name");
+    let asked = client
+        .refine("r1", &RefineRequest::new(44, cloud, cloud))
+        .await;
+    assert!(asked.is_err(), "{asked:?}");
+    tokio::task::block_in_place(|| until("request 44 refused: it has no policy"));
+    drop(node);
+}
+
+#[cfg(unix)]
+#[tokio::test(flavor = "multi_thread")]
+async fn a_state_directory_that_may_only_be_read_starts_on_the_policy_in_it() {
+    use firmware_sim::flash::FILE;
+    use firmware_sim::node::{Node, NodeConfig};
+    use firmware_sim::policy::Trust;
+    use std::fs::{Permissions, set_permissions};
+    use std::os::unix::fs::{MetadataExt, PermissionsExt};
+    use std::os::unix::process::CommandExt;
+
+    let endpoint = unused_endpoint();
+    let args = SessionArgs {
+        listen: vec![endpoint.clone()],
+        ..SessionArgs::default()
+    };
+    let router = open(&args).await.expect("the port is free");
+    let folder = tempfile::tempdir().expect("a temporary directory");
+    let config = NodeConfig {
+        fleet: "f".into(),
+        robot: "r1".into(),
+        trust: Trust::AnyKey,
+        state: Some(folder.path().into()),
+    };
+    let node = Node::start(router.clone(), config)
+        .await
+        .expect("good names");
+    let mut publisher = Publisher::new(router.clone(), "f", SigningKey::from_bytes(&[1; 32]));
+    let publisher = publisher.as_mut().expect("a good name");
+    let policy = WeightFile::from_parameters(&Parameters::random(Shape::COMPACT, 1));
+    let shipped = publisher
+        .publish(7, "kept", policy.expect("deployable"))
+        .await;
+    let shipped = shipped.expect("a good policy");
+    let mut view = node.watch();
+    let taken = view.wait_for(|view| view.policy.as_ref() == Some(&shipped));
+    taken.await.expect("the node runs");
+    node.stop().await;
+
+    let modes = [
+        (folder.path().join(FILE), 0o444),
+        (folder.path().into(), 0o555),
+    ];
+    for (path, mode) in modes {
+        set_permissions(path, Permissions::from_mode(mode)).expect("its owner");
+    }
+    let mut node = Command::new(env!("CARGO_BIN_EXE_firmware-sim"));
+    node.args(["node", "--fleet", "f", "--robot", "r2", "--trust-any"])
+        .args(["--connect", &endpoint, "--state", text(folder.path())])
+        .env("RUST_LOG", "off");
+    // Nothing is forbidden to root.
+    if folder.path().metadata().expect("it is there").uid() == 0 {
+        node.uid(65534);
+    }
+    let client = Client::new(router, "f").await.expect("a good name");
+    client.follow_robots().await.expect("an open session");
+    let mut changes = client.changes();
+    let mut node = match node.spawn() {
+        Ok(node) => Running(node),
+        Err(error) => return eprintln!("skipped: nobody may run the program: {error}"),
+    };
+    while !client.heard().iter().any(|heard| heard.robot == "r2") {
+        let heard = tokio::time::timeout(Duration::from_secs(60), changes.changed()).await;
+        let ended = node.0.try_wait().expect("a child");
+        assert!(heard.is_ok() && ended.is_none(), "{ended:?}");
+    }
+    let heard = client.heard().into_iter().find(|heard| heard.robot == "r2");
+    let policy = heard.expect("just heard").status.policy;
+    assert_eq!(policy, Some(shipped.id()));
 }

@@ -1,21 +1,29 @@
 //! Shipping policies: a signed announcement, and the file by query in small chunks.
 
 mod command;
+mod comparison;
 mod key;
+mod robots;
 mod session;
+mod stages;
+mod statistics;
 mod stored;
 
 pub use command::{PublishArgs, run};
+pub use comparison::{Comparison, Paired};
 use key::bytes_from_hex;
 pub use key::{KeyError, keygen, read_key};
-pub use session::{SessionArgs, SessionError, open as open_session};
+pub use robots::{Heard, Reception};
+pub use session::{SessionArgs, SessionError, has_certificate, open as open_session, plain};
+
+pub use stages::{Gate, Halt, Stages};
 
 use crate::export::{ExportError, WeightFile};
 use crate::train::TrainError;
 use crate::train::record::RunRecord;
 use ed25519_dalek::{Signer, SigningKey};
 use reagent_core::net::Scratch;
-use reagent_core::wire::{self, Manifest, Message, PolicyName, SignedManifest, keys};
+use reagent_core::wire::{self, Manifest, Message, PolicyName, Release, SignedManifest, keys};
 use reagent_core::{Error, Registrar, weights};
 use sha2::{Digest, Sha256};
 use std::path::{Path, PathBuf};
@@ -46,13 +54,61 @@ pub enum PublishError {
     },
     /// The version does not grow.
     #[error(
-        "policy version {given} is not newer than {announced}, which is announced; give a higher --policy-version"
+        "policy version {given} is not newer than {announced}, which {by}; give a higher --policy-version, or, where \
+         that one should never have been, --epoch {} to begin anew", .announced.epoch.saturating_add(1)
     )]
     Version {
         /// As given.
-        given: u64,
-        /// The newest so far, from here or from another publisher.
-        announced: u64,
+        given: Release,
+        /// The newest so far.
+        announced: Release,
+        /// Who has it.
+        by: String,
+    },
+    /// The version leaves none for those after it.
+    #[error(
+        "policy version {given} is too far ahead of {last}, the newest so far: give a --policy-version of at most {}, \
+         or --epoch {} to begin anew", greatest_after(.last), .last.epoch.saturating_add(1)
+    )]
+    FarAhead {
+        /// As given.
+        given: Release,
+        /// The newest so far.
+        last: Release,
+    },
+    /// Robots are there that should have taken the policy and have not.
+    #[error(
+        "{reception}; where robots have no word of it, the router may not let this certificate publish"
+    )]
+    NotTaken {
+        /// What robots made of it.
+        reception: Reception,
+    },
+    /// The pairs that it is compared on cannot be read or registered.
+    #[error("{path}: {reason}")]
+    Evaluation {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// The policy is worse than the one before it.
+    #[error(
+        "not published, since it is worse than {old}: {comparison}; --anyway publishes it all the same"
+    )]
+    Worse {
+        /// The policy before it.
+        old: PathBuf,
+        /// By what.
+        comparison: Comparison,
+    },
+    /// A stage of the fleet does not do as well as before.
+    #[error("the roll-out halts: {halt}; {}", .back)]
+    Halted {
+        /// Why.
+        halt: Halt,
+        /// What became of the policy.
+        back: String,
     },
     /// No storage has kept the policy.
     #[error(
@@ -78,7 +134,7 @@ pub enum PublishError {
         reason: String,
     },
     /// The session failed.
-    #[error("zenoh: {0}")]
+    #[error("zenoh: {}", plain(.0))]
     Zenoh(#[from] zenoh::Error),
 }
 
@@ -89,11 +145,15 @@ pub struct Publisher {
     session: Session,
     fleet: String,
     key: SigningKey,
-    /// Version of the newest policy and its signed manifest, shared with the queryable.
-    newest: Arc<Mutex<(u64, Vec<u8>)>>,
+    /// Release of the newest policy and its signed manifest, shared with the queryable.
+    newest: Arc<Mutex<(Release, Vec<u8>)>>,
     queryables: Vec<Queryable<()>>,
+    announcing: Option<Queryable<()>>,
     /// Where the policies published from here on come from.
     pub provenance: Provenance,
+    /// The epoch of the policies published from here on: one more is the way back from a version that should never
+    /// have been.
+    pub epoch: u32,
 }
 
 /// What a policy was made from, as SHA-256; zeros where that is not known.
@@ -116,9 +176,11 @@ impl Publisher {
             session,
             fleet: fleet.into(),
             key,
-            newest: Arc::new(Mutex::new((0, Vec::new()))),
+            newest: Arc::default(),
             queryables: Vec::new(),
+            announcing: None,
             provenance: Provenance::default(),
+            epoch: 0,
         })
     }
 
@@ -126,20 +188,21 @@ impl Publisher {
     ///
     /// # Errors
     /// `Name` for a name longer than 32 bytes, `Version` for a version that does not grow or that somebody else
-    /// has announced with other content, `Zenoh`.
+    /// has announced with other content, `FarAhead`, `Zenoh`.
     pub async fn publish(
         &mut self,
         version: u64,
         name: &str,
         file: WeightFile,
     ) -> Result<Manifest, PublishError> {
-        let mut manifest = manifest(version, name, &file)?;
-        manifest.training_sha256 = self.provenance.training;
-        manifest.evaluation_sha256 = self.provenance.evaluation;
-        self.check_version(&manifest).await?;
-        let announced = self.newest.lock().expect("no holder panics").0;
-        let signed = sign(&self.key, &manifest);
+        let manifest = self.prepare(version, name, &file).await?;
+        self.serve(&manifest, file).await?;
+        self.announce(&manifest).await?;
+        Ok(manifest)
+    }
 
+    /// Answers for a policy's chunks, from here on.
+    async fn serve(&mut self, manifest: &Manifest, file: WeightFile) -> Result<(), PublishError> {
         let table = chunk_table(file.bytes()).concat();
         let chunks = keys::chunks(&self.fleet, &manifest.sha256).map_err(refused(&self.fleet))?;
         let served = self
@@ -148,10 +211,15 @@ impl Publisher {
             .complete(true)
             .callback(move |query| answer_chunk(&query, file.bytes(), &table));
         self.queryables.push(served.await?);
+        Ok(())
+    }
 
+    /// Announces a policy that is served, now and to whoever asks from here on.
+    async fn announce(&mut self, manifest: &Manifest) -> Result<(), PublishError> {
+        let signed = sign(&self.key, manifest);
         let key = keys::manifest(&self.fleet).map_err(refused(&self.fleet))?;
-        *self.newest.lock().expect("no holder panics") = (version, signed.clone());
-        if announced == 0 {
+        *self.newest.lock().expect("no holder panics") = (manifest.release(), signed.clone());
+        if self.announcing.is_none() {
             let (newest, reply_key) = (self.newest.clone(), key.clone());
             let served = self
                 .session
@@ -161,10 +229,9 @@ impl Publisher {
                     let frame = newest.lock().expect("no holder panics").1.clone();
                     log_failure(query.reply(reply_key.as_str(), frame).wait());
                 });
-            self.queryables.push(served.await?);
+            self.announcing = Some(served.await?);
         }
-        self.session.put(key.as_str(), signed).await?;
-        Ok(manifest)
+        Ok(self.session.put(key.as_str(), signed).await?)
     }
 }
 
@@ -195,22 +262,68 @@ impl Provenance {
 }
 
 impl Publisher {
-    /// Refuses a version that does not grow: robots would not take it, or some would and some would not.
+    /// The manifest of a policy that the fleet may be given.
+    ///
+    /// # Errors
+    /// As [`Publisher::publish`].
+    pub async fn prepare(
+        &self,
+        version: u64,
+        name: &str,
+        file: &WeightFile,
+    ) -> Result<Manifest, PublishError> {
+        let manifest = Manifest {
+            epoch: self.epoch,
+            training_sha256: self.provenance.training,
+            evaluation_sha256: self.provenance.evaluation,
+            ..manifest(version, name, file)?
+        };
+        self.check_version(&manifest).await?;
+        Ok(manifest)
+    }
+
+    /// Refuses a version that does not grow, since robots would not take it, or some would and some would not, and
+    /// one that leaves none for those after it.
     async fn check_version(&self, manifest: &Manifest) -> Result<(), PublishError> {
-        let given = manifest.version;
+        let given = manifest.release();
         let key = keys::manifest(&self.fleet).map_err(refused(&self.fleet))?;
         let own = self.newest.lock().expect("no holder panics").0;
-        let others = stored::announced(&self.session, &key).await?;
-        // The same policy may be served from several places.
-        let others = others.iter().filter(|other| {
-            other.version > given || other.version == given && other.sha256 != manifest.sha256
-        });
-        let newest = others.map(|other| other.version).max();
-        let newest = newest.max((own >= given).then_some(own));
-        match newest {
-            Some(announced) => Err(PublishError::Version { given, announced }),
-            None => Ok(()),
+        let announced = stored::announced(&self.session, &key).await?;
+        let mut known = vec![(own, None, "was published from here".to_owned())];
+        known.extend(announced.iter().map(|other| {
+            let by = "is announced".to_owned();
+            (other.release(), Some(other.sha256), by)
+        }));
+        for Heard { robot, status } in self.robots().await? {
+            let policy = status.policy.map(|policy| {
+                let by = format!("robot {robot} runs");
+                (policy.release(), Some(policy.sha256), by)
+            });
+            known.extend(policy);
         }
+        // The same policy may be served from several places.
+        let newest = known.into_iter().max().expect("its own is there");
+        let (last, sha256, by) = newest;
+        if last > given || last == given && sha256 != Some(manifest.sha256) {
+            let announced = last;
+            return Err(PublishError::Version {
+                given,
+                announced,
+                by,
+            });
+        }
+        match given.is_far_ahead_of(last) {
+            true => Err(PublishError::FarAhead { given, last }),
+            false => Ok(()),
+        }
+    }
+}
+
+/// The greatest version that is not too far ahead.
+fn greatest_after(last: &Release) -> u64 {
+    match last.version {
+        0 => Release::MAX_VERSION,
+        version => Release::MAX_VERSION.min(version.saturating_add(Release::MAX_VERSION_STEP)),
     }
 }
 
@@ -233,7 +346,9 @@ pub fn manifest(version: u64, name: &str, file: &WeightFile) -> Result<Manifest,
         length: u32::try_from(bytes.len()).expect("a policy is a few MiB"),
         chunk_length: wire::CHUNK_BYTES as u32,
         table_sha256: Sha256::digest(chunk_table(bytes).concat()).into(),
+        epoch: 0,
         version,
+        reach: u32::MAX,
         file_version: weights::VERSION,
         number_format: u16::from_le_bytes([bytes[6], bytes[7]]),
         shape: file.policy().shape.header(),

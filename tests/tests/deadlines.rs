@@ -10,6 +10,7 @@ use std::sync::Arc;
 use support::{FLEET, Network, publisher, random_cloud, random_policy, request, until};
 use tokio::task::JoinHandle;
 use zenoh::Wait;
+use zenoh::sample::SourceInfo;
 
 type Answer = Result<RefineReply, RefineError>;
 
@@ -148,6 +149,80 @@ async fn one_client_does_not_shut_out_the_others() {
         asked.abort();
     }
     until(&nodes[0], |view| view.in_hand == 0).await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn requests_that_do_not_say_whose_they_are_leave_a_place_for_others() {
+    let network = Network::start().await;
+    let nodes = fleet(&network, &["r1"]).await;
+    let (session, other) = (network.join().await, client(&network).await);
+    let cloud = random_cloud(1, 4096);
+    let mut asked = Vec::new();
+    for id in 1..=8 {
+        // Some under no number, some under one each.
+        let (session, cloud) = (session.clone(), cloud.clone());
+        asked.push(tokio::spawn(async move {
+            let request = RefineRequest {
+                id,
+                client: id / 4 * id,
+                ..long(&cloud)
+            };
+            client::refine(&session, FLEET, "r1", &request).await
+        }));
+    }
+    let view = until(&nodes[0], |view| view.refused == 4).await;
+    assert_eq!(view.in_hand, 4);
+    let modest = occupy(&other, "r1", 1);
+    until(&nodes[0], |view| view.in_hand == 5).await;
+    modest.abort();
+    until(&nodes[0], |view| view.taken_back == 1).await;
+    asked.iter().for_each(JoinHandle::abort);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn nobody_takes_back_the_request_of_another_session() {
+    let network = Network::start().await;
+    let nodes = fleet(&network, &["r1"]).await;
+    let stranger = network.join().await;
+    // Whoever may see liveliness tokens learns the victim's number.
+    let tokens = keys::all_clients_alive(FLEET).expect("a good name");
+    let tokens = stranger.liveliness().declare_subscriber(tokens.as_str());
+    let tokens = tokens.await.expect("an open session");
+    let victim = client(&network).await;
+    let token = tokens.recv_async().await.expect("an open session");
+    let number = keys::client_of(token.key_expr().as_str()).expect("a client");
+    let asked = occupy(&victim, "r1", 6);
+    until(&nodes[0], |view| view.in_hand == 1).await;
+
+    let key = keys::cancel(FLEET, "r1").expect("good names");
+    let cancel = wire::Cancel {
+        client: number,
+        id: 6,
+    };
+    let mut frame = [0; wire::SMALL_FRAME_BYTES];
+    let frame = wire::encode(&Message::Cancel(cancel), &mut frame).expect("fits");
+    let publisher = stranger.declare_publisher(key.as_str().to_owned()).await;
+    let publisher = publisher.expect("an open session");
+    let own = SourceInfo::new(publisher.id(), 0);
+    for source in [None, Some(own)] {
+        let put = publisher.put(frame.to_vec()).source_info(source).await;
+        put.expect("an open session");
+    }
+    let posing = token.key_expr().clone();
+    let posing = stranger.liveliness().declare_token(posing).await;
+    drop(posing.expect("an open session"));
+    // What came before this is known to the robot.
+    let refine = keys::refine(FLEET, "r1").expect("good names");
+    let time = std::time::Duration::from_secs(60);
+    let answer = client::ask(&stranger, &refine, "r1", vec![0], time).await;
+    assert!(
+        matches!(answer, Err(RefineError::Refused { .. })),
+        "{answer:?}"
+    );
+    let view = nodes[0].watch().borrow().clone();
+    assert_eq!((view.in_hand, view.taken_back), (1, 0));
+    asked.abort();
+    until(&nodes[0], |view| view.taken_back == 1).await;
 }
 
 #[tokio::test(flavor = "multi_thread")]

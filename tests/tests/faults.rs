@@ -2,8 +2,9 @@
 
 mod support;
 
-use firmware_sim::client::{Client, MARGIN, RefineError};
+use firmware_sim::client::{Client, Heard, MARGIN, RefineError};
 use firmware_sim::node::{Node, NodeConfig};
+use firmware_sim::policy::Trust;
 use firmware_sim::session::{SessionArgs, open};
 use futures::future::join_all;
 use host_train::export::WeightFile;
@@ -33,7 +34,7 @@ fn config(robot: &str) -> NodeConfig {
     NodeConfig {
         fleet: FLEET.into(),
         robot: robot.into(),
-        trusted: vec![key(1).verifying_key(), key(2).verifying_key()],
+        trust: Trust::Keys(vec![key(1).verifying_key(), key(2).verifying_key()]),
         state: None,
     }
 }
@@ -107,6 +108,53 @@ async fn a_router_that_is_killed_and_back_costs_no_request_beyond_its_deadline()
     let published = publisher.publish(2, "second", random_policy(2)).await;
     let second = published.expect("a good policy");
     until(&node, |view| view.policy.as_ref() == Some(&second)).await;
+}
+
+/// Waits until a client sees its fleet so.
+async fn until_heard(client: &Client, wanted: impl Fn(&[Heard]) -> bool) {
+    let mut changes = client.changes();
+    let seen = async {
+        while !wanted(&client.heard()) {
+            changes.changed().await.expect("the client is there");
+        }
+    };
+    let seen = tokio::time::timeout(Duration::from_secs(60), seen).await;
+    assert!(seen.is_ok(), "{:?}", client.heard());
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_client_that_stays_sees_idle_robots_again_when_the_router_is_back() {
+    let network = Network::start().await;
+    let node = Node::start(network.join().await, config("r1")).await;
+    let node = node.expect("good names");
+    let mut publisher = publisher(&network).await;
+    let published = publisher.publish(1, "first", int8_policy()).await;
+    published.expect("a good policy");
+    until(&node, |view| view.policy.is_some()).await;
+    let client = Client::new(network.join().await, FLEET).await;
+    let client = client.expect("a good name");
+    client.follow_robots().await.expect("an open session");
+    let is_there = |robots: &[Heard]| robots.iter().any(|r| r.offline_since.is_none());
+    until_heard(&client, is_there).await;
+
+    network.router.close().await.expect("it was open");
+    until_heard(&client, |robots| !is_there(robots)).await;
+    let left = client.heard();
+    assert_eq!(left.len(), 1, "it is known still: {left:?}");
+    let args = SessionArgs {
+        listen: vec![network.endpoint.clone()],
+        ..SessionArgs::default()
+    };
+    let _router = open(&args).await.expect("the port is free again");
+    // Nobody asks the robot for anything.
+    until_heard(&client, is_there).await;
+    let cloud = random_cloud(1, 20);
+    let (robot, _) = client
+        .refine_any(&request(&cloud, &cloud))
+        .await
+        .expect("a pose");
+    assert_eq!(robot, "r1");
+    drop(node);
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -248,7 +296,7 @@ async fn of_two_publishers_that_race_every_robot_takes_the_same() {
     for version in [6, 7] {
         let late = other.publish(version, "late", random_policy(4)).await;
         assert!(
-            matches!(late, Err(PublishError::Version { announced: 7, .. })),
+            matches!(&late, Err(PublishError::Version { announced, .. }) if announced.version == 7),
             "{late:?}"
         );
     }

@@ -18,6 +18,7 @@ use firmware_sim::board::{
 };
 use firmware_sim::client::{self, Client, RefineError};
 use firmware_sim::node::{Node, NodeConfig};
+use firmware_sim::policy::Trust;
 use host_train::dataset::procedural;
 use host_train::export::WeightFile;
 use host_train::nn::{Parameters, Shape};
@@ -369,7 +370,7 @@ async fn a_board_serves_a_fleet() {
     let config = NodeConfig {
         fleet: FLEET.into(),
         robot: "board".into(),
-        trusted: vec![],
+        trust: Trust::AnyKey,
         state: None,
     };
     let node = Node::start_with(network.join().await, config, Some(board));

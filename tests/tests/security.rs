@@ -3,6 +3,7 @@
 mod support;
 
 use firmware_sim::client::{self, Client, RefineError};
+use firmware_sim::node::NodeError;
 use firmware_sim::session::{SessionArgs, open};
 use host_train::publish::{Publisher, manifest, sign};
 use reagent_core::wire::{self, RefineRequest, keys};
@@ -23,7 +24,7 @@ async fn everybody_does_their_part_and_nothing_else() {
     let mut publisher = Publisher::new(secured.join("trainer").await, LAB, key(1));
     let publisher = publisher.as_mut().expect("a good name");
     let published = publisher.publish(1, "first", random_policy(1)).await;
-    published.expect("a good policy");
+    let published = published.expect("a good policy");
     until(&arm1, |view| view.policy.is_some()).await;
 
     // A client asks by name and by load, takes back what it no longer wants, and reads traces.
@@ -80,6 +81,33 @@ async fn everybody_does_their_part_and_nothing_else() {
         "{small:?}"
     );
     assert_eq!(arm1.watch().borrow().refused, refused + 1);
+
+    // A robot that was given another's certificate learns that nobody hears it.
+    let heard = arm1.check_heard(&secured.join("arm1").await).await;
+    heard.expect("others hear it");
+    let arm9 = secured.named("arm1", "arm9").await;
+    let unheard = arm9.check_heard(&secured.join("arm1").await).await;
+    assert!(
+        matches!(unheard, Err(NodeError::Unheard { .. })),
+        "{unheard:?}"
+    );
+    drop(arm9);
+
+    // The trainer is told what robots make of a policy, and so is a client that tries to publish one.
+    let told = publisher.reception(&published, Duration::from_secs(60));
+    let told = told.await.expect("an open session");
+    assert_eq!(
+        (&told.taken[..], told.is_complete()),
+        (&["arm1".to_owned()][..], true)
+    );
+    let mut impostor =
+        Publisher::new(secured.join("client").await, LAB, key(1)).expect("a good name");
+    let shipped = impostor.publish(2, "second", random_policy(2)).await;
+    let shipped = shipped.expect("a good policy");
+    let told = impostor.reception(&shipped, SILENCE);
+    let told = told.await.expect("an open session");
+    assert_eq!((told.taken.len(), told.silent.len()), (0, 1), "{told}");
+    drop(impostor);
 
     // Two who are in, and go beyond their part: a client, and a robot.
     let announced = keys::manifest(LAB).expect("a good name");

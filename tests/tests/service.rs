@@ -4,6 +4,7 @@ mod support;
 
 use firmware_sim::client::{self, RefineError};
 use firmware_sim::node::{Node, NodeConfig, NodeError, PLACES};
+use firmware_sim::policy::Trust;
 use firmware_sim::session::{SessionArgs, open};
 use host_train::refine;
 use host_train::register::register;
@@ -168,7 +169,11 @@ async fn a_full_queue_is_refused_and_every_request_answered() {
             Err(other) => panic!("neither pose nor busy: {other}"),
         }
     }
-    assert!(poses >= PLACES && busy > 0, "{poses} poses, {busy} busy");
+    // One place is for others.
+    assert!(
+        poses >= PLACES - 1 && busy > 0,
+        "{poses} poses, {busy} busy"
+    );
     assert_eq!(poses + busy, requests);
 }
 
@@ -232,7 +237,7 @@ async fn a_second_robot_of_the_same_name_is_noticed() {
     let config = || NodeConfig {
         fleet: FLEET.into(),
         robot: "r1".into(),
-        trusted: vec![],
+        trust: Trust::AnyKey,
         state: None,
     };
     let second = Node::start(network.join().await, config()).await;
@@ -302,7 +307,7 @@ async fn names_that_cannot_be_keys_are_refused() {
         let config = NodeConfig {
             fleet: fleet.into(),
             robot: robot.into(),
-            trusted: vec![],
+            trust: Trust::AnyKey,
             state: None,
         };
         let node = Node::start(network.router.clone(), config).await;
@@ -314,7 +319,7 @@ async fn names_that_cannot_be_keys_are_refused() {
     let config = NodeConfig {
         fleet: "f".into(),
         robot: "any".into(),
-        trusted: vec![],
+        trust: Trust::AnyKey,
         state: None,
     };
     let node = Node::start(network.router.clone(), config).await;

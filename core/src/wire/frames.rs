@@ -1,5 +1,6 @@
 //! What robots and policies are, field by field.
 
+use super::{NotTaken, Release, Tally};
 use crate::golden::GoldenActions;
 use crate::shape::Shape;
 use crate::verdict::VERDICTS;
@@ -20,8 +21,12 @@ pub struct Manifest {
     pub chunk_length: u32,
     /// SHA-256 of the table of chunks: the SHA-256 of each chunk, one after the other.
     pub table_sha256: [u8; 32],
-    /// Grows with every policy shipped to the fleet; a robot never goes back.
+    /// The first part of its release: a greater one makes the versions start anew.
+    pub epoch: u32,
+    /// Grows with every policy shipped to the fleet; a robot never goes back within an epoch.
     pub version: u64,
+    /// Robots whose [`Manifest::draw`] is at most this take it: all of them at the greatest.
+    pub reach: u32,
     /// Version of the file format, as its header says ([`crate::weights::VERSION`]).
     pub file_version: u16,
     /// How the file stores numbers, as its header says ([`crate::weights::FORMAT_F32`]).
@@ -39,6 +44,32 @@ pub struct Manifest {
 }
 
 impl Manifest {
+    /// Which policy this is.
+    pub fn id(&self) -> PolicyId {
+        PolicyId {
+            epoch: self.epoch,
+            version: self.version,
+            sha256: self.sha256,
+        }
+    }
+
+    /// Its place among those shipped to the fleet.
+    pub fn release(&self) -> Release {
+        self.id().release()
+    }
+
+    /// A robot's place in the order in which robots get this policy where it goes to a part of the fleet first: as good
+    /// as drawn, and the same for everybody who asks.
+    pub fn draw(&self, robot: &str) -> u32 {
+        let [a, b, c, d, ..] = self.sha256;
+        weights::checksum(robot.as_bytes()) ^ u32::from_le_bytes([a, b, c, d])
+    }
+
+    /// Whether it is for this robot.
+    pub fn reaches(&self, robot: &str) -> bool {
+        self.draw(robot) <= self.reach
+    }
+
     /// Whether this build can run such a file: format version, number format and network shape.
     pub fn runs_here(&self) -> bool {
         let formats = [weights::FORMAT_F32, weights::FORMAT_INT8];
@@ -66,12 +97,24 @@ pub struct SignedManifest<'a> {
 }
 
 /// Which policy a robot runs.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PolicyId {
+    /// The manifest's epoch.
+    pub epoch: u32,
     /// The manifest's version.
     pub version: u64,
     /// SHA-256 of the policy file.
     pub sha256: [u8; 32],
+}
+
+impl PolicyId {
+    /// Its place among those shipped to the fleet.
+    pub fn release(&self) -> Release {
+        Release {
+            epoch: self.epoch,
+            version: self.version,
+        }
+    }
 }
 
 /// How a robot is doing.
@@ -89,6 +132,10 @@ pub struct Status {
     pub instance: u32,
     /// Poses by verdict, in the order of [`crate::Verdict`].
     pub verdicts: [u32; VERDICTS],
+    /// The last policy that was announced and not taken since the one in use was.
+    pub not_taken: Option<NotTaken>,
+    /// What the policy in use has done.
+    pub tally: Tally,
 }
 
 /// What a board has and uses; bytes, and ticks of its own counter.

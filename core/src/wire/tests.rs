@@ -17,7 +17,9 @@ fn manifest() -> Manifest {
         length: 300,
         chunk_length: 128,
         table_sha256: [0xcd; 32],
+        epoch: 2,
         version: 1_000,
+        reach: 128,
         file_version: 1,
         number_format: 0,
         shape: [1, 2, 3, 4, 5, 6, 7, 200],
@@ -37,13 +39,13 @@ fn golden() -> Action {
 
 #[test]
 fn manifest_is_these_bytes() {
-    let mut expected = vec![3, 0];
+    let mut expected = vec![4, 0];
     expected.extend([0xab; 32]);
     expected.extend([0xac, 0x02]); // 300 as a varint
     expected.extend([0x80, 0x01]); // 128
     expected.extend([0xcd; 32]);
-    expected.extend([0xe8, 0x07]); // 1000
-    expected.extend([1, 0]);
+    expected.extend([2, 0xe8, 0x07]); // 1000 of epoch 2
+    expected.extend([0x80, 0x01, 1, 0]);
     expected.extend([1, 2, 3, 4, 5, 6, 7, 0xc8, 0x01]);
     expected.extend([2, b'v', b'1']);
     expected.extend([[3; 32], [4; 32]].concat());
@@ -58,7 +60,7 @@ fn signed_manifest_is_these_bytes() {
         public_key: [7; 32],
         signature: [[8; 32], [9; 32]],
     };
-    let mut expected = vec![3, 1, 3, 3, 0, 9];
+    let mut expected = vec![4, 1, 3, 3, 0, 9];
     expected.extend([[7; 32], [8; 32], [9; 32]].concat());
     let bytes = bytes_of(&Message::SignedManifest(signed));
     assert_eq!(bytes, expected);
@@ -135,6 +137,7 @@ fn a_trace_and_a_cancellation_are_these_bytes() {
     let steps = [step, step_bytes(Action::STOP, [[-2.0; 4]; 3])];
     let trace = Trace {
         policy: PolicyId {
+            epoch: 6,
             version: 9,
             sha256: [1; 32],
         },
@@ -144,7 +147,7 @@ fn a_trace_and_a_cancellation_are_these_bytes() {
         reply: reply(),
     };
     let bytes = bytes_of(&Message::Trace(trace.clone()));
-    let mut expected = vec![3, 10, 9];
+    let mut expected = vec![3, 10, 6, 9];
     expected.extend([1; 32]);
     expected.extend([4, b'a', b'v', b'x', b'2', 2, 3, 2, 108, 0, 1, 2, 8, 9, 10]);
     expected.extend([0, 0, 0x80, 0x3f].repeat(12));
@@ -158,7 +161,7 @@ fn a_trace_and_a_cancellation_are_these_bytes() {
     assert_eq!(read, expected);
     // A byte less is no whole number of steps.
     let mut short = bytes;
-    short[43] = 107;
+    short[44] = 107;
     assert_eq!(decode(&short), Err(Error::Frame));
 
     let cancel = Cancel { client: 300, id: 5 };
@@ -182,8 +185,27 @@ fn refusal_and_status_are_these_bytes() {
         in_hand: 2,
         instance: 300,
         verdicts: [1, 2, 3, 4, 5],
+        not_taken: Some(NotTaken {
+            policy: PolicyId {
+                epoch: 1,
+                version: 9,
+                sha256: [7; 32],
+            },
+            reason: WhyNot::NotNewer(Release {
+                epoch: 2,
+                version: 5,
+            }),
+        }),
+        tally: Tally {
+            verdicts: [5, 4, 3, 2, 1],
+            judged: 6,
+            probability_millionths: 300,
+            micros: 8,
+        },
     };
-    let expected = [3, 5, 0, 3, 1, 2, 0xac, 0x02, 1, 2, 3, 4, 5];
+    let mut expected = vec![3, 5, 0, 3, 1, 2, 0xac, 0x02, 1, 2, 3, 4, 5, 1, 1, 9];
+    expected.extend([7; 32]);
+    expected.extend([3, 2, 5, 5, 4, 3, 2, 1, 6, 0xac, 0x02, 8]);
     assert_eq!(bytes_of(&Message::Status(status)), expected);
     let refusal = |reason| bytes_of(&Message::Refusal(Refusal { id: 4, reason }));
     assert_eq!(refusal(Reason::Deadline), [3, 4, 4, 11]);
@@ -259,7 +281,8 @@ fn the_largest_small_frames_fit_their_constant() {
     let mut widest = manifest();
     widest.name = PolicyName::try_from("n".repeat(32).as_str()).expect("fits");
     (widest.length, widest.chunk_length) = (u32::MAX, u32::MAX);
-    (widest.version, widest.number_format) = (u64::MAX, u16::MAX);
+    (widest.epoch, widest.version) = (u32::MAX, u64::MAX);
+    (widest.reach, widest.number_format) = (u32::MAX, u16::MAX);
     (widest.file_version, widest.shape) = (u16::MAX, [u16::MAX; 8]);
     widest.golden = core::iter::repeat_n(golden(), 10).collect();
     let frame = bytes_of(&Message::Manifest(widest));
@@ -317,6 +340,24 @@ fn clouds_are_copied_only_where_they_fit() {
 }
 
 #[test]
+fn a_share_of_the_robots_is_reached() {
+    let reached = |share: u32, sha256| {
+        let manifest = Manifest {
+            reach: share,
+            sha256,
+            ..manifest()
+        };
+        let robots = (0..1000).map(|i| std::format!("robot-{i:03}"));
+        robots.filter(|robot| manifest.reaches(robot)).count()
+    };
+    assert_eq!(reached(u32::MAX, [7; 32]), 1000);
+    for seed in 0..8 {
+        let tenth = reached(u32::MAX / 10, [seed * 31; 32]);
+        assert!((70..130).contains(&tenth), "{tenth}");
+    }
+}
+
+#[test]
 fn chunks_are_counted() {
     assert_eq!(manifest().chunks(), Some(3));
     for chunk_length in [0, CHUNK_BYTES as u32 + 1] {
@@ -336,7 +377,8 @@ proptest! {
 
     #[test]
     fn no_body_makes_decode_panic(kind in 0u8..14, body in proptest::collection::vec(any::<u8>(), 0..400)) {
-        let frame = [&[VERSION, kind][..], &body].concat();
+        let version = if kind < 2 { MANIFEST_VERSION } else { VERSION };
+        let frame = [&[version, kind][..], &body].concat();
         if let Ok(Message::RefineRequest(request)) = decode(&frame) {
             prop_assert_eq!(request.source.iter().count(), request.source.len());
         }

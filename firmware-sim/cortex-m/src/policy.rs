@@ -28,10 +28,7 @@ pub(crate) fn load(flash: &Flash) -> Result<Loaded<'_>, FlashCheck> {
     let file = file.get(..manifest.length as usize);
     let policy = file.and_then(|file| Policy::parse(file).ok());
     Ok(Loaded {
-        id: PolicyId {
-            version: manifest.version,
-            sha256: manifest.sha256,
-        },
+        id: manifest.id(),
         policy: policy.ok_or(FlashCheck::Damaged)?,
         golden: manifest.golden,
     })

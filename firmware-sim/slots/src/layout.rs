@@ -33,8 +33,8 @@ impl Slot {
 /// Parts of the flash, in bytes from its start; each begins and ends with an erase block.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Layout {
-    /// The record of which slot counts: at least two erase blocks.
-    pub record: Range<u32>,
+    /// The two copies of the record of which slot counts: at least two erase blocks each.
+    pub records: [Range<u32>; 2],
     /// Slots A and B, of equal length.
     pub slots: [Range<u32>; 2],
     /// Bytes of every chunk of a policy file but the last: whole erase blocks.
@@ -47,8 +47,8 @@ pub enum LayoutError {
     /// A part does not begin or end with an erase block, or lies outside the flash, or overlaps another.
     #[error("flash layout: parts must be whole erase blocks within the flash that do not overlap")]
     Parts,
-    /// The record has fewer than two erase blocks.
-    #[error("flash layout: the record needs at least two erase blocks")]
+    /// A record has fewer than two erase blocks.
+    #[error("flash layout: each record needs at least two erase blocks")]
     Record,
     /// The slots differ in length or are too short for a chunk.
     #[error("flash layout: slots must have equal length and hold at least one chunk")]
@@ -62,22 +62,24 @@ pub enum LayoutError {
 }
 
 impl Layout {
-    /// A layout over the whole of a flash: record, slot A, slot B.
+    /// A layout over the whole of a flash: record, slot A, slot B, record.
     pub fn over<F: NorFlash>(capacity: u32, chunk: u32) -> Layout {
         let block = F::ERASE_SIZE as u32;
         let record = 2 * block;
-        let slot = capacity.saturating_sub(record) / 2 / block * block;
+        let slot = capacity.saturating_sub(2 * record) / 2 / block * block;
+        let second = record + slot;
+        let end = second + slot;
         Layout {
-            record: 0..record,
-            slots: [record..record + slot, record + slot..record + 2 * slot],
+            records: [0..record, end..end + record],
+            slots: [record..second, second..end],
             chunk,
         }
     }
 
     pub(crate) fn check<F: NorFlash>(&self, capacity: u32) -> Result<(), LayoutError> {
         let block = F::ERASE_SIZE as u32;
-        let [a, b] = &self.slots;
-        let mut parts = [&self.record, a, b];
+        let ([a, b], [first, second]) = (&self.slots, &self.records);
+        let mut parts = [first, second, a, b];
         parts.sort_unstable_by_key(|part| part.start);
         let whole = |part: &&Range<u32>| {
             part.start < part.end
@@ -89,7 +91,7 @@ impl Layout {
         if !parts.iter().all(whole) || !apart {
             return Err(LayoutError::Parts);
         }
-        if self.record.len() < 2 * block as usize {
+        if first.len().min(second.len()) < 2 * block as usize {
             return Err(LayoutError::Record);
         }
         if self.chunk == 0 || !self.chunk.is_multiple_of(block) {

@@ -6,6 +6,11 @@
 //! ([`Slots::revert`]). The one moment at which it starts to count is the replacement of a small record
 //! kept by [`sequential_storage::map`]. No older version than one that was confirmed ever counts again.
 //!
+//! There are two copies of the record, at both ends of the flash. One that is erased or damaged is written anew
+//! from the other; where both are, and the slots are not blank, nothing is taken for granted ([`SlotError::Lost`]).
+//! Who can write all of the flash can make it a new robot's, whose floor is none: only memory that counts and
+//! cannot be erased, which a simulated robot does not have, tells these apart.
+//!
 //! In flash, a slot is
 //!
 //! | bytes | content |
@@ -28,7 +33,8 @@ pub use layout::{FRAME_BYTES, HASH_BYTES, Layout, LayoutError, Slot};
 pub use slot::Header;
 
 use embedded_storage_async::nor_flash::NorFlash;
-use record::{BUFFER, KEY, Record};
+pub use record::Floor;
+use record::{BUFFER, Copy, KEY, Record, reconcile};
 use sequential_storage::cache::{Cache, Uncached};
 use sequential_storage::map::{MapConfig, MapStorage};
 
@@ -41,9 +47,15 @@ pub enum SlotError<E: core::fmt::Debug> {
     /// The flash failed.
     #[error("flash: {0:?}")]
     Flash(E),
-    /// The record is damaged beyond repair; [`Slots::format`] starts anew.
+    /// A copy of the record cannot be written.
     #[error("the record in flash is damaged: {0}")]
     Record(&'static str),
+    /// Both copies of the record are erased or damaged, though policies were there.
+    #[error(
+        "both copies of the record in flash are erased or damaged, so that nobody knows which policy was in use \
+         and below which version it must not go"
+    )]
+    Lost,
     /// The policy does not fit, or its manifest, or it has another chunk length than the layout.
     #[error("a policy of {length} bytes with a manifest of {frame} does not fit the slots")]
     TooLarge {
@@ -73,9 +85,9 @@ pub enum SlotError<E: core::fmt::Debug> {
     #[error("version {version} is older than {floor}, which was in use")]
     Version {
         /// As given.
-        version: u64,
+        version: Floor,
         /// The newest that was ever confirmed.
-        floor: u64,
+        floor: Floor,
     },
 }
 
@@ -92,43 +104,63 @@ pub enum Boot {
 
 /// Two slots and the record of which one counts.
 pub struct Slots<F: NorFlash> {
-    map: MapStorage<u8, F, Cache<Uncached, Uncached, Uncached, u8>>,
+    flash: F,
     layout: Layout,
     record: Record,
+    /// Which copies of the record do not hold it.
+    stale: [bool; 2],
 }
+
+/// The map that holds a copy of the record.
+type Map<'f, F> = MapStorage<u8, &'f mut F, Cache<Uncached, Uncached, Uncached, u8>>;
 
 impl<F: NorFlash> Slots<F> {
     /// Reads the record. Erased flash is a robot that never had a policy.
     ///
     /// # Errors
-    /// `Layout`, `Flash`, `Record`.
+    /// `Layout`, `Flash`, `Lost`.
     pub async fn open(flash: F, layout: Layout) -> Result<Self, SlotError<F::Error>> {
         layout.check::<F>(flash.capacity() as u32)?;
-        let config = MapConfig::try_new(layout.record.clone()).map_err(|_| LayoutError::Record)?;
         let mut slots = Slots {
-            map: MapStorage::new(flash, config, Cache::new_uncached()),
+            flash,
             layout,
             record: Record::default(),
+            stale: [true; 2],
         };
-        let mut buffer = [0; BUFFER];
-        let stored = slots.map.fetch_item::<&[u8]>(&mut buffer, &KEY).await;
-        if let Some(bytes) = stored.map_err(of_map)? {
-            slots.record =
-                postcard::from_bytes(bytes).map_err(|_| SlotError::Record("unknown content"))?;
+        let copies = [slots.copy(0).await?, slots.copy(1).await?];
+        if let Some((record, stale)) = reconcile(copies) {
+            (slots.record, slots.stale) = (record, stale);
+        } else if !slots.is_blank(Slot::A).await? || !slots.is_blank(Slot::B).await? {
+            return Err(SlotError::Lost);
         }
         Ok(slots)
     }
 
-    /// Forgets everything, for flash whose record is damaged.
-    ///
-    /// # Errors
-    /// `Layout`, `Flash`.
-    pub async fn format(mut flash: F, layout: Layout) -> Result<Self, SlotError<F::Error>> {
-        layout.check::<F>(flash.capacity() as u32)?;
-        let record = layout.record.clone();
-        let erased = flash.erase(record.start, record.end).await;
-        erased.map_err(SlotError::Flash)?;
-        Self::open(flash, layout).await
+    /// Whether a copy of the record was erased or damaged, or differed from the other.
+    pub fn needs_repair(&self) -> bool {
+        self.stale.contains(&true) && self.record != Record::default()
+    }
+
+    fn map(&mut self, copy: usize) -> Result<Map<'_, F>, SlotError<F::Error>> {
+        let range = self.layout.records.get(copy).cloned().unwrap_or_default();
+        let config = MapConfig::try_new(range).map_err(|_| LayoutError::Record)?;
+        Ok(MapStorage::new(
+            &mut self.flash,
+            config,
+            Cache::new_uncached(),
+        ))
+    }
+
+    async fn copy(&mut self, copy: usize) -> Result<Copy, SlotError<F::Error>> {
+        let mut buffer = [0; BUFFER];
+        let mut map = self.map(copy)?;
+        let stored = map.fetch_item::<&[u8]>(&mut buffer, &KEY).await;
+        match stored.map_err(of_map) {
+            Ok(None) => Ok(Copy::Erased),
+            Ok(Some(bytes)) => Ok(postcard::from_bytes(bytes).map_or(Copy::Damaged, Copy::Whole)),
+            Err(SlotError::Record(_)) => Ok(Copy::Damaged),
+            Err(error) => Err(error),
+        }
     }
 
     /// What to run after a start; ends a trial that a restart cut short.
@@ -136,6 +168,9 @@ impl<F: NorFlash> Slots<F> {
     /// # Errors
     /// `Flash`, `Record`.
     pub async fn boot(&mut self) -> Result<Boot, SlotError<F::Error>> {
+        if self.needs_repair() {
+            self.store(self.record).await?;
+        }
         let confirmed = self.record.confirmed;
         if self.record.on_trial {
             self.revert().await?;
@@ -154,8 +189,8 @@ impl<F: NorFlash> Slots<F> {
         self.record.idle()
     }
 
-    /// Version of the newest policy that was ever confirmed: no older one is taken.
-    pub fn floor(&self) -> u64 {
+    /// Release of the newest policy that was ever confirmed: no older one is taken.
+    pub fn floor(&self) -> Floor {
         self.record.floor
     }
 
@@ -182,6 +217,10 @@ impl<F: NorFlash> Slots<F> {
             return Err(SlotError::TooLarge { length, frame });
         }
         self.revert().await?;
+        // There is a record before there is anything in a slot.
+        if self.stale.contains(&true) {
+            self.store(self.record).await?;
+        }
         let idle = self.idle();
         if self.holds(idle, &header, frame, table).await? {
             return Ok(());
@@ -270,7 +309,7 @@ impl<F: NorFlash> Slots<F> {
     ///
     /// # Errors
     /// `Incomplete` without a trial, `Version` for an older one than ever counted, `Flash`, `Record`.
-    pub async fn confirm(&mut self, version: u64) -> Result<(), SlotError<F::Error>> {
+    pub async fn confirm(&mut self, version: Floor) -> Result<(), SlotError<F::Error>> {
         let Record {
             floor, on_trial, ..
         } = self.record;
@@ -304,18 +343,36 @@ impl<F: NorFlash> Slots<F> {
         .await
     }
 
-    /// Gives the flash back.
-    pub fn destroy(self) -> F {
-        self.map.destroy().0
+    /// The flash.
+    pub fn flash(&self) -> &F {
+        &self.flash
     }
 
+    /// Gives the flash back.
+    pub fn destroy(self) -> F {
+        self.flash
+    }
+
+    /// Replaces the record, in its first copy and then in the second.
     async fn store(&mut self, record: Record) -> Result<(), SlotError<F::Error>> {
         let (mut bytes, mut buffer) = ([0; BUFFER], [0; BUFFER]);
         let bytes =
             postcard::to_slice(&record, &mut bytes).map_err(|_| SlotError::Record("too long"))?;
         let value = &&*bytes;
-        let stored = self.map.store_item_generic(&mut buffer, &KEY, value).await;
-        stored.map_err(of_map)?;
+        for copy in 0..self.layout.records.len() {
+            let range = self.layout.records.get(copy).cloned().unwrap_or_default();
+            if self.stale.get(copy) == Some(&true) {
+                // What is there may be damaged. The other copy is whole, or there never was a record.
+                let erased = self.flash.erase(range.start, range.end).await;
+                erased.map_err(SlotError::Flash)?;
+            }
+            let mut map = self.map(copy)?;
+            let stored = map.store_item_generic(&mut buffer, &KEY, value).await;
+            stored.map_err(of_map)?;
+            if let Some(stale) = self.stale.get_mut(copy) {
+                *stale = false;
+            }
+        }
         self.record = record;
         Ok(())
     }

@@ -109,6 +109,17 @@ impl<F: NorFlash> Slots<F> {
         self.layout.range(slot).start + self.layout.header::<F>()
     }
 
+    /// Whether nothing was ever begun in a slot.
+    pub(crate) async fn is_blank(&mut self, slot: Slot) -> Result<bool, SlotError<F::Error>> {
+        let mut blank = true;
+        let (start, length) = (self.layout.range(slot).start, self.layout.header::<F>());
+        self.visit(start, length, |bytes| {
+            blank &= bytes.iter().all(|&byte| byte == 0xff);
+        })
+        .await?;
+        Ok(blank)
+    }
+
     pub(crate) async fn holds(
         &mut self,
         slot: Slot,
@@ -134,11 +145,8 @@ impl<F: NorFlash> Slots<F> {
         table: &[[u8; 32]],
     ) -> Result<(), SlotError<F::Error>> {
         let start = self.layout.range(slot).start;
-        let erased = self
-            .map
-            .flash()
-            .erase(start, start + self.layout.header::<F>())
-            .await;
+        let end = start + self.layout.header::<F>();
+        let erased = self.flash.erase(start, end).await;
         erased.map_err(SlotError::Flash)?;
         self.write_at(start + HEAD_BYTES, frame).await?;
         self.write_at(start + HEAD_BYTES + FRAME_BYTES, table.as_flattened())
@@ -206,7 +214,7 @@ impl<F: NorFlash> Slots<F> {
         }
         let at = self.file(slot) + index * self.layout.chunk;
         let end = at + length.next_multiple_of(F::ERASE_SIZE as u32);
-        let erased = self.map.flash().erase(at, end).await;
+        let erased = self.flash.erase(at, end).await;
         erased.map_err(SlotError::Flash)?;
         self.write_at(at, bytes).await
     }
@@ -215,7 +223,7 @@ impl<F: NorFlash> Slots<F> {
         // Flash may only be read in whole words.
         let word = F::READ_SIZE as u32;
         if at.is_multiple_of(word) && bytes.len().is_multiple_of(F::READ_SIZE) {
-            let read = self.map.flash().read(at, bytes).await;
+            let read = self.flash.read(at, bytes).await;
             return read.map_err(SlotError::Flash);
         }
         let mut block = [0; BLOCK];
@@ -226,7 +234,7 @@ impl<F: NorFlash> Slots<F> {
             let wanted = (left.len() as u32).min(BLOCK as u32 - skip);
             let whole = (skip + wanted).next_multiple_of(word) as usize;
             let words = block.get_mut(..whole).unwrap_or(&mut []);
-            let read = self.map.flash().read(at - skip, words).await;
+            let read = self.flash.read(at - skip, words).await;
             read.map_err(SlotError::Flash)?;
             let (now, rest) = left.split_at_mut(wanted as usize);
             for (to, from) in now.iter_mut().zip(words.iter().skip(skip as usize)) {
@@ -271,7 +279,7 @@ impl<F: NorFlash> Slots<F> {
     async fn write_at(&mut self, at: u32, bytes: &[u8]) -> Result<(), SlotError<F::Error>> {
         let whole = bytes.len() / F::WRITE_SIZE * F::WRITE_SIZE;
         let (words, rest) = bytes.split_at(whole);
-        let written = self.map.flash().write(at, words).await;
+        let written = self.flash.write(at, words).await;
         written.map_err(SlotError::Flash)?;
         if rest.is_empty() {
             return Ok(());
@@ -281,7 +289,7 @@ impl<F: NorFlash> Slots<F> {
             *to = *from;
         }
         let last = last.get(..F::WRITE_SIZE).unwrap_or(&last);
-        let written = self.map.flash().write(at + whole as u32, last).await;
+        let written = self.flash.write(at + whole as u32, last).await;
         written.map_err(SlotError::Flash)
     }
 }

@@ -3,7 +3,7 @@
 
 use futures::executor::block_on;
 use reagent_slots::ram::{RamError, RamFlash};
-use reagent_slots::{Boot, Layout, Slot, SlotError, Slots};
+use reagent_slots::{Boot, Floor, Layout, Slot, SlotError, Slots};
 use sha2::{Digest, Sha256};
 
 const WORD: usize = 4;
@@ -16,7 +16,11 @@ type Flash<'m> = RamFlash<&'m mut [u8], WORD, BLOCK>;
 struct Shipped {
     frame: Vec<u8>,
     file: Vec<u8>,
-    version: u64,
+    version: Floor,
+}
+
+fn floor(version: u64) -> Floor {
+    Floor { epoch: 1, version }
 }
 
 impl Shipped {
@@ -29,7 +33,7 @@ impl Shipped {
         Shipped {
             frame: format!("signed manifest of version {version}").into_bytes(),
             file: (0..2 * CHUNK + 77).map(byte).collect(),
-            version,
+            version: floor(version),
         }
     }
 
@@ -39,13 +43,15 @@ impl Shipped {
     }
 }
 
+const RECORD: usize = 2 * BLOCK;
+const CAPACITY: usize = 2 * RECORD + 2 * 3072;
+
 fn erased() -> Vec<u8> {
-    vec![0; 2 * BLOCK + 2 * 3072]
+    vec![0; CAPACITY]
 }
 
 fn open(flash: Flash<'_>) -> Result<Slots<Flash<'_>>, SlotError<RamError>> {
-    let capacity = 2 * BLOCK + 2 * 3072;
-    let layout = Layout::over::<Flash<'_>>(capacity as u32, CHUNK as u32);
+    let layout = Layout::over::<Flash<'_>>(CAPACITY as u32, CHUNK as u32);
     block_on(Slots::open(flash, layout))
 }
 
@@ -218,7 +224,7 @@ fn what_does_not_belong_is_refused() {
     };
     block_on(async {
         incomplete(slots.write_chunk(0, &[1]).await);
-        incomplete(slots.confirm(9).await);
+        incomplete(slots.confirm(floor(9)).await);
         let long = slots.begin(&new.frame, 1 << 20, &new.table()).await;
         assert!(matches!(long, Err(SlotError::TooLarge { .. })), "{long:?}");
         let long = slots.begin(&[0; 1025], 10, &[[0; 32]]).await;
@@ -230,8 +236,8 @@ fn what_does_not_belong_is_refused() {
         matches!(
             older,
             Err(SlotError::Version {
-                version: 5,
-                floor: 6
+                version: Floor { version: 5, .. },
+                floor: Floor { version: 6, .. }
             })
         ),
         "{older:?}"
@@ -259,7 +265,7 @@ fn what_does_not_belong_is_refused() {
 
 #[test]
 fn layouts_that_cannot_work_are_refused() {
-    let good = Layout::over::<Flash<'_>>(6400, CHUNK as u32);
+    let good = Layout::over::<Flash<'_>>(CAPACITY as u32, CHUNK as u32);
     let broken = [
         Layout {
             chunk: 100,
@@ -274,15 +280,23 @@ fn layouts_that_cannot_work_are_refused() {
             ..good.clone()
         },
         Layout {
-            record: 0..128,
+            records: [0..128, 6400..6656],
             ..good.clone()
         },
         Layout {
-            record: 0..512,
+            records: [0..256, 6400..6528],
             ..good.clone()
         },
         Layout {
-            record: 1..257,
+            records: [0..512, 6400..6656],
+            ..good.clone()
+        },
+        Layout {
+            records: [0..256, 0..256],
+            ..good.clone()
+        },
+        Layout {
+            records: [1..257, 6400..6656],
             ..good.clone()
         },
         Layout {
@@ -295,7 +309,7 @@ fn layouts_that_cannot_work_are_refused() {
         },
     ];
     for layout in broken {
-        let mut memory = vec![0; 6400];
+        let mut memory = erased();
         let opened = block_on(Slots::open(Flash::new(&mut memory), layout.clone()));
         assert!(
             matches!(opened.err(), Some(SlotError::Layout(_))),
@@ -304,23 +318,86 @@ fn layouts_that_cannot_work_are_refused() {
     }
 }
 
+/// Fills memory with noise.
+fn spoil(memory: &mut [u8], mut seed: u64) {
+    for byte in memory {
+        seed = seed
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        *byte = (seed >> 56) as u8;
+    }
+}
+
 #[test]
-fn a_record_of_noise_is_an_error_and_format_starts_anew() {
-    for seed in 0..50u64 {
+fn a_copy_of_the_record_that_is_lost_is_made_anew_from_the_other() {
+    let [older, old] = [1, 2].map(Shipped::new);
+    let mut before = erased();
+    let mut slots = open(Flash::new(&mut before)).expect("erased");
+    update(&mut slots, &older).expect("power");
+    update(&mut slots, &old).expect("power");
+    let copies = [0..RECORD, CAPACITY - RECORD..CAPACITY];
+    for seed in 0..20 {
+        for (lost, other) in [(0, 1), (1, 0)] {
+            let what = format!("seed {seed}, copy {lost}");
+            let lose = |memory: &mut [u8], copy: usize| {
+                let part = &mut memory[copies[copy].clone()];
+                match seed {
+                    0 => part.fill(0),
+                    _ => spoil(part, seed),
+                }
+            };
+            let mut memory = before.clone();
+            lose(&mut memory, lost);
+            let mut slots = open(Flash::new(&mut memory)).expect(&what);
+            assert!(slots.needs_repair(), "{what}");
+            assert_runs(&mut slots, &[&old], &what);
+            assert!(!slots.needs_repair(), "{what}");
+            // It is whole again: now the other one may go.
+            lose(&mut memory, other);
+            let mut slots = open(Flash::new(&mut memory)).expect(&what);
+            assert_runs(&mut slots, &[&old], &what);
+            let back = update(&mut slots, &older);
+            assert!(matches!(back, Err(SlotError::Version { .. })), "{what}");
+
+            // Both at once: nobody knows what counted.
+            lose(&mut memory, lost);
+            lose(&mut memory, other);
+            let opened = open(Flash::new(&mut memory));
+            assert!(matches!(opened.err(), Some(SlotError::Lost)), "{what}");
+        }
+    }
+}
+
+#[test]
+fn a_cut_while_a_copy_is_made_anew_leaves_the_other() {
+    let old = Shipped::new(2);
+    let mut before = erased();
+    update(&mut open(Flash::new(&mut before)).expect("erased"), &old).expect("power");
+    for lost in [0..RECORD, CAPACITY - RECORD..CAPACITY] {
+        for cut in 0..40 {
+            let what = format!("{lost:?}, cut {cut}");
+            let mut memory = before.clone();
+            spoil(&mut memory[lost.clone()], 7);
+            if let Ok(mut slots) = open(Flash::new(&mut memory).cut_after(cut, 3)) {
+                let _ = block_on(slots.boot());
+            }
+            let mut slots = open(Flash::new(&mut memory)).expect(&what);
+            assert_runs(&mut slots, &[&old], &what);
+        }
+    }
+}
+
+#[test]
+fn a_record_of_noise_is_never_taken_for_one() {
+    for seed in 0..50 {
         let mut memory = erased();
-        let mut state = seed;
-        for byte in &mut memory[..2 * BLOCK] {
-            state = state
-                .wrapping_mul(6_364_136_223_846_793_005)
-                .wrapping_add(1);
-            *byte = (state >> 56) as u8;
-        }
-        // Noise is refused or repaired to nothing; it is never taken for a policy.
-        if let Ok(mut slots) = open(Flash::new(&mut memory)) {
-            assert_eq!(block_on(slots.boot()).ok(), Some(Boot::Empty));
-        }
-        let layout = Layout::over::<Flash<'_>>(memory.len() as u32, CHUNK as u32);
-        let mut slots = block_on(Slots::format(Flash::new(&mut memory), layout)).expect("erased");
+        spoil(&mut memory[..RECORD], seed);
+        spoil(&mut memory[CAPACITY - RECORD..], seed + 100);
+        // The slots are blank: there never was a policy.
+        let mut slots = open(Flash::new(&mut memory)).expect("a new robot");
+        assert_eq!(block_on(slots.boot()).ok(), Some(Boot::Empty));
         update(&mut slots, &Shipped::new(1)).expect("power");
+        let mut slots = open(Flash::new(&mut memory)).expect("a record");
+        assert_runs(&mut slots, &[&Shipped::new(1)], "after noise");
     }
 }

@@ -1,15 +1,18 @@
 //! A client that stays: robots know whether it is there, and it knows what robots have to do.
 
-use super::{RefineError, read_status, refine};
+use super::{RefineError, STATUS_TIME, read_status, refine_from};
 use crate::service::small_frame;
 use reagent_core::wire::{Cancel, Message, Reason, RefineReply, RefineRequest, Status, keys};
 use std::collections::BTreeMap;
+use std::hash::{BuildHasher, Hasher, RandomState};
 use std::sync::{Arc, Mutex, MutexGuard};
-use std::time::{Duration, Instant};
-use tokio::sync::OnceCell;
+use std::time::{Duration, Instant, SystemTime};
+use tokio::runtime::Handle;
+use tokio::sync::{OnceCell, watch};
 use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::Subscriber;
-use zenoh::sample::SampleKind;
+use zenoh::query::{Querier, QueryTarget};
+use zenoh::sample::{SampleKind, SourceInfo};
 use zenoh::{Session, Wait};
 
 /// Asks the robots of one fleet. A request whose future is dropped is taken back, and so are all of them when
@@ -19,6 +22,8 @@ pub struct Client {
     session: Session,
     fleet: String,
     number: u64,
+    /// Asks robots how they are. Robots know the session's requests by its identity.
+    statuses: Querier<'static>,
     robots: Arc<Robots>,
     following: OnceCell<[Subscriber<()>; 2]>,
     _alive: LivelinessToken,
@@ -26,7 +31,10 @@ pub struct Client {
 
 /// What is known of the fleet's robots.
 #[derive(Debug, Default)]
-struct Robots(Mutex<BTreeMap<String, Robot>>);
+struct Robots {
+    known: Mutex<BTreeMap<String, Robot>>,
+    changes: watch::Sender<()>,
+}
 
 /// A robot that was heard.
 #[derive(Clone, Debug)]
@@ -37,6 +45,8 @@ pub struct Heard {
     pub status: Status,
     /// Two speak under this name in turns.
     pub duplicate: bool,
+    /// Since when it has been away.
+    pub offline_since: Option<SystemTime>,
 }
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -48,16 +58,23 @@ struct Robot {
     duplicate: bool,
     /// Requests of this client that it has not answered.
     asked: u16,
+    offline_since: Option<SystemTime>,
 }
 
 impl Robots {
     fn lock(&self) -> MutexGuard<'_, BTreeMap<String, Robot>> {
-        self.0.lock().expect("no holder panics")
+        self.known.lock().expect("no holder panics")
     }
 
     fn heard(&self, robot: &str, status: Status) {
+        self.hear(robot, status);
+        self.changes.send_replace(());
+    }
+
+    fn hear(&self, robot: &str, status: Status) {
         let mut robots = self.lock();
         let known = robots.entry(robot.into()).or_default();
+        known.offline_since = None;
         if let Some(last) = known.status.replace(status)
             && last.instance != status.instance
         {
@@ -67,11 +84,19 @@ impl Robots {
         }
     }
 
+    /// Its liveliness token is gone: it, its link, or the router.
+    fn gone(&self, robot: &str) {
+        if let Some(known) = self.lock().get_mut(robot) {
+            known.offline_since.get_or_insert_with(SystemTime::now);
+        }
+        self.changes.send_replace(());
+    }
+
     /// The robot with a policy that has the least to do, and of those the one that has served least, but for
     /// some. What it has of this client's may not be in its status yet.
     fn least(&self, but: &[String]) -> Option<String> {
         let load = |robot: &Robot| {
-            let status = robot.status?;
+            let status = robot.status.filter(|_| robot.offline_since.is_none())?;
             let in_hand = status.in_hand.max(robot.asked);
             Some((status.policy.is_none(), in_hand, status.served))
         };
@@ -88,11 +113,16 @@ impl Client {
     /// # Errors
     /// `Request` for a bad fleet name, `Zenoh`.
     pub async fn new(session: Session, fleet: &str) -> Result<Client, RefineError> {
-        let [a, b, c, d, e, f, g, h, ..] = session.zid().to_le_bytes();
-        let number = u64::from_le_bytes([a, b, c, d, e, f, g, h]).max(1);
-        let key = keys::client_alive(fleet, number).map_err(RefineError::Request)?;
+        // Whoever learns the number learns nothing else of the session.
+        let number = RandomState::new().build_hasher().finish().max(1);
+        let named = |key: Result<keys::Key, _>| key.map_err(RefineError::Request);
+        let key = named(keys::client_alive(fleet, number))?;
         let alive = session.liveliness().declare_token(key.as_str()).await?;
+        let key = named(keys::all_status(fleet))?;
+        let statuses = session.declare_querier(key.as_str().to_owned());
+        let statuses = statuses.target(QueryTarget::All).timeout(STATUS_TIME);
         Ok(Client {
+            statuses: statuses.await?,
             session,
             fleet: fleet.into(),
             number,
@@ -100,6 +130,11 @@ impl Client {
             following: OnceCell::new(),
             _alive: alive,
         })
+    }
+
+    /// Whose requests these are.
+    fn source(&self) -> SourceInfo {
+        SourceInfo::new(self.statuses.id(), 0)
     }
 
     /// The session.
@@ -121,7 +156,8 @@ impl Client {
             ..*request
         };
         let mut asked = Asked::new(self, robot, Cancel::of(&request));
-        let answer = refine(&self.session, &self.fleet, robot, &request).await;
+        let source = Some(self.source());
+        let answer = refine_from(&self.session, source, &self.fleet, robot, &request).await;
         asked.answered = true;
         answer
     }
@@ -176,7 +212,12 @@ impl Client {
         following.map(|_| ())
     }
 
-    /// The robots that are there, in the order of their names; none before [`Client::follow_robots`].
+    /// Changes whenever a robot is heard, or goes.
+    pub fn changes(&self) -> watch::Receiver<()> {
+        self.robots.changes.subscribe()
+    }
+
+    /// The robots that are there or were, in the order of their names; none before [`Client::follow_robots`].
     pub fn heard(&self) -> Vec<Heard> {
         let robots = self.robots.lock();
         let heard = robots.iter().filter_map(|(name, robot)| {
@@ -184,6 +225,7 @@ impl Client {
                 robot: name.clone(),
                 status: robot.status?,
                 duplicate: robot.duplicate,
+                offline_since: robot.offline_since,
             })
         });
         heard.collect()
@@ -204,21 +246,31 @@ impl Client {
             })
             .await?;
         let alive_key = named(keys::all_alive(&self.fleet))?;
-        let robots = self.robots.clone();
-        let gone = self
+        let (robots, session, fleet) = (
+            self.robots.clone(),
+            self.session.clone(),
+            self.fleet.clone(),
+        );
+        let runtime = Handle::current();
+        let alive = self
             .session
             .liveliness()
             .declare_subscriber(alive_key.as_str())
             .history(true)
             .callback(move |sample| {
-                let robot = keys::robot_of(sample.key_expr().as_str());
-                if let (SampleKind::Delete, Some(robot)) = (sample.kind(), robot) {
-                    robots.lock().remove(robot);
+                let Some(robot) = keys::robot_of(sample.key_expr().as_str()) else {
+                    return;
+                };
+                if sample.kind() == SampleKind::Delete {
+                    return robots.gone(robot);
                 }
+                // It may have nothing to say of itself for a long time: a router was away, and not the robot.
+                let ask = ask_status(session.clone(), fleet.clone(), robot.into(), robots.clone());
+                runtime.spawn(ask);
             })
             .await?;
         self.ask_for_statuses().await?;
-        Ok([status, gone])
+        Ok([status, alive])
     }
 
     /// Asks every robot for its status once more: what they publish comes a moment late.
@@ -226,10 +278,27 @@ impl Client {
     /// # Errors
     /// `Zenoh`.
     pub async fn ask_for_statuses(&self) -> Result<(), RefineError> {
-        for (robot, status) in super::robots(&self.session, &self.fleet).await? {
-            self.robots.heard(&robot, status);
+        let replies = self.statuses.get().await?;
+        while let Ok(reply) = replies.recv_async().await {
+            if let Some((robot, status)) = reply.result().ok().and_then(read_status) {
+                self.robots.heard(robot, status);
+            }
         }
         Ok(())
+    }
+}
+
+/// Asks one robot for its status.
+async fn ask_status(session: Session, fleet: String, robot: String, robots: Arc<Robots>) {
+    let Ok(key) = keys::status(&fleet, &robot) else {
+        return;
+    };
+    let asked = session.get(key.as_str()).timeout(STATUS_TIME).await;
+    let Ok(replies) = asked else { return };
+    while let Ok(reply) = replies.recv_async().await {
+        if let Some((robot, status)) = reply.result().ok().and_then(read_status) {
+            robots.heard(robot, status);
+        }
     }
 }
 
@@ -280,7 +349,13 @@ impl Drop for Asked<'_> {
             return;
         };
         let frame = small_frame(&Message::Cancel(self.request));
-        if let Err(error) = self.client.session.put(key.as_str(), frame).wait() {
+        if let Err(error) = self
+            .client
+            .session
+            .put(key.as_str(), frame)
+            .source_info(self.client.source())
+            .wait()
+        {
             tracing::debug!("request {} was not taken back: {error}", self.request.id);
         }
     }

@@ -7,6 +7,9 @@ use host_train::dataset::camera::Camera;
 use host_train::dataset::pairs::{PairSet, Sample};
 use host_train::dataset::procedural::{self, Shape};
 use host_train::dataset::{Model, modelnet};
+use host_train::eval::EvalError;
+use host_train::export::WeightFile;
+use host_train::publish::Comparison;
 use host_train::random::{Purpose, Rng, stream};
 use rand::RngExt;
 use std::sync::Arc;
@@ -15,6 +18,9 @@ use std::sync::Arc;
 const POINTS: usize = 1024;
 /// Depth images of one shape, from all sides.
 const VIEWS: usize = 6;
+
+/// Pairs on which the second policy must not be worse than the first.
+const COMPARED: u64 = 200;
 
 /// Draws training sample number `i` from its own stream.
 pub(super) type Sampler = Arc<dyn Fn(&mut Rng, u64) -> Sample + Send + Sync>;
@@ -29,6 +35,7 @@ pub(super) struct Scene {
     pub(super) training_description: String,
     /// Draws what is trained on.
     pub(super) training: Sampler,
+    seed: u64,
 }
 
 impl Scene {
@@ -41,6 +48,7 @@ impl Scene {
                 description: format!("robots see the pairs of {}", path.display()),
                 pairs: PairSet::load(path)?,
                 training_description: "built-in shapes under sensor noise".into(),
+                seed,
                 training: Arc::new(move |rng, i| {
                     noisy_sample(rng, &procedural::model(seed, i).points, POINTS)
                 }),
@@ -57,6 +65,7 @@ impl Scene {
                     (sample, cloud)
                 }),
                 training_description: format!("training clouds of {}", directory.display()),
+                seed,
                 training: Arc::new(move |rng, _| {
                     let cloud = &clouds[rng.random_range(0..clouds.len())];
                     noisy_sample(rng, &cloud.points, POINTS)
@@ -73,6 +82,7 @@ impl Scene {
                     (seen_by_camera(rng, &shape), shape.model)
                 }),
                 training_description: "other built-in shapes, seen by the same camera".into(),
+                seed,
                 training: Arc::new(move |rng, i| seen_by_camera(rng, &procedural::shape(seed, i))),
             }
         };
@@ -84,6 +94,22 @@ impl Scene {
         }
         scene.pairs.source.truncate(shared);
         Ok(scene)
+    }
+
+    /// Both policies on pairs of the kind that is trained on, drawn apart from training.
+    pub(super) fn compare(
+        &self,
+        first: &WeightFile,
+        second: &WeightFile,
+    ) -> Result<Comparison, EvalError> {
+        let mut set = PairSet::default();
+        for index in u64::MAX - COMPARED..u64::MAX {
+            let mut rng = stream(self.seed, Purpose::Split, index);
+            let sample = (self.training)(&mut rng, index);
+            let raw = sample.target.clone();
+            set.push(sample, raw, 0);
+        }
+        Comparison::of(first, second, &set)
     }
 }
 

@@ -3,13 +3,16 @@
 use crate::client::{Client, Heard};
 use crate::print;
 use reagent_core::verdict::Verdict;
-use reagent_core::wire::Status;
+use reagent_core::wire::{NotTaken, Status};
 use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::io::IsTerminal;
+use std::time::SystemTime;
 
 /// Rows of robots at most; the rest is counted.
 const ROWS: usize = 24;
+/// Lines beside the robots', and that of the cursor.
+const OTHER_LINES: usize = 8;
 
 /// What is drawn, again and again, over what was drawn before.
 #[derive(Debug)]
@@ -33,9 +36,17 @@ impl Table {
     }
 
     pub(super) fn draw(&mut self, client: &Client) {
-        let text = text(&client.heard());
+        let (height, width) = console::Term::stdout().size();
+        let rows = usize::from(height).saturating_sub(OTHER_LINES);
+        let mut text = match self.in_place {
+            true => text(&client.heard(), rows.clamp(1, ROWS)),
+            false => text(&client.heard(), ROWS),
+        };
         self.clear();
-        self.drawn = text.lines().count();
+        if self.in_place {
+            text = cut(&text, width.into());
+            self.drawn = text.lines().count();
+        }
         print::stdout(format_args!("{text}"));
     }
 
@@ -53,8 +64,24 @@ impl Table {
     }
 }
 
-/// Robots that do most first, and below them what all do together.
-fn text(robots: &[Heard]) -> String {
+/// Lines no longer than the terminal is wide: one that wraps would not be drawn over.
+fn cut(text: &str, width: usize) -> String {
+    let lines = text
+        .lines()
+        .map(|line| console::truncate_str(line, width, "…") + "\n");
+    lines.collect()
+}
+
+/// The time of day of a moment.
+fn time_of_day(moment: SystemTime) -> String {
+    let since_1970 = moment.duration_since(SystemTime::UNIX_EPOCH);
+    let seconds = since_1970.map_or(0, |time| time.as_secs());
+    let (hours, minutes) = (seconds / 3600 % 24, seconds / 60 % 60);
+    format!("{hours:02}:{minutes:02}:{:02} UTC", seconds % 60)
+}
+
+/// Robots that do most first, those that are away last, and below them what all that are there do together.
+fn text(robots: &[Heard], rows: usize) -> String {
     let mut text = String::new();
     let mut line = |line: std::fmt::Arguments<'_>| {
         // Strings take everything.
@@ -71,18 +98,29 @@ fn text(robots: &[Heard]) -> String {
         verdicts.concat()
     ));
     let mut sorted: Vec<_> = robots.iter().collect();
-    sorted.sort_by_key(|heard| (std::cmp::Reverse(heard.status.in_hand), &heard.robot));
-    for heard in sorted.iter().take(ROWS) {
-        line(format_args!("{}", row(&heard.robot, &heard.status)));
+    sorted.sort_by_key(|heard| {
+        let in_hand = std::cmp::Reverse(heard.status.in_hand);
+        (heard.offline_since, in_hand, &heard.robot)
+    });
+    for heard in sorted.iter().take(rows) {
+        match heard.offline_since {
+            None => line(format_args!("{}", row(&heard.robot, &heard.status))),
+            Some(since) => line(format_args!(
+                "{:32} offline since {}",
+                heard.robot,
+                time_of_day(since)
+            )),
+        }
     }
-    if sorted.len() > ROWS {
-        line(format_args!("… and {} more", sorted.len() - ROWS));
+    if sorted.len() > rows {
+        line(format_args!("… and {} more", sorted.len() - rows));
     }
+    let here = || robots.iter().filter(|heard| heard.offline_since.is_none());
     let mut all = Status::default();
     let mut versions = BTreeMap::<_, usize>::new();
-    for Heard { status, .. } in robots {
+    for Heard { status, .. } in here() {
         *versions
-            .entry(status.policy.map(|policy| policy.version))
+            .entry(status.policy.map(|policy| policy.release()))
             .or_default() += 1;
         all.served += status.served;
         all.refused += status.refused;
@@ -93,7 +131,7 @@ fn text(robots: &[Heard]) -> String {
     }
     line(format_args!(
         "{}",
-        row(&format!("{} robots", robots.len()), &all)
+        row(&format!("{} robots", here().count()), &all)
     ));
     let versions = versions.iter().map(|(version, robots)| match version {
         Some(version) => format!("version {version}: {robots}"),
@@ -101,6 +139,14 @@ fn text(robots: &[Heard]) -> String {
     });
     let versions: Vec<_> = versions.collect();
     line(format_args!("policies in use: {}", versions.join(", ")));
+    for Heard { robot, status, .. } in here() {
+        if let Some(NotTaken { policy, reason }) = status.not_taken {
+            let release = policy.release();
+            line(format_args!(
+                "{robot} did not take version {release}: {reason}"
+            ));
+        }
+    }
     let twice = robots.iter().filter(|heard| heard.duplicate);
     for Heard { robot, .. } in twice {
         line(format_args!(
@@ -111,7 +157,7 @@ fn text(robots: &[Heard]) -> String {
 }
 
 fn row(name: &str, status: &Status) -> String {
-    let version = status.policy.map(|policy| policy.version.to_string());
+    let version = status.policy.map(|policy| policy.release().to_string());
     let verdicts = status.verdicts.map(|count| format!("{count:>13}"));
     format!(
         "{name:32} {:>12} {:>5} {:>8} {:>8} {}",
@@ -131,6 +177,7 @@ mod tests {
     #[test]
     fn robots_are_listed_and_summed_up() {
         let policy = |version| PolicyId {
+            epoch: 0,
             version,
             sha256: [0; 32],
         };
@@ -141,17 +188,19 @@ mod tests {
             in_hand,
             instance: 5,
             verdicts: [4, 3, 2, 1, 0],
+            ..Status::default()
         };
         let heard = |robot: String, status| Heard {
             duplicate: robot == "r07",
             robot,
             status,
+            offline_since: None,
         };
         let mut robots: Vec<_> = (0..30)
             .map(|i| heard(format!("r{i:02}"), status(Some(7), 0)))
             .collect();
         robots.push(heard("z".into(), status(None, 3)));
-        let text = text(&robots);
+        let text = text(&robots, ROWS);
         let lines: Vec<_> = text.lines().collect();
         assert!(lines[0].contains("converged") && lines[0].ends_with("poor fit"));
         assert!(
@@ -169,5 +218,28 @@ mod tests {
         );
         assert_eq!(lines[ROWS + 3], "policies in use: none: 1, version 7: 30");
         assert!(lines[ROWS + 4].starts_with("two robots are called r07"));
+    }
+
+    #[test]
+    fn who_is_away_is_told_from_when_on() {
+        let heard = |robot: &str, offline_since| Heard {
+            robot: robot.into(),
+            status: Status::default(),
+            duplicate: false,
+            offline_since,
+        };
+        let since = SystemTime::UNIX_EPOCH + std::time::Duration::from_secs(86_400 + 3_723);
+        let text = text(&[heard("a", Some(since)), heard("b", None)], ROWS);
+        let lines: Vec<_> = text.lines().collect();
+        assert!(lines[1].starts_with("b "), "{text}");
+        let words: Vec<_> = lines[2].split_whitespace().collect();
+        assert_eq!(words, ["a", "offline", "since", "01:02:03", "UTC"]);
+        assert!(lines[3].starts_with("1 robots"), "{text}");
+    }
+
+    #[test]
+    fn no_line_is_longer_than_the_terminal_is_wide() {
+        let narrow = cut("robot     policy\nx\n", 8);
+        assert_eq!(narrow, "robot  …\nx\n");
     }
 }

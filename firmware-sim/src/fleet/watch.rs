@@ -1,11 +1,17 @@
 //! `firmware-sim fleet watch`: a running fleet, as it changes.
 
 use super::table::Table;
-use crate::client::Client;
+use crate::client::{Client, Heard};
 use crate::session::{SessionArgs, open};
-use std::time::Duration;
+use anyhow::bail;
+use reagent_core::verdict::Verdict;
+use reagent_core::wire::keys::Hex;
+use reagent_core::wire::{PolicyId, Status, WhyNot};
+use serde_json::{Map, Value, json};
+use std::collections::BTreeSet;
+use std::time::{Duration, SystemTime};
 
-/// Time between two drawings in place.
+/// Time between two drawings in place, and between two lines of JSON at least.
 const FRAME: Duration = Duration::from_millis(500);
 
 /// Show a running fleet: policies, queues and verdicts of its robots, until Ctrl-C
@@ -17,6 +23,13 @@ pub struct WatchArgs {
     /// Print one table and end
     #[arg(long)]
     pub once: bool,
+    /// Print the fleet as a line of JSON whenever something has changed, instead of a table
+    #[arg(long)]
+    pub json: bool,
+    /// With --once: end with status 1 unless robots are there, all with one policy, none refused one, and no two
+    /// have one name
+    #[arg(long, requires = "once")]
+    pub check: bool,
     /// The network.
     #[command(flatten)]
     pub session: SessionArgs,
@@ -26,21 +39,180 @@ impl WatchArgs {
     /// Runs the command.
     ///
     /// # Errors
-    /// No session.
+    /// No session; with `--check`, what is wrong with the fleet.
     pub async fn run(self) -> anyhow::Result<()> {
         let client = Client::new(open(&self.session).await?, &self.fleet).await?;
         client.follow_robots().await?;
+        let mut changes = client.changes();
         let mut table = Table::new();
-        let pause = if table.is_live() { FRAME } else { 20 * FRAME };
+        let pause = if table.is_live() || self.json {
+            FRAME
+        } else {
+            20 * FRAME
+        };
         loop {
-            table.draw(&client);
-            if self.once {
-                return Ok(());
+            changes.mark_unchanged();
+            match self.json {
+                true => println!("{}", document(&client.heard())),
+                false => table.draw(&client),
             }
+            if self.once {
+                return if self.check {
+                    check(&client.heard())
+                } else {
+                    Ok(())
+                };
+            }
+            let next = async {
+                tokio::time::sleep(pause).await;
+                if self.json {
+                    // The client is there as long as this.
+                    changes.changed().await.ok();
+                }
+            };
             tokio::select! {
-                () = tokio::time::sleep(pause) => {}
+                () = next => {}
                 ended = tokio::signal::ctrl_c() => return Ok(ended?),
             }
         }
+    }
+}
+
+/// A fleet for programs. Times are seconds since 1970.
+fn document(robots: &[Heard]) -> Value {
+    let robots: Vec<_> = robots.iter().map(robot).collect();
+    json!({ "time": seconds(SystemTime::now()), "robots": robots })
+}
+
+fn robot(heard: &Heard) -> Value {
+    let Status {
+        served,
+        refused,
+        in_hand,
+        verdicts,
+        not_taken,
+        policy,
+        ..
+    } = heard.status;
+    let verdicts = Verdict::ALL.iter().zip(verdicts);
+    let verdicts: Map<_, _> = verdicts
+        .map(|(v, count)| (v.to_string(), count.into()))
+        .collect();
+    let not_taken = not_taken.map(|not| {
+        let (policy, reason) = (id(&not.policy), not.reason.to_string());
+        json!({ "policy": policy, "reason": reason })
+    });
+    json!({
+        "robot": heard.robot,
+        "online": heard.offline_since.is_none(),
+        "offline_since": heard.offline_since.map(seconds),
+        "duplicate": heard.duplicate,
+        "policy": policy.as_ref().map(id),
+        "not_taken": not_taken,
+        "in_hand": in_hand,
+        "served": served,
+        "refused": refused,
+        "verdicts": verdicts,
+    })
+}
+
+fn id(policy: &PolicyId) -> Value {
+    let sha256 = Hex(&policy.sha256).to_string();
+    json!({ "epoch": policy.epoch, "version": policy.version, "sha256": sha256 })
+}
+
+fn seconds(time: SystemTime) -> u64 {
+    time.duration_since(SystemTime::UNIX_EPOCH)
+        .map_or(0, |time| time.as_secs())
+}
+
+/// What is wrong with a fleet, if anything is.
+fn check(robots: &[Heard]) -> anyhow::Result<()> {
+    let named = |which: fn(&Heard) -> bool| {
+        let names = robots.iter().filter(|heard| which(heard));
+        names
+            .map(|heard| heard.robot.as_str())
+            .collect::<Vec<_>>()
+            .join(", ")
+    };
+    for (what, robots) in [
+        ("offline", named(|heard| heard.offline_since.is_some())),
+        (
+            "without a policy",
+            named(|heard| heard.status.policy.is_none()),
+        ),
+        (
+            "with a policy refused",
+            named(|heard| {
+                heard
+                    .status
+                    .not_taken
+                    .is_some_and(|not| not.reason != WhyNot::NotYet)
+            }),
+        ),
+        ("two of one name", named(|heard| heard.duplicate)),
+    ] {
+        if !robots.is_empty() {
+            bail!("{what}: {robots}");
+        }
+    }
+    let policies: BTreeSet<_> = robots
+        .iter()
+        .map(|heard| heard.status.policy.map(|p| p.sha256))
+        .collect();
+    match policies.len() {
+        0 => bail!("no robot is there"),
+        1 => Ok(()),
+        many => bail!("{many} policies are in use"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use reagent_core::wire::NotTaken;
+
+    fn heard(robot: &str, version: u64) -> Heard {
+        let policy = PolicyId {
+            version,
+            sha256: [version as u8; 32],
+            ..PolicyId::default()
+        };
+        Heard {
+            robot: robot.into(),
+            status: Status {
+                policy: Some(policy),
+                ..Status::default()
+            },
+            duplicate: false,
+            offline_since: None,
+        }
+    }
+
+    #[test]
+    fn a_fleet_is_healthy_where_all_run_one_policy() {
+        let wrong = |robots: &[Heard]| check(robots).expect_err("it is not").to_string();
+        assert!(check(&[heard("a", 1), heard("b", 1)]).is_ok());
+        assert_eq!(wrong(&[]), "no robot is there");
+        assert_eq!(
+            wrong(&[heard("a", 1), heard("b", 2)]),
+            "2 policies are in use"
+        );
+        let mut away = heard("b", 1);
+        away.offline_since = Some(SystemTime::now());
+        assert_eq!(wrong(&[heard("a", 1), away]), "offline: b");
+        let mut refuses = heard("b", 1);
+        refuses.status.not_taken = Some(NotTaken {
+            policy: PolicyId::default(),
+            reason: WhyNot::SelfTest,
+        });
+        assert_eq!(wrong(&[refuses.clone()]), "with a policy refused: b");
+        let document = document(&[refuses]);
+        assert_eq!(document["robots"][0]["policy"]["version"], 1);
+        let reason = document["robots"][0]["not_taken"]["reason"].as_str();
+        assert!(
+            reason.is_some_and(|reason| reason.contains("self-test")),
+            "{document}"
+        );
     }
 }

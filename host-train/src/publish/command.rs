@@ -1,11 +1,16 @@
 //! `host-train publish`
 
-use super::{Provenance, PublishError, Publisher, SessionArgs, open_session, read_key};
+use super::{
+    Comparison, Gate, Halt, Provenance, PublishError, Publisher, SessionArgs, Stages, open_session,
+    read_key,
+};
+use crate::dataset::pairs::PairSet;
 use crate::export::WeightFile;
-use reagent_core::wire::PolicyName;
 use reagent_core::wire::keys::Hex;
-use std::path::PathBuf;
-use std::time::SystemTime;
+use reagent_core::wire::{Manifest, PolicyName};
+use std::io::IsTerminal;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, SystemTime};
 
 /// Serve a policy to a fleet until Ctrl-C.
 #[derive(clap::Args, Clone, Debug)]
@@ -22,6 +27,13 @@ pub struct PublishArgs {
     /// Version of the policy; robots take only newer ones. Default: the time, in seconds since 1970.
     #[arg(long, value_name = "N")]
     pub policy_version: Option<u64>,
+    /// Epoch of the version, signed with it: a greater one begins the versions anew, and is the way back from one that
+    /// should never have been.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub epoch: u32,
+    /// How long robots have to take the policy before those that have not are named, seconds.
+    #[arg(long, value_name = "SECONDS", default_value_t = 60)]
+    pub wait: u64,
     /// Run that the policy came from; the SHA-256 of its training data goes into the manifest.
     #[arg(long, value_name = "RUN_DIR")]
     pub run: Option<PathBuf>,
@@ -31,6 +43,35 @@ pub struct PublishArgs {
     /// Record of the policy's evaluation, such as the JSON of `eval`; its SHA-256 goes into the manifest.
     #[arg(long, value_name = "FILE")]
     pub evaluation: Option<PathBuf>,
+    /// Ship to parts of the fleet one after the other, such as 1,10%,100%. Where robots do worse with it than the others
+    /// with --against, that one is published again under the next version.
+    #[arg(
+        long,
+        value_name = "LIST",
+        requires = "against",
+        conflicts_with = "store"
+    )]
+    pub stages: Option<Stages>,
+    /// Poses that the robots of a stage must have given, together, before the next stage.
+    #[arg(long, value_name = "N", default_value_t = 100, requires = "stages")]
+    pub gate_poses: u64,
+    /// How long a stage may take to give them, seconds.
+    #[arg(
+        long,
+        value_name = "SECONDS",
+        default_value_t = 3600,
+        requires = "stages"
+    )]
+    pub gate_wait: u64,
+    /// Pairs on which the policy must not be worse than the one before it; where it is, it is not published.
+    #[arg(long, value_name = "FILE.h5", requires = "against")]
+    pub evaluate: Option<PathBuf>,
+    /// The policy before it, for --evaluate and --stages.
+    #[arg(long, value_name = "FILE.rgw")]
+    pub against: Option<PathBuf>,
+    /// Publish a policy that is worse, too; without it a terminal is asked.
+    #[arg(long, requires = "evaluate")]
+    pub anyway: bool,
     /// The network.
     #[command(flatten)]
     pub session: SessionArgs,
@@ -50,18 +91,28 @@ pub async fn run(args: PublishArgs) -> Result<(), PublishError> {
         since_1970.map_or(1, |time| time.as_secs())
     });
     let provenance = Provenance::read(args.run.as_deref(), args.evaluation.as_deref())?;
+    if let (Some(pairs), Some(old)) = (&args.evaluate, &args.against) {
+        compare(pairs, old, &file, args.anyway)?;
+    }
     let session = open_session(&args.session).await?;
     let public_key = key.verifying_key().to_bytes();
     let mut publisher = Publisher::new(session, &args.fleet, key)?;
     publisher.provenance = provenance;
+    publisher.epoch = args.epoch;
     let stored = args.store;
-    let manifest = match stored {
-        true => publisher.store(version, &name, &file).await?,
-        false => publisher.publish(version, &name, file).await?,
+    let manifest = match (stored, &args.stages) {
+        (true, _) => publisher.store(version, &name, &file).await?,
+        (false, None) => publisher.publish(version, &name, file).await?,
+        (false, Some(stages)) => {
+            let manifest = publisher.prepare(version, &name, &file).await?;
+            roll_out(&mut publisher, &manifest, &file, stages, &args).await?;
+            manifest
+        }
     };
     println!(
-        "{} policy {name:?} version {version} ({} bytes, SHA-256 {}) {} fleet {:?}{}",
+        "{} policy {name:?} version {} ({} bytes, SHA-256 {}) {} fleet {:?}{}",
         if stored { "stored" } else { "serving" },
+        manifest.release(),
         manifest.length,
         Hex(&manifest.sha256),
         if stored { "for" } else { "to" },
@@ -72,9 +123,90 @@ pub async fn run(args: PublishArgs) -> Result<(), PublishError> {
         "robots that trust only this key: --trust {}",
         Hex(&public_key)
     );
-    if !stored {
-        tokio::signal::ctrl_c().await.map_err(zenoh::Error::from)?;
+    let interrupted = tokio::signal::ctrl_c();
+    tokio::pin!(interrupted);
+    tokio::select! {
+        ended = &mut interrupted => return Ok(ended.map_err(zenoh::Error::from)?),
+        told = tell_reception(&publisher, &manifest, &args) => told?,
     }
+    if !stored {
+        interrupted.await.map_err(zenoh::Error::from)?;
+    }
+    Ok(())
+}
+
+/// Ships to one part of the fleet after the other, and takes back what does worse.
+async fn roll_out(
+    publisher: &mut Publisher,
+    manifest: &Manifest,
+    file: &WeightFile,
+    stages: &Stages,
+    args: &PublishArgs,
+) -> Result<(), PublishError> {
+    let gate = Gate {
+        poses: args.gate_poses,
+        wait: Duration::from_secs(args.gate_wait),
+    };
+    let told = |line: String| println!("{line}");
+    let outcome = publisher
+        .roll_out(manifest, file, stages, gate, told)
+        .await?;
+    let Err(halt) = outcome else { return Ok(()) };
+    let back = match (&halt, &args.against) {
+        (Halt::Worse(_) | Halt::NotTaken(_), Some(old)) => {
+            let old = WeightFile::load(old)?;
+            let version = manifest.version + 1;
+            let back = publisher.publish(version, "taken-back", old).await?;
+            let wait = Duration::from_secs(args.wait);
+            let reception = publisher.reception(&back, wait).await?;
+            format!("version {version} is the old policy again, {reception}")
+        }
+        _ => "the robots that have it keep it; run again with the same version to go on".into(),
+    };
+    Err(PublishError::Halted { halt, back })
+}
+
+/// Compares the policy with the one before it, and says what came of it.
+fn compare(pairs: &Path, old: &Path, new: &WeightFile, anyway: bool) -> Result<(), PublishError> {
+    let before = WeightFile::load(old)?;
+    let failed = |reason: String| PublishError::Evaluation {
+        path: pairs.into(),
+        reason,
+    };
+    let set = PairSet::load(pairs).map_err(|error| failed(error.to_string()))?;
+    let comparison = Comparison::of(&before, new, &set);
+    let comparison = comparison.map_err(|error| failed(error.to_string()))?;
+    println!("against {}: {comparison}", old.display());
+    if comparison.is_worse() && !anyway && !confirmed() {
+        let old = old.into();
+        return Err(PublishError::Worse { old, comparison });
+    }
+    Ok(())
+}
+
+/// Asks whoever sits at the terminal.
+fn confirmed() -> bool {
+    if !std::io::stdin().is_terminal() {
+        return false;
+    }
+    print!("it is worse; publish it all the same? [y/N] ");
+    let mut answer = String::new();
+    std::io::stdin().read_line(&mut answer).is_ok() && answer.trim().eq_ignore_ascii_case("y")
+}
+
+/// Says what robots make of the policy.
+async fn tell_reception(
+    publisher: &Publisher,
+    manifest: &Manifest,
+    args: &PublishArgs,
+) -> Result<(), PublishError> {
+    let wait = Duration::from_secs(args.wait);
+    let reception = publisher.reception(manifest, wait).await?;
+    let nobody = reception.taken.is_empty() && !reception.is_complete();
+    if nobody || args.store && !reception.refused.is_empty() {
+        return Err(PublishError::NotTaken { reception });
+    }
+    println!("{reception}");
     Ok(())
 }
 

@@ -3,6 +3,7 @@
 //! The one definition for both ends: firmware-sim compiles this file too, since a robot never links
 //! the trainer.
 
+use std::ops::Range;
 use std::path::PathBuf;
 use thiserror::Error;
 use zenoh::{Config, Session};
@@ -26,7 +27,7 @@ pub struct SessionArgs {
 #[derive(Debug, Error)]
 pub enum SessionError {
     /// The configuration cannot be read or holds a wrong value.
-    #[error("zenoh configuration {origin}: {reason}")]
+    #[error("zenoh configuration {origin}: {}", plain(.reason))]
     Config {
         /// File or option.
         origin: String,
@@ -34,7 +35,7 @@ pub enum SessionError {
         reason: zenoh::Error,
     },
     /// Nothing answers at the endpoint, or it cannot be listened on.
-    #[error("no zenoh session ({endpoints}): {reason}; is the router running there?")]
+    #[error("no zenoh session ({endpoints}): {}; is the router running there?", plain(.reason))]
     Open {
         /// The endpoints given.
         endpoints: String,
@@ -58,6 +59,15 @@ pub async fn open(args: &SessionArgs) -> Result<Session, SessionError> {
             endpoints: endpoints(args),
             reason,
         })
+}
+
+/// Whether the session proves who it is.
+///
+/// # Errors
+/// `Config`.
+pub fn has_certificate(args: &SessionArgs) -> Result<bool, SessionError> {
+    let certificate = config(args)?.get_json("transport/link/tls/connect_certificate");
+    Ok(certificate.is_ok_and(|found| found != "null"))
 }
 
 fn config(args: &SessionArgs) -> Result<Config, SessionError> {
@@ -100,6 +110,24 @@ fn config(args: &SessionArgs) -> Result<Config, SessionError> {
     Ok(config)
 }
 
+/// What Zenoh says, without the places in its sources that it names.
+pub fn plain(error: &zenoh::Error) -> String {
+    let mut text = error.to_string();
+    while let Some(place) = source_place(&text) {
+        text.replace_range(place, "");
+    }
+    text
+}
+
+/// Where a text says ` at FOLDER/FILE.rs:LINE.`
+fn source_place(text: &str) -> Option<Range<usize>> {
+    let (before, after) = text.split_once(".rs:")?;
+    let start = before.rfind(" at ")?;
+    let number = after.trim_start_matches(|c: char| c.is_ascii_digit() || c == ':');
+    let end = text.len() - number.strip_prefix('.').unwrap_or(number).len();
+    Some(start..end)
+}
+
 fn json(endpoints: &[String]) -> String {
     serde_json::Value::from(endpoints).to_string()
 }
@@ -119,4 +147,20 @@ fn endpoints(args: &SessionArgs) -> String {
         parts.push("multicast scouting".into());
     }
     parts.join("; ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_place_on_the_machine_of_the_build_is_told() {
+        let error: zenoh::Error =
+            "Unable to connect to tcp/127.0.0.1:9 at /root/a b/zenoh-1.10/src/m.rs:72. - \
+            Caused by refused at src/x.rs:7:3."
+                .into();
+        let expected = "Unable to connect to tcp/127.0.0.1:9 - Caused by refused";
+        assert_eq!(plain(&error), expected);
+        assert_eq!(plain(&"at a time".into()), "at a time");
+    }
 }

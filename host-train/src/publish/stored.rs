@@ -1,6 +1,6 @@
 //! Policies in a router's storage: they are there when their publisher is gone.
 
-use super::{PublishError, Publisher, chunk_table, manifest, refused, sign};
+use super::{PublishError, Publisher, chunk_table, refused, sign};
 use crate::export::WeightFile;
 use reagent_core::wire::{self, Manifest, Message, keys};
 use sha2::{Digest, Sha256};
@@ -48,10 +48,7 @@ impl Publisher {
         name: &str,
         file: &WeightFile,
     ) -> Result<Manifest, PublishError> {
-        let mut manifest = manifest(version, name, file)?;
-        manifest.training_sha256 = self.provenance.training;
-        manifest.evaluation_sha256 = self.provenance.evaluation;
-        self.check_version(&manifest).await?;
+        let manifest = self.prepare(version, name, file).await?;
         let name = |error| refused(&self.fleet)(error);
         let sha256 = &manifest.sha256;
         let table = chunk_table(file.bytes());
@@ -74,6 +71,7 @@ impl Publisher {
         self.read_back(&manifest, &table).await?;
         let signed = sign(&self.key, &manifest);
         put(keys::manifest(&self.fleet).map_err(name)?, &signed).await?;
+        self.newest.lock().expect("no holder panics").0 = manifest.release();
         Ok(manifest)
     }
 

@@ -7,6 +7,7 @@ pub(crate) mod secured;
 
 use ed25519_dalek::SigningKey;
 use firmware_sim::node::{Node, NodeConfig};
+use firmware_sim::policy::Trust;
 use firmware_sim::session::{SessionArgs, open};
 use firmware_sim::view::View;
 use host_train::dataset::procedural;
@@ -61,7 +62,7 @@ impl Network {
         let config = NodeConfig {
             fleet: fleet.into(),
             robot: robot.into(),
-            trusted: vec![],
+            trust: Trust::AnyKey,
             state: None,
         };
         let node = Node::start(self.join().await, config);

@@ -2,6 +2,7 @@
 
 use super::key;
 use firmware_sim::node::{Node, NodeConfig};
+use firmware_sim::policy::Trust;
 use firmware_sim::session::{SessionArgs, open};
 use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
@@ -78,13 +79,22 @@ impl Secured {
     }
 
     pub(crate) async fn robot_at(&self, robot: &str, port: u16) -> Node {
+        self.run(self.join_at(robot, port).await, robot).await
+    }
+
+    /// A robot that calls itself otherwise than its certificate does.
+    pub(crate) async fn named(&self, certificate: &str, robot: &str) -> Node {
+        self.run(self.join(certificate).await, robot).await
+    }
+
+    async fn run(&self, session: Session, robot: &str) -> Node {
         let config = NodeConfig {
             fleet: LAB.into(),
             robot: robot.into(),
-            trusted: vec![key(1).verifying_key()],
+            trust: Trust::Keys(vec![key(1).verifying_key()]),
             state: None,
         };
-        let node = Node::start(self.join_at(robot, port).await, config).await;
+        let node = Node::start(session, config).await;
         node.expect("good names")
     }
 }

@@ -1,0 +1,142 @@
+//! Whether a policy is worse than the one before it: both on the same pairs.
+
+use super::statistics::coin;
+use crate::dataset::pairs::PairSet;
+use crate::eval::{Contestant, EvalError, EvalSettings, Method, evaluate};
+use crate::export::WeightFile;
+use crate::metrics::is_right;
+use reagent_core::dims::STEPS;
+use std::fmt;
+
+/// One policy is called worse where what tells it from the other is less likely than this by chance.
+const SIGNIFICANCE: f64 = 0.05;
+/// How much closer than a right pose a precise one is.
+const PRECISE: f64 = 5.0;
+
+/// The old policy and the new one on the same pairs, ten steps each.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Comparison {
+    /// Pairs.
+    pub pairs: usize,
+    /// Right poses, as recall counts them: below 5 degrees and .05 units.
+    pub right: Paired,
+    /// Precise poses: below 1 degree and .01 units.
+    pub precise: Paired,
+}
+
+/// On how many pairs one policy reached something, the other, and both in turns.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Paired {
+    /// Pairs on which the old policy did.
+    pub old: usize,
+    /// Pairs on which the new one did.
+    pub new: usize,
+    /// Those on which only the old one did.
+    pub lost: usize,
+    /// Those on which only the new one did.
+    pub won: usize,
+}
+
+impl Comparison {
+    /// Registers every pair with both.
+    ///
+    /// # Errors
+    /// As [`evaluate`].
+    pub fn of(old: &WeightFile, new: &WeightFile, set: &PairSet) -> Result<Self, EvalError> {
+        let settings = EvalSettings {
+            steps: STEPS,
+            threads: std::thread::available_parallelism().map_or(1, usize::from),
+            per_step: false,
+        };
+        let contestants = [("old", old), ("new", new)].map(|(name, file)| Contestant {
+            name: name.into(),
+            method: Method::Policy(file.policy()),
+        });
+        let outcomes = evaluate(set, &contestants, &settings, &|| {})?;
+        let reached = |closer: f64| {
+            let of = |errors: &crate::metrics::Errors| -> Vec<bool> {
+                let both = errors.r_iso_deg.iter().zip(&errors.t_iso);
+                both.map(|(r, t)| is_right(r * closer, t * closer))
+                    .collect()
+            };
+            let [old, new] = [&outcomes[0].errors, &outcomes[1].errors].map(of);
+            Paired::of(&old, &new)
+        };
+        Ok(Comparison {
+            pairs: set.source.len(),
+            right: reached(1.0),
+            precise: reached(PRECISE),
+        })
+    }
+
+    /// Whether the new policy is worse in what is right or in what is precise, beyond chance.
+    pub fn is_worse(&self) -> bool {
+        // Two questions: each gets half of the chance to be wrong.
+        let level = SIGNIFICANCE / 2.0;
+        self.right.p_no_worse() < level || self.precise.p_no_worse() < level
+    }
+}
+
+impl Paired {
+    fn of(old: &[bool], new: &[bool]) -> Paired {
+        let count = |which: fn(bool, bool) -> bool| {
+            let both = old.iter().zip(new);
+            both.filter(|&(&old, &new)| which(old, new)).count()
+        };
+        Paired {
+            old: count(|old, _| old),
+            new: count(|_, new| new),
+            lost: count(|old, new| old && !new),
+            won: count(|old, new| new && !old),
+        }
+    }
+
+    /// How likely so many losses among the pairs that differ are where the new policy is as good: McNemar's exact
+    /// test, one-sided (<https://doi.org/10.1007/BF02295996>).
+    pub fn p_no_worse(&self) -> f64 {
+        coin(self.lost as u64, (self.lost + self.won) as u64)
+    }
+}
+
+impl fmt::Display for Comparison {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let percent = |count: usize| 100.0 * count as f64 / self.pairs.max(1) as f64;
+        write!(f, "{} pairs", self.pairs)?;
+        for (what, paired) in [("right", self.right), ("precise", self.precise)] {
+            write!(
+                f,
+                "; {what} {:.1} % -> {:.1} % ({} lost, {} won, p = {:.3})",
+                percent(paired.old),
+                percent(paired.new),
+                paired.lost,
+                paired.won,
+                paired.p_no_worse()
+            )?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dataset::procedural;
+    use crate::nn::{Parameters, Shape};
+    use crate::protocol::{self, Protocol};
+
+    #[test]
+    fn an_untrained_policy_is_worse_than_the_bundled_one_and_that_is_as_good_as_itself() {
+        let models = procedural::models(3, 20);
+        let set = protocol::draw(&models, Protocol::M40Models, 20, 3);
+        let bundled = WeightFile::pretrained();
+        let untrained = WeightFile::from_parameters(&Parameters::random(Shape::PAPER, 1));
+        let untrained = untrained.expect("deployable");
+        let worse = Comparison::of(&bundled, &untrained, &set).expect("good pairs");
+        assert!(worse.is_worse(), "{worse}");
+        assert!(worse.to_string().starts_with("20 pairs; right "), "{worse}");
+        let better = Comparison::of(&untrained, &bundled, &set).expect("good pairs");
+        assert!(!better.is_worse(), "{better}");
+        let same = Comparison::of(&bundled, &bundled, &set).expect("good pairs");
+        assert!(!same.is_worse() && same.right.lost == 0, "{same}");
+    }
+}

@@ -1,0 +1,197 @@
+//! What the fleet's robots make of a policy: who takes it, who does not, and why.
+
+use super::{PublishError, Publisher, refused};
+use reagent_core::wire::{self, Manifest, Message, PolicyId, Status, WhyNot, keys};
+use std::collections::BTreeMap;
+use std::fmt;
+use std::time::Duration;
+use tokio::time::Instant;
+use zenoh::handlers::FifoChannelHandler;
+use zenoh::pubsub::Subscriber;
+use zenoh::query::QueryTarget;
+use zenoh::sample::Sample;
+
+/// Robots that are there answer for their status within this time.
+const ANSWER_TIME: Duration = Duration::from_secs(2);
+
+/// A robot, and how it says that it is doing.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Heard {
+    /// Its name.
+    pub robot: String,
+    /// Its status.
+    pub status: Status,
+}
+
+impl Heard {
+    pub(super) fn read(sample: &Sample) -> Option<Heard> {
+        let robot = keys::robot_of(sample.key_expr().as_str())?.to_owned();
+        match wire::decode(&sample.payload().to_bytes()) {
+            Ok(Message::Status(status)) => Some(Heard { robot, status }),
+            _ => None,
+        }
+    }
+}
+
+/// What robots made of one policy.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Reception {
+    /// Those that run it.
+    pub taken: Vec<String>,
+    /// Those that said why they do not.
+    pub refused: Vec<(String, WhyNot)>,
+    /// Those that have said nothing about it, and what they run.
+    pub silent: Vec<(String, Option<PolicyId>)>,
+}
+
+impl Reception {
+    fn of(robots: &BTreeMap<String, Status>, policy: PolicyId) -> Reception {
+        let mut reception = Reception::default();
+        for (robot, status) in robots {
+            let robot = robot.clone();
+            match status.not_taken {
+                _ if status.policy == Some(policy) => reception.taken.push(robot),
+                Some(not) if not.policy == policy => reception.refused.push((robot, not.reason)),
+                _ => reception.silent.push((robot, status.policy)),
+            }
+        }
+        reception
+    }
+
+    /// Whether every robot that is there runs it.
+    pub fn is_complete(&self) -> bool {
+        self.refused.is_empty() && self.silent.is_empty()
+    }
+}
+
+/// One line a robot, but those that have taken it together.
+impl fmt::Display for Reception {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Reception {
+            taken,
+            refused,
+            silent,
+        } = self;
+        let robots = taken.len() + refused.len() + silent.len();
+        if robots == 0 {
+            return write!(f, "no robot is there; it waits for those that come");
+        }
+        write!(f, "taken by {} of {robots} robots", taken.len())?;
+        if !taken.is_empty() {
+            write!(f, ": {}", taken.join(", "))?;
+        }
+        for (robot, why) in refused {
+            write!(f, "\nnot taken by {robot}: {why}")?;
+        }
+        for (robot, policy) in silent {
+            match policy {
+                Some(policy) => write!(
+                    f,
+                    "\nno word of it from {robot}, which runs version {}",
+                    policy.release()
+                )?,
+                None => write!(f, "\nno word of it from {robot}, which has no policy")?,
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Publisher {
+    /// The robots that answer now, in the order of their names.
+    ///
+    /// # Errors
+    /// `Zenoh`.
+    pub async fn robots(&self) -> Result<Vec<Heard>, PublishError> {
+        let key = keys::all_status(&self.fleet).map_err(refused(&self.fleet))?;
+        let replies = self
+            .session
+            .get(key.as_str())
+            .target(QueryTarget::All)
+            .timeout(ANSWER_TIME)
+            .await?;
+        let mut robots = Vec::new();
+        while let Ok(reply) = replies.recv_async().await {
+            robots.extend(reply.result().ok().and_then(Heard::read));
+        }
+        robots.sort_by(|a, b| a.robot.cmp(&b.robot));
+        Ok(robots)
+    }
+
+    /// Hears what robots say of themselves from here on.
+    ///
+    /// # Errors
+    /// `Zenoh`.
+    pub async fn follow_robots(
+        &self,
+    ) -> Result<Subscriber<FifoChannelHandler<Sample>>, PublishError> {
+        let key = keys::all_status(&self.fleet).map_err(refused(&self.fleet))?;
+        Ok(self.session.declare_subscriber(key.as_str()).await?)
+    }
+
+    /// Waits until every robot that is there has taken a policy or has said why not, for so long at most.
+    ///
+    /// # Errors
+    /// `Zenoh`.
+    pub async fn reception(
+        &self,
+        manifest: &Manifest,
+        wait: Duration,
+    ) -> Result<Reception, PublishError> {
+        let deadline = Instant::now() + wait;
+        let changes = self.follow_robots().await?;
+        let there = self.robots().await?.into_iter();
+        let mut robots: BTreeMap<_, _> = there.map(|heard| (heard.robot, heard.status)).collect();
+        loop {
+            let reception = Reception::of(&robots, manifest.id());
+            if reception.silent.is_empty() {
+                return Ok(reception);
+            }
+            match tokio::time::timeout_at(deadline, changes.recv_async()).await {
+                Err(_) => return Ok(reception),
+                Ok(sample) => {
+                    let heard = Heard::read(&sample?);
+                    robots.extend(heard.map(|heard| (heard.robot, heard.status)));
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use reagent_core::wire::NotTaken;
+
+    #[test]
+    fn a_reception_says_who_took_it_and_who_did_not_and_why() {
+        let id = |version| PolicyId {
+            epoch: 0,
+            version,
+            sha256: [version as u8; 32],
+        };
+        let status = |policy, not_taken: Option<(PolicyId, WhyNot)>| Status {
+            policy,
+            not_taken: not_taken.map(|(policy, reason)| NotTaken { policy, reason }),
+            ..Status::default()
+        };
+        let robots = BTreeMap::from([
+            ("a".into(), status(Some(id(2)), None)),
+            (
+                "b".into(),
+                status(Some(id(1)), Some((id(2), WhyNot::Untrusted))),
+            ),
+            ("c".into(), status(None, Some((id(1), WhyNot::SelfTest)))),
+            ("d".into(), status(Some(id(1)), None)),
+        ]);
+        let reception = Reception::of(&robots, id(2));
+        assert!(!reception.is_complete());
+        let lines = "taken by 1 of 4 robots: a\n\
+                     not taken by b: it does not trust the signing key\n\
+                     no word of it from c, which has no policy\n\
+                     no word of it from d, which runs version 1";
+        assert_eq!(reception.to_string(), lines);
+        let nobody = Reception::default().to_string();
+        assert!(nobody.starts_with("no robot is there"), "{nobody}");
+    }
+}

@@ -1,0 +1,131 @@
+//! What a robot keeps over restarts: damaged, deleted, or put back to what it was.
+
+mod support;
+
+use firmware_sim::flash::FILE;
+use firmware_sim::node::{Node, NodeConfig, NodeError};
+use firmware_sim::policy::{Trust, UpdateError};
+use host_train::publish::{Publisher, manifest};
+use reagent_core::wire::WhyNot;
+use std::path::{Path, PathBuf};
+use support::{FLEET, Host, Network, int8_policy, publisher, until};
+
+/// Bytes of each copy of the record.
+const RECORD: usize = 8192;
+
+fn config(state: &Path) -> NodeConfig {
+    NodeConfig {
+        fleet: FLEET.into(),
+        robot: "r1".into(),
+        trust: Trust::AnyKey,
+        state: Some(state.into()),
+    }
+}
+
+async fn start(network: &Network, state: &Path) -> Result<Node, NodeError> {
+    Node::start(network.join().await, config(state)).await
+}
+
+/// A robot that has taken these versions, and its state.
+async fn state_of(network: &Network, state: &Path, versions: &[u64]) -> PathBuf {
+    let node = start(network, state).await.expect("good names");
+    let mut publisher: Publisher = publisher(network).await;
+    for &version in versions {
+        let shipped = publisher.publish(version, "kept", int8_policy()).await;
+        let shipped = shipped.expect("a good policy");
+        until(&node, |view| view.policy.as_ref() == Some(&shipped)).await;
+    }
+    node.stop().await;
+    state.join(FILE)
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_lost_record_does_not_lead_back_to_an_old_version() {
+    let folder = tempfile::tempdir().expect("a temporary directory");
+    let network = Network::start().await;
+    let file = state_of(&network, folder.path(), &[1, 2]).await;
+    let whole = std::fs::read(&file).expect("readable");
+    let end = whole.len() - RECORD;
+
+    for lost in [0..RECORD, end..whole.len()] {
+        let mut bytes = whole.clone();
+        bytes[lost.clone()].fill(0);
+        std::fs::write(&file, bytes).expect("writable");
+        let node = start(&network, folder.path())
+            .await
+            .expect("the other copy is there");
+        let session = network.join().await;
+        let policy = int8_policy();
+        let older = manifest(1, "older", &policy).expect("a good policy");
+        let host = Host::of_file(&session, older, policy.bytes().to_vec()).await;
+        host.announce(&session).await;
+        let view = until(&node, |view| view.updates_refused == 1).await;
+        let told = view.not_taken.expect("it is told").reason;
+        assert!(
+            matches!(told, WhyNot::NotNewer(last) if last.version == 2),
+            "{told}"
+        );
+        assert_eq!(view.policy.map(|p| p.version), Some(2), "{lost:?}");
+        node.stop().await;
+    }
+
+    // Both copies erased, and the file cut at its front and at its end.
+    let mut erased = whole.clone();
+    erased[..RECORD].fill(0);
+    erased[end..].fill(0);
+    let noise = vec![0x5a; whole.len()];
+    for bytes in [&erased[..], &whole[RECORD..], &erased[..end / 2], &noise] {
+        std::fs::write(&file, bytes).expect("writable");
+        let error = start(&network, folder.path()).await;
+        let error = error.expect_err("nobody knows the version");
+        assert!(
+            matches!(error, NodeError::Store(UpdateError::Lost { .. })),
+            "{error}"
+        );
+        let text = error.to_string();
+        assert!(text.contains(FILE) && text.contains("backup"), "{text}");
+    }
+    let longer = [&whole[..], &[0]].concat();
+    std::fs::write(&file, longer).expect("writable");
+    let error = start(&network, folder.path()).await;
+    let error = error.expect_err("it is something else").to_string();
+    assert!(error.contains("more than a robot's flash"), "{error}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn slots_put_back_to_an_older_version_are_not_used() {
+    let folder = tempfile::tempdir().expect("a temporary directory");
+    let network = Network::start().await;
+    let file = state_of(&network, folder.path(), &[1]).await;
+    let old = std::fs::read(&file).expect("readable");
+    let file = state_of(&network, folder.path(), &[2, 3]).await;
+    let mut bytes = std::fs::read(&file).expect("readable");
+    let slots = RECORD..bytes.len() - RECORD;
+    bytes[slots.clone()].copy_from_slice(&old[slots]);
+    std::fs::write(&file, bytes).expect("writable");
+    let node = start(&network, folder.path()).await.expect("it starts");
+    let view = until(&node, |_| true).await;
+    assert_eq!(view.policy, None);
+    let error = view.last_refusal.expect("it is said");
+    assert!(matches!(*error, UpdateError::NotNewer { .. }), "{error}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_state_directory_deleted_under_a_robot_is_noticed() {
+    let folder = tempfile::tempdir().expect("a temporary directory");
+    let state = folder.path().join("state");
+    let network = Network::start().await;
+    state_of(&network, &state, &[1]).await;
+    let node = start(&network, &state).await.expect("good names");
+    std::fs::remove_dir_all(&state).expect("deletable");
+    until(&node, |view| view.state_lost).await;
+
+    // What it could not keep it does not take, and it says so.
+    let mut publisher = publisher(&network).await;
+    let published = publisher.publish(2, "second", int8_policy()).await;
+    published.expect("a good policy");
+    let view = until(&node, |view| view.updates_refused == 1).await;
+    let told = view.not_taken.expect("it is told").reason;
+    assert_eq!(told, WhyNot::NotKept);
+    assert_eq!(view.policy.map(|p| p.version), Some(1));
+}

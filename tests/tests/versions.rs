@@ -1,0 +1,126 @@
+//! Versions that should never have been, the way back, and what publishers are told of both.
+
+mod support;
+
+use firmware_sim::node::{Node, NodeConfig};
+use firmware_sim::policy::{Trust, UpdateError};
+use host_train::publish::{PublishError, manifest};
+use reagent_core::wire::{Manifest, Release, WhyNot};
+use std::time::Duration;
+use support::{FLEET, Host, Network, int8_policy, key, publisher, until};
+
+const NOW: u64 = 1_795_000_000;
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_version_far_ahead_is_refused_by_both_ends() {
+    let network = Network::start().await;
+    let node = network.node(FLEET, "r1").await;
+    let mut publisher = publisher(&network).await;
+    let file = int8_policy();
+    let far = publisher.publish(u64::MAX, "far", file.clone()).await;
+    let Err(PublishError::FarAhead { .. }) = &far else {
+        panic!("{far:?}");
+    };
+
+    // A publisher that does not mind.
+    let session = network.join().await;
+    let far = manifest(u64::MAX, "far", &file).expect("a good policy");
+    let host = Host::of_file(&session, far, file.bytes().to_vec()).await;
+    host.announce(&session).await;
+    let view = until(&node, |view| view.updates_refused == 1).await;
+    let error = view.last_refusal.expect("there is one");
+    assert!(matches!(*error, UpdateError::FarAhead { .. }), "{error}");
+    assert_eq!((view.policy, host.asked()), (None, 0));
+
+    let first = publisher.publish(NOW, "first", file.clone()).await;
+    let first = first.expect("a good policy");
+    until(&node, |view| view.policy.as_ref() == Some(&first)).await;
+    // Ten years ahead.
+    let years = publisher.publish(NOW + 315_360_000, "far", file).await;
+    assert!(
+        matches!(years, Err(PublishError::FarAhead { last, .. }) if last == first.release()),
+        "{years:?}"
+    );
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_greater_epoch_is_the_way_back() {
+    let network = Network::start().await;
+    let node = network.node(FLEET, "r1").await;
+    let mut careless = publisher(&network).await;
+    let file = int8_policy();
+    // A trainer whose clock was in the future, before there were other versions.
+    let future = careless.publish(NOW * 2, "future", file.clone()).await;
+    let future = future.expect("a good policy");
+    until(&node, |view| view.policy.as_ref() == Some(&future)).await;
+    drop(careless);
+
+    // What nobody announces any more is known by whoever runs it.
+    let mut publisher = publisher(&network).await;
+    let back = publisher.publish(NOW, "back", file.clone()).await;
+    let error = back.expect_err("the robot would not take it").to_string();
+    assert!(
+        error.contains("robot r1 runs") && error.contains("--epoch 1"),
+        "{error}"
+    );
+    publisher.epoch = 1;
+    let back = publisher.publish(7, "back", file.clone()).await;
+    let back = back.expect("a new epoch");
+    until(&node, |view| view.policy.as_ref() == Some(&back)).await;
+
+    // The old epoch is over, whatever the version.
+    let session = network.join().await;
+    let old = Manifest {
+        version: NOW * 2 + 1,
+        ..future
+    };
+    let host = Host::of_file(&session, old, file.bytes().to_vec()).await;
+    host.announce(&session).await;
+    let view = until(&node, |view| view.updates_refused == 1).await;
+    let epoch_1 = Release {
+        epoch: 1,
+        version: 7,
+    };
+    let told = view.not_taken.expect("it is told").reason;
+    assert_eq!(told, WhyNot::NotNewer(epoch_1));
+    publisher.epoch = 5000;
+    let far = publisher.publish(1, "far", file).await;
+    assert!(matches!(far, Err(PublishError::FarAhead { .. })), "{far:?}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn publishers_are_told_who_took_a_policy_and_who_did_not_and_why() {
+    let network = Network::start().await;
+    let robot = async |robot: &str, trusted: u8| {
+        let config = NodeConfig {
+            fleet: FLEET.into(),
+            robot: robot.into(),
+            trust: Trust::Keys(vec![key(trusted).verifying_key()]),
+            state: None,
+        };
+        let node = Node::start(network.join().await, config).await;
+        node.expect("good names")
+    };
+    let mut publisher = publisher(&network).await;
+    let published = publisher.publish(1, "first", int8_policy()).await;
+    let published = published.expect("a good policy");
+    let nobody = publisher.reception(&published, Duration::ZERO);
+    let nobody = nobody.await.expect("an open session");
+    assert!(
+        nobody.to_string().starts_with("no robot is there"),
+        "{nobody}"
+    );
+
+    let _robots = [
+        robot("a", 1).await,
+        robot("b", 2).await,
+        robot("c", 1).await,
+    ];
+    let published = publisher.publish(2, "second", int8_policy()).await;
+    let published = published.expect("a good policy");
+    let told = publisher.reception(&published, Duration::from_secs(60));
+    let told = told.await.expect("an open session");
+    assert_eq!(told.taken, ["a", "c"]);
+    assert_eq!(told.refused, [("b".to_owned(), WhyNot::Untrusted)]);
+    assert_eq!(told.silent, []);
+}

@@ -325,7 +325,20 @@ async fn a_node_logs_its_router_going_and_coming_and_every_request() {
 
     let cloud = [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.5; 3]];
     let cloud = CloudView::of(&cloud);
-    let client = Client::new(router, "f").await.expect("a good name");
+    let key = keys::refine("f", "r1").expect("good names");
+    let querier = router.declare_querier(key.as_str()).await;
+    let querier = querier.expect("an open session");
+    let changes = querier.matching_listener().await.expect("an open session");
+    while !querier
+        .matching_status()
+        .await
+        .expect("an open session")
+        .matching()
+    {
+        changes.recv_async().await.expect("an open session");
+    }
+    let client = Client::new(router.clone(), "f").await;
+    let client = client.expect("a good name");
     let asked = client
         .refine("r1", &RefineRequest::new(44, cloud, cloud))
         .await;

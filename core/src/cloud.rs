@@ -5,6 +5,9 @@ use crate::error::Error;
 use crate::grid::Grid;
 use core::ops::Range;
 
+/// No sensor measures more in any unit; larger numbers mark what was not measured, and their squares overflow.
+pub const LARGEST_COORDINATE: f32 = 1e12;
+
 /// Points that somebody else holds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Cloud<'c> {
@@ -60,7 +63,8 @@ impl<'c> Cloud<'c> {
     /// Refuses clouds that cannot be registered.
     ///
     /// # Errors
-    /// [`Error::EmptyCloud`], [`Error::TooFewPoints`], [`Error::TooManyPoints`], [`Error::NotFinite`].
+    /// [`Error::EmptyCloud`], [`Error::TooFewPoints`], [`Error::TooManyPoints`], [`Error::NotFinite`],
+    /// [`Error::OutOfRange`], [`Error::NoExtent`].
     pub fn check(self) -> Result<(), Error> {
         match self.len() {
             0 => return Err(Error::EmptyCloud),
@@ -73,10 +77,20 @@ impl<'c> Cloud<'c> {
             }
             _ => {}
         }
-        match self.points().position(|p| !p.iter().all(|x| x.is_finite())) {
-            Some(index) => Err(Error::NotFinite { index }),
-            None => Ok(()),
+        let finite = |p: [f32; 3]| p.iter().all(|x| x.is_finite());
+        if let Some(index) = self.points().position(|p| !finite(p)) {
+            return Err(Error::NotFinite { index });
         }
+        let measured = |p: [f32; 3]| p.iter().all(|x| x.abs() <= LARGEST_COORDINATE);
+        if let Some(index) = self.points().position(|p| !measured(p)) {
+            return Err(Error::OutOfRange { index });
+        }
+        let mut points = self.points();
+        let first = points.next();
+        if points.all(|p| Some(p) == first) {
+            return Err(Error::NoExtent);
+        }
+        Ok(())
     }
 }
 

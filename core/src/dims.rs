@@ -116,5 +116,5 @@ const _: () = assert!(
     !cfg!(target_os = "none")
         || SCRATCH_BYTES + REGISTRATION_BYTES + CLOUD_BYTES + RAM_REST <= RAM_BUDGET
 );
-const _: () = assert!(WORKSPACE_BYTES < 160 * 1024);
+const _: () = assert!(WORKSPACE_BYTES < 192 * 1024);
 const _: () = assert!(SURFACE_POINTS <= MAX_POINTS && SURFACE_POINTS.is_multiple_of(64));

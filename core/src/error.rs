@@ -25,8 +25,15 @@ pub enum Error {
         /// Index of the first such point.
         index: usize,
     },
-    /// All points of the target coincide: there is no scale to normalise by.
+    /// A coordinate is beyond [`crate::cloud::LARGEST_COORDINATE`]: a mark for "not measured", not a measurement.
+    OutOfRange {
+        /// Index of the first such point.
+        index: usize,
+    },
+    /// All points of a cloud coincide: there is no scale to normalise by, and nothing to align.
     NoExtent,
+    /// The points of the target span less than 1e-12: squares of distances underflow.
+    TooSmall,
     /// A pose holds a NaN, an infinity or a matrix that is not a rotation.
     BadPose,
     /// The registration was not started, or with another policy.
@@ -103,8 +110,22 @@ impl fmt::Display for Error {
                 f,
                 "point {index} has a NaN or infinite coordinate; drop invalid points first"
             ),
-            NoExtent => write!(f, "all points of the target coincide; there is no scale"),
-            BadPose => write!(f, "the pose is not a finite rigid transform"),
+            OutOfRange { index } => write!(
+                f,
+                "point {index} has a coordinate beyond 1e12, which marks what was not measured; drop such points first"
+            ),
+            NoExtent => write!(
+                f,
+                "all points of the cloud coincide; there is nothing to align"
+            ),
+            TooSmall => write!(
+                f,
+                "the target spans less than 1e-12; give both clouds in a smaller unit of length"
+            ),
+            BadPose => write!(
+                f,
+                "the pose is not a rigid transform, or its translation is beyond 1e12"
+            ),
             NotStarted => write!(
                 f,
                 "the registration was not started with this policy; start it first"

@@ -13,7 +13,10 @@
 //! without the system's mathematics: the same bits on every kernel and target.
 
 use crate::error::Error;
+use crate::freespace::DepthGrid;
 use crate::kernels::Isa;
+use crate::loss::{self, Losses};
+use crate::nearest::Lookup;
 use crate::pose::{Pose, centroid};
 use crate::register::{Frame, check_cloud};
 use crate::solve::{Motion, Rigid, least};
@@ -25,6 +28,9 @@ use glam::Vec3;
 pub struct Workspace {
     source: Surface,
     target: Surface,
+    lookup: Lookup,
+    pub(crate) losses: Losses,
+    pub(crate) seen: DepthGrid,
 }
 
 impl Workspace {
@@ -33,6 +39,9 @@ impl Workspace {
         Workspace {
             source: Surface::EMPTY,
             target: Surface::EMPTY,
+            lookup: Lookup::EMPTY,
+            losses: Losses::EMPTY,
+            seen: DepthGrid::EMPTY,
         }
     }
 }
@@ -43,10 +52,10 @@ impl Default for Workspace {
     }
 }
 
-/// How far two clouds are apart under a pose, each in its own way: mean over the points of `d² / (d² + c²)`, `d`
-/// being the distance to the nearest point of the other cloud and `c` two fifths of the radius that
-/// holds 24 of its points. 0 for equal clouds, about .17 for two samples of one surface, 1 for clouds that
-/// have nothing in common; a part that the other cloud lacks adds its share.
+/// How far two clouds are apart under a pose, each in its own way: mean over the points of a loss that is 0 for a
+/// point on the other cloud's surface and 1 for a point near nothing of it. 0 for equal clouds, about .4
+/// for two samples of one noisy surface, 1 for clouds that have nothing in common; a part that the other cloud lacks adds its
+/// share.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Residual {
     /// Of the source's points, to the target.
@@ -71,7 +80,15 @@ pub struct Refined {
     pub residual: Residual,
     /// How well the planes matched fix a turn about the axis about which they fix it least, as a share of all axes:
     /// up to a third, near 0 for a surface of revolution.
-    pub grip: f32,
+    pub rotation_constraint: f32,
+    /// Share of the source's points that lie on the target's surface.
+    pub overlap: f32,
+    /// Root of the mean squared distance of those from it, in the clouds' own units.
+    pub inlier_rmse: f32,
+    /// Points that differ from all others, in the cloud with fewer of them.
+    pub distinct_points: usize,
+    /// Size of the source over that of the target, each the distance from the centroid that nine in ten points keep.
+    pub extents_ratio: f32,
     /// Steps made.
     pub iterations: usize,
 }
@@ -81,7 +98,9 @@ pub struct Refined {
 pub(crate) struct Candidate {
     pub(crate) at: Rigid,
     pub(crate) residual: Residual,
-    pub(crate) grip: f32,
+    pub(crate) rotation_constraint: f32,
+    pub(crate) overlap: f32,
+    pub(crate) inlier_rmse: f32,
     pub(crate) iterations: usize,
 }
 
@@ -94,6 +113,8 @@ pub(crate) struct Stage {
     pub(crate) points: usize,
     /// Distance from which a match has no weight, in median distances.
     pub(crate) gate: f32,
+    /// The same at most, in radii of a neighbourhood.
+    pub(crate) widest: f32,
     /// Weight of the distance between points beside that between planes.
     pub(crate) tangential: f32,
     /// A turn (radians) and shift below this end the stage.
@@ -105,6 +126,7 @@ const NEAR: Stage = Stage {
     iterations: 12,
     points: 512,
     gate: 4.0,
+    widest: f32::INFINITY,
     tangential: 0.0,
     stop: 3e-4,
 };
@@ -113,15 +135,32 @@ const FINE: Stage = Stage {
     iterations: 10,
     points: usize::MAX,
     gate: 3.0,
+    widest: WIDEST_GATE,
     tangential: 0.3,
     stop: 1e-4,
 };
+/// The same for a hypothesis that is to be compared with others.
+const BRIEF_NEAR: Stage = Stage {
+    iterations: 6,
+    points: 256,
+    ..NEAR
+};
+const BRIEF_FINE: Stage = Stage {
+    iterations: 4,
+    points: 384,
+    ..FINE
+};
+/// Share of the source's points in a comparison of poses: the target often has sides that the source does not show.
+const SOURCE_SHARE: f32 = 0.8;
+/// Loss of a target's point that was not seen and need not have been, of that of one that would have hidden what was.
+const UNSEEN: f32 = 0.5;
 /// Share of the equations' trace that is added to their diagonal.
 const RIDGE: f64 = 1e-7;
 /// A match closer than this always counts, in radii of a neighbourhood.
 const LEAST_GATE: f32 = 0.02;
-/// Scale of a [`Residual`], in radii of a neighbourhood.
-pub(crate) const RESIDUAL_SCALE: f32 = 0.4;
+/// Widest gate of the last steps, in radii of a neighbourhood: where clouds overlap in part, the median is that of
+/// points without a counterpart.
+const WIDEST_GATE: f32 = 0.4;
 
 /// Two clouds, prepared to be refined and compared.
 #[derive(Debug)]
@@ -165,6 +204,8 @@ impl<'w> Refiner<'w> {
         let factor = 1.0 / frame.scale;
         workspace.source.fill(isa, source, source_centre, factor);
         workspace.target.fill(isa, target, frame.centre, factor);
+        workspace.lookup.fill(isa, &workspace.target);
+        workspace.seen = DepthGrid::EMPTY;
         Ok(Refiner {
             isa,
             workspace,
@@ -180,7 +221,7 @@ impl<'w> Refiner<'w> {
     pub fn residual(&mut self, target_from_source: Pose) -> Result<Residual, Error> {
         let at = self.inside(target_from_source.checked()?);
         self.match_both(at, usize::MAX);
-        Ok(self.matched_residual(RESIDUAL_SCALE))
+        Ok(self.matched_residual(at))
     }
 
     /// Refines a pose; the result fits no worse. At most 22 steps.
@@ -193,14 +234,20 @@ impl<'w> Refiner<'w> {
         Ok(self.refined(&found, initial))
     }
 
+    /// A few steps on some of the points, to compare with others.
+    pub(crate) fn polish_briefly(&mut self, initial: Rigid) -> Rigid {
+        let (near, _) = self.run(initial, &BRIEF_NEAR);
+        self.run(near, &BRIEF_FINE).0
+    }
+
     /// [`Self::polish`] in this frame.
     pub(crate) fn polish_inside(&mut self, initial: Rigid) -> Candidate {
         self.match_both(initial, usize::MAX);
-        let before = self.matched_residual(RESIDUAL_SCALE);
+        let before = self.matched_residual(initial);
         let (near, steps) = self.run(initial, &NEAR);
         let (at, more) = self.run(near, &FINE);
         self.match_both(at, usize::MAX);
-        let residual = self.matched_residual(RESIDUAL_SCALE);
+        let residual = self.matched_residual(at);
         let iterations = steps + more;
         let better = residual.mean() <= before.mean();
         let (at, residual) = if better {
@@ -209,17 +256,19 @@ impl<'w> Refiner<'w> {
             self.match_both(initial, usize::MAX);
             (initial, before)
         };
-        let (_, grip) = least(self.equations(at, &NEAR).turning());
+        let (overlap, inlier_rmse) = self.matched_overlap(at);
         Candidate {
             at,
             residual,
-            grip,
+            overlap,
+            inlier_rmse,
+            rotation_constraint: self.least_constraint(at).1,
             iterations,
         }
     }
 
     /// The candidate in the user's frame; exactly `initial` where it is that.
-    pub(crate) fn refined(&self, candidate: &Candidate, initial: Pose) -> Refined {
+    pub(crate) fn refined(&mut self, candidate: &Candidate, initial: Pose) -> Refined {
         let unmoved = candidate.at == self.inside(initial);
         Refined {
             target_from_source: if unmoved {
@@ -228,7 +277,11 @@ impl<'w> Refiner<'w> {
                 self.outside(candidate.at)
             },
             residual: candidate.residual,
-            grip: candidate.grip,
+            rotation_constraint: candidate.rotation_constraint,
+            overlap: candidate.overlap,
+            inlier_rmse: candidate.inlier_rmse * self.target.scale,
+            distinct_points: self.distinct_points(),
+            extents_ratio: self.extents_ratio(),
             iterations: candidate.iterations,
         }
     }
@@ -247,16 +300,17 @@ impl<'w> Refiner<'w> {
         (at, stage.iterations)
     }
 
-    /// The axis, through the target's centre, about which the planes matched under a pose fix a turn least.
-    pub(crate) fn slippery_axis(&mut self, at: Rigid) -> Vec3 {
+    /// The axis, through the target's centre, about which the planes matched under a pose fix a turn least, and how well
+    /// ([`Refined::rotation_constraint`]).
+    pub(crate) fn least_constraint(&mut self, at: Rigid) -> (Vec3, f32) {
         self.match_both(at, NEAR.points);
-        let (axis, _) = least(self.equations(at, &NEAR).turning());
-        if axis == Vec3::ZERO { Vec3::Z } else { axis }
+        let (axis, constraint) = least(self.equations(at, &NEAR).turning());
+        (if axis == Vec3::ZERO { Vec3::Z } else { axis }, constraint)
     }
 
     /// Matches about `points` of each cloud with all of the other.
     pub(crate) fn match_both(&mut self, at: Rigid, points: usize) {
-        let Workspace { source, target } = &mut *self.workspace;
+        let Workspace { source, target, .. } = &mut *self.workspace;
         let pose = at.pose();
         let every = |surface: &Surface| surface.points().len() / points.max(1);
         let (every_s, every_t) = (every(source), every(target));
@@ -264,32 +318,55 @@ impl<'w> Refiner<'w> {
         target.match_to(self.isa, source, pose.inverse(), every_t);
     }
 
-    /// Residual of the points matched last; `scale` in radii of a neighbourhood.
-    pub(crate) fn matched_residual(&self, scale: f32) -> Residual {
-        let Workspace { source, target } = &*self.workspace;
-        let of = |surface: &Surface, other: &Surface| {
-            let c = scale * other.radius;
-            let squared_scale = (c * c).max(1e-12);
+    /// Residual under the pose for which points were matched last.
+    pub(crate) fn matched_residual(&self, at: Rigid) -> Residual {
+        let Workspace {
+            source,
+            target,
+            seen,
+            ..
+        } = &*self.workspace;
+        let [source, target] = matched_losses(source, target, seen, at).map(|losses| {
             let (mut sum, mut count) = (0.0f64, 0u32);
-            for found in surface.matches() {
-                sum += f64::from(found.squared / (found.squared + squared_scale));
+            for loss in losses {
+                sum += f64::from(loss);
                 count += 1;
             }
             (sum / f64::from(count.max(1))) as f32
-        };
-        Residual {
-            source: of(source, target),
-            target: of(target, source),
+        });
+        Residual { source, target }
+    }
+
+    /// Share of the source's points, matched last, that lie on the target's surface, and how far from it, root mean square.
+    fn matched_overlap(&self, at: Rigid) -> (f32, f32) {
+        let Workspace { source, target, .. } = &*self.workspace;
+        let pose = at.pose();
+        let (mut sum, mut inliers, mut count) = (0.0f64, 0u32, 0u32);
+        for found in source.matches() {
+            let ((p, _), (q, n)) = (source.at(found.of), target.at(found.to));
+            let apart = pose.apply(p) - q;
+            count += 1;
+            if loss::is_on_surface(apart, n, target.radius) {
+                let across = n.dot(apart);
+                sum += f64::from(across * across);
+                inliers += 1;
+            }
         }
+        let mean = sum / f64::from(inliers.max(1));
+        let share = f64::from(inliers) / f64::from(count.max(1));
+        (share as f32, libm::sqrt(mean) as f32)
     }
 
     /// Normal equations of the points matched last.
     fn equations(&mut self, at: Rigid, stage: &Stage) -> Motion {
-        let Workspace { source, target } = &mut *self.workspace;
-        let median = 0.5 * (source.median_squared() + target.median_squared());
-        let least = LEAST_GATE * source.radius.max(target.radius);
+        let Workspace { source, target, .. } = &mut *self.workspace;
+        // Where one cloud shows a part of the other, its own points' median is that of the part.
+        let median = source.median_squared().min(target.median_squared());
+        let radius = source.radius.max(target.radius);
+        let (least, widest) = (LEAST_GATE * radius, stage.widest * radius);
         let gate = (stage.gate * stage.gate * median)
             .max(least * least)
+            .min(widest * widest)
             .max(1e-12);
         let pose = at.pose();
         let mut motion = Motion::ZERO;
@@ -301,8 +378,7 @@ impl<'w> Refiner<'w> {
             let weight = share * share;
             let ((p, m), (q, n)) = (source.at(i), target.at(j));
             let (p, m) = (pose.apply(p), pose.rotation * m);
-            let sum = if m.dot(n) < 0.0 { n - m } else { n + m };
-            let normal = sum * (1.0 / libm::sqrtf(sum.length_squared().max(1e-6)));
+            let normal = between(m, n);
             let (middle, apart) = ((p + q) * 0.5, p - q);
             motion.add(middle, normal, normal.dot(apart), weight);
             if stage.tangential > 0.0 {
@@ -316,13 +392,69 @@ impl<'w> Refiner<'w> {
         motion
     }
 
+    /// Steps on few of the source's points and about nearest points, one for each of the gates: distances from which a
+    /// match has no weight, in normalised units.
+    pub(crate) fn coarse(&self, initial: Rigid, points: usize, gates: &[f32]) -> Rigid {
+        const TANGENTIAL: f32 = 0.1;
+        let mut at = initial;
+        for &gate in gates {
+            let pose = at.pose();
+            let mut motion = Motion::ZERO;
+            for (p, q, m, n) in self.about_nearest(pose, points) {
+                let apart = p - q;
+                let share = 1.0 - apart.length_squared() / (gate * gate);
+                if share > 0.0 {
+                    let weight = share * share;
+                    let (middle, normal) = ((p + q) * 0.5, between(m, n));
+                    motion.add(middle, normal, normal.dot(apart), weight);
+                    motion.add_point(middle, apart, weight * TANGENTIAL);
+                }
+            }
+            let (turn, shift) = motion.solve(RIDGE);
+            at = at.moved(turn, shift);
+        }
+        at
+    }
+
+    /// Mean loss of few of the source's points and about nearest points.
+    pub(crate) fn coarse_loss(&self, at: Rigid, points: usize, scale: f32) -> f32 {
+        let radius = self.workspace.target.radius;
+        let (mut sum, mut count) = (0.0f32, 0.0f32);
+        for (p, q, _, n) in self.about_nearest(at.pose(), points) {
+            sum += loss::of_surface(p - q, n, radius, scale);
+            count += 1.0;
+        }
+        sum / count.max(1.0)
+    }
+
+    /// Points of the source as seen, each with a point of the target that is about nearest, and both normals.
+    fn about_nearest(
+        &self,
+        pose: Pose,
+        points: usize,
+    ) -> impl Iterator<Item = (Vec3, Vec3, Vec3, Vec3)> {
+        let Workspace {
+            source,
+            target,
+            lookup,
+            ..
+        } = &*self.workspace;
+        let every = (source.points().len() / points.max(1)).max(1);
+        (0..source.points().len()).step_by(every).map(move |i| {
+            let (p, m) = source.at(i);
+            let p = pose.apply(p);
+            let (q, n) = target.at(lookup.near(p));
+            (p, q, pose.rotation * m, n)
+        })
+    }
+
     /// A plain pose between the user's clouds as one between those inside.
     pub(crate) fn inside(&self, pose: Pose) -> Rigid {
         let centre = pose.apply(self.source_centre) - self.target.centre;
         Rigid::new(pose.rotation, centre * (1.0 / self.target.scale))
     }
 
-    fn outside(&self, at: Rigid) -> Pose {
+    pub(crate) fn outside(&self, at: Rigid) -> Pose {
         let rotation = at.turn.matrix();
         let centre = at.shift * self.target.scale + self.target.centre;
         Pose {
@@ -331,10 +463,94 @@ impl<'w> Refiner<'w> {
         }
     }
 
+    /// How many points differ from all others, in the cloud with fewer.
+    fn distinct_points(&self) -> usize {
+        let [source, target] = self.surfaces().map(|surface| surface.points().len());
+        source.min(target)
+    }
+
+    /// Size of the source over that of the target: distance from the centroid that nine in ten points keep.
+    fn extents_ratio(&mut self) -> f32 {
+        let Workspace { source, target, .. } = &mut *self.workspace;
+        source.extent() / target.extent().max(1e-30)
+    }
+
+    /// The target's centre, in its own units.
+    pub(crate) fn target_centre(&self) -> Vec3 {
+        self.target.centre
+    }
+
+    /// Says from where the source was seen, in its own frame: what would stand before what was seen counts against a
+    /// pose, and what is hidden does not.
+    pub fn seen_from(&mut self, view_point: Vec3) {
+        let eye = (view_point - self.source_centre) * (1.0 / self.target.scale);
+        let Workspace { source, seen, .. } = &mut *self.workspace;
+        seen.fill(source, eye);
+    }
+
+    /// Towards which the sensor looks, in the source's frame.
+    pub(crate) fn ahead(&self) -> Option<Vec3> {
+        self.workspace.seen.ahead()
+    }
+
+    /// Losses that were kept.
+    pub(crate) fn losses(&self) -> &Losses {
+        &self.workspace.losses
+    }
+
+    /// Keeps the losses of the points matched last; their sum, as of [`loss::COMPARED`] points of each cloud.
+    pub(crate) fn keep_matched_losses(&mut self, contender: usize, at: Rigid) -> f32 {
+        let Workspace {
+            source,
+            target,
+            seen,
+            losses,
+            ..
+        } = &mut *self.workspace;
+        let [of_source, of_target] = matched_losses(source, target, seen, at);
+        losses.keep(contender, of_source.chain(of_target));
+        let Residual { source, target } = self.matched_residual(at);
+        (SOURCE_SHARE * source + (1.0 - SOURCE_SHARE) * target) * 2.0 * loss::COMPARED as f32
+    }
+
     /// Both surfaces, source first.
     pub(crate) fn surfaces(&self) -> [&Surface; 2] {
         [&self.workspace.source, &self.workspace.target]
     }
+}
+
+/// Losses of the points matched last, of the source and of the target. Where a view point is known the target's
+/// are 1 for what stands in front of what was seen, and less than that for what only was not seen.
+fn matched_losses<'a>(
+    source: &'a Surface,
+    target: &'a Surface,
+    seen: &'a DepthGrid,
+    at: Rigid,
+) -> [impl Iterator<Item = f32> + 'a; 2] {
+    let there = at.pose();
+    [
+        (source, target, there, false),
+        (target, source, there.inverse(), seen.is_known()),
+    ]
+    .map(|(surface, other, pose, sees)| {
+        surface.matches().map(move |found| {
+            let ((p, _), (q, n)) = (surface.at(found.of), other.at(found.to));
+            let p = pose.apply(p);
+            let loss = loss::of_match(p - q, n, other.radius);
+            match sees {
+                true if seen.hides(p) => 1.0,
+                true => UNSEEN * loss,
+                false => loss,
+            }
+        })
+    })
+}
+
+/// Unit vector along the sum of two normals, turned to the same side.
+#[inline(always)]
+fn between(m: Vec3, n: Vec3) -> Vec3 {
+    let sum = if m.dot(n) < 0.0 { n - m } else { n + m };
+    sum * (1.0 / libm::sqrtf(sum.length_squared().max(1e-6)))
 }
 
 #[cfg(test)]

@@ -8,6 +8,9 @@ use crate::error::Error;
 use crate::steps::rotation_xyz;
 use glam::{Mat3, Vec3};
 
+/// What is farther is no pose of anything measured, and its squares overflow.
+const LARGEST_TRANSLATION: f32 = 1e12;
+
 /// A rotation and a translation. Whether they are a plain rigid transform (`x' = R x + t`) or a
 /// disentangled one is said by the name of the variable that holds them.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -99,11 +102,16 @@ impl Pose {
         }
     }
 
-    /// Refuses anything but a finite rigid transform (`RᵀR = 1` to 1e-3, determinant +1).
+    /// Refuses anything but a rigid transform (`RᵀR = 1` to 1e-3, determinant +1) that keeps measured coordinates finite.
     pub fn checked(self) -> Result<Pose, Error> {
         let gram = self.rotation.transpose() * self.rotation;
         let rigid = gram.abs_diff_eq(Mat3::IDENTITY, 1e-3) && self.rotation.determinant() > 0.0;
-        if rigid && self.translation.is_finite() {
+        let near = self
+            .translation
+            .to_array()
+            .iter()
+            .all(|x| x.abs() <= LARGEST_TRANSLATION);
+        if rigid && near {
             Ok(self)
         } else {
             Err(Error::BadPose)

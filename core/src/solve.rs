@@ -201,6 +201,19 @@ impl Rigid {
         }
     }
 
+    /// Turned about the target's centre.
+    pub(crate) fn turned(&self, by: Turn) -> Rigid {
+        Rigid {
+            turn: by.after(self.turn),
+            shift: by.matrix() * self.shift,
+        }
+    }
+
+    /// Where the target's centre lies in the source's frame.
+    pub(crate) fn centre(&self) -> Vec3 {
+        -(self.turn.matrix().transpose() * self.shift)
+    }
+
     /// After a small turn (of that rotation vector to first order, at most half a radian) and shift (at most half
     /// a unit).
     pub(crate) fn moved(&self, turn: Vec3, shift: Vec3) -> Rigid {

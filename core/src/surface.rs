@@ -108,14 +108,13 @@ impl Surface {
         (get(&self.points), get(&self.normals))
     }
 
-    /// Takes `(cloud - centre) * factor`, evenly thinned to the capacity, and estimates normals.
+    /// Takes the distinct points of `(cloud - centre) * factor`, evenly thinned to the capacity, and estimates normals.
     pub(crate) fn fill(&mut self, isa: Isa, cloud: &[[f32; 3]], centre: Vec3, factor: f32) {
         let n = cloud.len().min(SURFACE_POINTS);
         let seen = |i: usize| {
             let p = cloud.get(i * cloud.len() / n.max(1)).copied();
             (Vec3::from_array(p.unwrap_or_default()) - centre) * factor
         };
-        self.len = n;
         self.skipped = 0;
         let mut around = Bounds::EMPTY;
         (0..n).for_each(|i| around.add(seen(i).to_array()));
@@ -131,12 +130,27 @@ impl Surface {
             keys.sort_unstable();
         }
         self.boxes = [Bounds::EMPTY; BLOCKS];
-        for (place, (point, key)) in self.points.iter_mut().zip(&self.keys).enumerate().take(n) {
-            *point = seen((key & ((1 << INDEX_BITS) - 1)) as usize).to_array();
-            if let Some(bounds) = self.boxes.get_mut(place / BLOCK) {
-                bounds.add(*point);
+        // A point that comes again says nothing new; equal points are in one cell, and so in one run of keys.
+        let (mut len, mut run, mut cell) = (0, 0, u32::MAX);
+        for k in 0..n {
+            let key = self.keys.get(k).copied().unwrap_or_default();
+            let point = seen((key & ((1 << INDEX_BITS) - 1)) as usize).to_array();
+            if key >> INDEX_BITS != cell {
+                (cell, run) = (key >> INDEX_BITS, len);
+            }
+            let known = self.points.get(run..len).unwrap_or(&[]);
+            if known.contains(&point) {
+                continue;
+            }
+            if let (Some(place), Some(bounds)) =
+                (self.points.get_mut(len), self.boxes.get_mut(len / BLOCK))
+            {
+                *place = point;
+                bounds.add(point);
+                len += 1;
             }
         }
+        self.len = len;
         self.radius = self.neighbourhood();
         self.estimate_normals(isa);
     }
@@ -180,6 +194,15 @@ impl Surface {
         self.select(count, count / 2)
     }
 
+    /// Distance from the centroid that nine in ten points keep.
+    pub(crate) fn extent(&mut self) -> f32 {
+        let centre = crate::pose::centroid(self.points());
+        for (key, &p) in self.keys.iter_mut().zip(&self.points).take(self.len) {
+            *key = (Vec3::from_array(p) - centre).length_squared().to_bits();
+        }
+        libm::sqrtf(self.select(self.len, self.len * 9 / 10))
+    }
+
     /// The `k`-th smallest of the first `count` keys, as what it stands for.
     fn select(&mut self, count: usize, k: usize) -> f32 {
         match self.keys.get_mut(..count) {
@@ -198,7 +221,7 @@ impl Surface {
     }
 
     /// Nearest points to a batch, all of whose lanes are set.
-    fn nearest(&self, isa: Isa, batch: &mut Batch) {
+    pub(crate) fn nearest(&self, isa: Isa, batch: &mut Batch) {
         batch.nearest = [f32::INFINITY; BATCH];
         let around = bounds_of(batch);
         let mut gaps = [f32::INFINITY; BLOCKS];

@@ -20,8 +20,9 @@
 //! | 11 | [`Cancel`] | `…/robot/<id>/cancel`, published by a client that no longer waits |
 //!
 //! Version 3 brought time budgets, modes, clients and clouds on a grid ([`crate::grid`]) into requests, and what
-//! goes with them into replies and status. Manifests, which are kept under their signature, have a version of their
-//! own; its version 4 brought the epoch.
+//! goes with them into replies and status. Version 4 brought view points and starts from anywhere into requests, and
+//! into replies how the clouds fit and what their shape leaves open. Manifests, which are kept under their signature, have a
+//! version of their own; its version 4 brought the epoch.
 //!
 //! The signature itself is checked by whoever holds the keys, not here.
 
@@ -38,7 +39,9 @@ pub use cloud::CloudView;
 pub use frames::{
     Board, Chunk, FlashCheck, Manifest, PolicyId, PolicyName, SignedManifest, Status,
 };
-pub use refine::{BUDGET_MS, Cancel, Cloud, Mode, Reason, RefineReply, RefineRequest, Refusal};
+pub use refine::{
+    BUDGET_MS, Cancel, Cloud, Fit, Mode, Reason, RefineReply, RefineRequest, Refusal,
+};
 pub use release::{NotTaken, Release, Tally, WhyNot};
 pub use taken::{TakenRequest, refuse_beginning, take_request};
 pub use trace::{KernelName, STEP_BYTES, StepTaken, StepsView, Trace, step_bytes};
@@ -48,7 +51,7 @@ use crate::error::Error;
 use serde::{Deserialize, Serialize};
 
 /// Version of the frames; the first byte of each but a manifest.
-pub const VERSION: u8 = 3;
+pub const VERSION: u8 = 4;
 /// Version of manifests, signed or not; the first byte of each. Robots keep them over updates of themselves.
 pub const MANIFEST_VERSION: u8 = 4;
 /// Most bytes of one policy chunk.

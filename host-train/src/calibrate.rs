@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use reagent_core::dims::STEPS;
 use reagent_core::net::Scratch;
 use reagent_core::polish::Workspace;
-use reagent_core::verdict::FEATURES;
+use reagent_core::evidence::FEATURES;
 use reagent_core::{Error, Frame, Policy, Pose, Registrar};
 use serde::Serialize;
 

@@ -5,7 +5,7 @@ use crate::register::ReagentPose;
 use crate::status::{ReagentStatus, status};
 use core::mem::{align_of, size_of};
 use reagent_core::polish::{Refiner, Workspace};
-use reagent_core::verdict::Evidence;
+use reagent_core::evidence::Evidence;
 use reagent_core::{Cloud, Error, Pose};
 
 /// Words of a ReagentWorkspace.

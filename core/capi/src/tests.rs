@@ -1,7 +1,7 @@
 use super::*;
 use core::ptr::{null, null_mut};
 use reagent_core::polish::{Refiner, Workspace};
-use reagent_core::verdict::Evidence;
+use reagent_core::evidence::Evidence;
 use reagent_core::{Error, Pose, grid::Grid};
 
 fn memory() -> Box<ReagentMemory> {

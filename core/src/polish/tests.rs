@@ -1,5 +1,6 @@
 use super::*;
 use crate::pose::rotation_from_euler;
+use crate::start::Start;
 use proptest::prelude::*;
 
 /// Numbers from -1 to 1.
@@ -84,7 +85,7 @@ fn another_sample_of_a_surface_is_found_in_any_unit() {
         let (angle, distance) = error(found.target_from_source, truth);
         assert!(angle < 0.5 && distance < 0.01 * unit, "{angle} {distance}");
         assert!(
-            found.residual.mean() < 0.25 && found.grip > 0.05,
+            found.residual.mean() < 0.3 && found.overlap > 0.8 && found.rotation_constraint > 0.05,
             "{found:?}"
         );
     }
@@ -153,7 +154,10 @@ fn clouds_beyond_the_capacity_are_thinned_and_bad_ones_refused() {
     let mut skewed = Pose::IDENTITY;
     skewed.rotation.x_axis.y = 1.0;
     assert_eq!(refiner.polish(skewed).err(), Some(Error::BadPose));
-    assert_eq!(refiner.verify(skewed).err(), Some(Error::BadPose));
+    assert_eq!(
+        refiner.verify(skewed, &Start::Anywhere).err(),
+        Some(Error::BadPose)
+    );
 }
 
 /// Clouds that fix no pose, or hardly: lines, planes, duplicates, few points, tiny and huge ones.
@@ -201,13 +205,13 @@ proptest! {
         };
         let before = refiner.residual(initial).expect("rigid");
         let polished = refiner.polish(initial).expect("rigid");
-        let verified = refiner.verify(initial).expect("rigid");
+        let verified = refiner.verify(initial, &Start::at(initial)).expect("rigid");
         for found in [polished, verified.best, verified.polished] {
             prop_assert!(found.residual.mean() <= before.mean(), "{:?} {:?}", found, before);
             prop_assert!(found.target_from_source.checked().is_ok(), "{:?}", found);
-            prop_assert!((0.0..=1.0).contains(&found.residual.mean()) && (0.0..0.34).contains(&found.grip), "{:?}", found);
+            prop_assert!((0.0..=1.0).contains(&found.residual.mean()) && (0.0..0.34).contains(&found.rotation_constraint), "{:?}", found);
         }
-        let probability = crate::verdict::Evidence::verified(&verified).probability();
+        let probability = crate::evidence::Evidence::verified(&verified).probability();
         prop_assert!((0.0..=1.0).contains(&probability));
     }
 }

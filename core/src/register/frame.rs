@@ -5,6 +5,9 @@ use crate::error::Error;
 use crate::pose::mean;
 use glam::Vec3;
 
+/// Squares of smaller distances underflow.
+const SMALLEST_SCALE: f32 = 1e-12;
+
 /// The normalised frame in which the policy works: `x_n = (x - centre) / scale`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Frame {
@@ -24,7 +27,7 @@ impl Frame {
     /// The target's frame: its mean at the origin, its farthest point at distance 1.
     ///
     /// # Errors
-    /// As [`Cloud::check`]; [`Error::NoExtent`] where all points coincide.
+    /// As [`Cloud::check`]; [`Error::TooSmall`].
     pub fn of(target: &[[f32; 3]]) -> Result<Frame, Error> {
         Frame::of_cloud(Cloud::F32(target))
     }
@@ -40,10 +43,10 @@ impl Frame {
             .points()
             .map(|p| (Vec3::from_array(p) - centre).length())
             .fold(0.0, f32::max);
-        if scale > 0.0 && scale.is_finite() {
+        if scale >= SMALLEST_SCALE {
             Ok(Frame { centre, scale })
         } else {
-            Err(Error::NoExtent)
+            Err(Error::TooSmall)
         }
     }
 }

@@ -2,23 +2,16 @@
 
 use super::CloudView;
 use crate::error::Error;
+pub use crate::pipeline::Mode;
+use crate::pipeline::{Refinement, Task};
+use crate::polish::Refined;
+use crate::pose::Pose;
+use crate::start::Start;
 use crate::verdict::Verdict;
+use crate::verify::Undetermined;
 use core::fmt;
+use glam::Vec3;
 use serde::{Deserialize, Serialize};
-
-/// What follows the policy's steps.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Mode {
-    /// Nothing: the policy alone.
-    Fast,
-    /// A few robust steps of closest points.
-    Polish,
-    /// The same, and comparison with other poses where the clouds do not fit.
-    Verify,
-    /// The last of these that the robot can do; the reply says which it was.
-    #[default]
-    Best,
-}
 
 /// Two clouds to register.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -39,6 +32,10 @@ pub struct RefineRequest<'a> {
     pub trace: bool,
     /// Estimate of target_from_source as rows of `[R | t]`, in the clouds' units; none: identity.
     pub initial: Option<[[f32; 4]; 3]>,
+    /// Whether any rotation is as probable as the initial pose.
+    pub anywhere: bool,
+    /// Where the sensor stood, in the source's frame and units, if the source is a view from one point.
+    pub view_point: Option<[f32; 3]>,
     /// The observed cloud, any units.
     #[serde(borrow)]
     pub source: CloudView<'a>,
@@ -51,6 +48,21 @@ pub struct RefineRequest<'a> {
 pub const BUDGET_MS: u32 = 10_000;
 
 impl<'a> RefineRequest<'a> {
+    /// What it asks for.
+    pub fn task(&self) -> Task {
+        let pose = self.initial.map_or(Pose::IDENTITY, Pose::from_rows);
+        Task {
+            mode: self.mode,
+            steps: usize::from(self.max_steps),
+            view_point: self.view_point.map(Vec3::from_array),
+            ..Task::new(if self.anywhere {
+                Start::Anywhere
+            } else {
+                Start::at(pose)
+            })
+        }
+    }
+
     /// A request for the best pose within ten steps and [`BUDGET_MS`], from the identity.
     pub fn new(id: u64, source: CloudView<'a>, target: CloudView<'a>) -> Self {
         RefineRequest {
@@ -61,6 +73,8 @@ impl<'a> RefineRequest<'a> {
             max_steps: crate::dims::STEPS as u8,
             trace: false,
             initial: None,
+            anywhere: false,
+            view_point: None,
             source,
             target,
         }
@@ -80,14 +94,59 @@ pub struct RefineReply {
     pub mode: Mode,
     /// How they ended; of a refined pose, whether it is probably right.
     pub verdict: Verdict,
-    /// Of a refined pose, how probably it is right.
+    /// Of a refined pose, how probably it is right, up to what [`Fit::axis`] and [`Fit::others`] leave open.
     pub probability: Option<f32>,
+    /// Of a refined pose, how the clouds fit under it.
+    pub fit: Option<Fit>,
     /// Time in the robot's queue, microseconds.
     pub waited_micros: u32,
     /// Time the registration took on the robot, microseconds.
     pub micros: u32,
     /// Version of the policy that answered.
     pub policy_version: u64,
+}
+
+/// How clouds fit under a refined pose, and what their shape leaves open.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Fit {
+    /// Share of the source's points that lie on the target's surface.
+    pub overlap: f32,
+    /// Root of the mean squared distance of those from it, in the clouds' units.
+    pub inlier_rmse: f32,
+    /// Size of the source over that of the target.
+    pub extents_ratio: f32,
+    /// Points that differ from all others, in the cloud with fewer of them.
+    pub distinct_points: u16,
+    /// Axis about which a turn fits as well: a point on it, its direction, both in the target's frame and units, and the largest angle,
+    /// radians.
+    pub axis: Option<([f32; 3], [f32; 3], f32)>,
+    /// Other poses that fit as well.
+    pub others: u8,
+}
+
+impl Fit {
+    /// What a refinement found.
+    pub fn of(found: &Refinement) -> Fit {
+        let Refined {
+            overlap,
+            inlier_rmse,
+            extents_ratio,
+            distinct_points,
+            ..
+        } = found.refined;
+        let Undetermined { axis, poses } = found.undetermined;
+        Fit {
+            overlap,
+            inlier_rmse,
+            extents_ratio,
+            distinct_points: u16::try_from(distinct_points).unwrap_or(u16::MAX),
+            axis: axis.map(|axis| {
+                let [point, direction] = [axis.point, axis.direction].map(|v| v.to_array());
+                (point, direction, axis.half_angle_rad)
+            }),
+            others: poses.iter().flatten().count() as u8,
+        }
+    }
 }
 
 /// Takes a request back: nobody waits for its answer.
@@ -149,7 +208,7 @@ pub enum Reason {
     TooManyPoints(Cloud, u32),
     /// The point of this index has a NaN or infinite coordinate.
     NotFinite(Cloud, u32),
-    /// All points of the target coincide.
+    /// All points of a cloud coincide, or nearly.
     BadCloud,
     /// The initial pose is not a finite rigid transform.
     BadPose,
@@ -176,7 +235,8 @@ impl Reason {
             Error::TooFewPoints { points } => Reason::TooFewPoints(cloud, count(points)),
             Error::TooManyPoints { points, .. } => Reason::TooManyPoints(cloud, count(points)),
             Error::NotFinite { index } => Reason::NotFinite(cloud, count(index)),
-            Error::NoExtent => Reason::BadCloud,
+            Error::OutOfRange { index } => Reason::NotFinite(cloud, count(index)),
+            Error::NoExtent | Error::TooSmall => Reason::BadCloud,
             Error::BadPose => Reason::BadPose,
             Error::Frame => Reason::Malformed,
             Error::FrameVersion { .. } => Reason::WrongVersion {
@@ -192,17 +252,6 @@ impl fmt::Display for Cloud {
         f.write_str(match self {
             Cloud::Source => "source",
             Cloud::Target => "target",
-        })
-    }
-}
-
-impl fmt::Display for Mode {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Mode::Fast => "fast",
-            Mode::Polish => "polish",
-            Mode::Verify => "verify",
-            Mode::Best => "best",
         })
     }
 }
@@ -228,9 +277,9 @@ impl fmt::Display for Reason {
             ),
             Reason::NotFinite(cloud, index) => write!(
                 f,
-                "point {index} of the {cloud} cloud has a NaN or infinite coordinate"
+                "point {index} of the {cloud} cloud has a coordinate that was not measured: NaN, infinite or beyond 1e12"
             ),
-            Reason::BadCloud => write!(f, "all points of the target cloud coincide"),
+            Reason::BadCloud => write!(f, "all points of a cloud coincide, or nearly"),
             Reason::BadPose => write!(f, "the initial pose is not a finite rigid transform"),
             Reason::Internal => write!(f, "it failed; see its log"),
             Reason::Deadline => write!(

@@ -103,8 +103,8 @@ impl Place {
     }
 }
 
-/// What a request begins with: kind of message, id, client, budget, mode, steps, trace, initial pose, grid and
-/// bytes of the source.
+/// What a request begins with: kind of message, id, client, budget, mode, steps, trace, initial pose, whether from
+/// anywhere, view point, grid and bytes of the source.
 type Beginning = (
     u8,
     u64,
@@ -114,6 +114,8 @@ type Beginning = (
     u8,
     bool,
     Option<[[f32; 4]; 3]>,
+    bool,
+    Option<[f32; 3]>,
     Option<Grid>,
     u32,
 );
@@ -134,7 +136,7 @@ pub fn refuse_beginning(beginning: &[u8], length: usize, points: usize, busy: bo
         return unread;
     };
     let read = postcard::take_from_bytes::<Beginning>(body);
-    let Ok(((2, id, _, _, _, _, _, _, grid, source), rest)) = read else {
+    let Ok(((2, id, _, _, _, _, _, _, _, _, grid, source), rest)) = read else {
         return unread;
     };
     let point = if grid.is_some() {

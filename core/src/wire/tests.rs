@@ -56,11 +56,11 @@ fn manifest_is_these_bytes() {
 #[test]
 fn signed_manifest_is_these_bytes() {
     let signed = SignedManifest {
-        manifest: &[3, 0, 9],
+        manifest: &[4, 0, 9],
         public_key: [7; 32],
         signature: [[8; 32], [9; 32]],
     };
-    let mut expected = vec![4, 1, 3, 3, 0, 9];
+    let mut expected = vec![4, 1, 3, 4, 0, 9];
     expected.extend([[7; 32], [8; 32], [9; 32]].concat());
     let bytes = bytes_of(&Message::SignedManifest(signed));
     assert_eq!(bytes, expected);
@@ -71,7 +71,7 @@ fn signed_manifest_is_these_bytes() {
 fn request_is_these_bytes() {
     let (source, target) = ([[1.0, -2.0, 0.5]], []);
     let mut request = RefineRequest::new(5, CloudView::of(&source), CloudView::of(&target));
-    let mut expected = vec![3, 2, 5, 0, 0x90, 0x4e, 3, 10, 0, 0];
+    let mut expected = vec![4, 2, 5, 0, 0x90, 0x4e, 3, 10, 0, 0, 0, 0];
     let cloud = [0, 12, 0, 0, 0x80, 0x3f, 0, 0, 0, 0xc0, 0, 0, 0, 0x3f];
     expected.extend(cloud);
     expected.extend([0, 0]);
@@ -82,13 +82,17 @@ fn request_is_these_bytes() {
     request.mode = Mode::Verify;
     request.trace = true;
     request.initial = Some([[1.0; 4]; 3]);
+    request.anywhere = true;
+    request.view_point = Some([1.0; 3]);
     let grid = Grid {
         origin: [0.5, 0.0, 1.0],
         step: 0.125,
     };
     request.target = CloudView::on_grid(grid, &[[1, -2, 300]]);
-    let mut expected = vec![3, 2, 5, 0xac, 2, 20, 2, 10, 1, 1];
+    let mut expected = vec![4, 2, 5, 0xac, 2, 20, 2, 10, 1, 1];
     expected.extend([0, 0, 0x80, 0x3f].repeat(12));
+    expected.extend([1, 1]);
+    expected.extend([0, 0, 0x80, 0x3f].repeat(3));
     expected.extend(cloud);
     expected.extend([
         1, 0, 0, 0, 0x3f, 0, 0, 0, 0, 0, 0, 0x80, 0x3f, 0, 0, 0, 0x3e,
@@ -111,11 +115,19 @@ fn reply_is_these_bytes() {
         target_from_source: [[1.0; 4]; 3],
         ..reply()
     };
-    let mut expected = vec![3, 3, 1];
+    let mut expected = vec![4, 3, 1];
     expected.extend([0, 0, 0x80, 0x3f].repeat(12));
-    expected.extend([10, 2, 1, 1, 0, 0, 0, 0x3f, 0xac, 0x02, 0xc8, 0x01, 3]);
+    expected.extend([10, 2, 1, 1, 0, 0, 0, 0x3f]);
+    expected.extend(FIT_BYTES);
+    expected.extend([0xac, 0x02, 0xc8, 0x01, 3]);
     assert_eq!(bytes_of(&Message::RefineReply(reply)), expected);
 }
+
+/// Of [`reply`]'s fit: it is there, overlap, rmse, ratio, points, axis, others.
+const FIT_BYTES: [u8; 44] = [
+    1, 0, 0, 0, 0x3f, 0, 0, 0x80, 0x3e, 0, 0, 0x80, 0x3f, 0x80, 8, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0,
+    0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0x80, 0x3f, 0, 0, 0x40, 0x40, 1,
+];
 
 fn reply() -> RefineReply {
     RefineReply {
@@ -125,6 +137,14 @@ fn reply() -> RefineReply {
         mode: Mode::Verify,
         verdict: Verdict::StepLimit,
         probability: Some(0.5),
+        fit: Some(Fit {
+            overlap: 0.5,
+            inlier_rmse: 0.25,
+            extents_ratio: 1.0,
+            distinct_points: 1024,
+            axis: Some(([0.0; 3], [0.0, 0.0, 1.0], 3.0)),
+            others: 1,
+        }),
         waited_micros: 300,
         micros: 200,
         policy_version: 3,
@@ -142,12 +162,12 @@ fn a_trace_and_a_cancellation_are_these_bytes() {
             sha256: [1; 32],
         },
         kernels: KernelName::try_from("avx2").expect("fits"),
-        request: &[3, 2],
+        request: &[4, 2],
         steps: StepsView::of(&steps),
         reply: reply(),
     };
     let bytes = bytes_of(&Message::Trace(trace.clone()));
-    let mut expected = vec![3, 10, 6, 9];
+    let mut expected = vec![4, 10, 6, 9];
     expected.extend([1; 32]);
     expected.extend([4, b'a', b'v', b'x', b'2', 2, 3, 2, 108, 0, 1, 2, 8, 9, 10]);
     expected.extend([0, 0, 0x80, 0x3f].repeat(12));
@@ -165,7 +185,7 @@ fn a_trace_and_a_cancellation_are_these_bytes() {
     assert_eq!(decode(&short), Err(Error::Frame));
 
     let cancel = Cancel { client: 300, id: 5 };
-    assert_eq!(bytes_of(&Message::Cancel(cancel)), [3, 11, 0xac, 0x02, 5]);
+    assert_eq!(bytes_of(&Message::Cancel(cancel)), [4, 11, 0xac, 0x02, 5]);
 }
 
 #[test]
@@ -176,7 +196,7 @@ fn refusal_and_status_are_these_bytes() {
     };
     assert_eq!(
         bytes_of(&Message::Refusal(refusal)),
-        [3, 4, 4, 6, 1, 0x88, 0x27]
+        [4, 4, 4, 6, 1, 0x88, 0x27]
     );
     let status = Status {
         policy: None,
@@ -184,7 +204,7 @@ fn refusal_and_status_are_these_bytes() {
         refused: 1,
         in_hand: 2,
         instance: 300,
-        verdicts: [1, 2, 3, 4, 5],
+        verdicts: [1, 2, 3, 4, 5, 6, 7],
         not_taken: Some(NotTaken {
             policy: PolicyId {
                 epoch: 1,
@@ -197,25 +217,25 @@ fn refusal_and_status_are_these_bytes() {
             }),
         }),
         tally: Tally {
-            verdicts: [5, 4, 3, 2, 1],
+            verdicts: [5, 4, 3, 2, 1, 0, 0],
             judged: 6,
             probability_millionths: 300,
             micros: 8,
         },
     };
-    let mut expected = vec![3, 5, 0, 3, 1, 2, 0xac, 0x02, 1, 2, 3, 4, 5, 1, 1, 9];
+    let mut expected = vec![4, 5, 0, 3, 1, 2, 0xac, 0x02, 1, 2, 3, 4, 5, 6, 7, 1, 1, 9];
     expected.extend([7; 32]);
-    expected.extend([3, 2, 5, 5, 4, 3, 2, 1, 6, 0xac, 0x02, 8]);
+    expected.extend([3, 2, 5, 5, 4, 3, 2, 1, 0, 0, 6, 0xac, 0x02, 8]);
     assert_eq!(bytes_of(&Message::Status(status)), expected);
     let refusal = |reason| bytes_of(&Message::Refusal(Refusal { id: 4, reason }));
-    assert_eq!(refusal(Reason::Deadline), [3, 4, 4, 11]);
+    assert_eq!(refusal(Reason::Deadline), [4, 4, 4, 11]);
     let no_such_mode = Reason::NoSuchMode(Mode::Verify);
-    assert_eq!(refusal(no_such_mode), [3, 4, 4, 12, 2]);
+    assert_eq!(refusal(no_such_mode), [4, 4, 4, 12, 2]);
 }
 
 #[test]
 fn frames_of_boards_are_these_bytes() {
-    assert_eq!(bytes_of(&Message::Ask), [3, 6]);
+    assert_eq!(bytes_of(&Message::Ask), [4, 6]);
     let board = Board {
         program_bytes: 300,
         points: 2,
@@ -224,7 +244,7 @@ fn frames_of_boards_are_these_bytes() {
         flash: FlashCheck::FailedSelfTest,
         ..Board::default()
     };
-    let expected = [3, 7, 0xac, 0x02, 0, 0, 0, 2, 0, 0, 4, 1, 3];
+    let expected = [4, 7, 0xac, 0x02, 0, 0, 0, 2, 0, 0, 4, 1, 3];
     assert_eq!(bytes_of(&Message::Board(board)), expected);
     let step = StepTaken {
         id: 9,
@@ -234,14 +254,14 @@ fn frames_of_boards_are_these_bytes() {
         },
         target_from_source: [[1.0; 4]; 3],
     };
-    let mut expected = vec![3, 8, 9, 0, 1, 2, 3, 4, 5];
+    let mut expected = vec![4, 8, 9, 0, 1, 2, 3, 4, 5];
     expected.extend([0, 0, 0x80, 0x3f].repeat(12));
     assert_eq!(bytes_of(&Message::StepTaken(step)), expected);
     let chunk = Chunk {
         index: 3,
         bytes: &[7, 8],
     };
-    assert_eq!(bytes_of(&Message::Chunk(chunk)), [3, 9, 3, 2, 7, 8]);
+    assert_eq!(bytes_of(&Message::Chunk(chunk)), [4, 9, 3, 2, 7, 8]);
 }
 
 #[test]
@@ -308,7 +328,12 @@ fn another_version_and_damage_are_told_apart() {
     longer.push(0);
     assert_eq!(decode(&longer), Err(Error::Frame));
     // A cloud of 13 bytes is no whole number of points.
-    let ragged = [&[3, 2, 5, 0, 1, 0, 10, 0, 0, 0, 13][..], &[0; 13], &[0, 0]].concat();
+    let ragged = [
+        &[4, 2, 5, 0, 1, 0, 10, 0, 0, 0, 0, 0, 13][..],
+        &[0; 13],
+        &[0, 0],
+    ]
+    .concat();
     assert_eq!(decode(&ragged), Err(Error::Frame));
 }
 

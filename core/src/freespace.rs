@@ -1,0 +1,116 @@
+//! Free space: between the sensor and what it saw nothing stands.
+
+use crate::surface::Surface;
+use glam::{Mat3, Vec3};
+
+/// Cells along an axis of the grid.
+const CELLS: usize = 48;
+
+/// Depths of a cloud as seen from one point: the nearest in each cell of a pinhole image.
+#[derive(Clone, Debug)]
+pub(crate) struct DepthGrid {
+    known: bool,
+    eye: Vec3,
+    /// Rows: right, down, forward.
+    camera: Mat3,
+    low: [f32; 2],
+    cells_per_unit: f32,
+    /// Depth that stands before a cell's by less is noise or sampling.
+    margin: f32,
+    depth: [[f32; CELLS]; CELLS],
+}
+
+impl DepthGrid {
+    /// Nothing was seen. All bits are zero.
+    pub(crate) const EMPTY: DepthGrid = DepthGrid {
+        known: false,
+        eye: Vec3::ZERO,
+        camera: Mat3::ZERO,
+        low: [0.0; 2],
+        cells_per_unit: 0.0,
+        margin: 0.0,
+        depth: [[0.0; CELLS]; CELLS],
+    };
+
+    /// Whether a view point was given.
+    pub(crate) fn is_known(&self) -> bool {
+        self.known
+    }
+
+    /// Towards which the sensor looks.
+    pub(crate) fn ahead(&self) -> Option<Vec3> {
+        self.known.then_some(self.camera.transpose().z_axis)
+    }
+
+    /// Takes in what was seen from `eye`, all in the surface's frame. A view point within the cloud says nothing.
+    pub(crate) fn fill(&mut self, surface: &Surface, eye: Vec3) {
+        *self = DepthGrid::EMPTY;
+        let ahead = (crate::pose::centroid(surface.points()) - eye).normalize_or_zero();
+        if ahead == Vec3::ZERO {
+            return;
+        }
+        let (right, down) = ahead.any_orthonormal_pair();
+        self.eye = eye;
+        self.camera = Mat3::from_cols(right, down, ahead).transpose();
+        self.margin = MARGIN * surface.radius;
+        let (mut low, mut high) = ([f32::INFINITY; 2], [f32::NEG_INFINITY; 2]);
+        for &point in surface.points() {
+            let Some((at, _)) = self.image(Vec3::from_array(point)) else {
+                return;
+            };
+            for ((low, high), x) in low.iter_mut().zip(&mut high).zip(at) {
+                *low = low.min(x);
+                *high = high.max(x);
+            }
+        }
+        let [x, y] = [0, 1].map(|a: usize| {
+            high.get(a).copied().unwrap_or(0.0) - low.get(a).copied().unwrap_or(0.0)
+        });
+        // A cell holds a point or two: holes between points are no background.
+        let cells = (libm::sqrtf(surface.points().len() as f32) * 0.7).clamp(4.0, CELLS as f32);
+        self.low = low;
+        self.cells_per_unit = (cells - 0.001) / x.max(y).max(1e-6);
+        for &point in surface.points() {
+            if let Some((at, depth)) = self.image(Vec3::from_array(point))
+                && let Some(cell) = self.cell(at)
+                && let Some(held) = self
+                    .depth
+                    .get_mut(cell.1)
+                    .and_then(|row| row.get_mut(cell.0))
+            {
+                // The nearer of a cell's points: an edge is no reason against a pose.
+                *held = if *held > 0.0 { held.min(depth) } else { depth };
+            }
+        }
+        self.known = true;
+    }
+
+    /// Whether a point would have hidden what was seen.
+    pub(crate) fn hides(&self, point: Vec3) -> bool {
+        let Some((at, depth)) = self.image(point) else {
+            return false;
+        };
+        let seen = self
+            .cell(at)
+            .and_then(|(x, y)| self.depth.get(y).and_then(|row| row.get(x)));
+        // No depth: nothing was seen there.
+        seen.is_some_and(|&seen| seen > 0.0 && depth < seen - self.margin)
+    }
+
+    fn image(&self, point: Vec3) -> Option<([f32; 2], f32)> {
+        let [x, y, z] = (self.camera * (point - self.eye)).to_array();
+        (z > 1e-3).then(|| ([x / z, y / z], z))
+    }
+
+    fn cell(&self, at: [f32; 2]) -> Option<(usize, usize)> {
+        let [x, y] = [0, 1].map(|a: usize| {
+            let (at, low) = (at.get(a).copied(), self.low.get(a).copied());
+            (at.unwrap_or(-1.0) - low.unwrap_or(0.0)) * self.cells_per_unit
+        });
+        (x >= 0.0 && y >= 0.0 && x < CELLS as f32 && y < CELLS as f32)
+            .then_some((x as usize, y as usize))
+    }
+}
+
+/// See [`DepthGrid::margin`], in radii of a neighbourhood.
+const MARGIN: f32 = 0.6;

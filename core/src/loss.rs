@@ -1,0 +1,110 @@
+//! What a pair of nearest points says of a fit, and how two poses compare point by point.
+
+use glam::Vec3;
+
+/// Distance along the surface that the sampling explains, in radii of a neighbourhood.
+const GAP: f32 = 0.3;
+/// Distance from a surface at which half of a point's loss is reached, in radii of a neighbourhood.
+const SURFACE: f32 = 0.1;
+/// The same for the distance between points.
+const POINT: f32 = 0.1;
+/// Share of the loss that is of the distance between points: small, but clouds that share points tell by it which turn
+/// of a surface of revolution is meant.
+const POINT_SHARE: f32 = 0.25;
+
+/// Points of a cloud by which poses are compared, at most.
+pub(crate) const COMPARED: usize = 1024;
+/// Poses that are compared, at most.
+pub(crate) const CONTENDERS: usize = 8;
+
+/// Loss of a point `apart` from the nearest of a surface sampled with neighbourhoods of `radius`, whose normal
+/// there is given: 0 on the surface, half `scale` radii from it, 1 far away.
+#[inline(always)]
+pub(crate) fn of_surface(apart: Vec3, normal: Vec3, radius: f32, scale: f32) -> f32 {
+    let across = normal.dot(apart);
+    let along = libm::sqrtf((apart.length_squared() - across * across).max(0.0));
+    let beyond = (along - GAP * radius).max(0.0);
+    saturating(across * across + beyond * beyond, scale * radius)
+}
+
+/// Whether it is nearer to the surface than half of the loss.
+pub(crate) fn is_on_surface(apart: Vec3, normal: Vec3, radius: f32) -> bool {
+    of_surface(apart, normal, radius, SURFACE) < 0.5
+}
+
+/// The same with a share for the distance between the points themselves.
+#[inline(always)]
+pub(crate) fn of_match(apart: Vec3, normal: Vec3, radius: f32) -> f32 {
+    let surface = of_surface(apart, normal, radius, SURFACE);
+    let point = saturating(apart.length_squared(), POINT * radius);
+    surface + POINT_SHARE * (point - surface)
+}
+
+/// `d² / (d² + c²)` (Geman and McClure).
+#[inline(always)]
+fn saturating(squared: f32, half: f32) -> f32 {
+    squared / (squared + (half * half).max(1e-12))
+}
+
+/// Losses of the points of both clouds under several poses, in 255ths.
+#[derive(Clone, Debug)]
+pub(crate) struct Losses {
+    of: [[u8; 2 * COMPARED]; CONTENDERS],
+    len: [u16; CONTENDERS],
+}
+
+impl Losses {
+    /// Of no pose. All bits are zero.
+    pub(crate) const EMPTY: Losses = Losses {
+        of: [[0; 2 * COMPARED]; CONTENDERS],
+        len: [0; CONTENDERS],
+    };
+
+    /// Keeps those of a pose.
+    pub(crate) fn keep(&mut self, contender: usize, losses: impl Iterator<Item = f32>) {
+        let (Some(row), Some(len)) = (self.of.get_mut(contender), self.len.get_mut(contender))
+        else {
+            return;
+        };
+        *len = 0;
+        for (place, loss) in row.iter_mut().zip(losses) {
+            *place = (255.0 * loss + 0.5) as u8;
+            *len += 1;
+        }
+    }
+
+    fn row(&self, contender: usize) -> &[u8] {
+        let len = self.len.get(contender).copied().unwrap_or(0);
+        let row = self.of.get(contender).map_or(&[][..], |row| &row[..]);
+        row.get(..usize::from(len)).unwrap_or(&[])
+    }
+
+    /// Sum over all points of how much more one pose loses than another, and of the squares of that: their ratio
+    /// (the sum over the root) is a score in standard errors.
+    pub(crate) fn excess(&self, of: usize, over: usize) -> Excess {
+        let (mut sum, mut squares) = (0i64, 0i64);
+        for (&a, &b) in self.row(of).iter().zip(self.row(over)) {
+            let d = i64::from(a) - i64::from(b);
+            sum += d;
+            squares += d * d;
+        }
+        Excess {
+            sum: sum as f32 / 255.0,
+            squares: squares as f32 / (255.0 * 255.0),
+        }
+    }
+}
+
+/// See [`Losses::excess`].
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Excess {
+    pub(crate) sum: f32,
+    squares: f32,
+}
+
+impl Excess {
+    /// In standard errors of the sum.
+    pub(crate) fn score(&self) -> f32 {
+        self.sum / libm::sqrtf(self.squares.max(1.0))
+    }
+}

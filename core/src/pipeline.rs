@@ -1,0 +1,247 @@
+//! A whole registration: the policy's steps, refinement, comparison with other poses, verdict. Every front end calls it: what
+//! a robot did can be done again elsewhere to the bit.
+
+use crate::error::Error;
+use crate::evidence::Evidence;
+use crate::polish::{Refined, Refiner, Workspace};
+use crate::pose::Pose;
+use crate::register::{Frame, Outcome, Registrar, Registration, Step};
+use crate::start::Start;
+use crate::verdict::Verdict;
+use crate::verify::Undetermined;
+use core::fmt;
+use core::str::FromStr;
+use glam::Vec3;
+use serde::{Deserialize, Serialize};
+
+/// What is done with the start.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Mode {
+    /// The policy's steps alone, as the paper has it.
+    Fast,
+    /// The policy's steps, then a few robust steps of closest points.
+    Polish,
+    /// The same, compared with other poses.
+    Verify,
+    /// The last of these that the machine has memory for.
+    #[default]
+    Best,
+    /// A few robust steps of closest points from the start, without the policy: for tracking.
+    Refine,
+}
+
+impl Mode {
+    /// Every one that can be asked for by name.
+    pub const ALL: [Mode; 5] = [
+        Mode::Refine,
+        Mode::Fast,
+        Mode::Polish,
+        Mode::Verify,
+        Mode::Best,
+    ];
+
+    /// Whether the policy takes steps.
+    pub fn has_steps(self) -> bool {
+        self != Mode::Refine
+    }
+
+    /// What [`Mode::Best`] stands for where there is memory for everything.
+    pub fn resolved(self) -> Mode {
+        if self == Mode::Best {
+            Mode::Verify
+        } else {
+            self
+        }
+    }
+}
+
+impl fmt::Display for Mode {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Mode::Fast => "fast",
+            Mode::Polish => "polish",
+            Mode::Verify => "verify",
+            Mode::Best => "best",
+            Mode::Refine => "refine",
+        })
+    }
+}
+
+/// What to do with two clouds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Task {
+    /// What is done.
+    pub mode: Mode,
+    /// Where it starts.
+    pub start: Start,
+    /// The policy's steps at most.
+    pub steps: usize,
+    /// In which frame the policy sees the clouds; the target's own, unless they are normalised already.
+    pub frame: Option<Frame>,
+    /// Where the sensor stood, in the source's units, if the source is a view from one point.
+    pub view_point: Option<Vec3>,
+}
+
+impl Task {
+    /// The best pose within the paper's ten steps.
+    pub const fn new(start: Start) -> Task {
+        Task {
+            mode: Mode::Best,
+            start,
+            steps: crate::dims::STEPS,
+            frame: None,
+            view_point: None,
+        }
+    }
+}
+
+/// What happened, while it goes on.
+#[derive(Debug)]
+pub enum Progress<'p, 'c> {
+    /// The policy took a step; the registration is where it led.
+    Step(&'p Step, &'p Registration<'c>),
+    /// Another piece of work begins: a step, or a hypothesis.
+    Next,
+}
+
+/// The pose, and what can be said about it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Answer {
+    /// Rigid transform in the clouds' units.
+    pub target_from_source: Pose,
+    /// Of a refined pose by its probability, else how the policy's steps ended.
+    pub verdict: Verdict,
+    /// Of a refined pose: that it is right, up to what is undetermined.
+    pub probability: Option<f32>,
+    /// How the policy's steps ended; none were taken in [`Mode::Refine`].
+    pub policy: Option<Outcome>,
+    /// What followed, unless nothing did.
+    pub refinement: Option<Refinement>,
+}
+
+/// What followed the policy's steps.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Refinement {
+    /// The pose given out, and how the clouds fit under it.
+    pub refined: Refined,
+    /// The policy's pose, polished.
+    pub polished: Refined,
+    /// Other poses that were tried, if the mode tries any.
+    pub hypotheses: Option<usize>,
+    /// What the shape leaves open, as far as it was looked for.
+    pub undetermined: Undetermined,
+    /// What speaks for the pose and against it.
+    pub evidence: Evidence,
+}
+
+/// Registers `source [N, 3]` to `target [M, 3]`, both in one unit. `progress` is asked before every piece of work whether to go
+/// on, and told every step.
+///
+/// # Errors
+/// Clouds or a start that are refused ([`Error`]), and whatever `progress` returns.
+pub fn register<'c, E: From<Error>>(
+    registrar: &mut Registrar<'_, '_>,
+    workspace: &mut Workspace,
+    [source, target]: [&'c [[f32; 3]]; 2],
+    task: &Task,
+    mut progress: impl FnMut(Progress<'_, 'c>) -> Result<(), E>,
+) -> Result<Answer, E> {
+    let start = task.start.pose();
+    let frame = task.frame.map_or_else(|| Frame::of(target), Ok)?;
+    let mut registration = Registration::new();
+    if task.mode.has_steps() {
+        registrar.start_in(&mut registration, source, target, frame, start)?;
+        while registration.steps() < task.steps && !registration.is_settled() {
+            progress(Progress::Next)?;
+            let step = registrar.step(&mut registration)?; // equations 1 to 4, 8 and 9
+            progress(Progress::Step(&step, &registration))?;
+        }
+    }
+    let policy = task.mode.has_steps().then(|| registration.outcome());
+    let reached = policy.map_or(start, |policy| policy.target_from_source);
+    let go_on = || progress(Progress::Next);
+    let refinement = refine(workspace, [source, target], reached, task, go_on)?;
+    let (target_from_source, verdict) = match (&refinement, policy) {
+        (Some(found), _) => (
+            found.refined.target_from_source,
+            Verdict::of_evidence(&found.evidence),
+        ),
+        (None, Some(policy)) => (policy.target_from_source, policy.verdict),
+        (None, None) => (start, Verdict::StepLimit),
+    };
+    Ok(Answer {
+        target_from_source: target_from_source.checked()?,
+        verdict,
+        probability: refinement.map(|found| found.evidence.probability()),
+        policy,
+        refinement,
+    })
+}
+
+/// What the mode does with a pose that was reached.
+///
+/// # Errors
+/// As [`register`].
+pub fn refine<E: From<Error>>(
+    workspace: &mut Workspace,
+    [source, target]: [&[[f32; 3]]; 2],
+    reached: Pose,
+    task: &Task,
+    mut go_on: impl FnMut() -> Result<(), E>,
+) -> Result<Option<Refinement>, E> {
+    let mode = task.mode.resolved();
+    if mode == Mode::Fast {
+        return Ok(None);
+    }
+    go_on()?;
+    let mut refiner = Refiner::new(source, target, workspace)?;
+    if let Some(view_point) = task.view_point {
+        refiner.seen_from(view_point);
+    }
+    Ok(Some(if mode == Mode::Verify {
+        let found = refiner.verify_while(reached, &task.start, go_on)?;
+        Refinement {
+            refined: found.best,
+            polished: found.polished,
+            hypotheses: Some(found.hypotheses),
+            undetermined: found.undetermined,
+            evidence: Evidence::verified(&found),
+        }
+    } else {
+        let polished = refiner.polish(reached)?;
+        Refinement {
+            refined: polished,
+            polished,
+            hypotheses: None,
+            undetermined: Undetermined::NOTHING,
+            evidence: Evidence::polished(&polished),
+        }
+    }))
+}
+
+/// A name that is no [`Mode`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct UnknownMode;
+
+impl fmt::Display for UnknownMode {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("not a mode: refine, fast, polish, verify or best")
+    }
+}
+
+impl core::error::Error for UnknownMode {}
+
+impl FromStr for Mode {
+    type Err = UnknownMode;
+
+    fn from_str(name: &str) -> Result<Mode, UnknownMode> {
+        Ok(match name {
+            "fast" => Mode::Fast,
+            "polish" => Mode::Polish,
+            "verify" => Mode::Verify,
+            "best" => Mode::Best,
+            "refine" => Mode::Refine,
+            _ => return Err(UnknownMode),
+        })
+    }
+}

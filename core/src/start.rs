@@ -1,0 +1,89 @@
+//! Where a registration starts, and how far from the truth that may be.
+
+use crate::pose::Pose;
+use crate::solve::Rigid;
+use glam::Vec3;
+
+/// An estimate of target_from_source that somebody had before.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Start {
+    /// This pose, and how far from the truth it may be.
+    Pose(Pose, Uncertainty),
+    /// None: any rotation is as probable as any other.
+    Anywhere,
+}
+
+impl Start {
+    /// The pose, uncertain as an estimator's or an operator's.
+    pub const fn at(pose: Pose) -> Start {
+        Start::Pose(pose, Uncertainty::DEFAULT)
+    }
+
+    /// The pose to begin with.
+    pub fn pose(&self) -> Pose {
+        match *self {
+            Start::Pose(pose, _) => pose,
+            Start::Anywhere => Pose::IDENTITY,
+        }
+    }
+}
+
+/// Standard deviations of a start.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Uncertainty {
+    /// Of the rotation about the object's centre, radians.
+    pub rotation_rad: f32,
+    /// Of the object's centre along the viewing axis, target radii.
+    pub along: f32,
+    /// The same across it, target radii. Where no view point is known the larger of both holds everywhere.
+    pub across: f32,
+}
+
+impl Uncertainty {
+    /// What nobody stated: 35 degrees, a third of a target radius.
+    pub const DEFAULT: Uncertainty = Uncertainty {
+        rotation_rad: 0.6,
+        along: 0.35,
+        across: 0.35,
+    };
+}
+
+/// A start as evidence for one pose or another, in a refiner's frame.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Prior {
+    start: Rigid,
+    /// Towards which the sensor looks, in the source's frame.
+    ahead: Option<Vec3>,
+    uncertainty: Uncertainty,
+}
+
+/// A far start is not held on to: poses beyond four standard deviations are as improbable as any.
+const CAP: f32 = 16.0;
+
+impl Prior {
+    pub(crate) fn new(start: Rigid, ahead: Option<Vec3>, uncertainty: Uncertainty) -> Prior {
+        Prior {
+            start,
+            ahead,
+            uncertainty,
+        }
+    }
+
+    /// Squared distance of a pose from the start in standard deviations, halved: a negative logarithm of probability.
+    pub(crate) fn surprise(&self, at: Rigid) -> f32 {
+        let half = libm::acosf(at.turn.likeness(self.start.turn).min(1.0));
+        let turned = 2.0 * half / self.uncertainty.rotation_rad.max(1e-6);
+        let moved = at.centre() - self.start.centre();
+        let Uncertainty { along, across, .. } = self.uncertainty;
+        let (along, across) = (along.max(1e-6), across.max(1e-6));
+        let shifted = match self.ahead {
+            Some(ahead) => {
+                let forward = moved.dot(ahead);
+                let sideways = (moved.length_squared() - forward * forward).max(0.0);
+                forward * forward / (along * along) + sideways / (across * across)
+            }
+            None => moved.length_squared() / (along * along).max(across * across),
+        };
+        0.5 * (turned * turned + shifted).min(CAP)
+    }
+}

@@ -26,6 +26,8 @@ use glam::Vec3;
 /// Working memory of a [`Refiner`], [`crate::dims::WORKSPACE_BYTES`]; the caller owns it.
 #[derive(Clone, Debug)]
 pub struct Workspace {
+    /// Kernels of the refiners that work in it; the fastest unless told otherwise.
+    isa: Option<Isa>,
     source: Surface,
     target: Surface,
     lookup: Lookup,
@@ -37,12 +39,20 @@ impl Workspace {
     /// Empty working memory.
     pub const fn new() -> Self {
         Workspace {
+            isa: None,
             source: Surface::EMPTY,
             target: Surface::EMPTY,
             lookup: Lookup::EMPTY,
             losses: Losses::EMPTY,
             seen: DepthGrid::EMPTY,
         }
+    }
+
+    /// The same for given kernels.
+    pub const fn with_isa(isa: Isa) -> Self {
+        let mut workspace = Workspace::new();
+        workspace.isa = Some(isa);
+        workspace
     }
 }
 
@@ -173,7 +183,7 @@ pub struct Refiner<'w> {
 }
 
 impl<'w> Refiner<'w> {
-    /// Prepares two clouds on the fastest kernels of this machine.
+    /// Prepares two clouds on the workspace's kernels.
     ///
     /// # Shapes
     /// `source [N, 3]`, `target [M, 3]`; of more than [`crate::dims::SURFACE_POINTS`] so many are used.
@@ -185,7 +195,8 @@ impl<'w> Refiner<'w> {
         target: &[[f32; 3]],
         workspace: &'w mut Workspace,
     ) -> Result<Self, Error> {
-        Self::with_isa(Isa::best(), source, target, workspace)
+        let isa = workspace.isa.unwrap_or_else(Isa::best);
+        Self::with_isa(isa, source, target, workspace)
     }
 
     /// As [`Self::new`], on given kernels.

@@ -13,7 +13,6 @@ use host_train::cli::Initial;
 use host_train::dataset::Point;
 use host_train::dataset::cloud_file::read_cloud;
 use host_train::dataset::pairs::PairSet;
-use host_train::refine;
 use host_train::register::within_capacity;
 use reagent_core::Grid;
 use reagent_core::dims::STEPS;
@@ -47,7 +46,7 @@ pub struct RefineArgs {
     pub steps: u8,
     /// What follows the steps [default: verify, or the most that the robot can do]
     #[arg(long, value_enum, value_name = "MODE")]
-    pub mode: Option<refine::Mode>,
+    pub mode: Option<Mode>,
     /// Estimate of target_from_source to start from: 12 numbers, the rows of [R | t], separated by commas, or a
     /// file with them [default: identity]
     #[arg(long, value_name = "POSE")]
@@ -197,12 +196,7 @@ impl Asking {
         };
         let request = RefineRequest {
             budget_ms: u32::try_from(self.args.deadline.as_millis()).unwrap_or(u32::MAX),
-            mode: match self.args.mode {
-                None => Mode::Best,
-                Some(refine::Mode::Fast) => Mode::Fast,
-                Some(refine::Mode::Polish) => Mode::Polish,
-                Some(refine::Mode::Verify) => Mode::Verify,
-            },
+            mode: self.args.mode.unwrap_or_default(),
             max_steps: self.args.steps,
             trace: self.traces.is_some(),
             initial: self.initial,

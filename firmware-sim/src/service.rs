@@ -6,14 +6,14 @@ use crate::view::View;
 use reagent_core::dims::MAX_POINTS;
 use reagent_core::kernels::Isa;
 use reagent_core::net::Scratch;
-use reagent_core::polish::{Refiner, Workspace};
+use reagent_core::pipeline::{self, Progress};
+use reagent_core::polish::Workspace;
 use reagent_core::register::check_cloud;
-use reagent_core::verdict::Evidence;
 use reagent_core::wire::{
-    self, Cloud, CloudView, KernelName, Message, Mode, PolicyId, Reason, RefineReply,
-    RefineRequest, Refusal, STEP_BYTES, StepsView, Trace, keys, step_bytes,
+    self, Cloud, CloudView, Fit, KernelName, Message, PolicyId, Reason, RefineReply, RefineRequest,
+    Refusal, STEP_BYTES, StepsView, Trace, keys, step_bytes,
 };
-use reagent_core::{Error, Frame, Pose, Registrar, Verdict};
+use reagent_core::{Error, Registrar};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tokio::runtime::Handle;
@@ -160,56 +160,36 @@ fn answer(
     let started = Instant::now();
     let source = taken(Cloud::Source, &request.source, &mut buffers.source).map_err(refused)?;
     let target = taken(Cloud::Target, &request.target, &mut buffers.target).map_err(refused)?;
-    let initial = request.initial.map_or(Pose::IDENTITY, Pose::from_rows);
-    let failed = |error| refused(Reason::of(error, Cloud::Target));
-    let mut registration = Frame::of(target)
-        .and_then(|frame| registrar.start(source, target, frame, initial))
-        .map_err(failed)?;
     let mut steps = Vec::new();
-    let mut taken = 0;
-    // After a stop on every axis each further step would see the same and stop again.
-    while taken < request.max_steps && !registration.is_settled() {
-        check()?;
-        let action = registrar.step(&mut registration).map_err(failed)?.action;
-        taken += 1;
-        if request.trace {
-            let pose = registration.target_from_source();
-            steps.push(step_bytes(action, pose.to_rows()));
+    let task = request.task();
+    let watch = |progress: Progress<'_, '_>| match progress {
+        Progress::Next => check().map_err(Interrupted::Stop),
+        Progress::Step(step, registration) => {
+            if request.trace {
+                let pose = registration.target_from_source();
+                steps.push(step_bytes(step.action, pose.to_rows()));
+            }
+            Ok(())
         }
-    }
+    };
+    let workspace = &mut buffers.workspace;
+    let found = pipeline::register(registrar, workspace, [source, target], &task, watch);
+    let found = found.map_err(|interrupted| match interrupted {
+        Interrupted::Stop(ended) => ended,
+        Interrupted::Failed(error) => refused(Reason::of(error, Cloud::Target)),
+    })?;
     let mut reply = RefineReply {
         id,
-        target_from_source: registration.target_from_source().to_rows(),
-        steps: taken,
-        mode: match request.mode {
-            Mode::Best => Mode::Verify,
-            mode => mode,
-        },
-        verdict: registration.verdict(),
-        probability: None,
+        target_from_source: found.target_from_source.to_rows(),
+        steps: found.policy.map_or(0, |policy| policy.steps as u8),
+        mode: request.mode.resolved(),
+        verdict: found.verdict,
+        probability: found.probability,
+        fit: found.refinement.as_ref().map(Fit::of),
         waited_micros: micros(started.duration_since(job.arrived)),
         micros: 0,
         policy_version: policy.version,
     };
-    if reply.mode != Mode::Fast {
-        check()?;
-        let pose = registration.target_from_source();
-        let mut refiner = Refiner::new(source, target, &mut buffers.workspace).map_err(failed)?;
-        let (pose, evidence) = if reply.mode == Mode::Polish {
-            let found = refiner.polish(pose).map_err(failed)?;
-            (found.target_from_source, Evidence::polished(&found))
-        } else {
-            let found = refiner.verify_while(pose, || check().map_err(Interrupted::Stop));
-            let found = found.map_err(|interrupted| match interrupted {
-                Interrupted::Stop(ended) => ended,
-                Interrupted::Failed(error) => failed(error),
-            })?;
-            (found.best.target_from_source, Evidence::verified(&found))
-        };
-        reply.target_from_source = pose.to_rows();
-        reply.verdict = Verdict::of_probability(evidence.probability());
-        reply.probability = Some(evidence.probability());
-    }
     reply.micros = micros(started.elapsed());
     let trace = || {
         trace_frame(Trace {

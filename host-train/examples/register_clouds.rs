@@ -5,9 +5,9 @@ use anyhow::bail;
 use host_train::dataset::cloud_file::{read_cloud, write_cloud};
 use host_train::export::WeightFile;
 use host_train::pose64::Pose64;
-use host_train::refine::Mode;
 use host_train::register::{Start, register, within_capacity};
 use reagent_core::Verdict;
+use reagent_core::pipeline::Task;
 use std::path::Path;
 
 fn main() -> anyhow::Result<()> {
@@ -27,15 +27,8 @@ fn main() -> anyhow::Result<()> {
 
     let weights = WeightFile::pretrained(); // or WeightFile::load(path)
     let start = Start::Identity; // or an estimate
-    let initial = start.near(origins[0], origins[1]);
-    let found = register(
-        weights.policy(),
-        &source_points,
-        &target_points,
-        initial,
-        10,
-        Mode::Verify,
-    )?;
+    let task = Task::new(start.start(origins[0], origins[1])); // the best pose within ten steps
+    let found = register(weights.policy(), &source_points, &target_points, &task)?.answer;
 
     let target_from_source = Pose64::of(found.target_from_source, origins[0], origins[1]);
     println!("target_from_source {:?}", target_from_source.to_rows());

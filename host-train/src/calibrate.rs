@@ -5,13 +5,14 @@ use crate::dataset::Model;
 use crate::dataset::pairs::PairSet;
 use crate::metrics::GroundTruth;
 use crate::protocol::{Conditions, Protocol, draw, draw_under};
-use crate::refine::{Mode, Refinement, refine};
 use nalgebra::{SMatrix, SVector};
 use rayon::prelude::*;
 use reagent_core::dims::STEPS;
-use reagent_core::net::Scratch;
-use reagent_core::polish::Workspace;
 use reagent_core::evidence::FEATURES;
+use reagent_core::net::Scratch;
+use reagent_core::pipeline::{Mode, Refinement, Task, refine};
+use reagent_core::polish::Workspace;
+use reagent_core::start::Start;
 use reagent_core::{Error, Frame, Policy, Pose, Registrar};
 use serde::Serialize;
 
@@ -138,7 +139,12 @@ fn rows(
     let initial = registration.target_from_source();
     let truth = GroundTruth::new(source, target, None, set.target_from_source[i])?;
     let mut row = |mode| -> Result<Row, Error> {
-        let found = refine(source, target, initial, mode, &mut memory.1)?;
+        let task = Task {
+            mode,
+            ..Task::new(Start::at(Pose::IDENTITY))
+        };
+        let go_on = || Ok::<(), Error>(());
+        let found = refine(&mut memory.1, [source, target], initial, &task, go_on)?;
         let Refinement {
             refined, evidence, ..
         } = found.expect("neither mode is fast");

@@ -11,11 +11,12 @@ use crate::env::{Accumulation, Problem};
 use crate::metrics::{Errors, GroundTruth, PairMetrics, Summary, quantile};
 use crate::nn::Parameters;
 use crate::random::{Purpose, stream};
-use crate::refine::{Mode, refine};
 use crate::train::poses_of;
 use reagent_core::dims::AXES;
 use reagent_core::net::Scratch;
+use reagent_core::pipeline::{Mode, Task, refine};
 use reagent_core::polish::Workspace;
+use reagent_core::start::Start;
 use reagent_core::{Action, Decision, Error, Frame, Policy, Pose, Registrar};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -341,8 +342,13 @@ fn register(
         reached(icp(source, target, pose, &refinement)?.target_from_source);
     }
     if let Method::PolicyRefined(_, mode) | Method::InitRefined(mode) = method {
-        let workspace = &mut memory.workspace;
-        if let Some(found) = refine(source, target, pose, mode, workspace)? {
+        let task = Task {
+            mode,
+            ..Task::new(Start::at(Pose::IDENTITY))
+        };
+        let (workspace, clouds) = (&mut memory.workspace, [source, target]);
+        let go_on = || Ok::<(), Error>(());
+        if let Some(found) = refine(workspace, clouds, pose, &task, go_on)? {
             reached(found.refined.target_from_source);
             track.probability = Some(found.evidence.probability());
         }

@@ -43,7 +43,6 @@ pub mod protocol;
 pub mod publish;
 pub mod quantise;
 pub mod random;
-pub mod refine;
 pub mod register;
 pub mod replay;
 pub mod report;

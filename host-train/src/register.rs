@@ -2,13 +2,13 @@
 
 use crate::dataset::Point;
 use crate::pose64::{Pose64, Position};
-use crate::refine::{Mode, Refinement, refine};
 use crate::thin::thin;
 use crate::trace::Step;
 use reagent_core::dims::MAX_POINTS;
 use reagent_core::net::Scratch;
+use reagent_core::pipeline::{self, Answer, Progress, Task};
 use reagent_core::polish::Workspace;
-use reagent_core::{Error, Frame, Policy, Pose, Registrar, Verdict};
+use reagent_core::{Error, Frame, Policy, Pose, Registrar, start};
 
 /// Points to which a cloud that exceeds the capacity is thinned.
 pub const SUBSAMPLE: usize = 2048;
@@ -33,65 +33,51 @@ impl Start {
         };
         pose.near(source_origin, target_origin)
     }
+
+    /// The same for the core.
+    pub fn start(&self, source_origin: Position, target_origin: Position) -> start::Start {
+        match self {
+            Start::None => start::Start::Anywhere,
+            _ => start::Start::at(self.near(source_origin, target_origin)),
+        }
+    }
 }
 
 /// A finished registration.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Registered {
-    /// Plain rigid transform in the clouds' units.
-    pub target_from_source: Pose,
-    /// What can be said about it: by its probability where it was refined, else by the policy's last steps.
-    pub verdict: Verdict,
+    /// The pose, and what can be said about it.
+    pub answer: Answer,
     /// Every step that the policy took.
     pub trace: Vec<Step>,
-    /// How the policy's steps ended, and with which pose.
-    pub policy: (Verdict, Pose),
-    /// What followed, unless the mode is [`Mode::Fast`].
-    pub refinement: Option<Refinement>,
 }
 
-/// Registers `source [N, 3]` to `target [M, 3]`, both in the same unit of length, from `initial`. The policy
-/// sees them in the target's frame: its mean at the origin, its farthest point at 1. Ends early where the
-/// policy stops on every axis: it would do so again in every further step. Then what the mode says.
+/// Registers `source [N, 3]` to `target [M, 3]`, both in the same unit of length ([`reagent_core::pipeline::register`]),
+/// with memory of its own, and keeps every step.
 ///
 /// # Errors
-/// Clouds or an initial pose that the core refuses.
+/// Clouds or a start that the core refuses.
 pub fn register(
     policy: Policy<'_>,
     source: &[Point],
     target: &[Point],
-    initial: Pose,
-    steps: usize,
-    mode: Mode,
+    task: &Task,
 ) -> Result<Registered, Error> {
     let mut scratch = Box::new(Scratch::new());
-    let frame = Frame::of(target)?;
-    let mut registrar = Registrar::new(policy, &mut scratch);
-    let mut registration = registrar.start(source, target, frame, initial)?;
-    let mut trace = Vec::with_capacity(steps);
-    while registration.steps() < steps && !registration.is_settled() {
-        let taken = registrar.step(&mut registration)?;
-        trace.push(Step::new(
-            registration.steps(),
-            &taken,
-            frame,
-            registration.target_from_source(),
-        ));
-    }
-    let policy = (registration.verdict(), registration.target_from_source());
     let mut workspace = Box::new(Workspace::new());
-    let refinement = refine(source, target, policy.1, mode, &mut workspace)?;
-    let (verdict, target_from_source) = refinement.as_ref().map_or(policy, |found| {
-        let verdict = Verdict::of_probability(found.evidence.probability());
-        (verdict, found.refined.target_from_source)
-    });
-    Ok(Registered {
-        target_from_source,
-        verdict,
-        trace,
-        policy,
-        refinement,
-    })
+    let mut registrar = Registrar::new(policy, &mut scratch);
+    let frame = Frame::of(target)?;
+    let mut trace = Vec::with_capacity(task.steps);
+    let record = |progress: Progress<'_, '_>| {
+        if let Progress::Step(step, registration) = progress {
+            let pose = registration.target_from_source();
+            trace.push(Step::new(registration.steps(), step, frame, pose));
+        }
+        Ok::<(), Error>(())
+    };
+    let clouds = [source, target];
+    let answer = pipeline::register(&mut registrar, &mut workspace, clouds, task, record)?;
+    Ok(Registered { answer, trace })
 }
 
 /// A cloud within the core's capacity: itself, or [`SUBSAMPLE`] of its points ([`thin`]).
@@ -109,6 +95,15 @@ mod tests {
     use crate::nn::{Parameters, Shape};
     use crate::random::{Purpose, stream};
     use rand::RngExt;
+    use reagent_core::pipeline::Mode;
+
+    fn task(mode: Mode, steps: usize) -> Task {
+        Task {
+            mode,
+            steps,
+            ..Task::new(start::Start::at(Pose::IDENTITY))
+        }
+    }
 
     fn cloud(index: u64) -> Vec<Point> {
         let rng = &mut stream(2, Purpose::Pairs, index);
@@ -129,22 +124,12 @@ mod tests {
                 .map(|p| p.map(|x| 2.0 * x))
                 .collect::<Vec<Point>>()
         };
-        let one = register(
-            file.policy(),
-            &source,
-            &target,
-            Pose::IDENTITY,
-            4,
-            Mode::Fast,
-        )
-        .expect("valid");
+        let one = register(file.policy(), &source, &target, &task(Mode::Fast, 4)).expect("valid");
         let two = register(
             file.policy(),
             &doubled(&source),
             &doubled(&target),
-            Pose::IDENTITY,
-            4,
-            Mode::Fast,
+            &task(Mode::Fast, 4),
         )
         .expect("valid");
         let actions = |r: &Registered| {
@@ -155,7 +140,7 @@ mod tests {
         };
         assert_eq!(actions(&one), actions(&two));
         assert_eq!(one.trace.len(), 4);
-        let (a, b) = (one.target_from_source, two.target_from_source);
+        let (a, b) = (one.answer.target_from_source, two.answer.target_from_source);
         assert_eq!(a.rotation, b.rotation);
         assert!((b.translation - 2.0 * a.translation).length() < 1e-5);
     }
@@ -165,9 +150,8 @@ mod tests {
         let file =
             WeightFile::from_parameters(&Parameters::random(Shape::PAPER, 4)).expect("deployable");
         let good = cloud(0);
-        let run = |s: &[Point], t: &[Point]| {
-            register(file.policy(), s, t, Pose::IDENTITY, 1, Mode::Verify).err()
-        };
+        let run =
+            |s: &[Point], t: &[Point]| register(file.policy(), s, t, &task(Mode::Verify, 1)).err();
         assert_eq!(run(&[], &good), Some(Error::EmptyCloud));
         assert_eq!(
             run(&good, &good[..1]),

@@ -6,15 +6,15 @@
 use crate::export::WeightFile;
 use reagent_core::kernels::Isa;
 use reagent_core::net::Scratch;
-use reagent_core::polish::{Refiner, Workspace};
-use reagent_core::verdict::Evidence;
+use reagent_core::pipeline::{self, Progress, Task};
+use reagent_core::polish::Workspace;
 use reagent_core::wire::keys::Hex;
 use reagent_core::wire::serial::{CHECK_BYTES, Decoder, Line};
 use reagent_core::wire::{
-    self, Message, Mode, REQUEST_BYTES, RefineReply, RefineRequest, SMALL_FRAME_BYTES, STEP_BYTES,
-    Trace,
+    self, Fit, Message, Mode, REQUEST_BYTES, RefineReply, RefineRequest, SMALL_FRAME_BYTES,
+    STEP_BYTES, Trace,
 };
-use reagent_core::{Error, Frame, Pose, Registrar, Verdict};
+use reagent_core::{Error, Registrar};
 use std::fmt;
 use std::path::PathBuf;
 use thiserror::Error as ThisError;
@@ -180,10 +180,8 @@ fn once_more(
     let source: Vec<_> = request.source.iter().collect();
     let target: Vec<_> = request.target.iter().collect();
     let mut scratch = Box::new(Scratch::new());
+    let mut workspace = Box::new(Workspace::with_isa(isa));
     let mut registrar = Registrar::with_isa(isa, policy.policy(), &mut scratch);
-    let initial = request.initial.map_or(Pose::IDENTITY, Pose::from_rows);
-    let frame = Frame::of(&target)?;
-    let mut registration = registrar.start(&source, &target, frame, initial)?;
     let mut replayed = Replayed {
         id: trace.reply.id,
         policy_version: trace.policy.version,
@@ -192,53 +190,46 @@ fn once_more(
         kernels: [trace.kernels.as_str(), isa.name()].map(str::to_owned),
         difference: None,
     };
-    let mut here = 0;
+    let task = Task {
+        mode: trace.reply.mode,
+        ..request.task()
+    };
     let mut on_robot = trace.steps.iter();
-    while here < usize::from(request.max_steps) && !registration.is_settled() {
-        let action = registrar.step(&mut registration)?.action;
-        here += 1;
-        let rows = registration.target_from_source().to_rows();
-        let Some((robot_action, robot_rows)) = on_robot.next() else {
-            continue;
-        };
-        if action != robot_action || bits(rows) != bits(robot_rows) {
-            let step = |action, rows| format!("{action:?} to {rows:?}");
-            replayed.difference = Some(Difference::Step {
-                number: here,
-                robot_and_here: [step(robot_action, robot_rows), step(action, rows)],
-            });
-            return Ok(replayed);
+    let mut difference = None;
+    let compare = |progress: Progress<'_, '_>| {
+        if let Progress::Step(taken, registration) = progress {
+            let rows = registration.target_from_source().to_rows();
+            if let Some((robot_action, robot_rows)) = on_robot.next()
+                && difference.is_none()
+                && (taken.action != robot_action || bits(rows) != bits(robot_rows))
+            {
+                let step = |action, rows| format!("{action:?} to {rows:?}");
+                difference = Some(Difference::Step {
+                    number: registration.steps(),
+                    robot_and_here: [step(robot_action, robot_rows), step(taken.action, rows)],
+                });
+            }
         }
-    }
-    if here != replayed.steps {
-        replayed.difference = Some(Difference::Steps {
-            robot: replayed.steps,
-            here,
-        });
+        Ok::<(), Error>(())
+    };
+    let clouds = [&source[..], &target[..]];
+    let answer = pipeline::register(&mut registrar, &mut workspace, clouds, &task, compare)?;
+    let here = answer.policy.map_or(0, |policy| policy.steps);
+    replayed.difference = difference.or((here != replayed.steps).then_some(Difference::Steps {
+        robot: replayed.steps,
+        here,
+    }));
+    if replayed.difference.is_some() {
         return Ok(replayed);
     }
-    let mut reply = RefineReply {
-        target_from_source: registration.target_from_source().to_rows(),
+    let reply = RefineReply {
+        target_from_source: answer.target_from_source.to_rows(),
         steps: u8::try_from(here).unwrap_or(u8::MAX),
-        verdict: registration.verdict(),
-        probability: None,
+        verdict: answer.verdict,
+        probability: answer.probability,
+        fit: answer.refinement.as_ref().map(Fit::of),
         ..trace.reply
     };
-    if reply.mode != Mode::Fast {
-        let mut workspace = Box::new(Workspace::new());
-        let mut refiner = Refiner::with_isa(isa, &source, &target, &mut workspace)?;
-        let pose = registration.target_from_source();
-        let (pose, evidence) = if reply.mode == Mode::Polish {
-            let found = refiner.polish(pose)?;
-            (found.target_from_source, Evidence::polished(&found))
-        } else {
-            let found = refiner.verify(pose)?;
-            (found.best.target_from_source, Evidence::verified(&found))
-        };
-        reply.target_from_source = pose.to_rows();
-        reply.verdict = Verdict::of_probability(evidence.probability());
-        reply.probability = Some(evidence.probability());
-    }
     let content = |reply: &RefineReply| {
         let probability = reply.probability.map(f32::to_bits);
         (
@@ -246,6 +237,7 @@ fn once_more(
             reply.steps,
             reply.verdict,
             probability,
+            reply.fit,
         )
     };
     if content(&reply) != content(&trace.reply) {

@@ -285,15 +285,19 @@ fn clouds_in_different_units_are_pointed_out() {
     write_mesh(&at.join("m.off"), 1.0);
     write_cloud(&at.join("mm.ply"), &scan(500, 1000.0)).expect("written");
     let output = run(at, "register mm.ply m.off");
-    let stderr = String::from_utf8_lossy(&output.stderr);
-    assert!(stderr.contains("same unit of length?"), "{stderr}");
+    let stdout = String::from_utf8_lossy(&output.stdout);
+    assert!(
+        stdout.contains("sizes differ: the source is about 1"),
+        "{stdout}"
+    );
+    assert!(stdout.contains("times as large"), "{stdout}");
     write_cloud(&at.join("m.ply"), &scan(500, 1.0)).expect("written");
     let output = run(at, "register m.ply m.off");
     assert_eq!(String::from_utf8_lossy(&output.stderr), "");
     // Said beforehand, the units agree.
     let stated = run(at, "register mm.ply m.off --unit mm --json p.json");
-    let stderr = String::from_utf8_lossy(&stated.stderr);
-    assert!(!stderr.contains("unit of length"), "{stderr}");
+    let stdout = String::from_utf8_lossy(&stated.stdout);
+    assert!(!stdout.contains("sizes differ"), "{stdout}");
     assert_eq!(read_json(&at.join("p.json"))["source_scale"], 1e-3);
     let (angle, shift) = errors(found(at), 1.0);
     assert!(angle < 2.0 && shift < 0.02, "{angle} deg, {shift}");

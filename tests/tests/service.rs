@@ -6,10 +6,11 @@ use firmware_sim::client::{self, RefineError};
 use firmware_sim::node::{Node, NodeConfig, NodeError, PLACES};
 use firmware_sim::policy::Trust;
 use firmware_sim::session::{SessionArgs, open};
-use host_train::refine;
 use host_train::register::register;
+use reagent_core::pipeline::Task;
+use reagent_core::start::Start;
 use reagent_core::wire::{
-    self, Cloud, CloudView, Message, Mode, Reason, RefineReply, RefineRequest, Refusal, keys,
+    self, Cloud, CloudView, Fit, Message, Mode, Reason, RefineReply, RefineRequest, Refusal, keys,
 };
 use reagent_core::{Grid, Pose};
 use std::sync::Arc;
@@ -202,23 +203,27 @@ async fn clouds_on_a_grid_and_refining_modes_are_served_bit_for_bit() {
     assert_eq!((reply.mode, reply.probability), (Mode::Fast, None));
 
     let modes = [
-        (Mode::Polish, refine::Mode::Polish),
-        (Mode::Verify, refine::Mode::Verify),
-        (Mode::Best, refine::Mode::Verify),
+        (Mode::Polish, Mode::Polish),
+        (Mode::Verify, Mode::Verify),
+        (Mode::Best, Mode::Verify),
     ];
     for (asked, here) in modes {
         let mut request = request(&source, &target);
         request.mode = asked;
         let reply = client::refine(&session, FLEET, "r1", &request).await;
         let reply = reply.expect("a pose");
-        let start = Pose::IDENTITY;
-        let expected = register(policy.policy(), &source, &target, start, 10, here);
-        let expected = expected.expect("good clouds");
+        let task = Task {
+            mode: here,
+            ..Task::new(Start::at(Pose::IDENTITY))
+        };
+        let expected = register(policy.policy(), &source, &target, &task);
+        let expected = expected.expect("good clouds").answer;
         let rows = expected.target_from_source.to_rows();
         assert_eq!(reply.target_from_source, rows, "{asked}");
         let refined = expected.refinement.expect("it was refined");
         assert_eq!(reply.probability, Some(refined.evidence.probability()));
         assert_eq!(reply.verdict, expected.verdict);
+        assert_eq!(reply.fit, Some(Fit::of(&refined)));
         let done = if asked == Mode::Polish {
             asked
         } else {

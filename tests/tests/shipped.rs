@@ -3,8 +3,8 @@
 use host_train::dataset::procedural;
 use host_train::eval::{Contestant, EvalSettings, Method, evaluate};
 use host_train::protocol::{self, Protocol};
-use host_train::refine::Mode;
 use reagent_core::dims::STEPS;
+use reagent_core::pipeline::Mode;
 use reagent_core::{Decision, Policy, Shape};
 use sha2::{Digest, Sha256};
 

@@ -1,7 +1,7 @@
 use super::*;
 use core::ptr::{null, null_mut};
-use reagent_core::polish::{Refiner, Workspace};
 use reagent_core::evidence::Evidence;
+use reagent_core::polish::{Refiner, Workspace};
 use reagent_core::{Error, Pose, grid::Grid};
 
 fn memory() -> Box<ReagentMemory> {
@@ -385,7 +385,12 @@ fn a_pose_is_polished_and_verified_as_in_rust() {
     let mut own = Box::new(Workspace::new());
     let mut refiner = Refiner::new(&source, &target, &mut own).expect("sound clouds");
     let polished = refiner.polish(Pose::IDENTITY).expect("a pose");
-    let verified = refiner.verify(Pose::IDENTITY).expect("a pose");
+    let verified = refiner
+        .verify(
+            Pose::IDENTITY,
+            &reagent_core::start::Start::at(Pose::IDENTITY),
+        )
+        .expect("a pose");
     let expected = [
         (
             polished.target_from_source,

@@ -206,8 +206,10 @@ proptest! {
         let before = refiner.residual(initial).expect("rigid");
         let polished = refiner.polish(initial).expect("rigid");
         let verified = refiner.verify(initial, &Start::at(initial)).expect("rigid");
-        for found in [polished, verified.best, verified.polished] {
+        for found in [polished, verified.polished] {
             prop_assert!(found.residual.mean() <= before.mean(), "{:?} {:?}", found, before);
+        }
+        for found in [polished, verified.best, verified.polished] {
             prop_assert!(found.target_from_source.checked().is_ok(), "{:?}", found);
             prop_assert!((0.0..=1.0).contains(&found.residual.mean()) && (0.0..0.34).contains(&found.rotation_constraint), "{:?}", found);
         }

@@ -118,16 +118,20 @@ fn reply_is_these_bytes() {
     let mut expected = vec![4, 3, 1];
     expected.extend([0, 0, 0x80, 0x3f].repeat(12));
     expected.extend([10, 2, 1, 1, 0, 0, 0, 0x3f]);
-    expected.extend(FIT_BYTES);
+    expected.extend(fit_bytes());
     expected.extend([0xac, 0x02, 0xc8, 0x01, 3]);
     assert_eq!(bytes_of(&Message::RefineReply(reply)), expected);
 }
 
-/// Of [`reply`]'s fit: it is there, overlap, rmse, ratio, points, axis, others.
-const FIT_BYTES: [u8; 44] = [
-    1, 0, 0, 0, 0x3f, 0, 0, 0x80, 0x3e, 0, 0, 0x80, 0x3f, 0x80, 8, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0,
-    0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0x80, 0x3f, 0, 0, 0x40, 0x40, 1,
-];
+/// Of [`reply`]'s fit: that it is there, overlap, distance, ratio, points, axis, others.
+fn fit_bytes() -> Vec<u8> {
+    let mut bytes = vec![
+        1, 0, 0, 0, 0x3f, 0, 0, 0x80, 0x3e, 0, 0, 0x80, 0x3f, 0x80, 8, 1,
+    ];
+    bytes.extend([0; 20]);
+    bytes.extend([0, 0, 0x80, 0x3f, 0, 0, 0x40, 0x40, 1]);
+    bytes
+}
 
 fn reply() -> RefineReply {
     RefineReply {
@@ -169,7 +173,7 @@ fn a_trace_and_a_cancellation_are_these_bytes() {
     let bytes = bytes_of(&Message::Trace(trace.clone()));
     let mut expected = vec![4, 10, 6, 9];
     expected.extend([1; 32]);
-    expected.extend([4, b'a', b'v', b'x', b'2', 2, 3, 2, 108, 0, 1, 2, 8, 9, 10]);
+    expected.extend([4, b'a', b'v', b'x', b'2', 2, 4, 2, 108, 0, 1, 2, 8, 9, 10]);
     expected.extend([0, 0, 0x80, 0x3f].repeat(12));
     expected.extend([5; 6]);
     expected.extend([0, 0, 0, 0xc0].repeat(12));

@@ -103,6 +103,7 @@ pub(crate) fn refine(
         mode: Mode::Fast,
         verdict: registration.verdict(),
         probability: None,
+        fit: None,
         waited_micros: 0,
         micros: clock.micros().min(u64::from(u32::MAX)) as u32,
         policy_version: policy.version,

@@ -158,7 +158,7 @@ fn text(robots: &[Heard], rows: usize) -> String {
 
 fn row(name: &str, status: &Status) -> String {
     let version = status.policy.map(|policy| policy.release().to_string());
-    let verdicts = status.verdicts.map(|count| format!("{count:>13}"));
+    let verdicts = status.verdicts.map(|count| format!("{count:>15}"));
     format!(
         "{name:32} {:>12} {:>5} {:>8} {:>8} {}",
         version.as_deref().unwrap_or("-"),
@@ -187,7 +187,7 @@ mod tests {
             refused: 1,
             in_hand,
             instance: 5,
-            verdicts: [4, 3, 2, 1, 0],
+            verdicts: [4, 3, 2, 1, 0, 0, 0],
             ..Status::default()
         };
         let heard = |robot: String, status| Heard {
@@ -202,7 +202,7 @@ mod tests {
         robots.push(heard("z".into(), status(None, 3)));
         let text = text(&robots, ROWS);
         let lines: Vec<_> = text.lines().collect();
-        assert!(lines[0].contains("converged") && lines[0].ends_with("poor fit"));
+        assert!(lines[0].contains("converged") && lines[0].ends_with("too few points"));
         assert!(
             lines[1].starts_with('z') && lines[1].contains(" - "),
             "{text}"

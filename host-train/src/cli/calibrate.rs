@@ -5,8 +5,8 @@ use super::source;
 use crate::calibrate::{Kind, Quality, Row, collect, fit, probability};
 use crate::dataset::{self, Split, modelnet};
 use crate::export::WeightFile;
-use crate::refine::Mode;
 use clap::Args;
+use reagent_core::pipeline::Mode;
 use serde::Serialize;
 use std::path::PathBuf;
 

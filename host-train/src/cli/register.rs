@@ -14,15 +14,16 @@ use crate::dataset::cloud_file::{STANDARD, check_output, write_cloud};
 use crate::dense::{Dense, Densely, refine_densely};
 use crate::export::WeightFile;
 use crate::pose64::Pose64;
-use crate::refine::Mode;
 use crate::register::{Registered, Start, register};
 use crate::trace::{self, Header, Traced};
 use anyhow::{Context, bail};
 use clap::Args;
 use document::Document;
+use glam::Vec3;
 use input::{Input, Units};
 use pairs::Pair;
 use reagent_core::dims::{MAX_POINTS, STEPS};
+use reagent_core::pipeline::{Mode, Task};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -72,9 +73,14 @@ pub(super) struct RegisterArgs {
     /// Refinement steps at most
     #[arg(long, value_name = "N", default_value_t = STEPS, value_parser = source::positive())]
     steps: usize,
-    /// What follows the policy's steps
-    #[arg(long, value_enum, value_name = "MODE", default_value_t = Mode::Verify)]
+    /// What is done: fast (the policy's steps alone), polish (then closest points), verify (then compared with other
+    /// poses), refine (closest points from the start, without the policy)
+    #[arg(long, value_name = "MODE", default_value_t = Mode::Verify)]
     mode: Mode,
+    /// Where the sensor stood in the source's coordinates, scaled, three numbers separated by commas, or "origin": the
+    /// source is a view from there, and nothing stands between it and what it saw
+    #[arg(long, value_name = "X,Y,Z", value_parser = view_point, allow_hyphen_values = true)]
+    view: Option<[f64; 3]>,
     /// Whether to refine the pose on all points at last; not in mode fast
     #[arg(long, value_enum, value_name = "WHEN", default_value_t = Dense::Auto)]
     dense: Dense,
@@ -101,6 +107,17 @@ fn factor(text: &str) -> anyhow::Result<f64> {
     match text.parse::<f64>() {
         Ok(factor) if factor.is_normal() && factor > 0.0 => Ok(factor),
         _ => bail!("a scale is a positive number"),
+    }
+}
+
+fn view_point(text: &str) -> anyhow::Result<[f64; 3]> {
+    if text == "origin" {
+        return Ok([0.0; 3]);
+    }
+    let numbers: Result<Vec<f64>, _> = text.split(',').map(|x| x.trim().parse()).collect();
+    match numbers?.as_slice() {
+        &[x, y, z] if [x, y, z].iter().all(|x| x.is_finite()) => Ok([x, y, z]),
+        _ => bail!("a view point is three finite numbers separated by commas, or \"origin\""),
     }
 }
 
@@ -195,27 +212,31 @@ impl RegisterArgs {
                 pair.target.display()
             )
         };
-        let found = register(
-            weights.policy(),
-            &source.points,
-            &target.points,
-            initial,
-            self.steps,
-            self.mode,
-        )
-        .with_context(failed)?;
+        let relative = |at: [f64; 3]| {
+            let [x, y, z] = [0, 1, 2].map(|k| (at[k] - source.origin[k]) as f32);
+            Vec3::new(x, y, z)
+        };
+        let task = Task {
+            mode: self.mode,
+            steps: self.steps,
+            view_point: self.view.map(relative),
+            ..Task::new(start.start(source.origin, target.origin))
+        };
+        let found = register(weights.policy(), &source.points, &target.points, &task)
+            .with_context(failed)?;
+        let answer = &found.answer;
         let wanted = match self.dense {
             Dense::Never => false,
             Dense::Always => true,
             Dense::Auto => source.is_thinned() || target.is_thinned(),
         };
         let dense = if wanted && self.mode != Mode::Fast {
-            refine_densely(&source.all, &target.all, found.target_from_source)
+            refine_densely(&source.all, &target.all, answer.target_from_source)
                 .with_context(failed)?
         } else {
             None
         };
-        let near = dense.map_or(found.target_from_source, |d| d.target_from_source);
+        let near = dense.map_or(answer.target_from_source, |d| d.target_from_source);
         Ok(Done {
             pose: Pose64::of(near, source.origin, target.origin),
             ms: before.elapsed().as_secs_f64() * 1e3,
@@ -250,7 +271,6 @@ impl RegisterArgs {
                 eprintln!("{}: {note}", path.display());
             }
         }
-        note_units(&done);
         let text = text::report(&done.found, done.dense.as_ref(), &done.pose, done.ms);
         let outputs = [&self.out, &self.trace, &self.json, &self.matrix];
         if outputs
@@ -357,7 +377,7 @@ impl RegisterArgs {
             return Ok(());
         };
         let probability = |done: &Done| {
-            let refinement = done.found.refinement.as_ref();
+            let refinement = done.found.answer.refinement.as_ref();
             refinement.map_or(0.0, |found| found.evidence.probability())
         };
         let below: Vec<f32> = done.map(probability).filter(|&p| !(p >= least)).collect();
@@ -393,18 +413,4 @@ fn file_name(path: &Path) -> String {
 /// Name under which a policy is reported.
 fn stem(path: &Path) -> String {
     file_name(&path.with_extension(""))
-}
-
-/// Says so where the clouds differ in size as millimetres and metres do.
-fn note_units(done: &Done) {
-    let [source, target] = done
-        .inputs
-        .each_ref()
-        .map(|input| reagent_core::Frame::of(&input.points).map_or(0.0, |frame| frame.scale));
-    let ratio = source / target;
-    if ratio.is_normal() && !(0.02..50.0).contains(&ratio) {
-        eprintln!(
-            "the source is {ratio:.3} times as large as the target; are both in the same unit of length?"
-        );
-    }
 }

@@ -2,9 +2,10 @@ use super::*;
 use crate::export::WeightFile;
 use crate::nn::{Parameters, Shape};
 use crate::random::{Purpose, stream};
-use crate::refine::Mode;
 use proptest::prelude::*;
 use rand::RngExt;
+use reagent_core::pipeline::{Mode, Task};
+use reagent_core::start::Start;
 use std::sync::LazyLock;
 
 fn traced(name: &str) -> Traced {
@@ -17,15 +18,12 @@ fn traced(name: &str) -> Traced {
             .collect()
     };
     let (source, target) = (cloud(), cloud());
-    let found = crate::register::register(
-        file.policy(),
-        &source,
-        &target,
-        Pose::IDENTITY,
-        3,
-        Mode::Fast,
-    )
-    .expect("valid");
+    let task = Task {
+        mode: Mode::Fast,
+        steps: 3,
+        ..Task::new(Start::at(Pose::IDENTITY))
+    };
+    let found = crate::register::register(file.policy(), &source, &target, &task).expect("valid");
     Traced {
         header: Header {
             name: name.into(),

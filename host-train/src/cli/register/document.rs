@@ -3,10 +3,12 @@
 use super::input::Input;
 use crate::dataset::cloud_file::Note;
 use crate::dense::Densely;
-use crate::pose64::Pose64;
+use crate::pose64::{Pose64, Position};
 use crate::register::Registered;
 use reagent_core::Pose;
+use reagent_core::pipeline::Refinement;
 use reagent_core::polish::Refined;
+use reagent_core::verify::Undetermined;
 use serde::Serialize;
 
 /// A registration: poses in the files' own coordinates, rows of `[R | t]`.
@@ -17,8 +19,11 @@ pub(super) struct Document {
     /// That the pose is within 5 degrees and .05 target radii.
     #[serde(skip_serializing_if = "Option::is_none")]
     probability: Option<f32>,
+    #[serde(flatten)]
+    fit: Option<Fit>,
     steps: usize,
-    policy: PolicyStage,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    policy: Option<PolicyStage>,
     #[serde(skip_serializing_if = "Option::is_none")]
     polish: Option<RefinedStage>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -34,6 +39,56 @@ pub(super) struct Document {
     source_scale: Option<f64>,
     /// What the readers noticed.
     notes: Vec<Noticed>,
+}
+
+/// How the clouds fit under the pose given out, and what their shape leaves open.
+#[derive(Serialize)]
+struct Fit {
+    /// Share of the source's points that lie on the target's surface.
+    overlap: f32,
+    /// Root of the mean squared distance of those from it, in the clouds' units.
+    inlier_rmse: f32,
+    /// Size of the source over that of the target.
+    extents_ratio: f32,
+    /// Points that differ from all others, in the cloud with fewer of them.
+    distinct_points: usize,
+    undetermined: Open,
+}
+
+#[derive(Serialize)]
+struct Open {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    axis: Option<OpenAxis>,
+    /// Other poses that fit as well.
+    poses: Vec<[[f64; 4]; 3]>,
+}
+
+#[derive(Serialize)]
+struct OpenAxis {
+    point: [f64; 3],
+    direction: [f32; 3],
+    half_angle_deg: f32,
+}
+
+impl Fit {
+    fn of(found: &Refinement, rows: impl Fn(Pose) -> [[f64; 4]; 3], origin: Position) -> Fit {
+        let refined = &found.refined;
+        let Undetermined { axis, poses } = &found.undetermined;
+        Fit {
+            overlap: refined.overlap,
+            inlier_rmse: refined.inlier_rmse,
+            extents_ratio: refined.extents_ratio,
+            distinct_points: refined.distinct_points,
+            undetermined: Open {
+                axis: axis.map(|axis| OpenAxis {
+                    point: std::array::from_fn(|k| f64::from(axis.point[k]) + origin[k]),
+                    direction: axis.direction.to_array(),
+                    half_angle_deg: axis.half_angle_rad.to_degrees(),
+                }),
+                poses: poses.iter().flatten().map(|&pose| rows(pose)).collect(),
+            },
+        }
+    }
 }
 
 #[derive(Serialize)]
@@ -84,18 +139,19 @@ impl Document {
             iterations: refined.iterations,
             hypotheses,
         };
-        let refinement = found.refinement.as_ref();
-        let (verdict, policy) = found.policy;
+        let answer = &found.answer;
+        let refinement = answer.refinement.as_ref();
         let notes = [("source", source), ("target", target)].into_iter();
         Document {
             target_from_source: pose.to_rows(),
-            verdict: found.verdict.to_string(),
+            verdict: answer.verdict.to_string(),
             probability: refinement.map(|r| r.evidence.probability()),
+            fit: refinement.map(|found| Fit::of(found, rows, target.origin)),
             steps: found.trace.len(),
-            policy: PolicyStage {
-                target_from_source: rows(policy),
-                verdict: verdict.to_string(),
-            },
+            policy: answer.policy.map(|policy| PolicyStage {
+                target_from_source: rows(policy.target_from_source),
+                verdict: policy.verdict.to_string(),
+            }),
             polish: refinement.map(|r| stage(&r.polished, None)),
             verify: refinement.and_then(|r| {
                 r.hypotheses

@@ -2,8 +2,9 @@
 
 use crate::dense::Densely;
 use crate::pose64::Pose64;
-use crate::refine::Refinement;
 use crate::register::Registered;
+use reagent_core::Verdict;
+use reagent_core::pipeline::Refinement;
 use reagent_core::polish::Refined;
 
 /// Pose, stages and verdict.
@@ -18,12 +19,12 @@ pub(super) fn report(
         // All digits of a translation, and of a rotation as many as a translation at 5,000 km needs.
         text += &format!("{a:17.14} {b:17.14} {c:17.14} {:>20}\n", shown(t));
     }
-    text += &format!(
-        "policy: {} after {} steps\n",
-        found.policy.0,
-        found.trace.len()
-    );
-    if let Some(refinement) = &found.refinement {
+    let answer = &found.answer;
+    if let Some(policy) = answer.policy {
+        let (verdict, steps) = (policy.verdict, policy.steps);
+        text += &format!("policy: {verdict} after {steps} steps\n");
+    }
+    if let Some(refinement) = &answer.refinement {
         text += &stages(refinement);
     }
     if let Some(dense) = dense {
@@ -36,11 +37,14 @@ pub(super) fn report(
             dense.rmse
         );
     }
-    if let Some(refinement) = &found.refinement {
-        let percent = 100.0 * refinement.evidence.probability();
-        text += &format!("right within 5 degrees and .05 target radii: {percent:.0} %\n");
+    if let Some(refinement) = &answer.refinement {
+        if answer.verdict == Verdict::SizesDiffer {
+            text += &sizes(refinement.refined.extents_ratio);
+        }
+        let percent = percent(refinement.evidence.probability());
+        text += &format!("right within 5 degrees and .05 target radii: {percent}\n");
     }
-    text + &format!("{}, {ms:.1} ms\n", found.verdict)
+    text + &format!("{}, {ms:.1} ms\n", answer.verdict)
 }
 
 /// Ten significant digits, and at least one of a micrometre at 1,000 km.
@@ -71,20 +75,53 @@ fn stages(found: &Refinement) -> String {
         residual(&found.polished),
         found.polished.iterations
     );
-    match found.hypotheses {
-        None => {}
-        Some(0) => text += "verify: explained by how the clouds are sampled\n",
-        Some(tried) => {
-            let kept = if found.refined == found.polished {
-                "kept"
-            } else {
-                "replaced"
-            };
-            text += &format!(
-                "verify: {kept} against {tried} other poses, {}\n",
-                residual(&found.refined)
-            );
-        }
+    if let Some(tried) = found.hypotheses {
+        let kept = if found.refined == found.polished {
+            "kept"
+        } else {
+            "replaced"
+        };
+        text += &format!(
+            "verify: {kept} against {tried} other poses, {}\n",
+            residual(&found.refined)
+        );
+    }
+    text += &format!(
+        "{:.0} % of the source lies on the target, {:.3e} off it (root mean square)\n",
+        100.0 * found.refined.overlap,
+        found.refined.inlier_rmse
+    );
+    let open = &found.undetermined;
+    if let Some(axis) = open.axis {
+        let [x, y, z] = axis.direction.to_array();
+        let angle = axis.half_angle_rad.to_degrees();
+        text += &format!(
+            "undetermined: the turn about the target's axis ({x:.3}, {y:.3}, {z:.3}), by up to {angle:.0} degrees\n"
+        );
+    }
+    let others = open.poses.iter().flatten().count();
+    if others > 0 {
+        text += &format!("undetermined: {others} other pose(s) fit as well; --json lists them\n");
     }
     text
+}
+
+/// A probability that is not rounded to certainty.
+fn percent(probability: f32) -> String {
+    let percent = 100.0 * probability;
+    match percent {
+        p if p > 99.9 => "over 99.9 %".into(),
+        p if p > 99.0 => format!("{p:.1} %"),
+        p if p < 1.0 => "under 1 %".into(),
+        p => format!("{p:.0} %"),
+    }
+}
+
+/// That one cloud is several times as large as the other.
+fn sizes(ratio: f32) -> String {
+    let factor = ratio.max(1.0 / ratio.max(f32::MIN_POSITIVE));
+    let which = if ratio > 1.0 { "source" } else { "target" };
+    format!(
+        "sizes differ: the {which} is about {factor:.1} times as large as the other cloud; inch (25.4), cm (10) or m (1000) against mm? See --unit and --scale\n"
+    )
 }

@@ -87,7 +87,7 @@ fn text(robots: &[Heard], rows: usize) -> String {
         // Strings take everything.
         writeln!(text, "{line}").ok();
     };
-    let verdicts = Verdict::ALL.map(|verdict| format!("{:>13}", verdict.to_string()));
+    let verdicts = Verdict::ALL.map(|verdict| format!("{:>15}", verdict.to_string()));
     line(format_args!(
         "{:32} {:>12} {:>5} {:>8} {:>8} {}",
         "robot",

@@ -213,7 +213,7 @@ mod tests {
         assert_eq!(
             words,
             [
-                "31", "robots", "-", "3", "310", "31", "124", "93", "62", "31", "0"
+                "31", "robots", "-", "3", "310", "31", "124", "93", "62", "31", "0", "0", "0"
             ]
         );
         assert_eq!(lines[ROWS + 3], "policies in use: none: 1, version 7: 30");

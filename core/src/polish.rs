@@ -146,7 +146,7 @@ const FINE: Stage = Stage {
     points: usize::MAX,
     gate: 3.0,
     widest: WIDEST_GATE,
-    tangential: 0.3,
+    tangential: 0.2,
     stop: 1e-4,
 };
 /// The same for a hypothesis that is to be compared with others.

@@ -14,6 +14,7 @@ use std::io::{BufRead, BufReader};
 use std::net::TcpListener;
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
+use std::sync::atomic::{AtomicU8, Ordering};
 use std::time::Duration;
 
 fn firmware_sim(arguments: &[&str]) -> Output {
@@ -31,8 +32,12 @@ fn failure(arguments: &[&str]) -> String {
     error
 }
 
+/// On a loopback address of its own: no connection of another test takes its port before it is listened on.
 fn unused_endpoint() -> String {
-    let listener = TcpListener::bind("127.0.0.1:0").expect("a free port");
+    static ENDPOINTS: AtomicU8 = AtomicU8::new(2);
+    let last = ENDPOINTS.fetch_add(1, Ordering::Relaxed);
+    let [_, _, a, b] = std::process::id().to_be_bytes();
+    let listener = TcpListener::bind(([127, a, b, last], 0)).expect("a free port");
     format!("tcp/{}", listener.local_addr().expect("it is bound"))
 }
 

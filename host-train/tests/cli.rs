@@ -204,7 +204,10 @@ fn clouds_that_cannot_be_registered_are_refused() {
     // What is invalid is left out and counted; what is left may be registered.
     let output = run(at, "register --weights w.rgw nan.xyz good.xyz");
     let stderr = String::from_utf8_lossy(&output.stderr);
-    assert!(stderr.contains("nan.xyz: left out 1 invalid point"), "{stderr}");
+    assert!(
+        stderr.contains("nan.xyz: left out 1 invalid point"),
+        "{stderr}"
+    );
     assert!(output.status.success(), "{stderr}");
     fail(
         at,

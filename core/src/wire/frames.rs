@@ -62,7 +62,11 @@ impl Manifest {
     /// as drawn, and the same for everybody who asks.
     pub fn draw(&self, robot: &str) -> u32 {
         let [a, b, c, d, ..] = self.sha256;
-        weights::checksum(robot.as_bytes()) ^ u32::from_le_bytes([a, b, c, d])
+        let mut x = weights::checksum(robot.as_bytes()) ^ u32::from_le_bytes([a, b, c, d]);
+        // Check sums of names that differ in a digit differ in few bits: MurmurHash3's finaliser mixes them.
+        x = (x ^ x >> 16).wrapping_mul(0x85eb_ca6b);
+        x = (x ^ x >> 13).wrapping_mul(0xc2b2_ae35);
+        x ^ x >> 16
     }
 
     /// Whether it is for this robot.

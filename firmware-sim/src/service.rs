@@ -75,6 +75,10 @@ pub(crate) fn serve(
 }
 
 /// What a worker does next.
+#[allow(
+    clippy::large_enum_variant,
+    reason = "one at a time, and most are jobs"
+)]
 pub(crate) enum Work {
     /// Take up the policy that has come: checked and packed before the next request, which so need not wait for it.
     Policy,

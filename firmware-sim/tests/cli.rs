@@ -11,7 +11,7 @@ use host_train::publish::Publisher;
 use reagent_core::Pose;
 use reagent_core::wire::{CloudView, RefineRequest, keys};
 use std::io::{BufRead, BufReader};
-use std::net::TcpListener;
+use std::net::{Ipv4Addr, TcpListener};
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::atomic::{AtomicU8, Ordering};
@@ -37,7 +37,7 @@ fn unused_endpoint() -> String {
     static ENDPOINTS: AtomicU8 = AtomicU8::new(2);
     let last = ENDPOINTS.fetch_add(1, Ordering::Relaxed);
     let [_, _, a, b] = std::process::id().to_be_bytes();
-    let listener = TcpListener::bind(([127, a, b, last], 0)).expect("a free port");
+    let listener = TcpListener::bind((Ipv4Addr::new(127, a, b, last), 0)).expect("a free port");
     format!("tcp/{}", listener.local_addr().expect("it is bound"))
 }
 

@@ -1,4 +1,8 @@
 //! A fleet's state as a table, drawn in place on a terminal.
+#![allow(
+    clippy::disallowed_types,
+    reason = "the clock of who watches, not of a robot"
+)]
 
 use crate::client::{Client, Heard};
 use crate::print;

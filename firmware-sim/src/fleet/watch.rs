@@ -1,4 +1,8 @@
 //! `firmware-sim fleet watch`: a running fleet, as it changes.
+#![allow(
+    clippy::disallowed_types,
+    reason = "the clock of who watches, not of a robot"
+)]
 
 use super::table::Table;
 use crate::client::{Client, Heard};

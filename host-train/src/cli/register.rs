@@ -380,7 +380,7 @@ impl RegisterArgs {
             let refinement = done.found.answer.refinement.as_ref();
             refinement.map_or(0.0, |found| found.evidence.probability())
         };
-        let below: Vec<f32> = done.map(probability).filter(|&p| !(p >= least)).collect();
+        let below: Vec<f32> = done.map(probability).filter(|&p| p < least).collect();
         match below.iter().copied().reduce(f32::min) {
             None => Ok(()),
             Some(lowest) => Err(BelowProbability {

@@ -174,7 +174,7 @@ fn poses(file: &H5File, path: &Path, name: &str) -> Result<Vec<Pose>, DatasetErr
         });
     }
     let (rows, _) = values.as_chunks::<4>();
-    let matrices = rows.chunks_exact(shape[1] as usize);
+    let matrices = rows.chunks_exact(shape[1]);
     let checked = matrices.enumerate().map(|(entry, matrix)| {
         let pose = match *matrix {
             [a, b, c] | [a, b, c, [0.0, 0.0, 0.0, 1.0]] => {

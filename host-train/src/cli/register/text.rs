@@ -50,7 +50,7 @@ pub(super) fn report(
 /// Ten significant digits, and at least one of a micrometre at 1,000 km.
 fn shown(length: f64) -> String {
     let before = length.abs().max(1e-300).log10().floor().max(0.0) as usize;
-    format!("{length:.*}", 15usize.saturating_sub(before).min(9).max(1))
+    format!("{length:.*}", 15usize.saturating_sub(before).clamp(1, 9))
 }
 
 /// The matrix `[R | t; 0 0 0 1]`, a row a line, in the shortest digits that read back the same.

@@ -91,9 +91,12 @@ pub(super) fn parse(bytes: &[u8]) -> Result<CloudFile, String> {
     Ok(file)
 }
 
+/// One number's bytes as a number.
+type Decode = fn(&[u8]) -> f64;
+
 /// Bytes of a number of this type, and how it is read.
 #[rustfmt::skip]
-fn number(descr: &str) -> Result<(usize, fn(&[u8]) -> f64), String> {
+fn number(descr: &str) -> Result<(usize, Decode), String> {
     /// Reads the first bytes of a slice by one of the standard library's functions.
     macro_rules! read {
         ($type:ty, $from:ident) => {

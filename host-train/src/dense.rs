@@ -40,7 +40,7 @@ pub struct Densely {
     pub within: f64,
 }
 
-/// Refines a pose by point-to-plane ICP on up to [`MOST`] points of each cloud: first with correspondences up to
+/// Refines a pose by point-to-plane ICP on up to 20,000 points of each cloud: first with correspondences up to
 /// .05 target radii, then up to three times the distance that the first left between the surfaces. `None` where
 /// that does not lessen the distances or leads away, by more than .1 target radii or 10 degrees.
 ///

@@ -149,7 +149,7 @@ impl Client {
     /// Sends a request to a robot and waits for its pose.
     ///
     /// # Errors
-    /// As [`refine`].
+    /// As [`super::refine`].
     pub async fn refine(
         &self,
         robot: &str,
@@ -170,7 +170,7 @@ impl Client {
     /// gone is passed over for the next, within the request's time.
     ///
     /// # Errors
-    /// As [`refine`], of the last robot asked; `NoRobot` where none is there.
+    /// As [`super::refine`], of the last robot asked; `NoRobot` where none is there.
     pub async fn refine_any(
         &self,
         request: &RefineRequest<'_>,

@@ -6,7 +6,7 @@
 //! | `.pcd` | points with normals, colours and intensities; ASCII, binary, compressed |
 //! | `.off`, `.obj` | vertices with colours and normals, and faces |
 //! | `.stl` | faces; ASCII or binary |
-//! | `.xyz`, `.txt`, `.asc`, `.csv`, `.pts` | lines of numbers, see [`table`] |
+//! | `.xyz`, `.txt`, `.asc`, `.csv`, `.pts` | lines of numbers, see the module `table` |
 //! | `.npy` | `[N, 3]` or more columns of numbers, or `[3, N]` |
 //!
 //! In every format, points that are NaN, infinite or beyond 1e30 are left out, and whatever was left out or

@@ -14,6 +14,7 @@ use crate::steps::Action;
 use crate::verdict::Verdict;
 use crate::weights::Policy;
 
+mod cut;
 mod frame;
 mod heads;
 mod look;
@@ -29,6 +30,7 @@ mod target;
 mod tests;
 mod together;
 
+pub use cut::{Cut, Reach};
 pub use frame::{Frame, check_cloud};
 pub use registration::Registration;
 pub use together::Team;
@@ -114,7 +116,8 @@ impl<'w, 's> Registrar<'w, 's> {
         let view = registration.target_view();
         self.put_in_order(target, &mut registration.order);
         self.scratch.claim(&self.policy.network);
-        self.embed_cloud(target, &registration.order, 0..target.len(), false, &view);
+        let (order, all) = (&registration.order, 0..target.len());
+        self.embed_cloud(target, order, all, Reach::ALL, false, &view);
         self.finish_target(registration);
         Ok(())
     }

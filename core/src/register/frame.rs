@@ -2,7 +2,8 @@
 
 use crate::cloud::Cloud;
 use crate::error::Error;
-use crate::pose::mean;
+use crate::net::View;
+use crate::pose::{Pose, mean};
 use glam::Vec3;
 
 /// Squares of smaller distances underflow.
@@ -47,6 +48,18 @@ impl Frame {
             Ok(Frame { centre, scale })
         } else {
             Err(Error::TooSmall)
+        }
+    }
+
+    /// How a source under a plain estimate, in the clouds' own units, appears in this frame.
+    pub fn view(&self, target_from_source: &Pose) -> View {
+        let scale = 1.0 / self.scale;
+        View {
+            origin: Vec3::ZERO,
+            map: Pose {
+                rotation: target_from_source.rotation * scale,
+                translation: (target_from_source.translation - self.centre) * scale,
+            },
         }
     }
 }

@@ -1,6 +1,6 @@
 //! How a registrar looks at clouds: which points it embeds, in which order, and what becomes of them.
 
-use super::{Registrar, Registration};
+use super::{Reach, Registrar, Registration};
 use crate::cloud::Cloud;
 use crate::dims::QUANT_TILE;
 use crate::net::{self, View};
@@ -60,7 +60,9 @@ impl Registrar<'_, '_> {
         if self.policy.sees_all(registration.steps) {
             let end = seen.saturating_add(points).min(source.len());
             let counted = self.finds_critical(registration.steps);
-            self.embed_cloud(source, &registration.order, seen..end, counted, &view);
+            let reach = self.policy.cut.of(source, &view);
+            let order = &registration.order;
+            self.embed_cloud(source, order, seen..end, reach, counted, &view);
             return end;
         }
         let mut seen = seen;
@@ -119,12 +121,14 @@ impl Registrar<'_, '_> {
         }
     }
 
-    /// Embeds the points at some places of an order; where they count, finds the places of the critical ones among them.
+    /// Embeds the points within reach at some places of an order; where they count, finds the places of the critical ones
+    /// among them.
     pub(super) fn embed_cloud(
         &mut self,
         cloud: Cloud<'_>,
         order: &Order,
         places: Range<usize>,
+        reach: Reach,
         counted: bool,
         view: &View,
     ) {
@@ -132,14 +136,23 @@ impl Registrar<'_, '_> {
         let mut place = places.start;
         while place < places.end {
             let together = (places.end - place).min(order.together(place));
+            let end = place + together;
             let mut filled = 0;
-            for point in tile.iter_mut().take(together) {
-                *point = cloud.point(order.point(place + filled)).unwrap_or_default();
-                filled += 1;
+            while let Some(space) = tile.get_mut(filled)
+                && place < end
+            {
+                let point = cloud.point(order.point(place)).unwrap_or_default();
+                if reach.keeps(view, point) {
+                    *space = point;
+                    filled += 1;
+                } else if counted && filled > 0 {
+                    // Places that count follow each other.
+                    break;
+                }
+                place += 1;
             }
             let points = tile.get(..filled).unwrap_or(&[]);
-            self.embed(points, counted.then_some(place), view);
-            place += filled;
+            self.embed(points, counted.then_some(place - filled), view);
         }
     }
 

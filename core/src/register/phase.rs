@@ -19,7 +19,7 @@
 //! # }
 //! ```
 
-use super::{Frame, Registrar, Registration, Step, heads};
+use super::{Frame, Reach, Registrar, Registration, Step, heads};
 use crate::cloud::Cloud;
 use crate::dims::LOGITS;
 use crate::error::Error;
@@ -105,7 +105,8 @@ impl Registrar<'_, '_> {
             Phase::Target { cloud, seen } if seen < cloud.len() => {
                 let end = seen.saturating_add(points).min(cloud.len());
                 let view = registration.target_view();
-                self.embed_cloud(cloud, &registration.order, seen..end, false, &view);
+                let order = &registration.order;
+                self.embed_cloud(cloud, order, seen..end, Reach::ALL, false, &view);
                 registration.phase = Phase::Target { cloud, seen: end };
             }
             Phase::Target { .. } => {

@@ -9,7 +9,7 @@ use crate::dims::LOGITS;
 use crate::error::Error;
 use crate::net::View;
 use crate::order::Order;
-use crate::pose::{Pose, mean};
+use crate::pose::Pose;
 use crate::steps::Action;
 use crate::verdict::Verdict;
 use crate::weights::Policy;
@@ -29,7 +29,7 @@ pub struct Registration<'c> {
     pub(super) target: Target,
     /// Check sum of the policy that saw the target.
     policy: u32,
-    /// Centroid `μ` of the observed source, own units.
+    /// Centroid `μ` of the observed source, without what is cut off under the first estimate, own units.
     centroid: Vec3,
     frame: Frame,
     /// Disentangled accumulator, translation in normalised units.
@@ -73,8 +73,9 @@ impl<'c> Registration<'c> {
     ) -> Result<(), Error> {
         source.check()?;
         target.check()?;
-        let centroid = mean(source.points());
-        let initial = initial.checked()?.to_disentangled(centroid);
+        let initial = initial.checked()?;
+        let centroid = policy.cut.centroid(source, &frame, &initial);
+        let initial = initial.to_disentangled(centroid);
         self.source = source;
         self.phase = Phase::START;
         self.order.clear();

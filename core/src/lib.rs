@@ -48,7 +48,8 @@ pub mod pose;
 #[cfg(any(
     feature = "pretrained",
     feature = "pretrained-int8",
-    feature = "pretrained-compact"
+    feature = "pretrained-compact",
+    feature = "pretrained-views"
 ))]
 mod pretrained;
 pub mod quant;

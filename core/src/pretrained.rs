@@ -14,6 +14,9 @@ static INT8: &Aligned<[u8]> = &Aligned(*include_bytes!("../weights/reagent-int8.
 #[cfg(feature = "pretrained-compact")]
 static COMPACT: &Aligned<[u8]> = &Aligned(*include_bytes!("../weights/reagent-compact-int8.rgw"));
 
+#[cfg(feature = "pretrained-views")]
+static VIEWS: &Aligned<[u8]> = &Aligned(*include_bytes!("../weights/views-int8.rgw"));
+
 #[cfg(feature = "pretrained")]
 impl Policy<'static> {
     /// The bytes of the policy that ships with this crate, in f32, 64-byte aligned (feature `pretrained`,
@@ -64,6 +67,24 @@ impl Policy<'static> {
     }
 }
 
+#[cfg(feature = "pretrained-views")]
+impl Policy<'static> {
+    /// The bytes of the policy for single depth views, in 8-bit integers, 64-byte aligned (feature `pretrained-views`,
+    /// 2.5 MB).
+    pub const fn pretrained_views_int8_bytes() -> &'static [u8] {
+        &VIEWS.0
+    }
+
+    /// The policy for a source that is one depth view of the target, with a start near it: it leaves out what is far
+    /// from the target ([`Policy::cut`]) (feature `pretrained-views`).
+    ///
+    /// # Errors
+    /// As [`Policy::parse`]; none as long as the linked image is intact.
+    pub fn pretrained_views_int8() -> Result<Self, Error> {
+        Policy::parse(Self::pretrained_views_int8_bytes())
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -79,6 +100,11 @@ mod tests {
         assert_eq!(
             Policy::pretrained_compact().map(|p| p.shape),
             Ok(Shape::COMPACT)
+        );
+        #[cfg(feature = "pretrained-views")]
+        assert_eq!(
+            Policy::pretrained_views_int8().map(|p| (p.shape, p.cut.radii())),
+            Ok((Shape::FULL, 1.25))
         );
     }
 }

@@ -15,12 +15,13 @@ use reagent_core::dims::TILE;
 use reagent_core::kernels::{GROUPS, Isa};
 use reagent_core::net::{SearchScratch, View, embed_argmax, embed_search};
 use reagent_core::weights::Dense;
+use std::borrow::Cow;
 
 /// A cloud as the network sees it.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Seen<'a> {
-    /// Stored points.
-    pub points: &'a [Point],
+    /// Stored points: all of a cloud's, or those that are looked at.
+    pub points: Cow<'a, [Point]>,
     /// Where they appear.
     pub view: View,
 }

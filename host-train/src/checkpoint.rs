@@ -6,6 +6,7 @@ use crate::env::Accumulation;
 use crate::files;
 use crate::nn::{Parameters, Shape};
 use crate::optim::Adam;
+use reagent_core::register::Cut;
 use safetensors::{Dtype, SafeTensors, tensor::TensorView};
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
@@ -22,6 +23,7 @@ pub const BEST: &str = "best/checkpoint.safetensors";
 const AVERAGED: &str = "averaged";
 /// Field of the header that says how actions accumulate.
 const ACCUMULATION: &str = "accumulation";
+const CUT: &str = "cut";
 
 /// Why a checkpoint could not be used.
 #[derive(Debug, thiserror::Error)]
@@ -95,6 +97,8 @@ pub struct Checkpoint {
     pub averaged: Option<Vec<f32>>,
     /// How the network's actions accumulate.
     pub accumulation: Accumulation,
+    /// How far from the target it looks.
+    pub cut: Cut,
     /// Counters. With the seed they are the state of every random stream, and of the order of the data;
     /// checkpoints are taken between updates, when the replay buffer is empty.
     pub progress: Progress,
@@ -116,12 +120,13 @@ impl Checkpoint {
     }
 
     /// The start of a run from given parameters, with a fresh optimiser.
-    pub fn start(parameters: Parameters, accumulation: Accumulation) -> Self {
+    pub fn start(parameters: Parameters, accumulation: Accumulation, cut: Cut) -> Self {
         Checkpoint {
             adam: Adam::new(parameters.values.len()),
             parameters,
             averaged: None,
             accumulation,
+            cut,
             progress: Progress::default(),
         }
     }
@@ -210,6 +215,7 @@ impl Checkpoint {
             ("progress".into(), progress),
             ("shape".into(), shape),
             (ACCUMULATION.into(), accumulation),
+            (CUT.into(), self.cut.header().to_string()),
         ]);
         let bytes = safetensors::serialize(views, Some(metadata))
             .map_err(|e| write(std::io::Error::other(e)))?;
@@ -241,6 +247,10 @@ impl Checkpoint {
         let accumulation = match field(ACCUMULATION) {
             Ok(text) => serde_json::from_str(text).map_err(|e| damaged(e.to_string()))?,
             Err(_) => Accumulation::Global,
+        };
+        let cut = match field(CUT) {
+            Ok(text) => Cut::from_header(text.parse().map_err(|_| damaged(format!("cut {text}")))?),
+            Err(_) => Cut::NONE,
         };
         let file = SafeTensors::deserialize(&bytes).map_err(|e| damaged(e.to_string()))?;
         let read = |name: &str, into: &mut [f32]| -> Result<(), CheckpointError> {
@@ -283,6 +293,7 @@ impl Checkpoint {
             adam,
             averaged,
             accumulation,
+            cut,
             progress,
         })
     }
@@ -324,6 +335,7 @@ mod tests {
             adam,
             averaged: Some(vec![0.5; parameters_len]),
             accumulation: Accumulation::Local,
+            cut: Cut::from_header(24),
             progress: Progress {
                 updates: 5,
                 optimiser_steps: 7,

@@ -4,9 +4,10 @@ use crate::dataset::Point;
 use crate::dataset::pairs::Sample;
 use glam::Vec3;
 use reagent_core::net::View;
-use reagent_core::pose::centroid;
-use reagent_core::{Action, Pose};
+use reagent_core::register::{Cut, Reach};
+use reagent_core::{Action, Cloud, Frame, Pose};
 use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 
 /// One pair of clouds to register, fixed over the trajectories that start from it.
 #[derive(Clone, Debug)]
@@ -15,7 +16,9 @@ pub struct Problem {
     pub source: Vec<Point>,
     /// Target, `[N, 3]`.
     pub target: Vec<Point>,
-    /// Centroid of the source, about which disentangled poses turn it.
+    /// How far from the target the points of the source are looked at.
+    pub cut: Cut,
+    /// Centroid of the source, without what is cut off under the first estimate, about which disentangled poses turn it.
     pub centroid: Vec3,
     /// The disentangled pose that registers the source.
     pub registering: Pose,
@@ -30,8 +33,24 @@ impl From<Sample> for Problem {
 impl Problem {
     /// A pair of clouds and the plain transform that registers them.
     pub fn new(source: Vec<Point>, target: Vec<Point>, target_from_source: Pose) -> Self {
-        let centroid = centroid(&source);
+        let sample = Sample {
+            source,
+            target,
+            target_from_source,
+        };
+        Problem::within(Cut::NONE, sample)
+    }
+
+    /// The same of a policy that does not look at all of the source.
+    pub fn within(cut: Cut, sample: Sample) -> Self {
+        let Sample {
+            source,
+            target,
+            target_from_source,
+        } = sample;
+        let centroid = cut.centroid(Cloud::F32(&source), &Frame::IDENTITY, &Pose::IDENTITY);
         Problem {
+            cut,
             registering: target_from_source.to_disentangled(centroid),
             centroid,
             source,
@@ -39,10 +58,26 @@ impl Problem {
         }
     }
 
-    /// The source where it belongs, `[N, 3]`: what rewards are measured against.
+    /// The points of the source that are looked at where it is seen so.
+    pub fn looked_at(&self, view: &View) -> Cow<'_, [Point]> {
+        match self.cut.of(Cloud::F32(&self.source), view) {
+            Reach::ALL => Cow::Borrowed(&self.source),
+            reach => {
+                let kept = self.source.iter().filter(|&&p| reach.keeps(view, p));
+                Cow::Owned(kept.copied().collect())
+            }
+        }
+    }
+
+    /// What is looked at of the source where it belongs: what rewards are measured by.
+    pub fn rewarded(&self) -> Cow<'_, [Point]> {
+        self.looked_at(&Accumulation::Global.view(self.centroid, &self.registering))
+    }
+
+    /// The same points where they belong: what rewards are measured against.
     pub fn truth(&self) -> Vec<Point> {
         let view = Accumulation::Global.view(self.centroid, &self.registering);
-        self.source.iter().map(|&p| view.see(p)).collect()
+        self.rewarded().iter().map(|&p| view.see(p)).collect()
     }
 }
 

@@ -8,9 +8,10 @@ use crate::nn::{Parameters, Shape};
 use crate::quantise::{self, Ranges};
 use reagent_core::dims::{LAYERS, LOGITS, padded};
 use reagent_core::kernels::Tile;
+use reagent_core::register::Cut;
 use reagent_core::weights::{
-    DECISION_AT, FORMAT_F32, FORMAT_INT8, HEADER, MAGIC, RESCAN_AT, TABLE_ROW, VERSION, checksum,
-    file_len, offsets, pack_panels,
+    CUT_AT, DECISION_AT, FORMAT_F32, FORMAT_INT8, HEADER, MAGIC, RESCAN_AT, TABLE_ROW, VERSION,
+    checksum, file_len, offsets, pack_panels,
 };
 use reagent_core::{Decision, Error, Policy};
 use sha2::{Digest, Sha256};
@@ -105,27 +106,36 @@ impl WeightFile {
 
     /// The policy of a checkpoint, deciding as exported ones do unless they are told otherwise.
     pub fn from_checkpoint(checkpoint: Checkpoint) -> Result<Self, ExportError> {
-        Ok(Self::from_parameters(&deployable(checkpoint)?)?.deciding(Decision::default()))
+        let cut = checkpoint.cut;
+        let file = Self::from_parameters(&deployable(checkpoint)?)?;
+        Ok(file.deciding(Decision::default()).cutting(cut))
     }
 
     /// The same policy, deciding in this way.
     pub fn deciding(self, decision: Decision) -> Self {
-        self.with_header(DECISION_AT, decision.header())
+        self.with_header(DECISION_AT, &[decision.header() as u8])
     }
 
     /// The same policy, looking at all points of the source every so many steps ([`Policy::rescan`]).
     pub fn rescanning(self, steps: u16) -> Self {
-        self.with_header(RESCAN_AT, steps)
+        self.with_header(RESCAN_AT, &steps.to_le_bytes())
+    }
+
+    /// The same policy, looking no farther than this from the target ([`Policy::cut`]).
+    pub fn cutting(self, cut: Cut) -> Self {
+        self.with_header(CUT_AT, &[cut.header()])
     }
 
     /// The same network, run as that policy is.
     pub fn run_like(self, policy: &Policy<'_>) -> Self {
-        self.deciding(policy.decision).rescanning(policy.rescan)
+        self.deciding(policy.decision)
+            .rescanning(policy.rescan)
+            .cutting(policy.cut)
     }
 
-    fn with_header(mut self, at: usize, word: u16) -> Self {
+    fn with_header(mut self, at: usize, field: &[u8]) -> Self {
         let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut self.words);
-        bytes[at..][..2].copy_from_slice(&word.to_le_bytes());
+        bytes[at..][..field.len()].copy_from_slice(field);
         seal(&mut bytes[..self.len]);
         self
     }
@@ -150,6 +160,12 @@ impl WeightFile {
     /// The policy that ships with the core.
     pub fn pretrained() -> Self {
         Self::from_bytes(Policy::pretrained_bytes()).expect("a test checks the linked policy")
+    }
+
+    /// The policy for single depth views that ships with the core.
+    pub fn pretrained_views() -> Self {
+        Self::from_bytes(Policy::pretrained_views_int8_bytes())
+            .expect("a test checks the linked policy")
     }
 
     /// Reads a policy file, or takes the bundled one where none is named.
@@ -181,11 +197,23 @@ impl WeightFile {
         parameters: &Parameters,
         pairs: &PairSet,
     ) -> Result<Self, ExportError> {
-        let ranges = Ranges::calibrate(parameters, pairs);
-        let draft = Self::with_ranges(parameters, &ranges, &[[0.0; LOGITS]; 2])?;
-        let exact = Self::from_parameters(parameters)?;
+        Self::from_parameters_int8_within(Cut::NONE, parameters, pairs)
+    }
+
+    /// The same of a policy that looks no farther than `cut` from the target.
+    ///
+    /// # Errors
+    /// As [`Self::from_parameters_int8`].
+    pub fn from_parameters_int8_within(
+        cut: Cut,
+        parameters: &Parameters,
+        pairs: &PairSet,
+    ) -> Result<Self, ExportError> {
+        let ranges = Ranges::calibrate(parameters, pairs, cut);
+        let draft = Self::with_ranges(parameters, &ranges, &[[0.0; LOGITS]; 2])?.cutting(cut);
+        let exact = Self::from_parameters(parameters)?.cutting(cut);
         let errors = quantise::logit_errors(&exact, &draft, pairs);
-        Self::with_ranges(parameters, &ranges, &errors)
+        Ok(Self::with_ranges(parameters, &ranges, &errors)?.cutting(cut))
     }
 
     fn with_ranges(

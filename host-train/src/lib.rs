@@ -51,3 +51,4 @@ pub mod sweep;
 pub mod thin;
 pub mod trace;
 pub mod train;
+pub mod views;

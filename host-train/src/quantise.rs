@@ -12,8 +12,10 @@ use reagent_core::dims::{LAYERS, LOGITS, PANEL, STEPS, padded};
 use reagent_core::kernels::Isa;
 use reagent_core::net::{Scratch, View};
 use reagent_core::quant::{CODE_MAX, Requantise, WIDE_MAX};
+use reagent_core::register::Cut;
 use reagent_core::weights::{FORMAT_INT8, Offsets, offsets, pack_panels};
 use reagent_core::{Action, Decision, Frame, Pose, Registrar, Shape};
+use std::borrow::Cow;
 
 /// Head room of the heads' hidden layers above what calibration saw: their 13 bits afford it.
 const HEAD_ROOM: f32 = 1.5;
@@ -38,7 +40,7 @@ pub(crate) struct Ranges {
 impl Ranges {
     /// What the network's activations reach while it registers pairs, each for the usual steps, the most likely ones:
     /// they roam farther than those that policies take.
-    pub(crate) fn calibrate(parameters: &Parameters, pairs: &PairSet) -> Ranges {
+    pub(crate) fn calibrate(parameters: &Parameters, pairs: &PairSet, cut: Cut) -> Ranges {
         let width = parameters.shape.features();
         let packed = PackedEmbedding::with_search(parameters, Search::F32);
         let [w1, w2, _] = parameters.shape.embed;
@@ -52,17 +54,18 @@ impl Ranges {
         let problems: Vec<Problem> = clouds
             .zip(&pairs.target_from_source)
             .map(|((source, target), &target_from_source)| {
-                Problem::from(Sample {
+                let sample = Sample {
                     source: source.clone(),
                     target: target.clone(),
                     target_from_source,
-                })
+                };
+                Problem::within(cut, sample)
             })
             .collect();
         let targets: Vec<Seen<'_>> = problems
             .iter()
             .map(|problem| Seen {
-                points: &problem.target,
+                points: Cow::Borrowed(&problem.target),
                 view: View::IDENTITY,
             })
             .collect();
@@ -77,9 +80,12 @@ impl Ranges {
             let seen: Vec<Seen<'_>> = problems
                 .iter()
                 .zip(&poses)
-                .map(|(problem, pose)| Seen {
-                    points: &problem.source,
-                    view: Accumulation::Global.view(problem.centroid, pose),
+                .map(|(problem, pose)| {
+                    let view = Accumulation::Global.view(problem.centroid, pose);
+                    Seen {
+                        points: problem.looked_at(&view),
+                        view,
+                    }
                 })
                 .collect();
             embed(&packed, width, &seen, &mut source);

@@ -15,6 +15,7 @@ use host_train::reward::{chamfer, reward};
 use reagent_core::kernels::Isa;
 use reagent_core::net::{Scratch, View};
 use reagent_core::pose::{centroid, euler_from_rotation, rotation_from_euler};
+use reagent_core::register::Cut;
 use reagent_core::steps::STEPS;
 use reagent_core::{Action, Frame, Pose, Registrar};
 use reagent_tests::{Golden, reference_parameters, shared};
@@ -142,6 +143,7 @@ fn experts_label_as_the_reference() {
                     let problem = Problem {
                         source: Vec::new(),
                         target: Vec::new(),
+                        cut: Cut::NONE,
                         centroid: Vec3::ZERO,
                         registering: targets[i],
                     };
@@ -281,7 +283,7 @@ fn forward_pass_of_the_trainer_and_of_the_robot() {
         let seen: Vec<Seen<'_>> = clouds
             .iter()
             .map(|points| Seen {
-                points,
+                points: points.as_slice().into(),
                 view: View::IDENTITY,
             })
             .collect();

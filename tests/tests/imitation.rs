@@ -8,7 +8,6 @@ use host_train::loss::{Losses, PpoSettings};
 use host_train::nn::{Parameters, Search, Shape};
 use host_train::optim::Adam;
 use host_train::train::{Method, RollOut, Trainer};
-use reagent_core::pose::centroid;
 use reagent_core::{Action, Pose};
 use reagent_tests::{Golden, reference_parameters};
 
@@ -22,12 +21,8 @@ fn trainer(parameters: Parameters, method: Method) -> Trainer {
 }
 
 fn problem(source: Vec<[f32; 3]>, target: Vec<[f32; 3]>) -> Problem {
-    Problem {
-        centroid: centroid(&source),
-        source,
-        target,
-        registering: Pose::IDENTITY,
-    }
+    let identity = Pose::IDENTITY;
+    Problem::new(source, target, identity)
 }
 
 fn action(labels: &[i64]) -> Action {

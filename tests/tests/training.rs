@@ -8,6 +8,7 @@ use host_train::nn::{Parameters, Shape};
 use host_train::train::{
     Anneal, DataSource, Follow, Method, Network, RollOut, Stage, TrainConfig, TrainError, run,
 };
+use reagent_core::register::Cut;
 use serde_json::Value;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
@@ -178,7 +179,7 @@ fn a_loss_that_is_no_number_is_saved_and_ruins_nothing() {
     let mut parameters = Parameters::random(Shape::PAPER, 3);
     parameters.layer_mut(5).1[7] = f32::NAN;
     let start = folder.path().join("start.safetensors");
-    let checkpoint = Checkpoint::start(parameters, Accumulation::Global);
+    let checkpoint = Checkpoint::start(parameters, Accumulation::Global, Cut::NONE);
     checkpoint.save(&start).expect("written");
     let mut config = config(&folder.path().join("run"), 1);
     config.init = Some(start);
@@ -249,8 +250,11 @@ fn every_option_runs() {
 #[test]
 fn the_average_is_what_is_exported() {
     let folder = tempfile::tempdir().expect("a temporary directory");
-    let mut checkpoint =
-        Checkpoint::start(Parameters::random(Shape::PAPER, 1), Accumulation::Global);
+    let mut checkpoint = Checkpoint::start(
+        Parameters::random(Shape::PAPER, 1),
+        Accumulation::Global,
+        Cut::NONE,
+    );
     let averaged = Parameters::random(Shape::PAPER, 2);
     checkpoint.averaged = Some(averaged.values.clone());
     let path = folder.path().join("c");

@@ -108,9 +108,20 @@ pub fn test_sample(
     surface: &[Point],
     points: usize,
 ) -> Option<(Sample, Normalisation)> {
-    let mut source = inside(rng, seen, points)?;
+    let source = inside(rng, seen, points)?;
+    let target = resample(rng, surface, points);
+    placed(source, target, estimate, truth)
+}
+
+/// A source in the camera's frame, taken to the model's frame by the estimate and normalised with the target.
+/// `None` where the target has no extent.
+pub fn placed(
+    mut source: Vec<Point>,
+    mut target: Vec<Point>,
+    estimate: &Pose,
+    truth: &Pose,
+) -> Option<(Sample, Normalisation)> {
     transform(&mut source, &estimate.inverse());
-    let mut target = resample(rng, surface, points);
     let frame = Normalisation::of(&mut source, &mut target)?;
     let sample = Sample {
         source,

@@ -16,7 +16,7 @@ use std::path::PathBuf;
 /// layout's own mask and mask_visib.
 #[derive(Debug, Args)]
 pub(super) struct BopSynthArgs {
-    /// Meshes (.ply .off .obj .stl), or the built-in shapes, among them solids of revolution and boxes
+    /// Meshes (.ply .off .obj .stl) of a file or of a tree of folders, or the built-in shapes, among them solids of revolution and boxes
     #[arg(long, value_name = "DIR|FILE|procedural")]
     models: PathBuf,
     /// Folder to write; empty or absent
@@ -32,7 +32,7 @@ pub(super) struct BopSynthArgs {
     #[arg(long, value_name = "N", value_parser = positive(), default_value_t = SynthSettings::default().images)]
     images: usize,
     /// Objects of the data set, at most
-    #[arg(long, value_name = "N", value_parser = up_to(1000), default_value_t = 8)]
+    #[arg(long, value_name = "N", value_parser = up_to(100_000), default_value_t = 8)]
     objects: usize,
     /// Objects in each scene
     #[arg(long, value_name = "N", value_parser = up_to(50), default_value_t = SynthSettings::default().per_scene)]

@@ -15,10 +15,13 @@ use std::path::{Path, PathBuf};
 
 /// Name under which the bundled policy is reported.
 const BUNDLED: &str = "reagent";
+/// Name that stands for the bundled policy for single depth views.
+const VIEWS: &str = "views";
 
 #[derive(Debug, Args)]
 pub(super) struct ContestArgs {
-    /// Policies, run directories (their best) or checkpoints to evaluate, each reported under its file stem [default:
+    /// Policies, run directories (their best) or checkpoints to evaluate, or "views" for the bundled policy for single
+    /// depth views, each reported under its file stem [default:
     /// the bundled policy, as "reagent"]
     #[arg(long, value_name = "FILE.rgw|RUN_DIR", num_args = 1..)]
     weights: Vec<PathBuf>,
@@ -135,6 +138,9 @@ enum Weights {
 
 impl Weights {
     fn load(path: &Path, run: Run) -> Result<Self, ExportError> {
+        if path.as_os_str() == VIEWS {
+            return Ok(run.apply(WeightFile::pretrained_views()));
+        }
         let checkpoint = path.is_dir() || path.extension().is_some_and(|e| e == "safetensors");
         if !checkpoint {
             return Ok(run.apply(WeightFile::load(path)?));

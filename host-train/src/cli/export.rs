@@ -2,11 +2,12 @@
 
 use super::contest::{Decide, steps};
 use super::source::{self, DataSource};
+use crate::checkpoint::Checkpoint;
 use crate::dataset::pairs::PairSet;
 use crate::export::{WeightFile, parameters_of};
 use crate::protocol::Protocol;
 use clap::{Args, ValueEnum};
-use reagent_core::Decision;
+use reagent_core::{Decision, Policy};
 use std::path::PathBuf;
 
 /// Write the policy of a run as a weight file for robots
@@ -22,7 +23,7 @@ pub(super) struct ExportArgs {
     /// integers are fitted to the activations
     #[arg(
         long,
-        value_name = "DIR|FILE.h5|procedural[:COUNT]",
+        value_name = "DIR|FILE.h5|procedural[:COUNT]|views:DIR",
         default_value = "procedural:128"
     )]
     calibration: DataSource,
@@ -50,11 +51,18 @@ enum Format {
 impl ExportArgs {
     pub(super) fn run(self, seed: u64) -> anyhow::Result<()> {
         let parameters = parameters_of(&self.run)?;
-        let (decision, rescan) = if self.run.extension().is_some_and(|e| e == "rgw") {
+        let (decision, rescan, cut) = if self.run.extension().is_some_and(|e| e == "rgw") {
             let file = WeightFile::load(&self.run)?;
-            (file.policy().decision, file.policy().rescan)
+            let Policy {
+                decision,
+                rescan,
+                cut,
+                ..
+            } = file.policy();
+            (decision, rescan, cut)
         } else {
-            (Decision::default(), 1)
+            let cut = Checkpoint::load(&Checkpoint::find(&self.run)?)?.cut;
+            (Decision::default(), 1, cut)
         };
         let decision = self.decide.map_or(decision, Decision::from);
         let rescan = self.rescan.unwrap_or(rescan);
@@ -68,10 +76,11 @@ impl ExportArgs {
                         pairs.source.len()
                     );
                 }
-                WeightFile::from_parameters_int8(&parameters, &pairs)?
+                WeightFile::from_parameters_int8_within(cut, &parameters, &pairs)?
             }
         };
-        file.deciding(decision).rescanning(rescan).save(&self.out)?;
+        let file = file.deciding(decision).rescanning(rescan).cutting(cut);
+        file.save(&self.out)?;
         println!("{}", self.out.display());
         Ok(())
     }

@@ -4,6 +4,7 @@ use crate::bop::sample::{BopSampling, BopTraining};
 use crate::dataset::pairs::PairSet;
 use crate::dataset::{self, Model, Split, modelnet, procedural};
 use crate::protocol::{self, Protocol};
+use crate::views::Views;
 use anyhow::bail;
 use clap::ValueEnum;
 use clap::builder::RangedU64ValueParser;
@@ -46,6 +47,9 @@ pub(super) fn models(
             "{} holds images in BOP layout: use eval --protocol bop",
             dir.display()
         ),
+        DataSource::Views(_) => {
+            bail!("{data} is for training and calibration: use bop-synth and eval --protocol bop")
+        }
         DataSource::Procedural(shapes) => {
             let drawn = count.unwrap_or(PROCEDURAL_PAIRS).min(*shapes);
             Ok((0..drawn as u64)
@@ -68,6 +72,11 @@ pub(super) fn draw_training(
             let mut pairs = PairSet::default();
             let objects = BopTraining::open(root, seed, BopSampling::default())?;
             objects.draw(most, seed, &mut pairs)?;
+            return Ok(pairs);
+        }
+        DataSource::Views(meshes) => {
+            let mut pairs = PairSet::default();
+            Views::load(meshes, seed)?.draw(most, BopSampling::default().points, seed, &mut pairs);
             return Ok(pairs);
         }
         DataSource::Procedural(count) => procedural::models(seed, *count),

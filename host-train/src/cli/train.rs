@@ -9,6 +9,7 @@ use crate::train::record::RunRecord;
 use crate::train::{self, Anneal, Categories, Follow, Network, Stage, TrainConfig};
 use anyhow::{Context, bail};
 use clap::{ArgAction, Args};
+use reagent_core::register::Cut;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -23,8 +24,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 #[derive(Debug, Args)]
 pub(super) struct TrainArgs {
     /// Data sets (modelnet40_ply_hdf5_2048, ScanObjectNN, trees of loose meshes and clouds, BOP layout) or
-    /// built-in shapes, taken together
-    #[arg(long, value_name = "DIR|FILE.h5|procedural[:COUNT]", num_args = 1.., required_unless_present = "resume")]
+    /// built-in shapes, taken together; views:DIR and views:procedural[:COUNT] are depth views of meshes, rendered as they
+    /// are drawn
+    #[arg(long, value_name = "DIR|FILE.h5|procedural[:COUNT]|views:DIR", num_args = 1.., required_unless_present = "resume")]
     data: Vec<DataSource>,
     /// What to train
     #[arg(
@@ -70,6 +72,10 @@ struct DataOptions {
     /// Points drawn from each cloud [default: the paper's 1024]
     #[arg(long, value_name = "N", value_parser = positive())]
     points: Option<usize>,
+    /// Look at the points of a source no farther than so many radii from the target's centre, as the policy that is made
+    /// will do everywhere: rounded to sixteenths; 0 for anywhere [default: 1.25 where there are views, else 0]
+    #[arg(long, value_name = "RADII", value_parser = cut)]
+    cut: Option<Cut>,
     /// Do not deform shapes by scale, shear and mirror (design table; the paper does)
     #[arg(long)]
     no_augmentation: bool,
@@ -203,6 +209,7 @@ impl TrainArgs {
         set(&mut config.categories, given.categories);
         set(&mut config.points, given.points);
         config.augmentation &= !given.no_augmentation;
+        set(&mut config.cut, given.cut);
         set(&mut config.disturbance.min_overlap, given.min_overlap);
         set(&mut config.disturbance.max_outliers, given.max_outliers);
 
@@ -233,6 +240,17 @@ impl TrainArgs {
         set(&mut config.learning_rate.halve_every, halve_every);
         set(&mut config.roll_out.mini_batch, given.mini_batch);
         Ok(config)
+    }
+}
+
+/// Radii, or 0 for anywhere.
+fn cut(text: &str) -> Result<Cut, String> {
+    match text.parse() {
+        Ok(0.0) => Ok(Cut::NONE),
+        Ok(radii) => {
+            Cut::within(radii).ok_or_else(|| "give 0, or a number from 0.07 to 15.9".into())
+        }
+        Err(_) => Err("give a number of radii, such as 1.5".into()),
     }
 }
 

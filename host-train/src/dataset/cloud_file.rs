@@ -145,7 +145,7 @@ fn kind_of(bytes: &[u8]) -> &'static str {
 }
 
 /// The extension in lower case; empty where there is none.
-pub(super) fn extension(path: &Path) -> String {
+pub(crate) fn extension(path: &Path) -> String {
     let extension = path.extension().and_then(|e| e.to_str());
     extension.unwrap_or_default().to_ascii_lowercase()
 }

@@ -100,7 +100,7 @@ pub fn categories(models: Vec<Model>, labels: Range<u32>) -> Vec<Model> {
 /// Carves a validation split out of a training split by mesh: `(training, validation)`, each in the
 /// given order, with `fraction` (0 to 1) of the models, rounded, in the second; at least one of two or
 /// more where the fraction is above 0.
-pub fn validation_split(models: Vec<Model>, seed: u64, fraction: f64) -> (Vec<Model>, Vec<Model>) {
+pub fn validation_split<T>(models: Vec<T>, seed: u64, fraction: f64) -> (Vec<T>, Vec<T>) {
     let share = (models.len() as f64 * fraction.clamp(0.0, 1.0)).round() as usize;
     let held_out = if fraction > 0.0 && models.len() > 1 {
         share.max(1)

@@ -66,19 +66,26 @@ impl Pinhole {
         let (low, high) = (a.min(b).min(c), a.max(b).max(c));
         let first = |x: f32| x.ceil().max(0.0) as usize;
         let end = |x: f32, size: usize| ((x.floor() + 1.0).max(0.0) as usize).min(size);
-        for row in first(low.y)..end(high.y, height) {
-            for column in first(low.x)..end(high.x, width) {
-                let p = Vec2::new(column as f32, row as f32);
-                let weights = [(b, c), (c, a), (a, b)]
-                    .map(|(from, to)| (to - from).perp_dot(p - from) / doubled_area);
-                if weights.iter().all(|&weight| weight >= 0.0) {
-                    let inverse: f32 = weights
-                        .iter()
-                        .zip(&corners)
-                        .map(|(weight, corner)| weight / corner.z)
-                        .sum();
-                    let pixel = &mut image[row * width + column];
-                    *pixel = pixel.max(inverse);
+        let (rows, columns) = (
+            first(low.y)..end(high.y, height),
+            first(low.x)..end(high.x, width),
+        );
+        if rows.is_empty() || columns.is_empty() {
+            return;
+        }
+        // Barycentric weights, one a component, and what each of them adds to the inverse depth.
+        let edges = [(b, c), (c, a), (a, b)].map(|(from, to)| ((to - from) / doubled_area, from));
+        let weights_at =
+            |p: Vec2| Vec3::from_array(edges.map(|(edge, from)| edge.perp_dot(p - from)));
+        let right = Vec3::from_array(edges.map(|(edge, _)| -edge.y));
+        let inverses = Vec3::from_array(corners.map(|corner| 1.0 / corner.z));
+        for row in rows {
+            let first = weights_at(Vec2::new(columns.start as f32, row as f32));
+            let pixels = &mut image[row * width..][columns.clone()];
+            for (along, pixel) in pixels.iter_mut().enumerate() {
+                let weights = first + right * along as f32;
+                if weights.min_element() >= 0.0 {
+                    *pixel = pixel.max(weights.dot(inverses));
                 }
             }
         }

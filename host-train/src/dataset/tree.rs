@@ -36,12 +36,43 @@ struct Entry {
     split: Option<Split>,
 }
 
+/// A model's file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct File {
+    /// Where it is.
+    pub path: PathBuf,
+    /// Its place among all files of the directory.
+    pub index: u64,
+    /// Its category.
+    pub label: u32,
+}
+
 /// All models of a split, in the order of their paths. Points of the file at place `i` among all files depend
 /// on the seed and `i`.
 ///
 /// # Errors
 /// A directory without models, or without any of the split; the first file that cannot be read or is degenerate.
 pub fn load(dir: &Path, split: Split, seed: u64) -> Result<Vec<Model>, DatasetError> {
+    let files = files(dir, split)?;
+    if (files.len() * MESH_POINTS * size_of::<Point>()) as u64 > MAX_BYTES {
+        return Err(DatasetError::BeyondMemory { path: dir.into() });
+    }
+    let models = files.into_par_iter().map(|file| {
+        Ok(Model {
+            points: read(&file.path, seed, file.index)?,
+            label: file.label,
+        })
+    });
+    // The first error in the order of the files, whichever thread is faster.
+    let models: Vec<Result<Model, CloudError>> = models.collect();
+    Ok(models.into_iter().collect::<Result<_, _>>()?)
+}
+
+/// The files of a split, in the order of their paths.
+///
+/// # Errors
+/// A directory without models, or without any of the split.
+pub fn files(dir: &Path, split: Split) -> Result<Vec<File>, DatasetError> {
     let entries = list(dir)?;
     let categories: BTreeSet<&str> = entries.iter().map(Entry::category).collect();
     let categories: Vec<&str> = categories.into_iter().collect();
@@ -55,9 +86,16 @@ pub fn load(dir: &Path, split: Split, seed: u64) -> Result<Vec<Model>, DatasetEr
     }
     // Beside a folder of test files, what lies elsewhere is for training.
     let taken = |entry: &Entry| !divided || entry.split.unwrap_or(Split::Train) == split;
-    let chosen: Vec<(u64, &Entry)> = (0..)
+    let chosen: Vec<File> = (0..)
         .zip(&entries)
         .filter(|(_, entry)| taken(entry))
+        .map(|(index, entry)| File {
+            path: entry.path.clone(),
+            index,
+            label: categories
+                .binary_search(&entry.category())
+                .unwrap_or_default() as u32,
+        })
         .collect();
     if chosen.is_empty() {
         return Err(DatasetError::EmptySplit {
@@ -66,21 +104,7 @@ pub fn load(dir: &Path, split: Split, seed: u64) -> Result<Vec<Model>, DatasetEr
             files: entries.len(),
         });
     }
-    if (chosen.len() * MESH_POINTS * size_of::<Point>()) as u64 > MAX_BYTES {
-        return Err(DatasetError::BeyondMemory { path: dir.into() });
-    }
-    let models = chosen.into_par_iter().map(|(index, entry)| {
-        let label = categories
-            .binary_search(&entry.category())
-            .unwrap_or_default();
-        Ok(Model {
-            points: read(&entry.path, seed, index)?,
-            label: label as u32,
-        })
-    });
-    // The first error in the order of the files, whichever thread is faster.
-    let models: Vec<Result<Model, CloudError>> = models.collect();
-    Ok(models.into_iter().collect::<Result<_, _>>()?)
+    Ok(chosen)
 }
 
 fn read(path: &Path, seed: u64, index: u64) -> Result<Vec<Point>, CloudError> {
@@ -100,14 +124,19 @@ impl Entry {
     }
 }
 
-fn list(dir: &Path) -> Result<Vec<Entry>, DatasetError> {
+/// Everything below a directory in the order of the paths, without what is hidden.
+pub(crate) fn walk(dir: &Path) -> impl Iterator<Item = walkdir::Result<DirEntry>> {
     let hidden = |entry: &DirEntry| {
         let name = entry.file_name().to_string_lossy();
         entry.depth() > 0 && (name.starts_with('.') || name == "__MACOSX")
     };
     let walk = WalkDir::new(dir).follow_links(true).sort_by_file_name();
+    walk.into_iter().filter_entry(move |entry| !hidden(entry))
+}
+
+fn list(dir: &Path) -> Result<Vec<Entry>, DatasetError> {
     let mut entries = Vec::new();
-    for item in walk.into_iter().filter_entry(|entry| !hidden(entry)) {
+    for item in walk(dir) {
         let item = item.map_err(|e| DatasetError::Io {
             path: e.path().unwrap_or(dir).into(),
             source: e.into(),

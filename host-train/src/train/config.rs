@@ -7,6 +7,7 @@ use crate::augment::Disturbance;
 use crate::dataset::bop::is_bop;
 use crate::env::Accumulation;
 use crate::nn::Shape;
+use reagent_core::register::Cut;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::path::PathBuf;
@@ -22,13 +23,39 @@ pub enum DataSource {
     Bop(PathBuf),
     /// The built-in parametric shapes, this many.
     Procedural(usize),
+    /// Depth views, rendered as they are drawn, of the meshes of a directory or of built-in shapes.
+    Views(Meshes),
 }
+
+/// Which meshes are rendered.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Meshes {
+    /// A directory of loose meshes ([`crate::dataset::tree`]).
+    Directory(PathBuf),
+    /// The built-in parametric shapes, this many.
+    Procedural(usize),
+}
+
+/// Radii from the target within which views are looked at: most starts err by less than a quarter of one, and
+/// in each step the cut is made anew.
+const VIEWS_CUT: Cut = Cut::from_header(20);
 
 impl FromStr for DataSource {
     type Err = String;
 
-    /// `procedural`, `procedural:COUNT`, or a directory, whose layout is seen from its contents.
+    /// `procedural`, `procedural:COUNT`, or a directory, whose layout is seen from its contents; the same after `views:`
+    /// for depth views of them.
     fn from_str(s: &str) -> Result<Self, String> {
+        if let Some(meshes) = s.strip_prefix("views:") {
+            return match meshes.parse()? {
+                DataSource::Directory(path) => Ok(DataSource::Views(Meshes::Directory(path))),
+                DataSource::Procedural(count) => Ok(DataSource::Views(Meshes::Procedural(count))),
+                _ => Err(format!(
+                    "\"{s}\": write views:DIR with a directory of meshes, or views:procedural[:COUNT]"
+                )),
+            };
+        }
         match s.strip_prefix("procedural") {
             Some("") => Ok(DataSource::Procedural(1024)),
             Some(count) if count.starts_with(':') => match count[1..].parse() {
@@ -48,6 +75,8 @@ impl fmt::Display for DataSource {
         match self {
             DataSource::Directory(path) | DataSource::Bop(path) => path.display().fmt(f),
             DataSource::Procedural(count) => write!(f, "procedural:{count}"),
+            DataSource::Views(Meshes::Directory(path)) => write!(f, "views:{}", path.display()),
+            DataSource::Views(Meshes::Procedural(count)) => write!(f, "views:procedural:{count}"),
         }
     }
 }
@@ -135,6 +164,9 @@ pub struct TrainConfig {
     /// Whether shapes are deformed by scale, shear and mirror (paper: yes; design table, column
     /// "augm.").
     pub augmentation: bool,
+    /// How far from the target sources are looked at, sixteenths of its radius; 0 for anywhere (paper).
+    #[serde(default)]
+    pub cut: Cut,
     /// Partial views and outliers in sources.
     #[serde(default)]
     pub disturbance: Disturbance,
@@ -163,6 +195,7 @@ impl TrainConfig {
             Stage::Ilrl => (1e-4, 2.0),
         };
         // The paper's LINEMOD experiment has no pre-training, a longer schedule and a smaller alpha.
+        let views = data.iter().any(|d| matches!(d, DataSource::Views(_)));
         let poses = data.iter().any(|d| matches!(d, DataSource::Bop(_)));
         let (initial, alpha, epochs, halve_every) = if poses {
             (1e-3, f32::min(alpha, 0.1), 100, 20)
@@ -181,6 +214,7 @@ impl TrainConfig {
             network: Network::Wide,
             points: 1024,
             augmentation: true,
+            cut: if views { VIEWS_CUT } else { Cut::NONE },
             disturbance: Disturbance::NONE,
             learning_rate: LearningRate {
                 initial,

@@ -1,6 +1,6 @@
 //! What a run trains on, and what it is validated on.
 
-use super::config::{Categories, DataSource, Stage, TrainConfig};
+use super::config::{Categories, DataSource, Meshes, Stage, TrainConfig};
 use super::run::TrainError;
 use crate::augment::{clean_pair, clean_sample, noisy_pair, noisy_sample, resample};
 use crate::bop::sample::{BopSampling, BopTraining};
@@ -9,6 +9,7 @@ use crate::dataset::{self, Model, Point, Split, modelnet, procedural};
 use crate::env::Problem;
 use crate::protocol::{self, Protocol};
 use crate::random::{Purpose, Rng, stream};
+use crate::views::{Object, Views};
 use rand::seq::SliceRandom;
 use rayon::prelude::*;
 use sha2::{Digest, Sha256};
@@ -20,6 +21,8 @@ pub(super) struct TrainingData {
     clouds: Vec<Vec<Point>>,
     /// Annotated objects in depth images, which are read as samples are drawn.
     objects: Vec<BopTraining>,
+    /// Meshes of which views are rendered.
+    views: Vec<Views>,
 }
 
 impl TrainingData {
@@ -31,12 +34,14 @@ impl TrainingData {
                 .iter()
                 .map(|o| o.instances().len())
                 .sum::<usize>()
+            + self.views.iter().map(|v| v.objects().len()).sum::<usize>()
     }
 }
 
 /// What is trained on, and pairs of the meshes and images held back for validation.
 pub(super) fn load(config: &TrainConfig) -> Result<(TrainingData, PairSet), TrainError> {
     let mut objects = Vec::new();
+    let mut views = Vec::new();
     let mut poses = PairSet::default();
     let mut training: Vec<Model> = Vec::new();
     let mut held_back: Vec<Model> = Vec::new();
@@ -61,6 +66,25 @@ pub(super) fn load(config: &TrainConfig) -> Result<(TrainingData, PairSet), Trai
                 objects.push(training);
                 continue;
             }
+            DataSource::Views(meshes) => {
+                let all = Views::load(meshes, config.seed)?;
+                let [training, validation] = all.split(|mut objects| {
+                    if config.categories == Categories::First
+                        && matches!(meshes, Meshes::Directory(_))
+                    {
+                        objects.retain(|o| modelnet::FIRST_HALF.contains(&o.label));
+                    }
+                    modelnet::validation_split(objects, config.seed, config.validation).into()
+                });
+                validation.draw(
+                    config.validation_pairs,
+                    config.points,
+                    config.seed,
+                    &mut poses,
+                );
+                views.push(training);
+                continue;
+            }
         };
         let (train, validation) =
             modelnet::validation_split(models, config.seed, config.validation);
@@ -73,6 +97,7 @@ pub(super) fn load(config: &TrainConfig) -> Result<(TrainingData, PairSet), Trai
     let data = TrainingData {
         clouds: training.into_iter().map(|m| m.points).collect(),
         objects,
+        views,
     };
     if data.len() < 2 || pairs.source.is_empty() {
         return Err(TrainError::TooFewClouds(data.len() + pairs.source.len()));
@@ -112,7 +137,8 @@ pub(super) fn problems(
         .into_par_iter()
         .map(|(position, pick)| {
             let mut rng = stream(config.seed, Purpose::Augment, position);
-            draw(config, data, pick, &mut rng).map(Problem::from)
+            let sample = draw(config, data, pick, &mut rng)?;
+            Ok(Problem::within(config.cut, sample))
         })
         .collect()
 }
@@ -132,6 +158,14 @@ fn draw(
         let count = objects.instances().len();
         if index < count {
             return Ok(objects.sample(index, rng)?);
+        }
+        index -= count;
+    }
+    for views in &data.views {
+        let count = views.objects().len();
+        if index < count {
+            let sample = views.sample(index, rng, config.points, config.augmentation);
+            return sample.ok_or(TrainError::NothingSeen);
         }
         index -= count;
     }
@@ -158,7 +192,9 @@ fn sample(config: &TrainConfig, rng: &mut Rng, cloud: &[Point]) -> Sample {
 pub(super) fn fingerprint(data: &TrainingData) -> String {
     let mut hash = Sha256::new();
     let models = data.objects.iter().flat_map(BopTraining::surfaces);
-    for cloud in data.clouds.iter().map(Vec::as_slice).chain(models) {
+    let views = data.views.iter().flat_map(Views::objects);
+    let surfaces = models.chain(views.map(Object::surface));
+    for cloud in data.clouds.iter().map(Vec::as_slice).chain(surfaces) {
         hash.update((cloud.len() as u64).to_le_bytes());
         hash.update(bytemuck::cast_slice::<f32, u8>(cloud.as_flattened()));
     }

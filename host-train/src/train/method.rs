@@ -49,6 +49,9 @@ pub enum Follow {
     Expert,
     /// The agent's most likely: the other reading of that row
     Argmax,
+    /// The agent's nearest to its mean, as exported policies decide (ours): no action is random, so that one trajectory
+    /// a problem is enough
+    Mean,
 }
 
 /// What one update does, the problems given.

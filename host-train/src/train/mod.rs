@@ -54,7 +54,7 @@ mod trainer;
 mod validate;
 
 pub use bench::{Speed, bench};
-pub use config::{Categories, DataSource, Network, Stage, TrainConfig};
+pub use config::{Categories, DataSource, Meshes, Network, Stage, TrainConfig};
 pub use fine_tune::fine_tune;
 pub use learning_rate::{Anneal, LearningRate};
 pub use method::{Follow, Method, RollOut};

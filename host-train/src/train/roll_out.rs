@@ -14,6 +14,7 @@ use rayon::prelude::*;
 use reagent_core::dims::STEP_SIZES;
 use reagent_core::net::View;
 use reagent_core::{Action, Decision, Pose};
+use std::borrow::Cow;
 
 /// The network, and the memory in which it works on batches of states.
 #[derive(Debug)]
@@ -105,16 +106,17 @@ pub(super) fn source<'a>(
     accumulation: Accumulation,
     pose: &Pose,
 ) -> Seen<'a> {
+    let view = accumulation.view(problem.centroid, pose);
     Seen {
-        points: &problem.source,
-        view: accumulation.view(problem.centroid, pose),
+        points: problem.looked_at(&view),
+        view,
     }
 }
 
 /// The target of a problem.
 pub(super) fn target(problem: &Problem) -> Seen<'_> {
     Seen {
-        points: &problem.target,
+        points: Cow::Borrowed(&problem.target),
         view: View::IDENTITY,
     }
 }
@@ -157,6 +159,7 @@ pub(super) fn gather(
                 Follow::Stochastic => agent.choose(row, |logits| draw(logits, rng)),
                 Follow::Expert => expert,
                 Follow::Argmax => agent.decide(row, Decision::MostLikely),
+                Follow::Mean => agent.decide(row, Decision::NearestToMean),
             };
             observations.push(Observation {
                 problem,
@@ -234,9 +237,10 @@ fn rewards(
     accumulation: Accumulation,
     poses: &[Pose],
 ) -> Vec<f32> {
+    let rewarded = problem.rewarded();
     let distance = |pose: &Pose| {
         let view = accumulation.view(problem.centroid, pose);
-        chamfer_seen(&problem.source, &view, truth)
+        chamfer_seen(&rewarded, &view, truth)
     };
     let mut before = distance(&poses[0]);
     poses

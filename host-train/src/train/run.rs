@@ -14,6 +14,7 @@ use crate::export::{ExportError, WeightFile};
 use crate::metrics::Summary;
 use crate::nn::{Parameters, Shape};
 use indicatif::{ProgressBar, ProgressStyle};
+use reagent_core::register::Cut;
 use serde_json::json;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
@@ -34,6 +35,9 @@ pub enum TrainError {
         "{0} training clouds are too few: give at least 3, of which one is held back for validation"
     )]
     TooFewClouds(usize),
+    /// No mesh can be seen.
+    #[error("nothing is seen of any of the meshes: they are too thin to be rendered")]
+    NothingSeen,
     /// Options that contradict each other.
     #[error("{0}")]
     Contradiction(&'static str),
@@ -246,11 +250,14 @@ fn run_here(
 
         if epoch_of(trainer.updates) > epoch || trainer.updates == total {
             let errors = validate(config, trainer.result(), &validation)?;
-            let improved = progress
-                .best
-                .is_none_or(|(lowest, _)| errors.chamfer_mod < lowest);
+            // A source of which a part is cut off is not near the target even where it belongs.
+            let error = match config.cut {
+                Cut::NONE => errors.chamfer_mod,
+                _ => 100.0 - errors.adi_auc_pct,
+            };
+            let improved = progress.best.is_none_or(|(lowest, _)| error < lowest);
             if improved {
-                progress.best = Some((errors.chamfer_mod, epoch));
+                progress.best = Some((error, epoch));
             }
             let sums = std::mem::take(&mut progress.epoch);
             let n = f64::from(sums.updates);
@@ -305,7 +312,10 @@ fn start(
         (Some(checkpoint), _) => (checkpoint, config.out.clone()),
         (None, None) => {
             let parameters = Parameters::random(wanted, config.seed);
-            (Checkpoint::start(parameters, accumulation), PathBuf::new())
+            (
+                Checkpoint::start(parameters, accumulation, config.cut),
+                PathBuf::new(),
+            )
         }
         (None, Some(path)) => {
             let (parameters, found) = if path.extension().is_some_and(|e| e == "rgw") {
@@ -323,7 +333,10 @@ fn start(
                     wanted: accumulation,
                 });
             }
-            (Checkpoint::start(parameters, accumulation), path.clone())
+            (
+                Checkpoint::start(parameters, accumulation, config.cut),
+                path.clone(),
+            )
         }
     };
     let found = checkpoint.parameters.shape;
@@ -339,6 +352,7 @@ fn start(
         adam,
         averaged,
         accumulation: _,
+        cut: _,
         progress,
     } = checkpoint;
     let mut trainer = Trainer::new(
@@ -361,6 +375,7 @@ fn checkpoint(config: &TrainConfig, trainer: &Trainer, progress: &Progress) -> C
         adam: trainer.adam.clone(),
         averaged: trainer.averaged.clone(),
         accumulation: config.method.accumulation,
+        cut: config.cut,
         progress: Progress {
             updates: trainer.updates,
             optimiser_steps: trainer.adam.steps,

@@ -3,7 +3,7 @@
 use super::config::TrainConfig;
 use super::roll_out::Agent;
 use super::run::TrainError;
-use crate::dataset::pairs::PairSet;
+use crate::dataset::pairs::{PairSet, Sample};
 use crate::env::{Accumulation, Problem};
 use crate::eval::{Contestant, EvalError, EvalSettings, Method, evaluate};
 use crate::export::WeightFile;
@@ -27,15 +27,21 @@ pub(super) fn validate(
         let steps = config.roll_out.steps;
         let problems: Vec<Problem> = (0..pairs.source.len())
             .map(|i| {
-                let (source, target) = (pairs.source[i].clone(), pairs.target[i].clone());
-                Problem::new(source, target, pairs.target_from_source[i])
+                let sample = Sample {
+                    source: pairs.source[i].clone(),
+                    target: pairs.target[i].clone(),
+                    target_from_source: pairs.target_from_source[i],
+                };
+                Problem::within(config.cut, sample)
             })
             .collect();
         let rules = (accumulation, Decision::default());
         let poses = poses_of(parameters, rules, &problems, steps);
         return Ok(summary(pairs, |i| poses[i][steps])?);
     }
-    let file = WeightFile::from_parameters(&parameters)?.deciding(Decision::default());
+    let file = WeightFile::from_parameters(&parameters)?
+        .deciding(Decision::default())
+        .cutting(config.cut);
     let contestant = Contestant {
         name: "policy".into(),
         method: Method::Policy(file.policy()),

@@ -2,9 +2,10 @@
 
 use crate::dataset::bop::BopError;
 use crate::dataset::bop::json::{self, ContinuousSymmetry, ModelInfo, Numbered};
-use crate::dataset::cloud_file::read_file;
+use crate::dataset::cloud_file::{extension, read_file};
 use crate::dataset::mesh::Mesh;
 use crate::dataset::procedural::{FAMILIES, shape};
+use crate::dataset::tree;
 use crate::metrics::diameter;
 use crate::random::{Purpose, Rng, stream};
 use glam::{Affine3A, Vec2, Vec3};
@@ -161,8 +162,8 @@ fn cuboid(rng: &mut Rng) -> Mesh {
     mesh
 }
 
-/// Meshes from a file or from the files of a folder (`.ply .off .obj .stl`), at most `count` of them, drawn at random
-/// but kept in the order of their names. Nothing is known of their symmetries. Each is scaled to a random
+/// Meshes from a file or from the files of a folder and the folders in it (`.ply .off .obj .stl`), at most `count` of them,
+/// drawn at random but kept in the order of their paths. Nothing is known of their symmetries. Each is scaled to a random
 /// diameter, or by `mm_per_unit`.
 ///
 /// # Errors
@@ -186,8 +187,18 @@ pub fn from_files(
         let mesh = read.mesh();
         let drawn = rng.random_range(DIAMETER_MM);
         let size = mm_per_unit.map_or(drawn, |scale| scale * exact_diameter(&mesh) as f32);
-        let name = file.file_stem().unwrap_or_default().to_string_lossy();
-        let object = Object::new(k as u32 + 1, name.into_owned(), mesh, size, Symmetry::None);
+        let folder = if path.is_file() {
+            path.parent()
+        } else {
+            Some(path)
+        };
+        let below = folder.and_then(|folder| file.strip_prefix(folder).ok());
+        let name = below
+            .unwrap_or(&file)
+            .with_extension("")
+            .to_string_lossy()
+            .into_owned();
+        let object = Object::new(k as u32 + 1, name, mesh, size, Symmetry::None);
         objects.push(object.ok_or_else(|| BopError::Empty {
             path: file.clone(),
             what: "no surface: the file has no faces, or none with an area",
@@ -205,12 +216,10 @@ fn mesh_files(path: &Path) -> Result<Vec<PathBuf>, BopError> {
         source,
     };
     let mut files = Vec::new();
-    for entry in std::fs::read_dir(path).map_err(io)? {
-        let file = entry.map_err(io)?.path();
-        let extension = file.extension().and_then(|e| e.to_str());
-        let extension = extension.unwrap_or_default().to_ascii_lowercase();
-        if MESH_FILES.contains(&extension.as_str()) {
-            files.push(file);
+    for entry in tree::walk(path) {
+        let file = entry.map_err(|e| io(e.into()))?;
+        if file.file_type().is_file() && MESH_FILES.contains(&extension(file.path()).as_str()) {
+            files.push(file.into_path());
         }
     }
     if files.is_empty() {
@@ -219,7 +228,6 @@ fn mesh_files(path: &Path) -> Result<Vec<PathBuf>, BopError> {
             what: "no .ply, .off, .obj or .stl files",
         });
     }
-    files.sort();
     Ok(files)
 }
 

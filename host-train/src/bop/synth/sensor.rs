@@ -23,45 +23,110 @@ fn normal(rng: &mut Rng) -> f32 {
     StandardNormal.sample(rng)
 }
 
+/// A depth camera.
+#[derive(Clone, Copy, Debug)]
+pub struct Sensor {
+    /// Factor on all of its noise.
+    pub noise: f32,
+    /// Lateral noise, standard deviation in pixels.
+    pub lateral: f32,
+    /// Depths are whole multiples of this at 1 m, and of its square with the distance, as those of a disparity;
+    /// millimetres, 0 for none.
+    pub step_mm: f32,
+    /// Share of the pixels at an edge that lie somewhere between both sides.
+    pub flying: f32,
+    /// Share of the pixels that are anywhere.
+    pub stray: f32,
+}
+
+impl Sensor {
+    /// The Kinect's noise and nothing else, in images of so many columns.
+    pub fn kinect(noise: f32, columns: usize) -> Sensor {
+        Sensor {
+            noise,
+            lateral: LATERAL_SIGMA * noise * columns as f32 / 640.0,
+            step_mm: 0.0,
+            flying: 0.0,
+            stray: 0.0,
+        }
+    }
+
+    /// A sensor for one training view.
+    pub fn draw(rng: &mut Rng) -> Sensor {
+        Sensor {
+            noise: rng.random_range(0.2..1.4),
+            lateral: rng.random_range(0.0..0.7),
+            step_mm: rng.random_range(0.0..3.0),
+            flying: rng.random_range(0.0..0.2),
+            stray: rng.random_range(0.0..0.005),
+        }
+    }
+
+    /// The depth that it gives at a pixel of an image of exact ones, millimetres; 0 for none in either.
+    pub fn read(
+        &self,
+        depths: &impl Fn(usize, usize) -> f32,
+        [width, height]: [usize; 2],
+        [column, row]: [usize; 2],
+        rng: &mut Rng,
+    ) -> f32 {
+        // The same number of draws for every pixel.
+        let (du, dv, dz) = (normal(rng), normal(rng), normal(rng));
+        let dropped: f64 = rng.random();
+        let near = |x: usize, shift: f32, size: usize| {
+            (x as f32 + (self.lateral * shift).round()).clamp(0.0, size as f32 - 1.0) as usize
+        };
+        let mut z = depths(near(column, du, width), near(row, dv, height));
+        let here = depths(column, row);
+        let beyond = [
+            (column.saturating_sub(1), row),
+            ((column + 1).min(width - 1), row),
+            (column, row.saturating_sub(1)),
+            (column, (row + 1).min(height - 1)),
+        ]
+        .into_iter()
+        .map(|(u, v)| depths(u, v))
+        .find(|depth| (depth - here).abs() > EDGE_MM);
+        let share = if beyond.is_some() {
+            MISSING_AT_EDGE
+        } else {
+            MISSING
+        };
+        let missing = f64::from(self.noise).clamp(0.0, 1.0);
+        if !(z > 0.0 && dropped >= missing * share) {
+            return 0.0;
+        }
+        if self.flying > 0.0
+            && let Some(beyond) = beyond.filter(|&depth| depth > 0.0)
+            && rng.random::<f32>() < self.flying
+        {
+            z += (beyond - z) * rng.random::<f32>();
+        }
+        if self.stray > 0.0 && rng.random::<f32>() < self.stray {
+            z *= rng.random_range(0.5..4.0f32);
+        }
+        let sigma = 1.2 + 1.9 * (z / 1000.0 - 0.4).powi(2);
+        z = (z + self.noise * sigma * dz).max(0.0);
+        if self.step_mm > 0.0 {
+            let step = self.step_mm * (z / 1000.0).powi(2);
+            z = (z / step.max(0.01)).round() * step.max(0.01);
+        }
+        z
+    }
+}
+
 /// Depths in millimetres as the sensor gives them, 0 where there is none. `noise` multiplies all of the noise; 0
 /// gives the exact depths.
 pub fn observe(rendered: &Rendered, noise: f32, rng: &mut Rng) -> Vec<f32> {
     let [width, height] = rendered.size;
-    let depth = |column: usize, row: usize| {
+    let depths = |column: usize, row: usize| {
         let inverse = rendered.inverse_depths[row * width + column];
         if inverse > 0.0 { 1.0 / inverse } else { 0.0 }
     };
-    let lateral = LATERAL_SIGMA * noise * width as f32 / 640.0;
-    let missing = f64::from(noise).clamp(0.0, 1.0);
-    let mut observed = Vec::with_capacity(width * height);
-    for row in 0..height {
-        for column in 0..width {
-            // The same number of draws for every pixel.
-            let (du, dv, dz) = (normal(rng), normal(rng), normal(rng));
-            let dropped: f64 = rng.random();
-            let near = |x: usize, shift: f32, size: usize| {
-                (x as f32 + (lateral * shift).round()).clamp(0.0, size as f32 - 1.0) as usize
-            };
-            let z = depth(near(column, du, width), near(row, dv, height));
-            let edge = [
-                (column.saturating_sub(1), row),
-                ((column + 1).min(width - 1), row),
-                (column, row.saturating_sub(1)),
-                (column, (row + 1).min(height - 1)),
-            ]
-            .into_iter()
-            .any(|(u, v)| (depth(u, v) - depth(column, row)).abs() > EDGE_MM);
-            let share = if edge { MISSING_AT_EDGE } else { MISSING };
-            let sigma = 1.2 + 1.9 * (z / 1000.0 - 0.4).powi(2);
-            let seen = z > 0.0 && dropped >= missing * share;
-            observed.push(if seen {
-                (z + noise * sigma * dz).max(0.0)
-            } else {
-                0.0
-            });
-        }
-    }
-    observed
+    let sensor = Sensor::kinect(noise, width);
+    (0..width * height)
+        .map(|pixel| sensor.read(&depths, rendered.size, [pixel % width, pixel / width], rng))
+        .collect()
 }
 
 /// A mask as an estimator gives it: the true one displaced by some per cent of its extent, eroded or dilated by up to

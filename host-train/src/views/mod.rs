@@ -1,0 +1,242 @@
+//! Training views: what a depth camera sees of a mesh among other things, rendered as samples are drawn, with no files
+//! in between.
+//!
+//! | part | model |
+//! |---|---|
+//! | shape | a mesh, deformed as clouds are in training, 60 to 400 mm across |
+//! | scene | a plane below it, a wall behind it, up to two other things beside or before it: [`scene`] |
+//! | depth | the noise, rounding, missing and flying pixels of a sensor: [`crate::bop::synth::sensor`] |
+//! | mask | what is visible of it, in most cases as an estimator would give it |
+//! | start | the errors of pose estimators, most along the viewing axis: [`start`] |
+//!
+//! A sample depends on its mesh and its random stream only.
+
+mod scene;
+pub mod start;
+
+use crate::augment::{affine, random_affine, resample};
+use crate::bop::sample::placed;
+use crate::bop::synth::sensor::{Sensor, estimated_mask};
+use crate::dataset::camera::random_rotation;
+use crate::dataset::cloud_file::{CloudError, read_file};
+use crate::dataset::mesh::Mesh;
+use crate::dataset::pairs::{PairSet, Sample};
+use crate::dataset::raster::Pinhole;
+use crate::dataset::{DatasetError, Point, Split, procedural, tree};
+use crate::random::{Purpose, Rng, stream};
+use crate::train::Meshes;
+use glam::{Affine3A, Mat3, Vec2, Vec3};
+use rand::RngExt;
+use rand::seq::index;
+use rayon::prelude::*;
+use reagent_core::Pose;
+use scene::Scene;
+use std::path::Path;
+
+/// Points of a mesh's surface from which targets are drawn.
+const SURFACE_POINTS: usize = 4096;
+/// Half of an object's size, before it is deformed, millimetres: its logarithm is uniform.
+const RADIUS_MM: [f32; 2] = [30.0, 200.0];
+/// From the camera to the object, millimetres.
+const DISTANCE_MM: std::ops::Range<f32> = 450.0..1200.0;
+/// Columns and rows of an image: a crop about the object.
+const SIDE: std::ops::RangeInclusive<usize> = 56..=112;
+/// Share of the image's side that an object takes, before it is deformed.
+const FILLED: f32 = 0.75;
+/// Share of the masks that an estimator gives; the others are exact.
+const ESTIMATED: f64 = 0.7;
+/// Scenes tried until an object is seen.
+const ATTEMPTS: usize = 4;
+
+/// A mesh to render, in a box about the origin, its farthest vertex at 1.
+#[derive(Clone, Debug)]
+pub struct Object {
+    mesh: Mesh,
+    surface: Vec<Point>,
+    /// Category index.
+    pub label: u32,
+}
+
+impl Object {
+    /// Centres and scales a mesh; `None` where it has no surface.
+    pub fn new(mut mesh: Mesh, label: u32, rng: &mut Rng) -> Option<Object> {
+        let bounds = |f: fn(Vec3, Vec3) -> Vec3| mesh.vertices.iter().copied().reduce(f);
+        let centre = (bounds(Vec3::min)? + bounds(Vec3::max)?) / 2.0;
+        let distances = mesh.vertices.iter().map(|v| v.distance(centre));
+        let radius = distances.fold(0.0, f32::max);
+        if !(radius > 0.0 && radius.is_finite()) {
+            return None;
+        }
+        for vertex in &mut mesh.vertices {
+            *vertex = (*vertex - centre) / radius;
+        }
+        let surface = mesh.sample(SURFACE_POINTS, rng);
+        (!surface.is_empty()).then_some(Object {
+            mesh,
+            surface,
+            label,
+        })
+    }
+
+    /// Points of its surface.
+    pub fn surface(&self) -> &[Point] {
+        &self.surface
+    }
+
+    /// A view of it and a start. `None` in the rare case that nothing of it is seen.
+    pub fn view(&self, rng: &mut Rng, points: usize, deform: bool) -> Option<Sample> {
+        let [least, most] = RADIUS_MM.map(f32::ln);
+        let radius = rng.random_range(least..most).exp();
+        let shape = if deform {
+            Affine3A::from(random_affine(rng, Vec3::ZERO))
+        } else {
+            Affine3A::IDENTITY
+        };
+        let model_from_mesh = Affine3A::from_scale(Vec3::splat(radius)) * shape;
+        for _ in 0..ATTEMPTS {
+            let truth = Pose {
+                rotation: Mat3::from_quat(random_rotation(rng)),
+                translation: Vec3::Z * (rng.random_range(DISTANCE_MM) + 2.0 * radius),
+            };
+            let Some(source) = self.segment(rng, points, radius, &truth, &model_from_mesh) else {
+                continue;
+            };
+            let estimate = start::estimate(&truth, radius, rng);
+            let mut target = resample(rng, &self.surface, points);
+            affine(&mut target, &model_from_mesh.into());
+            let (sample, _) = placed(source, target, &estimate, &truth)?;
+            return Some(sample);
+        }
+        None
+    }
+
+    /// Points of a segment of one depth image, millimetres in the camera's frame.
+    fn segment(
+        &self,
+        rng: &mut Rng,
+        points: usize,
+        radius: f32,
+        camera_from_model: &Pose,
+        model_from_mesh: &Affine3A,
+    ) -> Option<Vec<Point>> {
+        let side = rng.random_range(SIDE);
+        let distance = camera_from_model.translation.z;
+        let camera = Pinhole {
+            size: [side; 2],
+            focal: Vec2::splat(FILLED * side as f32 * distance / (2.0 * radius)),
+            centre: Vec2::splat((side as f32 - 1.0) / 2.0),
+        };
+        let place = Affine3A::from_mat3_translation(
+            camera_from_model.rotation,
+            camera_from_model.translation,
+        ) * *model_from_mesh;
+        let scene = Scene::around(&self.mesh, &place, radius, distance, &camera, rng);
+        let mask = if rng.random_bool(ESTIMATED) {
+            estimated_mask(&scene.visible, camera.size, rng)
+        } else {
+            scene.visible.clone()
+        };
+        let inside: Vec<usize> = (0..mask.len()).filter(|&pixel| mask[pixel]).collect();
+        let sensor = Sensor::draw(rng);
+        let depths = |column: usize, row: usize| scene.depths[row * side + column];
+        let drawn = index::sample(rng, inside.len(), inside.len().min(points + points / 8));
+        let mut seen = Vec::with_capacity(points);
+        for pixel in drawn.into_iter().map(|i| inside[i]) {
+            let (column, row) = (pixel % side, pixel / side);
+            let depth = sensor.read(&depths, camera.size, [column, row], rng);
+            if depth > 0.0 && seen.len() < points {
+                seen.push((camera.ray(column, row) * depth).to_array());
+            }
+        }
+        (seen.len() >= points.min(LEAST_PIXELS)).then(|| resample(rng, &seen, points))
+    }
+}
+
+/// Fewer pixels than this are no view.
+const LEAST_PIXELS: usize = 64;
+
+/// Meshes of which views are drawn.
+#[derive(Clone, Debug)]
+pub struct Views {
+    objects: Vec<Object>,
+}
+
+impl Views {
+    /// The meshes to train on.
+    ///
+    /// # Errors
+    /// As [`Views::open`].
+    pub fn load(meshes: &Meshes, seed: u64) -> Result<Views, DatasetError> {
+        match meshes {
+            Meshes::Directory(dir) => Views::open(dir, Split::Train, seed),
+            Meshes::Procedural(count) => Ok(Views::procedural(seed, *count)),
+        }
+    }
+
+    /// The meshes of a split of a directory ([`tree`]), in the order of their paths.
+    ///
+    /// # Errors
+    /// As [`tree::load`]; a file without faces.
+    pub fn open(dir: &Path, split: Split, seed: u64) -> Result<Views, DatasetError> {
+        let files = tree::files(dir, split)?;
+        let objects = files.into_par_iter().map(|file| {
+            let mesh = read_file(&file.path)?.mesh();
+            let rng = &mut stream(seed, Purpose::Surface, file.index);
+            Object::new(mesh, file.label, rng).ok_or(CloudError::NoArea { path: file.path })
+        });
+        let objects: Vec<Result<Object, CloudError>> = objects.collect();
+        Ok(Views {
+            objects: objects.into_iter().collect::<Result<_, _>>()?,
+        })
+    }
+
+    /// Built-in shapes, this many.
+    pub fn procedural(seed: u64, count: usize) -> Views {
+        let objects = (0..count as u64).into_par_iter().map(|index| {
+            let shape = procedural::shape(seed, index);
+            let rng = &mut stream(seed, Purpose::Surface, index);
+            Object::new(shape.mesh, shape.model.label, rng).expect("every family has an extent")
+        });
+        Views {
+            objects: objects.collect(),
+        }
+    }
+
+    /// The meshes.
+    pub fn objects(&self) -> &[Object] {
+        &self.objects
+    }
+
+    /// The same meshes in parts.
+    pub fn split(self, split: impl FnOnce(Vec<Object>) -> [Vec<Object>; 2]) -> [Views; 2] {
+        split(self.objects).map(|objects| Views { objects })
+    }
+
+    /// A view of mesh number `index`, or of the next one of which anything is seen. `None` where that is none.
+    pub fn sample(
+        &self,
+        index: usize,
+        rng: &mut Rng,
+        points: usize,
+        deform: bool,
+    ) -> Option<Sample> {
+        let from = self.objects.iter().cycle().skip(index);
+        let mut tried = from.take(self.objects.len());
+        tried.find_map(|object| object.view(rng, points, deform))
+    }
+
+    /// Adds `count` pairs to a set, of the meshes in turn, as they are.
+    pub fn draw(&self, count: usize, points: usize, seed: u64, set: &mut PairSet) {
+        for k in 0..count {
+            let rng = &mut stream(seed, Purpose::Pairs, k as u64);
+            let index = k % self.objects.len().max(1);
+            if let Some(sample) = self.sample(index, rng, points, false) {
+                let clean = sample.target.clone();
+                set.push(sample, clean, self.objects[index].label);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -39,7 +39,8 @@ const IMPROBABLE: f32 = 0.1;
 /// Values that the logistic model weighs.
 pub const FEATURES: usize = 9;
 
-/// Weights of [`Evidence::features`], fitted by `host-train calibrate`.
+/// Weights of [`Evidence::features`], fitted on pairs drawn and rendered from training meshes: whole clouds, views, crops,
+/// few points and other objects. `host-train calibrate` fits the same model, of fewer kinds.
 const WEIGHTS: [f32; FEATURES] = [
     1.6445, -9.5542, 4.5911, 1.8837, 0.2814, 1.3522, -1.9555, 1.1808, 3.2878,
 ];

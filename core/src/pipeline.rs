@@ -31,15 +31,6 @@ pub enum Mode {
 }
 
 impl Mode {
-    /// Every one that can be asked for by name.
-    pub const ALL: [Mode; 5] = [
-        Mode::Refine,
-        Mode::Fast,
-        Mode::Polish,
-        Mode::Verify,
-        Mode::Best,
-    ];
-
     /// Whether the policy takes steps.
     pub fn has_steps(self) -> bool {
         self != Mode::Refine

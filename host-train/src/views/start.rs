@@ -25,7 +25,8 @@ const SHARES: [f32; 2] = [0.6, 0.3];
 const ROUGH: [f32; 3] = [30.0, 20.0, 6.0];
 /// Starts that are far off: the same.
 const FAR: [f32; 3] = [80.0, 40.0, 30.0];
-/// Longest translation, in radii of the object: beyond, nothing of it is within reach of the policy.
+/// Longest translation, in radii of the object: beyond, nothing of it is within reach of the policy. No turn is larger
+/// than that of a far start.
 const FARTHEST: f32 = 0.9;
 
 /// A first estimate of the pose of an object of this radius, millimetres, in the frame of a camera that looks along z.
@@ -48,7 +49,10 @@ pub fn estimate(camera_from_model: &Pose, radius_mm: f32, rng: &mut Rng) -> Pose
     };
     let shift = three(rng) * Vec3::new(lateral, lateral, axial);
     Pose {
-        rotation: Mat3::from_axis_angle(turn.normalize_or(Vec3::Z), turn.length())
+        rotation: Mat3::from_axis_angle(
+            turn.normalize_or(Vec3::Z),
+            turn.length().min(FAR[0].to_radians()),
+        )
             * camera_from_model.rotation,
         translation: camera_from_model.translation + shift.clamp_length_max(FARTHEST * radius_mm),
     }
@@ -95,6 +99,6 @@ mod tests {
         let axial = |e: &(f32, Vec3)| e.1.z.abs();
         let lateral = |e: &(f32, Vec3)| e.1.truncate().length();
         assert!(quantile(0.5, &axial) > 1.5 * quantile(0.5, &lateral));
-        assert!(errors.iter().all(|e| e.1.length() < 90.1 && e.0 < 120.0));
+        assert!(errors.iter().all(|e| e.1.length() < 90.1 && e.0 < FAR[0] + 0.1));
     }
 }

@@ -3,9 +3,8 @@
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use reagent_core::dims::{EMBED, FEATURES, HEAD, LOGITS, QUANT_TILE, STATE, TILE, padded};
-use reagent_core::kernels::{Codes, Isa, PackedDense, Tile};
-use reagent_core::quant::QuantLayer;
-use reagent_core::weights::Dense;
+use reagent_core::kernels::{Isa, PackedDense, Tile};
+use reagent_core::layer::{Codes, Dense, QuantLayer};
 use std::hint::black_box;
 
 /// Layers of the heads that one step runs: the source's half of the first, then the others.
@@ -89,11 +88,8 @@ fn in_integers(c: &mut Criterion) {
     let panels = weights(EMBED[0] * EMBED[1]);
     let bias = vec![1000; EMBED[1]];
     let requantise = vec![100 | 14 << 16; EMBED[1]];
-    let layer = QuantLayer {
-        codes: Codes::new(EMBED[0], EMBED[1], &panels).expect("whole panels"),
-        bias: &bias,
-        requantise: &requantise,
-    };
+    let codes = Codes::new(EMBED[0], EMBED[1], &panels).expect("whole panels");
+    let layer = QuantLayer::new(codes, &bias, &requantise).expect("as long as the outputs");
     let mut wide = vec![0; QUANT_TILE * EMBED[1]];
     let macs = QUANT_TILE * EMBED[0] * EMBED[1];
     group.throughput(Throughput::Elements(macs as u64));

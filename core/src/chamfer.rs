@@ -1,7 +1,7 @@
 //! Chamfer distance in one direction, by brute force on the kernels of the machine.
 
 use crate::kernels::{Isa, Queries};
-use crate::net::View;
+use crate::view::View;
 
 /// Mean over `points`, as seen, of the squared distance to the nearest point of `others`.
 ///

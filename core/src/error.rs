@@ -51,6 +51,8 @@ pub enum Error {
     WeightsVersion {
         /// Version in the file.
         found: u16,
+        /// Version that this build reads.
+        expected: u16,
     },
     /// The weight file stores numbers in a format that this build does not read.
     WeightsFormat {
@@ -87,6 +89,8 @@ pub enum Error {
     FrameVersion {
         /// Version in the frame.
         found: u8,
+        /// Version that this build speaks.
+        expected: u8,
     },
     /// A frame does not fit the buffer it is written to.
     FrameBuffer,
@@ -135,10 +139,9 @@ impl fmt::Display for Error {
                 "weight file of {found} bytes where {expected} were expected; fetch it again"
             ),
             WeightsMagic => write!(f, "not a weight file (.rgw); its first bytes are wrong"),
-            WeightsVersion { found } => write!(
+            WeightsVersion { found, expected } => write!(
                 f,
-                "weight file version {found}, this build reads {}; export it again",
-                crate::weights::VERSION
+                "weight file version {found}, this build reads {expected}; export it again"
             ),
             WeightsFormat { found } => {
                 write!(f, "weight number format {found} is not known to this build")
@@ -166,11 +169,9 @@ impl fmt::Display for Error {
                 "sums of layer {layer} of the weight file could overflow 32 bits; export it again"
             ),
             Frame => write!(f, "malformed frame"),
-            FrameVersion { found } => write!(
-                f,
-                "frame version {found}, this build speaks {}",
-                crate::wire::VERSION
-            ),
+            FrameVersion { found, expected } => {
+                write!(f, "frame version {found}, this build speaks {expected}")
+            }
             FrameBuffer => write!(f, "frame does not fit the buffer"),
             Name => write!(
                 f,

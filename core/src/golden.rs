@@ -6,8 +6,9 @@
 
 use crate::dims::{LOGITS, STEPS};
 use crate::error::Error;
+use crate::frame::Frame;
 use crate::pose::Pose;
-use crate::register::{Frame, Registrar};
+use crate::register::Registrar;
 use crate::steps::Action;
 
 /// Points of each cloud.

@@ -5,8 +5,8 @@
 //!
 //! 1. [`weights`] checks a policy file once and views it in place; [`Policy::parse`].
 //! 2. [`Registrar::start`] checks two clouds and embeds the target, once.
-//! 3. Each [`Registrar::step`] sees the source under the accumulated [`Pose`] ([`net::View`]), embeds it
-//!    ([`net`], on the [`kernels`] of the machine), has both heads decide on an
+//! 3. Each [`Registrar::step`] sees the source under the accumulated [`Pose`] ([`view::View`]), embeds it
+//!    ([`float`] or [`quant`], on the [`kernels`] of the machine), has both heads decide on an
 //!    [`Action`] ([`decision`], [`steps`]) and accumulates it ([`Pose::accumulate`]).
 //! 4. [`Registration::target_from_source`] is the pose, in the clouds' own units; [`Verdict`] says how
 //!    the steps ended.
@@ -26,6 +26,7 @@
     )
 )]
 
+pub mod budget;
 pub mod chamfer;
 pub mod cloud;
 mod critical;
@@ -33,10 +34,13 @@ pub mod decision;
 pub mod dims;
 pub mod error;
 pub mod evidence;
+pub mod float;
+pub mod frame;
 mod freespace;
 pub mod golden;
 pub mod grid;
 pub mod kernels;
+pub mod layer;
 mod loss;
 mod nearest;
 pub mod net;
@@ -63,15 +67,17 @@ mod surface;
 mod turn;
 pub mod verdict;
 pub mod verify;
+pub mod view;
 pub mod weights;
 pub mod wire;
 
 pub use cloud::Cloud;
 pub use decision::Decision;
 pub use error::Error;
+pub use frame::Frame;
 pub use grid::Grid;
 pub use pose::Pose;
-pub use register::{Frame, Registrar, Registration};
+pub use register::{Registrar, Registration};
 pub use shape::Shape;
 pub use steps::Action;
 pub use verdict::Verdict;

@@ -13,12 +13,12 @@
 //! without the system's mathematics: the same bits on every kernel and target.
 
 use crate::error::Error;
+use crate::frame::{Frame, check_cloud};
 use crate::freespace::DepthGrid;
 use crate::kernels::Isa;
 use crate::loss::{self, Losses};
 use crate::nearest::Lookup;
 use crate::pose::{Pose, centroid};
-use crate::register::{Frame, check_cloud};
 use crate::solve::{Motion, Rigid, least};
 use crate::surface::{Match, Surface};
 use glam::Vec3;

@@ -5,7 +5,6 @@
 //! and a translation step turns nothing (paper, eqs. 8, 9 and to-global).
 
 use crate::error::Error;
-use crate::steps::rotation_xyz;
 use glam::{Mat3, Vec3};
 
 /// What is farther is no pose of anything measured, and its squares overflow.
@@ -151,6 +150,15 @@ pub fn euler_from_rotation(rotation: &Mat3) -> Vec3 {
         libm::atan2f(-z.y, z.z),
         libm::asinf(z.x.clamp(-1.0, 1.0)),
         libm::atan2f(-y.x, x.x),
+    )
+}
+
+/// `Rx(a)·Ry(b)·Rz(c)` written out, from sines and cosines.
+pub(crate) fn rotation_xyz(sa: f32, ca: f32, sb: f32, cb: f32, sc: f32, cc: f32) -> Mat3 {
+    Mat3::from_cols(
+        Vec3::new(cb * cc, ca * sc + sa * sb * cc, sa * sc - ca * sb * cc),
+        Vec3::new(-cb * sc, ca * cc - sa * sb * sc, sa * cc + ca * sb * sc),
+        Vec3::new(sb, -sa * cb, ca * cb),
     )
 }
 

@@ -64,11 +64,17 @@
 //! two formats choose differently without loss. More of f32's actions would be kept by a search in 8 bits with the
 //! winners computed anew in higher precision, which no metric asked for.
 
-use crate::dims::{EMBED, FEATURES, HEAD, LOGITS, PANEL, PANELS_TOGETHER, QUANT_TILE, padded};
+mod heads;
+mod wide;
+
+use crate::dims::{EMBED, FEATURES, HEAD, PANEL, QUANT_TILE, padded};
 use crate::error::Error;
-use crate::kernels::{Codes, Isa};
-use crate::net::View;
-use crate::weights::Dense;
+use crate::kernels::Isa;
+use crate::layer::{Codes, Dense, QuantLayer, Requantise};
+use crate::view::View;
+
+pub use heads::{Lane, TargetSums, logits, target_sums};
+pub use wide::Wide;
 
 /// Zero of a feature code.
 const FEATURE_ZERO: i64 = 4096;
@@ -76,73 +82,6 @@ const FEATURE_ZERO: i64 = 4096;
 pub const WIDE_MAX: i32 = 8191;
 /// Largest code of a point's hidden layers.
 pub const CODE_MAX: i32 = 255;
-
-/// A fixed-point factor: `factor | shift << 16`, shift 1 to 31 and factor below 2^15.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Requantise(pub u32);
-
-impl Requantise {
-    /// The nearest to a positive factor with at most `bits` bits (up to 15): the factor that it is, too.
-    pub fn nearest(value: f64, bits: u32) -> (Requantise, f64) {
-        let mut shift = 1;
-        let most = f64::from((1u32 << bits) - 1);
-        while shift < 31 && libm::round(value * power_of_two(shift + 1)) <= most {
-            shift += 1;
-        }
-        let factor = libm::round(value * power_of_two(shift)).clamp(1.0, most);
-        (
-            Requantise(factor as u32 | shift << 16),
-            factor / power_of_two(shift),
-        )
-    }
-
-    fn factor(self) -> u32 {
-        self.0 & 0xffff
-    }
-
-    fn shift(self) -> u32 {
-        self.0 >> 16
-    }
-
-    fn half(self) -> i64 {
-        (1 << self.shift()) >> 1
-    }
-
-    fn is_sound(self) -> bool {
-        (1..=31).contains(&self.shift()) && (1..1 << 15).contains(&self.factor())
-    }
-
-    /// `R(a)` in 64 bits.
-    #[inline(always)]
-    pub fn apply(self, a: i32) -> i64 {
-        (i64::from(a) * i64::from(self.factor()) + self.half()) >> self.shift()
-    }
-
-    /// `R(a)` in 32 bits, where the product is known to fit, limited to `0..=most`.
-    #[inline(always)]
-    pub(crate) fn apply_32(self, a: i32, most: i32) -> i32 {
-        let scaled = a
-            .wrapping_mul(self.factor() as i32)
-            .wrapping_add(self.half() as i32)
-            .wrapping_shr(self.shift());
-        scaled.clamp(0, most)
-    }
-}
-
-fn power_of_two(shift: u32) -> f64 {
-    (1u64 << shift) as f64
-}
-
-/// An integer layer.
-#[derive(Clone, Copy, Debug)]
-pub struct QuantLayer<'a> {
-    /// Weights.
-    pub codes: Codes<'a>,
-    /// Bias, padded to whole panels.
-    pub bias: &'a [i32],
-    /// What turns sums into codes, as long as the bias; or scales of logits, as bits of f32.
-    pub requantise: &'a [u32],
-}
 
 /// The whole network in number format 1.
 #[derive(Clone, Copy, Debug)]
@@ -181,12 +120,11 @@ impl<'a> QuantNetwork<'a> {
                 bytemuck::try_cast_slice::<u8, u32>(raw(at, 4 * width)?)
                     .map_err(|_| Error::WeightsAlignment)
             };
-            let layer = QuantLayer {
-                codes: Codes::new(inputs, width, codes).ok_or(wrong)?,
-                bias: bytemuck::cast_slice(words(bias)?),
-                requantise: words(bias + 4 * width)?,
-            };
-            layer.check(i)?;
+            let codes = Codes::new(inputs, width, codes).ok_or(wrong)?;
+            let (bias, requantise) = (words(bias)?, words(bias + 4 * width)?);
+            let layer = QuantLayer::new(codes, bytemuck::cast_slice(bias), requantise);
+            let layer = layer.ok_or(wrong)?;
+            check(&layer, i)?;
             Ok(layer)
         };
         Ok(QuantNetwork {
@@ -200,81 +138,40 @@ impl<'a> QuantNetwork<'a> {
     }
 }
 
-impl QuantLayer<'_> {
-    /// Refuses weights whose sums, or in layer 1 whose products too, could overflow 32 bits.
-    fn check(&self, layer: usize) -> Result<(), Error> {
-        let codes = if layer <= 2 { CODE_MAX } else { WIDE_MAX };
-        let most = i64::from(i32::MAX);
-        let (quads, _) = self.codes.panels.as_chunks::<4>();
-        for (o, (&bias, &requantise)) in self.bias.iter().zip(self.requantise).enumerate() {
-            let panel = o / PANEL * (self.codes.inputs / 4) * PANEL + o % PANEL;
-            let magnitude: i64 = quads
-                .iter()
-                .skip(panel)
-                .step_by(PANEL)
-                .take(self.codes.inputs / 4)
-                .flatten()
-                .map(|&w| i64::from(w).abs())
-                .sum();
-            let largest = i64::from(codes) * magnitude + i64::from(bias).abs();
-            if layer == 5 || layer == 8 {
-                let scale = f32::from_bits(requantise);
-                if !scale.is_finite() {
-                    return Err(Error::WeightsNotFinite { layer });
-                }
-            } else if !Requantise(requantise).is_sound() {
-                return Err(Error::WeightsRange { layer });
+/// Refuses weights whose sums, or in layer 1 whose products too, could overflow 32 bits.
+fn check(weights: &QuantLayer<'_>, layer: usize) -> Result<(), Error> {
+    let codes = if layer <= 2 { CODE_MAX } else { WIDE_MAX };
+    let most = i64::from(i32::MAX);
+    let (quads, _) = weights.codes().panels().as_chunks::<4>();
+    for (o, (&bias, &requantise)) in weights.bias().iter().zip(weights.requantise()).enumerate() {
+        let panel = o / PANEL * (weights.codes().inputs() / 4) * PANEL + o % PANEL;
+        let magnitude: i64 = quads
+            .iter()
+            .skip(panel)
+            .step_by(PANEL)
+            .take(weights.codes().inputs() / 4)
+            .flatten()
+            .map(|&w| i64::from(w).abs())
+            .sum();
+        let largest = i64::from(codes) * magnitude + i64::from(bias).abs();
+        if layer == 5 || layer == 8 {
+            let scale = f32::from_bits(requantise);
+            if !scale.is_finite() {
+                return Err(Error::WeightsNotFinite { layer });
             }
-            let product = if layer == 1 {
-                largest * i64::from(Requantise(requantise).factor()) + Requantise(requantise).half()
-            } else {
-                largest
-            };
-            if product > most {
-                return Err(Error::WeightsRange { layer });
-            }
+        } else if !Requantise(requantise).is_sound() {
+            return Err(Error::WeightsRange { layer });
         }
-        Ok(())
-    }
-}
-
-/// Codes of 13 bits in two planes of bytes: the upper seven bits, then the lower six.
-#[derive(Clone, Debug)]
-pub struct Wide<const N: usize> {
-    high: [u8; N],
-    low: [u8; N],
-}
-
-impl<const N: usize> Wide<N> {
-    pub(crate) const ZERO: Self = Wide {
-        high: [0; N],
-        low: [0; N],
-    };
-
-    /// Both planes of the first `n` codes.
-    fn planes(&self, n: usize) -> [&[u8]; 2] {
-        [&self.high, &self.low].map(|plane| plane.get(..n).unwrap_or(plane))
-    }
-
-    /// Keeps a number of 16 bits where a code will be.
-    fn put(&mut self, at: usize, number: usize) {
-        if let (Some(high), Some(low)) = (self.high.get_mut(at), self.low.get_mut(at)) {
-            [*high, *low] = (number as u16).to_be_bytes();
+        let product = if layer == 1 {
+            largest * i64::from(Requantise(requantise).factor()) + Requantise(requantise).half()
+        } else {
+            largest
+        };
+        if product > most {
+            return Err(Error::WeightsRange { layer });
         }
     }
-
-    #[cfg(test)]
-    pub(crate) fn codes(&self) -> [i32; N] {
-        core::array::from_fn(|i| i32::from(self.high[i]) << 6 | i32::from(self.low[i]))
-    }
-
-    fn set(&mut self, codes: impl Iterator<Item = i64>) {
-        for ((high, low), code) in self.high.iter_mut().zip(&mut self.low).zip(codes) {
-            let code = code.clamp(0, i64::from(WIDE_MAX));
-            *high = (code >> 6) as u8;
-            *low = (code & 63) as u8;
-        }
-    }
+    Ok(())
 }
 
 /// Working memory of the integer network.
@@ -312,9 +209,7 @@ impl QuantScratch {
 
     /// The critical point of each channel, if [`embed`] has kept them: where [`finish`] puts the feature.
     pub(crate) fn winners(&self) -> impl Iterator<Item = usize> {
-        let Wide { high, low } = &self.feature;
-        let pairs = high.iter().zip(low);
-        pairs.map(|(&high, &low)| usize::from(u16::from_be_bytes([high, low])))
+        self.feature.numbers()
     }
 }
 
@@ -329,7 +224,7 @@ pub(crate) fn embed(
     scratch: &mut QuantScratch,
 ) {
     let [l2, l3] = &network.embedding;
-    let Some(max) = scratch.max.get_mut(..l3.codes.outputs) else {
+    let Some(max) = scratch.max.get_mut(..l3.codes().outputs()) else {
         return;
     };
     let mut tile = [[0.0; 3]; QUANT_TILE];
@@ -340,19 +235,19 @@ pub(crate) fn embed(
         }
         let (Some(x), Some(hidden1), Some(hidden2)) = (
             tile.get(..n),
-            scratch.hidden1.get_mut(..n * l2.codes.inputs),
-            scratch.hidden2.get_mut(..n * l3.codes.inputs),
+            scratch.hidden1.get_mut(..n * l2.codes().inputs()),
+            scratch.hidden2.get_mut(..n * l3.codes().inputs()),
         ) else {
             return;
         };
         isa.point_codes(&network.points, x, hidden1);
         isa.dense_codes(l2, hidden1, hidden2);
         match first.map(|first| first + i * QUANT_TILE) {
-            None => isa.dense_codes_max_near(&l3.codes, hidden2, max),
+            None => isa.dense_codes_max_near(l3.codes(), hidden2, max),
             Some(first) => {
                 let winners = &mut scratch.feature;
                 let won = |channel, row| winners.put(channel, first + row);
-                isa.dense_codes_argmax(&l3.codes, hidden2, max, won);
+                isa.dense_codes_argmax(l3.codes(), hidden2, max, won);
             }
         }
     }
@@ -361,161 +256,8 @@ pub(crate) fn embed(
 /// Makes the maxima the feature of the cloud, once all its points are in.
 pub fn finish(network: &QuantNetwork<'_>, scratch: &mut QuantScratch) {
     let [_, l3] = &network.embedding;
-    let sums = scratch.max.iter().zip(l3.bias).zip(l3.requantise);
+    let sums = scratch.max.iter().zip(l3.bias()).zip(l3.requantise());
     let codes = sums
         .map(|((&max, &bias), &r)| FEATURE_ZERO + Requantise(r).apply(max.saturating_add(bias)));
     scratch.feature.set(codes);
-}
-
-/// What a target adds to the first layer of a head, bias included; as much of it as the layer has outputs.
-pub type TargetSums = [i32; HEAD[0]];
-
-/// What a target adds to the first layer of a head.
-pub fn target_sums(
-    isa: Isa,
-    [fc1, _, _]: &[QuantLayer<'_>; 3],
-    target: &Feature,
-    sums: &mut TargetSums,
-) {
-    let features = fc1.codes.inputs / 2;
-    let Some(sums) = sums.get_mut(..fc1.codes.outputs) else {
-        return;
-    };
-    for (sum, &bias) in sums.iter_mut().zip(fc1.bias) {
-        *sum = bias;
-    }
-    isa.gemv_codes(&fc1.codes, features, target.planes(features), sums);
-}
-
-/// One registration in a pass over the weights of a head.
-#[derive(Debug)]
-pub struct Lane<'a> {
-    /// Feature of its target.
-    pub target: &'a Feature,
-    /// What the target adds to this head, if it is known.
-    pub sums: Option<&'a TargetSums>,
-    /// Where its source has been embedded.
-    pub scratch: &'a mut QuantScratch,
-    /// What comes out, axis-major: of (source, target), and of (target, source) if there is a second place.
-    pub ways: &'a mut [[f32; LOGITS]],
-}
-
-/// One way of a lane: the features in their order, sums, and the hidden layers.
-struct Way<'a> {
-    features: [&'a Feature; 2],
-    /// What the second of them adds, if it is known.
-    known: Option<&'a TargetSums>,
-    sums: &'a mut [i32; HEAD[0]],
-    head1: &'a mut Wide<{ HEAD[0] }>,
-    head2: &'a mut Wide<{ HEAD[1] }>,
-    logits: &'a mut [f32; LOGITS],
-}
-
-impl Lane<'_> {
-    fn ways(&mut self) -> impl Iterator<Item = Way<'_>> {
-        let scratch = &mut *self.scratch;
-        let source = &scratch.feature;
-        let orders = [
-            ([source, self.target], self.sums),
-            ([self.target, source], None),
-        ];
-        // The maxima have become the feature: their place is free for sums, and the stack stays small.
-        let (sums, _) = scratch.max.as_chunks_mut();
-        let memory = sums
-            .iter_mut()
-            .zip(&mut scratch.head1)
-            .zip(&mut scratch.head2);
-        let ways = orders.into_iter().zip(memory).zip(self.ways.iter_mut());
-        ways.map(
-            |(((features, known), ((sums, head1), head2)), logits)| Way {
-                features,
-                known,
-                sums,
-                head1,
-                head2,
-                logits,
-            },
-        )
-    }
-}
-
-/// Logits of one head for the sources embedded last.
-pub fn logits(isa: Isa, [fc1, fc2, out]: &[QuantLayer<'_>; 3], lanes: &mut [Lane<'_>]) {
-    let width = fc1.codes.inputs / 2;
-    product(isa, fc1, lanes, |way| {
-        let [first, second] = way.features.map(|feature| feature.planes(width));
-        let second = way.known.is_none().then_some((width, second));
-        Product {
-            start: way.known,
-            inputs: [Some((0, first)), second],
-            sums: way.sums,
-        }
-    });
-    for way in lanes.iter_mut().flat_map(Lane::ways) {
-        let codes = way.sums.iter().zip(fc1.requantise);
-        way.head1.set(codes.map(|(&s, &r)| Requantise(r).apply(s)));
-    }
-    product(isa, fc2, lanes, |way| Product {
-        start: None,
-        inputs: [Some((0, way.head1.planes(fc2.codes.inputs))), None],
-        sums: way.sums,
-    });
-    for way in lanes.iter_mut().flat_map(Lane::ways) {
-        let codes = way.sums.iter().zip(fc2.requantise);
-        way.head2.set(codes.map(|(&s, &r)| Requantise(r).apply(s)));
-    }
-    product(isa, out, lanes, |way| Product {
-        start: None,
-        inputs: [Some((0, way.head2.planes(out.codes.inputs))), None],
-        sums: way.sums,
-    });
-    for way in lanes.iter_mut().flat_map(Lane::ways) {
-        let sums = way.sums.iter().zip(out.requantise);
-        for (logit, (&sum, &scale)) in way.logits.iter_mut().zip(sums) {
-            *logit = sum as f32 * f32::from_bits(scale);
-        }
-    }
-}
-
-/// From which column on, and codes in two planes.
-type Inputs<'a> = (usize, [&'a [u8]; 2]);
-
-/// `sums = start + W codes`.
-struct Product<'a> {
-    /// The bias where there is none.
-    start: Option<&'a TargetSums>,
-    inputs: [Option<Inputs<'a>>; 2],
-    sums: &'a mut [i32; HEAD[0]],
-}
-
-/// A product for each way of each lane, some panels at a time: weights come from memory for the first, and from the
-/// cache for the others.
-fn product(
-    isa: Isa,
-    layer: &QuantLayer<'_>,
-    lanes: &mut [Lane<'_>],
-    operands: impl for<'w> Fn(Way<'w>) -> Product<'w>,
-) {
-    for (first, part) in layer.codes.parts(PANELS_TOGETHER) {
-        let outputs = first..first + part.outputs;
-        for way in lanes.iter_mut().flat_map(Lane::ways) {
-            let Product {
-                start,
-                inputs,
-                sums,
-            } = operands(way);
-            let start = start.map_or(layer.bias, |known| known);
-            let (Some(sums), Some(start)) =
-                (sums.get_mut(outputs.clone()), start.get(outputs.clone()))
-            else {
-                continue;
-            };
-            for (sum, &start) in sums.iter_mut().zip(start) {
-                *sum = start;
-            }
-            for (from, planes) in inputs.into_iter().flatten() {
-                isa.gemv_codes(&part, from, planes, sums);
-            }
-        }
-    }
 }

@@ -7,6 +7,7 @@
 use crate::cloud::Cloud;
 use crate::dims::LOGITS;
 use crate::error::Error;
+use crate::frame::Frame;
 use crate::kernels::Isa;
 use crate::net::Scratch;
 use crate::pose::Pose;
@@ -14,8 +15,6 @@ use crate::steps::Action;
 use crate::verdict::Verdict;
 use crate::weights::Policy;
 
-mod cut;
-mod frame;
 mod heads;
 mod look;
 mod phase;
@@ -30,8 +29,6 @@ mod target;
 mod tests;
 mod together;
 
-pub use cut::{Cut, Reach};
-pub use frame::{Frame, check_cloud};
 pub use registration::Registration;
 pub use together::Team;
 

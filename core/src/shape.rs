@@ -3,8 +3,7 @@
 //! One build runs every [runnable](Shape::is_runnable) shape: working memory is that of the largest,
 //! [`Shape::FULL`].
 
-use crate::dims::{LAYERS, LOGITS, STEPS_ONE_WAY, padded};
-use crate::kernels::CODES;
+use crate::dims::{CODES, EMBED, HEAD, LAYERS, LOGITS, STEPS_ONE_WAY, padded};
 
 /// Widths of a network: embedding `3 -> embed[0] -> embed[1] -> embed[2]`, two heads
 /// `2 embed[2] -> head[0] -> head[1] -> 33`.
@@ -19,8 +18,8 @@ pub struct Shape {
 impl Shape {
     /// The paper's: 64-128-1024, heads 512-256 (implementation details).
     pub const FULL: Shape = Shape {
-        embed: [64, 128, 1024],
-        head: [512, 256],
+        embed: EMBED,
+        head: HEAD,
     };
     /// For small microcontrollers, at most 256 KiB in 8-bit integers: 64-64-384, heads 128-64.
     pub const COMPACT: Shape = Shape {

@@ -1,8 +1,8 @@
 //! The step table and the discrete action of one refinement step.
 
 use crate::dims::{AXES, STEP_SIZES};
-use crate::pose::Pose;
-use glam::{Mat3, Vec3};
+use crate::pose::{Pose, rotation_xyz};
+use glam::Vec3;
 
 /// Signed steps by action id: radians about an axis, normalised units along it. Index 5 is "stop".
 pub const STEPS: [f32; STEP_SIZES] = [
@@ -63,15 +63,6 @@ impl Action {
 
 fn step(id: u8, table: &[f32; STEP_SIZES], stop: f32) -> f32 {
     table.get(usize::from(id)).copied().unwrap_or(stop)
-}
-
-/// `Rx(a)·Ry(b)·Rz(c)` written out, from sines and cosines.
-pub(crate) fn rotation_xyz(sa: f32, ca: f32, sb: f32, cb: f32, sc: f32, cc: f32) -> Mat3 {
-    Mat3::from_cols(
-        Vec3::new(cb * cc, ca * sc + sa * sb * cc, sa * sc - ca * sb * cc),
-        Vec3::new(-cb * sc, ca * cc - sa * sb * sc, sa * cc + ca * sb * sc),
-        Vec3::new(sb, -sa * cb, ca * cb),
-    )
 }
 
 #[cfg(test)]

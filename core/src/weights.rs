@@ -15,17 +15,19 @@
 //! | length - 4 | u32 | CRC-32 (ISO-HDLC) of everything before |
 //!
 //! Layers: embedding 1, 2, 3; translation head 1, 2, policy; rotation head 1, 2, policy. A weight
-//! matrix is stored in panels of [`PANEL`] outputs, `[outputs / PANEL][inputs][PANEL]`, outputs
+//! matrix is stored in panels of [`crate::dims::PANEL`] outputs, `[outputs / PANEL][inputs][PANEL]`, outputs
 //! padded with zeros to whole panels: every kernel reads it in order, and lanes are outputs.
 //! Biases are padded likewise. Number format 1 is described in [`crate::quant`].
 
 use crate::decision::Decision;
-use crate::dims::{LAYERS, PANEL, padded};
+use crate::dims::{LAYERS, padded};
 use crate::error::Error;
+use crate::float::{Embedding, FloatNetwork, Head};
 use crate::kernels::{Isa, PackedDense, Tile};
+use crate::layer::Dense;
 use crate::numbers::Numbers;
 use crate::quant::{BYTES_AFTER_BIAS, QuantNetwork};
-use crate::register::Cut;
+use crate::cut::Cut;
 use crate::shape::Shape;
 
 /// First bytes of a weight file.
@@ -82,72 +84,6 @@ const fn layout(shape: &Shape, format: u16) -> (Offsets, usize) {
         i += 1;
     }
     (table, at + 4)
-}
-
-/// A view of one dense layer, `y = W x + b`.
-#[derive(Clone, Copy, Debug)]
-pub struct Dense<'a> {
-    /// Length of `x`.
-    pub inputs: usize,
-    /// Length of `y`, without padding.
-    pub outputs: usize,
-    /// `W` in panels, `[outputs / PANEL][inputs][PANEL]`.
-    pub panels: &'a [f32],
-    /// `b`, padded to whole panels.
-    pub bias: &'a [f32],
-}
-
-impl<'a> Dense<'a> {
-    /// A layer over arrays of exactly the padded lengths; `None` for any other length.
-    pub fn new(inputs: usize, outputs: usize, panels: &'a [f32], bias: &'a [f32]) -> Option<Self> {
-        let fits = panels.len() == inputs * padded(outputs) && bias.len() == padded(outputs);
-        fits.then_some(Dense {
-            inputs,
-            outputs,
-            panels,
-            bias,
-        })
-    }
-}
-
-/// The pointwise embedding, in the paper 3 -> 64 -> 128 -> 1024; ReLU after the first two layers only.
-#[derive(Clone, Copy, Debug)]
-pub struct Embedding<'a> {
-    /// The three layers.
-    pub layers: [Dense<'a>; 3],
-    /// The last one packed, where somebody gave the memory for it ([`Policy::with_packed`]).
-    pub packed: Option<PackedDense<'a>>,
-}
-
-impl<'a> Embedding<'a> {
-    /// The last layer packed, where that is faster.
-    pub(crate) fn packed_for(&self, isa: Isa) -> Option<PackedDense<'a>> {
-        self.packed.filter(|packed| packed.is_fast(isa))
-    }
-
-    /// Whether it gains from an order of points ([`Isa::dense_max_near`]).
-    pub(crate) fn prunes(&self, isa: Isa) -> bool {
-        let split = matches!(self.packed_for(isa), Some(PackedDense::Split(_)));
-        isa.prunes_floats() && !split
-    }
-}
-
-/// One policy head, in the paper 2048 -> 512 -> 256 -> 33; ReLU after the first two layers.
-#[derive(Clone, Copy, Debug)]
-pub struct Head<'a> {
-    /// The three layers.
-    pub layers: [Dense<'a>; 3],
-}
-
-/// The network in number format 0.
-#[derive(Clone, Copy, Debug)]
-pub struct FloatNetwork<'a> {
-    /// Cloud to global feature.
-    pub embedding: Embedding<'a>,
-    /// State to translation logits.
-    pub translation: Head<'a>,
-    /// State to rotation logits.
-    pub rotation: Head<'a>,
 }
 
 /// The network in one of its number formats.
@@ -231,7 +167,10 @@ impl<'a> Policy<'a> {
         }
         let version = half(4).ok_or(cut)?;
         if version != VERSION {
-            return Err(Error::WeightsVersion { found: version });
+            return Err(Error::WeightsVersion {
+                found: version,
+                expected: VERSION,
+            });
         }
         let format = half(6).ok_or(cut)?;
         if ![FORMAT_F32, FORMAT_INT8].contains(&format) {
@@ -321,20 +260,4 @@ impl<'a> Policy<'a> {
 pub fn checksum(body: &[u8]) -> u32 {
     const CRC: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
     CRC.checksum(body)
-}
-
-/// Copies a row-major `[outputs, inputs]` matrix into panels; `panels` has the padded length.
-pub fn pack_panels(inputs: usize, outputs: usize, row_major: &[f32], panels: &mut [f32]) {
-    for (p, panel) in panels.chunks_exact_mut(inputs * PANEL).enumerate() {
-        for (k, lanes) in panel.chunks_exact_mut(PANEL).enumerate() {
-            for (lane, value) in lanes.iter_mut().enumerate() {
-                let row = p * PANEL + lane;
-                *value = if row < outputs {
-                    row_major.get(row * inputs + k).copied().unwrap_or(0.0)
-                } else {
-                    0.0
-                };
-            }
-        }
-    }
 }

@@ -128,7 +128,10 @@ pub fn decode(bytes: &[u8]) -> Result<Message<'_>, Error> {
         _ => VERSION,
     };
     if found != version {
-        return Err(Error::FrameVersion { found });
+        return Err(Error::FrameVersion {
+            found,
+            expected: version,
+        });
     }
     match postcard::take_from_bytes(body) {
         Ok((message, [])) => Ok(message),

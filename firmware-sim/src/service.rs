@@ -4,11 +4,11 @@ use crate::policy::LoadedPolicy;
 use crate::queue::{Job, Queue, Stop};
 use crate::view::View;
 use reagent_core::dims::MAX_POINTS;
+use reagent_core::frame::check_cloud;
 use reagent_core::kernels::Isa;
 use reagent_core::net::Scratch;
 use reagent_core::pipeline::{self, Progress};
 use reagent_core::polish::Workspace;
-use reagent_core::register::check_cloud;
 use reagent_core::wire::{
     self, Cloud, CloudView, Fit, KernelName, Message, PolicyId, Reason, RefineReply, RefineRequest,
     Refusal, STEP_BYTES, StepsView, Trace, keys, step_bytes,

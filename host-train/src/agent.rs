@@ -12,9 +12,11 @@ use crate::nn::{PackedEmbedding, Parameters};
 use ndarray::ArrayView2;
 use rayon::prelude::*;
 use reagent_core::dims::TILE;
+use reagent_core::float::{SearchScratch, embed_argmax, embed_search};
 use reagent_core::kernels::{GROUPS, Isa};
-use reagent_core::net::{SearchScratch, View, embed_argmax, embed_search};
-use reagent_core::weights::Dense;
+use reagent_core::layer::Dense;
+use reagent_core::net::{SearchScratch, embed_argmax, embed_search};
+use reagent_core::view::View;
 use std::borrow::Cow;
 
 /// A cloud as the network sees it.
@@ -55,7 +57,7 @@ pub fn embed(packed: &PackedEmbedding, width: usize, clouds: &[Seen<'_>], out: &
                     embed_argmax(isa, &layers, points, view, hidden, values, critical);
                     return;
                 };
-                let scratch = memory.for_search(points.len(), last.codes.inputs, width);
+                let scratch = memory.for_search(points.len(), last.codes.inputs(), width);
                 embed_search(isa, &layers, last, points, view, scratch, values, critical);
             },
         );
@@ -106,7 +108,12 @@ impl EmbedMemory {
 
 /// Outputs of each layer but the last.
 fn hidden_widths(layers: &[Dense<'_>]) -> impl Iterator<Item = usize> {
-    layers.iter().rev().skip(1).rev().map(|layer| layer.outputs)
+    layers
+        .iter()
+        .rev()
+        .skip(1)
+        .rev()
+        .map(|layer| layer.outputs())
 }
 
 pub(crate) fn relu_backward(activation: &[f32], gradient: &mut [f32]) {

@@ -6,7 +6,7 @@ use crate::env::Accumulation;
 use crate::files;
 use crate::nn::{Parameters, Shape};
 use crate::optim::Adam;
-use reagent_core::register::Cut;
+use reagent_core::cut::Cut;
 use safetensors::{Dtype, SafeTensors, tensor::TensorView};
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;

@@ -3,8 +3,8 @@
 use crate::dataset::Point;
 use crate::dataset::pairs::Sample;
 use glam::Vec3;
-use reagent_core::net::View;
-use reagent_core::register::{Cut, Reach};
+use reagent_core::cut::{Cut, Reach};
+use reagent_core::view::View;
 use reagent_core::{Action, Cloud, Frame, Pose};
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;

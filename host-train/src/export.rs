@@ -8,10 +8,11 @@ use crate::nn::{Parameters, Shape};
 use crate::quantise::{self, Ranges};
 use reagent_core::dims::{LAYERS, LOGITS, padded};
 use reagent_core::kernels::Tile;
-use reagent_core::register::Cut;
+use reagent_core::layer::pack_panels;
+use reagent_core::cut::Cut;
 use reagent_core::weights::{
     CUT_AT, DECISION_AT, FORMAT_F32, FORMAT_INT8, HEADER, MAGIC, RESCAN_AT, TABLE_ROW, VERSION,
-    checksum, file_len, offsets, pack_panels,
+    checksum, file_len, offsets,
 };
 use reagent_core::{Decision, Error, Policy};
 use sha2::{Digest, Sha256};

@@ -11,11 +11,12 @@ use crate::latency::CALIBRATION;
 use crate::protocol::{self, Protocol};
 use crate::publish;
 use reagent_core::Policy;
-use reagent_core::dims::{
+use reagent_core::budget::{
     CLOUD_BYTES, CODE_BUDGET, COMPACT_FLASH_BUDGET, COMPACT_MULTIPLY_ADD_BUDGET,
     CORTEX_M7_INSTRUCTION_BUDGET, CORTEX_M55_INSTRUCTION_BUDGET, FLASH_BUDGET, GRID_RAM_BUDGET,
-    MULTIPLY_ADD_BUDGET, RAM_BUDGET, STACK_BUDGET, STEPS,
+    MULTIPLY_ADD_BUDGET, RAM_BUDGET, STACK_BUDGET,
 };
+use reagent_core::dims::STEPS;
 use reagent_core::grid::Grid;
 use reagent_core::wire::{self, CloudView, Message, REQUEST_OVERHEAD_BYTES, RefineRequest};
 use serde::{Deserialize, Serialize};

@@ -3,9 +3,9 @@
 use crate::random::{Purpose, stream};
 use rand::RngExt;
 use reagent_core::dims::{LOGITS, PANEL, padded};
-use reagent_core::kernels::{Codes, Isa, pack_codes, padded_codes};
-use reagent_core::net::SearchLayer;
-use reagent_core::weights::{Dense, FloatNetwork, pack_panels};
+use reagent_core::float::{FloatNetwork, SearchLayer};
+use reagent_core::kernels::Isa;
+use reagent_core::layer::{Codes, Dense, pack_codes, pack_panels, padded_codes};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
@@ -193,12 +193,12 @@ impl Parameters {
         for (layer, dense) in parameters.layers.iter().zip(dense.as_flattened()) {
             let weight = &mut parameters.values[layer.weight.clone()];
             for (row, values) in weight.chunks_exact_mut(layer.inputs).enumerate() {
-                let panel = &dense.panels[row / PANEL * layer.inputs * PANEL..];
+                let panel = &dense.panels()[row / PANEL * layer.inputs * PANEL..];
                 for (k, value) in values.iter_mut().enumerate() {
                     *value = panel[k * PANEL + row % PANEL];
                 }
             }
-            parameters.values[layer.bias.clone()].copy_from_slice(&dense.bias[..layer.outputs]);
+            parameters.values[layer.bias.clone()].copy_from_slice(&dense.bias()[..layer.outputs]);
         }
         parameters
     }

@@ -10,10 +10,12 @@ use crate::nn::{PackedEmbedding, Parameters, Search};
 use rayon::prelude::*;
 use reagent_core::dims::{LAYERS, LOGITS, PANEL, STEPS, padded};
 use reagent_core::kernels::Isa;
-use reagent_core::net::{Scratch, View};
-use reagent_core::quant::{CODE_MAX, Requantise, WIDE_MAX};
-use reagent_core::register::Cut;
-use reagent_core::weights::{FORMAT_INT8, Offsets, offsets, pack_panels};
+use reagent_core::layer::{Requantise, pack_panels};
+use reagent_core::net::Scratch;
+use reagent_core::quant::{CODE_MAX, WIDE_MAX};
+use reagent_core::cut::Cut;
+use reagent_core::view::View;
+use reagent_core::weights::{FORMAT_INT8, Offsets, offsets};
 use reagent_core::{Action, Decision, Frame, Pose, Registrar, Shape};
 use std::borrow::Cow;
 
@@ -120,9 +122,9 @@ impl Ranges {
                 .flat_map(|&p| cloud.view.see(p))
                 .collect();
             for (layer, range) in layers.iter().zip(&mut self.hidden) {
-                let mut y = vec![0.0; cloud.points.len() * layer.outputs];
+                let mut y = vec![0.0; cloud.points.len() * layer.outputs()];
                 isa.dense_relu(layer, &x, &mut y);
-                for row in y.chunks_exact(layer.outputs) {
+                for row in y.chunks_exact(layer.outputs()) {
                     for (range, &value) in range.iter_mut().zip(row) {
                         *range = range.max(value);
                     }

@@ -2,7 +2,7 @@
 
 use crate::dataset::Point;
 use reagent_core::kernels::Isa;
-use reagent_core::net::View;
+use reagent_core::view::View;
 
 /// Reward of a step that brought the clouds closer.
 pub const CLOSER: f32 = 0.5;

@@ -266,7 +266,7 @@ fn check_pose(what: &str, rows: [[f32; 4]; 3]) -> Result<(), String> {
 
 fn check_header(header: &Header) -> Result<(), String> {
     for (what, cloud) in [("source", &header.source), ("target", &header.target)] {
-        register::check_cloud(cloud).map_err(|error| format!("{what}: {error}"))?;
+        reagent_core::frame::check_cloud(cloud).map_err(|error| format!("{what}: {error}"))?;
     }
     check_pose("initial", header.initial)?;
     header

@@ -138,7 +138,7 @@ async fn only_newer_policies_with_a_trusted_signature_are_fetched() {
     frames.push((other_version, |e| {
         matches!(
             e,
-            UpdateError::Frame(reagent_core::Error::FrameVersion { found: 9 })
+            UpdateError::Frame(reagent_core::Error::FrameVersion { found: 9, .. })
         )
     }));
     for (count, (frame, expected)) in (2..).zip(frames) {

@@ -13,10 +13,11 @@ use host_train::nn::{PackedEmbedding, Search};
 use host_train::optim::{Adam, Schedule};
 use host_train::reward::{chamfer, reward};
 use reagent_core::kernels::Isa;
-use reagent_core::net::{Scratch, View};
+use reagent_core::net::Scratch;
 use reagent_core::pose::{centroid, euler_from_rotation, rotation_from_euler};
 use reagent_core::register::Cut;
 use reagent_core::steps::STEPS;
+use reagent_core::view::View;
 use reagent_core::{Action, Frame, Pose, Registrar};
 use reagent_tests::{Golden, reference_parameters, shared};
 

@@ -61,9 +61,9 @@ macro_rules! kernels {
     ($module:ident, $dot:ident, $total:ident, $zero:expr, $points:literal) => {
         pub(super) mod $module {
             use super::super::bytes::{ROW_BITS, row_mark};
-            use super::super::search::Codes;
             use super::{$dot, $total};
             use crate::dims::PANEL;
+            use crate::layer::Codes;
             use core::arch::aarch64::*;
             use core::ops::Range;
 
@@ -164,28 +164,28 @@ macro_rules! kernels {
                 x: &[u8],
                 max: &mut [i32],
             ) {
-                let points = x.len() / layer.inputs;
+                let points = x.len() / layer.inputs();
                 if points == 0 {
                     return;
                 }
                 for panel in panels {
                     // SAFETY: blocks cover the given panels and whole rows of `x` only.
                     unsafe {
-                        let weights = layer.panels.as_ptr().add(panel * layer.inputs * PANEL);
+                        let weights = layer.panels().as_ptr().add(panel * layer.inputs() * PANEL);
                         let mut best = [vdupq_n_s32(i32::MIN); QUARTERS];
                         let mut n = 0;
                         while n < points {
-                            let x = x.as_ptr().add(n * layer.inputs);
+                            let x = x.as_ptr().add(n * layer.inputs());
                             n += if points - n >= POINTS {
-                                let x = rows::<POINTS>(x, layer.inputs);
-                                let sums = sums::<POINTS, true>(layer.inputs, weights, x);
+                                let x = rows::<POINTS>(x, layer.inputs());
+                                let sums = sums::<POINTS, true>(layer.inputs(), weights, x);
                                 raise::<_, MARK>(sums, n, &mut best)
                             } else {
-                                let sums = sums::<1, true>(layer.inputs, weights, [x]);
+                                let sums = sums::<1, true>(layer.inputs(), weights, [x]);
                                 raise::<_, MARK>(sums, n, &mut best)
                             };
                         }
-                        let excess = excess(layer.inputs, weights);
+                        let excess = excess(layer.inputs(), weights);
                         for q in 0..QUARTERS {
                             let max = max.as_mut_ptr().add(panel * PANEL + q * LANES);
                             let excess = if MARK {
@@ -229,12 +229,12 @@ macro_rules! kernels {
                 x: &[u8],
                 y: &mut [u8],
             ) {
-                let points = (x.len() / layer.inputs).min(y.len() / layer.outputs);
-                for panel in 0..layer.outputs / PANEL {
+                let points = (x.len() / layer.inputs()).min(y.len() / layer.outputs());
+                for panel in 0..layer.outputs() / PANEL {
                     // SAFETY: blocks cover whole panels and whole rows of `x` and `y` only.
                     unsafe {
-                        let weights = layer.panels.as_ptr().add(panel * layer.inputs * PANEL);
-                        let excess = excess(layer.inputs, weights);
+                        let weights = layer.panels().as_ptr().add(panel * layer.inputs() * PANEL);
+                        let excess = excess(layer.inputs(), weights);
                         let bias = bias.as_ptr().add(panel * PANEL);
                         let start = core::array::from_fn(|q| {
                             vsubq_s32(vld1q_s32(bias.add(q * LANES)), excess[q])
@@ -242,15 +242,15 @@ macro_rules! kernels {
                         let factors = requantise.as_ptr().add(panel * PANEL);
                         let mut n = 0;
                         while n < points {
-                            let x = x.as_ptr().add(n * layer.inputs);
-                            let y = y.as_mut_ptr().add(n * layer.outputs + panel * PANEL);
+                            let x = x.as_ptr().add(n * layer.inputs());
+                            let y = y.as_mut_ptr().add(n * layer.outputs() + panel * PANEL);
                             n += if points - n >= POINTS {
-                                let x = rows::<POINTS>(x, layer.inputs);
-                                let sum = sums::<POINTS, true>(layer.inputs, weights, x);
-                                put(sum, start, factors, y, layer.outputs)
+                                let x = rows::<POINTS>(x, layer.inputs());
+                                let sum = sums::<POINTS, true>(layer.inputs(), weights, x);
+                                put(sum, start, factors, y, layer.outputs())
                             } else {
-                                let sum = sums::<1, true>(layer.inputs, weights, [x]);
-                                put(sum, start, factors, y, layer.outputs)
+                                let sum = sums::<1, true>(layer.inputs(), weights, [x]);
+                                put(sum, start, factors, y, layer.outputs())
                             };
                         }
                     }
@@ -293,12 +293,12 @@ macro_rules! kernels {
                 y: &mut [i32],
             ) {
                 let inputs = columns.len();
-                for panel in 0..layer.outputs / PANEL {
-                    // SAFETY: the caller guarantees panels of `layer.inputs` columns, which hold
+                for panel in 0..layer.outputs() / PANEL {
+                    // SAFETY: the caller guarantees panels of `layer.inputs()` columns, which hold
                     // `columns`, planes as long as those, and all outputs in `y`.
                     unsafe {
-                        let at = (panel * layer.inputs + columns.start) * PANEL;
-                        let weights = layer.panels.as_ptr().add(at);
+                        let at = (panel * layer.inputs() + columns.start) * PANEL;
+                        let weights = layer.panels().as_ptr().add(at);
                         let planes = [high.as_ptr(), low.as_ptr()];
                         let [high, low] = sums::<2, false>(inputs, weights, planes);
                         for q in 0..QUARTERS {

@@ -2,11 +2,11 @@
 //!
 //! NEON is part of every target that this file is compiled for, so nothing has to be detected. Every
 //! function must only be called with `points` rows in `x` (and `y`), `max`/`argmax`/`start`/`y` at least
-//! as long as `layer.bias`, and a layer whose arrays have their padded lengths; [`super::Isa`] checks it.
+//! as long as `layer.bias()`, and a layer whose arrays have their padded lengths; [`super::Isa`] checks it.
 #![allow(unsafe_code, clippy::needless_range_loop)]
 
 use crate::dims::PANEL;
-use crate::weights::Dense;
+use crate::layer::Dense;
 use core::arch::aarch64::*;
 
 /// Outputs in one register.
@@ -79,15 +79,15 @@ unsafe fn block<const N: usize>(
 }
 
 pub(super) unsafe fn dense_relu(layer: &Dense<'_>, points: usize, x: &[f32], y: &mut [f32]) {
-    let stride = layer.bias.len();
+    let stride = layer.width();
     // SAFETY: blocks cover whole panels and rows 0..points only, which the caller guarantees.
     unsafe {
         for panel in 0..stride / PANEL {
-            let weights = layer.panels.as_ptr().add(panel * layer.inputs * PANEL);
-            let bias = load(layer.bias.as_ptr().add(panel * PANEL));
+            let weights = layer.panels().as_ptr().add(panel * layer.inputs() * PANEL);
+            let bias = load(layer.bias().as_ptr().add(panel * PANEL));
             let mut n = 0;
             while n < points {
-                let x = x.as_ptr().add(n * layer.inputs);
+                let x = x.as_ptr().add(n * layer.inputs());
                 let y = y.as_mut_ptr().add(n * stride + panel * PANEL);
                 n += if points - n >= POINTS {
                     relu_rows::<POINTS>(layer, weights, bias, x, y)
@@ -109,10 +109,10 @@ unsafe fn relu_rows<const N: usize>(
 ) -> usize {
     // SAFETY: as the caller guarantees; `y` points at row 0 of the panel.
     unsafe {
-        let sums = block::<N>(weights, bias, layer.inputs, x, layer.inputs);
+        let sums = block::<N>(weights, bias, layer.inputs(), x, layer.inputs());
         for (n, sum) in sums.into_iter().enumerate() {
             let positive = sum.map(|s| vmaxq_f32(s, vdupq_n_f32(0.0)));
-            store(y.add(n * layer.bias.len()), positive);
+            store(y.add(n * layer.width()), positive);
         }
     }
     N
@@ -128,9 +128,9 @@ pub(super) unsafe fn dense_max<const ARG: bool>(
 ) {
     // SAFETY: blocks cover whole panels and rows 0..points only; `argmax` is used where `ARG`.
     unsafe {
-        for panel in 0..layer.bias.len() / PANEL {
-            let weights = layer.panels.as_ptr().add(panel * layer.inputs * PANEL);
-            let bias = load(layer.bias.as_ptr().add(panel * PANEL));
+        for panel in 0..layer.bias().len() / PANEL {
+            let weights = layer.panels().as_ptr().add(panel * layer.inputs() * PANEL);
+            let bias = load(layer.bias().as_ptr().add(panel * PANEL));
             let max = max.as_mut_ptr().add(panel * PANEL);
             let arg = if ARG {
                 argmax.as_mut_ptr().add(panel * PANEL)
@@ -139,13 +139,13 @@ pub(super) unsafe fn dense_max<const ARG: bool>(
             };
             let mut n = 0;
             while n < points {
-                let x = x.as_ptr().add(n * layer.inputs);
+                let x = x.as_ptr().add(n * layer.inputs());
                 let row = first + n as u32;
                 n += if points - n >= POINTS {
-                    let sums = block::<POINTS>(weights, bias, layer.inputs, x, layer.inputs);
+                    let sums = block::<POINTS>(weights, bias, layer.inputs(), x, layer.inputs());
                     max_rows::<ARG, POINTS>(sums, row, max, arg)
                 } else {
-                    let sums = block::<1>(weights, bias, layer.inputs, x, layer.inputs);
+                    let sums = block::<1>(weights, bias, layer.inputs(), x, layer.inputs());
                     max_rows::<ARG, 1>(sums, row, max, arg)
                 };
             }
@@ -184,12 +184,12 @@ unsafe fn max_rows<const ARG: bool, const N: usize>(
 }
 
 pub(super) unsafe fn gemv(layer: &Dense<'_>, start: &[f32], from: usize, x: &[f32], y: &mut [f32]) {
-    for panel in 0..layer.bias.len() / PANEL {
+    for panel in 0..layer.bias().len() / PANEL {
         // SAFETY: columns from..from + len(x) of the panel exist, and `start` and `y` hold it, as the
         // caller guarantees.
         unsafe {
-            let column = panel * layer.inputs + from;
-            let weights = layer.panels.as_ptr().add(column * PANEL);
+            let column = panel * layer.inputs() + from;
+            let weights = layer.panels().as_ptr().add(column * PANEL);
             let start = load(start.as_ptr().add(panel * PANEL));
             let [sum] = block::<1>(weights, start, x.len(), x.as_ptr(), 0);
             store(y.as_mut_ptr().add(panel * PANEL), sum);

@@ -7,7 +7,7 @@
 
 use super::pruned::{CHANNELS, Floats, Left, NEAR, prune};
 use crate::dims::{PANEL, TILE};
-use crate::weights::Dense;
+use crate::layer::Dense;
 use core::arch::aarch64::*;
 
 /// Groups whose bounds are computed together, so that a weight is loaded once for all.
@@ -31,11 +31,11 @@ unsafe fn load(from: *const f32) -> [float32x4_t; QUARTERS] {
 /// See [`super::Isa::dense_max_near`]; `points` rows.
 pub(super) unsafe fn dense_max(layer: &Dense<'_>, points: usize, x: &[f32], max: &mut [f32]) {
     let mut groups = [Floats::ZERO; GROUPS];
-    for x in x[..points * layer.inputs].chunks(GROUPS * NEAR * layer.inputs) {
-        let count = Floats::fill_all(&mut groups, layer.inputs, x);
+    for x in x[..points * layer.inputs()].chunks(GROUPS * NEAR * layer.inputs()) {
+        let count = Floats::fill_all(&mut groups, layer.inputs(), x);
         let max = max.as_mut_ptr();
         prune::<1, GROUPS>(
-            layer.bias.len() / PANEL,
+            layer.width() / PANEL,
             count,
             // SAFETY: the caller guarantees the maxima of each panel.
             |panel, left| unsafe { bound(layer, panel, &groups, max, left) },
@@ -60,9 +60,9 @@ unsafe fn bound(
 ) {
     // SAFETY: the caller guarantees the panel.
     unsafe {
-        let weights = layer.panels.as_ptr().add(panel * layer.inputs * PANEL);
-        let mut sum = [load(layer.bias.as_ptr().add(panel * PANEL)); GROUPS];
-        for k in 0..layer.inputs {
+        let weights = layer.panels().as_ptr().add(panel * layer.inputs() * PANEL);
+        let mut sum = [load(layer.bias().as_ptr().add(panel * PANEL)); GROUPS];
+        for k in 0..layer.inputs() {
             let w = load(weights.add(k * PANEL));
             for (sum, group) in sum.iter_mut().zip(groups) {
                 let high = vdupq_n_f32(*group.high.get_unchecked(k));
@@ -102,13 +102,13 @@ unsafe fn raise(layer: &Dense<'_>, group: &Floats, channels: &[u16; TOGETHER], m
     // SAFETY: the caller guarantees the channels.
     unsafe {
         let mut sum = [[vdupq_n_f32(0.0); QUARTERS]; TOGETHER];
-        let mut weights = [layer.panels.as_ptr(); TOGETHER];
+        let mut weights = [layer.panels().as_ptr(); TOGETHER];
         for (i, &channel) in channels.iter().enumerate() {
             let channel = usize::from(channel);
-            sum[i] = [vdupq_n_f32(*layer.bias.get_unchecked(channel)); QUARTERS];
-            weights[i] = weights[i].add(channel / PANEL * layer.inputs * PANEL + channel % PANEL);
+            sum[i] = [vdupq_n_f32(*layer.bias().get_unchecked(channel)); QUARTERS];
+            weights[i] = weights[i].add(channel / PANEL * layer.inputs() * PANEL + channel % PANEL);
         }
-        for k in 0..layer.inputs {
+        for k in 0..layer.inputs() {
             let points = load(group.points.get_unchecked(k).as_ptr());
             for (sum, weights) in sum.iter_mut().zip(weights) {
                 let w = vld1q_dup_f32(weights.add(k * PANEL));

@@ -7,9 +7,8 @@
 #![allow(unsafe_code, clippy::indexing_slicing, clippy::needless_range_loop)]
 
 use super::bytes;
-use super::search::{Codes, QUAD};
-use crate::dims::PANEL;
-use crate::quant::Requantise;
+use crate::dims::{PANEL, QUAD};
+use crate::layer::{Codes, Requantise};
 use core::arch::{asm, naked_asm};
 use core::ops::Range;
 
@@ -110,10 +109,17 @@ impl Block {
 #[inline(always)]
 fn sums(layer: &Codes<'_>, output: usize, x: &[[Pairs; POINTS]]) -> [i32; POINTS] {
     let mut sums = [0; POINTS];
-    let at = output / PANEL * layer.inputs * PANEL + output % PANEL * QUAD;
+    let at = output / PANEL * layer.inputs() * PANEL + output % PANEL * QUAD;
     let x = x.as_ptr_range();
     // SAFETY: the layer holds a multiple of 64 inputs, at most `INPUTS`, of this output, and `x` as many.
-    unsafe { four_points(layer.panels.as_ptr().add(at), x.start, x.end, &raw mut sums) }
+    unsafe {
+        four_points(
+            layer.panels().as_ptr().add(at),
+            x.start,
+            x.end,
+            &raw mut sums,
+        )
+    }
     sums
 }
 
@@ -129,7 +135,7 @@ pub(super) unsafe fn dense_codes_max<const MARK: bool>(
     x: &[u8],
     max: &mut [i32],
 ) {
-    let inputs = layer.inputs;
+    let inputs = layer.inputs();
     if !fits(inputs) {
         return bytes::dense_codes_max(MARK, layer, panels, x, max);
     }
@@ -158,7 +164,7 @@ pub(super) unsafe fn dense_codes(
     x: &[u8],
     y: &mut [u8],
 ) {
-    let (inputs, outputs) = (layer.inputs, layer.outputs);
+    let (inputs, outputs) = (layer.inputs(), layer.outputs());
     if !fits(inputs) || outputs == 0 {
         return bytes::dense_codes(layer, bias, requantise, x, y);
     }
@@ -224,8 +230,8 @@ pub(super) unsafe fn gemv_codes(
             *wide = [high[0] << 6 | low[0], high[1] << 6 | low[1]];
         }
         for (panel, y) in y.as_chunks_mut::<PANEL>().0.iter_mut().enumerate() {
-            let at = (panel * layer.inputs + first) * PANEL;
-            let weights = layer.panels.get(at..at + high.len() * PANEL);
+            let at = (panel * layer.inputs() + first) * PANEL;
+            let weights = layer.panels().get(at..at + high.len() * PANEL);
             let weights: &[u8] = bytemuck::cast_slice(weights.unwrap_or(&[]));
             let quads = weights.as_chunks::<QUAD>().0;
             for (lane, y) in y.iter_mut().enumerate() {

@@ -8,9 +8,8 @@
 #![allow(unsafe_code, clippy::indexing_slicing)]
 
 use super::bytes;
-use super::search::Codes;
 use crate::dims::PANEL;
-use crate::quant::Requantise;
+use crate::layer::{Codes, Requantise};
 use core::arch::naked_asm;
 use core::ops::Range;
 
@@ -163,8 +162,8 @@ fn panel_codes<'a>(
     from: usize,
     inputs: usize,
 ) -> Option<&'a [i8]> {
-    let at = (panel * layer.inputs + from) * PANEL;
-    layer.panels.get(at..at + inputs * PANEL)
+    let at = (panel * layer.inputs() + from) * PANEL;
+    layer.panels().get(at..at + inputs * PANEL)
 }
 
 /// As [`bytes::dense_codes_max`].
@@ -174,7 +173,7 @@ pub(super) unsafe fn dense_codes_max<const MARK: bool>(
     x: &[u8],
     max: &mut [i32],
 ) {
-    let inputs = layer.inputs;
+    let inputs = layer.inputs();
     for (turn, x) in x.chunks((POINTS * inputs).max(1)).enumerate() {
         let Some(mut block) = Block::of(x, inputs) else {
             return;
@@ -206,7 +205,7 @@ pub(super) unsafe fn dense_codes(
     x: &[u8],
     y: &mut [u8],
 ) {
-    let (inputs, outputs) = (layer.inputs.max(1), layer.outputs.max(1));
+    let (inputs, outputs) = (layer.inputs().max(1), layer.outputs().max(1));
     let blocks = x.chunks((POINTS * inputs).max(1));
     for (x, y) in blocks.zip(y.chunks_mut((POINTS * outputs).max(1))) {
         let Some(block) = Block::of(x, inputs) else {

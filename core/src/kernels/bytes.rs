@@ -3,9 +3,8 @@
 
 #![allow(unsafe_code, clippy::indexing_slicing)]
 
-use super::search::{Codes, QUAD};
-use crate::dims::PANEL;
-use crate::quant::Requantise;
+use crate::dims::{PANEL, QUAD};
+use crate::layer::{Codes, Requantise};
 use core::ops::Range;
 
 /// Sums of one row with one panel.
@@ -24,8 +23,8 @@ fn panel_sums(quads: &[[i8; PANEL * QUAD]], x: &[u8]) -> [i32; PANEL] {
 
 /// Four inputs of each panel output; none of a panel that is not there.
 fn quads<'a>(layer: &Codes<'a>, panel: usize) -> &'a [[i8; PANEL * QUAD]] {
-    let len = layer.inputs * PANEL;
-    let weights = layer.panels.get(panel * len..(panel + 1) * len);
+    let len = layer.inputs() * PANEL;
+    let weights = layer.panels().get(panel * len..(panel + 1) * len);
     weights.unwrap_or(&[]).as_chunks().0
 }
 
@@ -43,7 +42,7 @@ pub(super) fn point_codes(panels: &[f32], bias: &[f32], points: &[[f32; 3]], cod
                 value += w[2 * PANEL + lane] * z;
                 let value = if value > 0.0 { value } else { 0.0 };
                 let value = if value < 255.0 { value } else { 255.0 };
-                codes[lane] = super::search::nearest_even(value) as u8;
+                codes[lane] = crate::layer::nearest_even(value) as u8;
             }
         }
     }
@@ -59,8 +58,8 @@ pub(super) fn dense_codes(
     y: &mut [u8],
 ) {
     let rows = x
-        .chunks_exact(layer.inputs.max(1))
-        .zip(y.chunks_exact_mut(layer.outputs.max(1)));
+        .chunks_exact(layer.inputs().max(1))
+        .zip(y.chunks_exact_mut(layer.outputs().max(1)));
     for (x, y) in rows {
         let bias = bias.as_chunks::<PANEL>().0;
         let outputs = y.as_chunks_mut::<PANEL>().0.iter_mut();
@@ -112,7 +111,7 @@ pub(super) fn dense_codes_max(
 ) {
     let maxima = max.as_chunks_mut::<PANEL>().0.iter_mut();
     for (p, max) in panels.clone().zip(maxima.skip(panels.start)) {
-        for (row, x) in x.chunks_exact(layer.inputs.max(1)).enumerate() {
+        for (row, x) in x.chunks_exact(layer.inputs().max(1)).enumerate() {
             for (max, s) in max.iter_mut().zip(panel_sums(quads(layer, p), x)) {
                 let s = marked(mark, s, row);
                 *max = if s > *max { s } else { *max };

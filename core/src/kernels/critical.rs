@@ -3,10 +3,11 @@
 
 #![allow(unsafe_code)]
 
-use super::{Codes, GROUPS, Isa, is_whole, padded_codes, search};
+use super::{GROUPS, Isa, search};
 #[cfg(target_arch = "x86_64")]
 use super::{Kind, x86_amx, x86_bytes256, x86_vnni};
 use crate::dims::PANEL;
+use crate::layer::{Codes, padded_codes};
 
 impl Isa {
     /// Codes 0..=255 of non-negative rows with one scale each, `x ≈ code * scale`, for
@@ -40,7 +41,7 @@ impl Isa {
     /// equals; the same on every kernel.
     ///
     /// # Shapes
-    /// `codes [points, layer.inputs]`, `scales [points]`, `best` and `winner [GROUPS, layer.outputs]`,
+    /// `codes [points, layer.inputs()]`, `scales [points]`, `best` and `winner [GROUPS, layer.outputs()]`,
     /// overwritten; other lengths leave both as they are.
     pub fn search(
         self,
@@ -50,10 +51,9 @@ impl Isa {
         best: &mut [f32],
         winner: &mut [u32],
     ) {
-        let results = GROUPS * layer.outputs;
+        let results = GROUPS * layer.outputs();
         let points = scales.len();
-        if !is_whole(layer)
-            || codes.len() != points * layer.inputs
+        if Some(codes.len()) != points.checked_mul(layer.inputs())
             || best.len() != results
             || winner.len() != results
         {
@@ -65,7 +65,7 @@ impl Isa {
         while first < points {
             let tile = first..(first + search::TILE).min(points);
             first = tile.end;
-            let panels = 0..layer.outputs / PANEL;
+            let panels = 0..layer.outputs() / PANEL;
             match self.0 {
                 // SAFETY: the instruction set was detected, lengths were checked above.
                 #[cfg(target_arch = "x86_64")]

@@ -7,7 +7,7 @@ use super::{Isa, portable, pruned, rows};
 use super::{Kind, aarch64_neon, aarch64_neon_pruned};
 #[cfg(target_arch = "x86_64")]
 use super::{Kind, x86_avx2, x86_avx2_pruned, x86_avx512, x86_avx512_pruned};
-use crate::weights::Dense;
+use crate::layer::Dense;
 
 impl Isa {
     /// `y = max(0, W x + b)` for each row of `x`.
@@ -15,7 +15,7 @@ impl Isa {
     /// # Shapes
     /// `x [points, inputs]`, `y [points, padded outputs]`; rows beyond either are left alone.
     pub fn dense_relu(self, layer: &Dense<'_>, x: &[f32], y: &mut [f32]) {
-        let points = rows(layer, x).min(y.len() / layer.bias.len().max(1));
+        let points = rows(layer, x).min(y.len() / layer.width());
         match self.0 {
             // SAFETY: `Kind::Avx2` exists only where detection found AVX2 and FMA; `points` rows
             // of `x` and `y` are in bounds as counted above.
@@ -38,7 +38,7 @@ impl Isa {
     /// # Shapes
     /// `x [points, inputs]`, `max [padded outputs]`; a shorter `max` leaves everything as it is.
     pub fn dense_max(self, layer: &Dense<'_>, x: &[f32], max: &mut [f32]) {
-        if max.len() < layer.bias.len() {
+        if max.len() < layer.width() {
             return;
         }
         let points = rows(layer, x);
@@ -79,8 +79,8 @@ impl Isa {
     /// # Shapes
     /// `x [points, inputs]`, `max [padded outputs]`; a shorter `max` leaves everything as it is.
     pub fn dense_max_near(self, layer: &Dense<'_>, x: &[f32], max: &mut [f32]) {
-        let outputs = layer.bias.len();
-        if max.len() < outputs || !pruned::fits(layer.inputs, outputs) {
+        let outputs = layer.width();
+        if max.len() < outputs || !pruned::fits(layer.inputs(), outputs) {
             return self.dense_max(layer, x, max);
         }
         match self.0 {
@@ -116,7 +116,7 @@ impl Isa {
         max: &mut [f32],
         argmax: &mut [u32],
     ) {
-        if max.len() < layer.bias.len() || argmax.len() < layer.bias.len() {
+        if max.len() < layer.width() || argmax.len() < layer.width() {
             return;
         }
         let points = rows(layer, x);
@@ -146,8 +146,10 @@ impl Isa {
     /// `start` and `y [padded outputs]`, `x [n]` with `from + n <= inputs`; other lengths leave `y`
     /// as it is.
     pub fn gemv(self, layer: &Dense<'_>, start: &[f32], from: usize, x: &[f32], y: &mut [f32]) {
-        let outputs = layer.bias.len();
-        if y.len() < outputs || start.len() < outputs || from + x.len() > layer.inputs {
+        let outputs = layer.width();
+        let end = from.checked_add(x.len());
+        let beyond = end.is_none_or(|end| end > layer.inputs());
+        if y.len() < outputs || start.len() < outputs || beyond {
             return;
         }
         match self.0 {

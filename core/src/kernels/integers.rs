@@ -3,7 +3,7 @@
 #![allow(unsafe_code)]
 
 use super::bytes::{INPUTS, ROW_BITS, ROWS, row_of};
-use super::{Codes, Isa, bytes, is_whole};
+use super::{Isa, bytes};
 #[cfg(arm_kernels = "neon")]
 use super::{Kind, aarch64_bytes};
 #[cfg(arm_kernels = "dsp")]
@@ -16,8 +16,7 @@ use super::{
     x86_vnni_pruned,
 };
 use crate::dims::{PANEL, PANELS_TOGETHER};
-use crate::quant::QuantLayer;
-use crate::weights::Dense;
+use crate::layer::{Codes, Dense, QuantLayer};
 
 impl Isa {
     /// First layer of an integer network: points as seen to codes (step 1 of [`crate::quant`]).
@@ -26,10 +25,10 @@ impl Isa {
     /// `points [N, 3]`, `codes [N, outputs]`; rows beyond either are left alone, and all of them where
     /// the layer does not have three inputs.
     pub fn point_codes(self, layer: &Dense<'_>, points: &[[f32; 3]], codes: &mut [u8]) {
-        if layer.inputs != 3 || layer.bias.is_empty() {
+        if layer.inputs() != 3 {
             return;
         }
-        let (panels, bias) = (layer.panels, layer.bias);
+        let (panels, bias) = (layer.panels(), layer.bias());
         match self.0 {
             // SAFETY: the instruction set was detected.
             #[cfg(target_arch = "x86_64")]
@@ -50,10 +49,7 @@ impl Isa {
     /// # Shapes
     /// `x [points, inputs]`, `y [points, outputs]`; rows beyond either are left alone.
     pub fn dense_codes(self, layer: &QuantLayer<'_>, x: &[u8], y: &mut [u8]) {
-        let (codes, bias, requantise) = (&layer.codes, layer.bias, layer.requantise);
-        if !is_whole(codes) || bias.len() != codes.outputs || requantise.len() != codes.outputs {
-            return;
-        }
+        let (codes, bias, requantise) = (layer.codes(), layer.bias(), layer.requantise());
         match self.0 {
             // SAFETY: the instruction set was detected, lengths were checked above.
             #[cfg(target_arch = "x86_64")]
@@ -113,18 +109,18 @@ impl Isa {
     /// # Shapes
     /// `x [points, inputs]`, `max [outputs]`; another length of `max` leaves it as it is.
     pub fn dense_codes_max_near(self, layer: &Codes<'_>, x: &[u8], max: &mut [i32]) {
-        if !is_whole(layer) || max.len() != layer.outputs {
+        if max.len() != layer.outputs() {
             return;
         }
         match self.0 {
             // SAFETY: the instruction set was detected, lengths were checked above.
             #[cfg(target_arch = "x86_64")]
-            Kind::Avx512Vnni if pruned::fits(layer.inputs, layer.outputs) => unsafe {
+            Kind::Avx512Vnni if pruned::fits(layer.inputs(), layer.outputs()) => unsafe {
                 x86_vnni_pruned::dense_codes_max(layer, x, max);
             },
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
-            Kind::Avx2 | Kind::Avx512 if pruned::fits(layer.inputs, layer.outputs) => unsafe {
+            Kind::Avx2 | Kind::Avx512 if pruned::fits(layer.inputs(), layer.outputs()) => unsafe {
                 x86_avx2_pruned_codes::dense_codes_max(layer, x, max);
             },
             _ => self.dense_codes_max(layer, x, max),
@@ -143,13 +139,13 @@ impl Isa {
         max: &mut [i32],
         mut won: impl FnMut(usize, usize),
     ) {
-        if !is_whole(layer) || max.len() != layer.outputs || layer.inputs > INPUTS {
+        if max.len() != layer.outputs() || layer.inputs() > INPUTS {
             return;
         }
-        for (turn, x) in x.chunks(ROWS * layer.inputs.max(1)).enumerate() {
+        for (turn, x) in x.chunks(ROWS * layer.inputs()).enumerate() {
             for (first, part) in layer.parts(PANELS_TOGETHER) {
                 let mut marked = [i32::MIN; PANELS_TOGETHER * PANEL];
-                let Some(marked) = marked.get_mut(..part.outputs) else {
+                let Some(marked) = marked.get_mut(..part.outputs()) else {
                     return;
                 };
                 self.raise::<true>(&part, x, marked);
@@ -167,10 +163,10 @@ impl Isa {
     /// Raises maxima to sums, or to [`bytes::marked`] ones.
     #[inline]
     fn raise<const MARK: bool>(self, layer: &Codes<'_>, x: &[u8], max: &mut [i32]) {
-        if !is_whole(layer) || max.len() != layer.outputs {
+        if max.len() != layer.outputs() {
             return;
         }
-        let panels = 0..layer.outputs / PANEL;
+        let panels = 0..layer.outputs() / PANEL;
         match self.0 {
             // SAFETY: the instruction set was detected, lengths were checked above.
             #[cfg(target_arch = "x86_64")]
@@ -220,11 +216,13 @@ impl Isa {
     /// leave `y` as it is.
     pub fn gemv_codes(self, layer: &Codes<'_>, from: usize, planes: [&[u8]; 2], y: &mut [i32]) {
         let [high, low] = planes;
-        let columns = from..from + high.len();
-        if !is_whole(layer)
-            || y.len() != layer.outputs
+        let Some(end) = from.checked_add(high.len()) else {
+            return;
+        };
+        let columns = from..end;
+        if y.len() != layer.outputs()
             || high.len() != low.len()
-            || columns.end > layer.inputs
+            || columns.end > layer.inputs()
             || !from.is_multiple_of(4)
             || !high.len().is_multiple_of(4)
         {

@@ -3,7 +3,7 @@
 //!
 //! - **Network in f32** (`floats`): a dense layer with ReLU over a tile of points, the last embedding layer fused with
 //!   the max over points (so that 1024 running maxima take the place of a `[1024, N]` buffer), and a matrix-vector
-//!   product for the heads. Weights come in panels of [`PANEL`] outputs (see [`crate::weights`]); lanes are outputs,
+//!   product for the heads. Weights come in panels of [`crate::dims::PANEL`] outputs (see [`crate::layer`]); lanes are outputs,
 //!   and sums run over the inputs in order.
 //! - **Network in integers** (`integers`): points to codes, and the same three on codes; [`crate::quant`] has the
 //!   numbers.
@@ -25,8 +25,7 @@
 
 #![allow(unsafe_code, clippy::indexing_slicing)]
 
-use crate::dims::PANEL;
-use crate::weights::Dense;
+use crate::layer::Dense;
 
 #[cfg(arm_kernels = "neon")]
 mod aarch64_bytes;
@@ -86,7 +85,7 @@ pub use neighbours::{BATCH, Batch, Moments};
 pub use packed::PackedDense;
 pub use peak::Arithmetic;
 pub(crate) use pruned::NEAR;
-pub use search::{CODES, Codes, GROUPS, pack_codes, padded_codes};
+pub use search::GROUPS;
 pub use sieve::SieveDense;
 pub use split::{SplitDense, Tile};
 
@@ -219,23 +218,9 @@ impl Isa {
     }
 }
 
-/// Whether codes have the lengths that they say.
-fn is_whole(layer: &Codes<'_>) -> bool {
-    layer.panels.len() == layer.inputs * layer.outputs
-        && layer.inputs > 0
-        && layer.inputs.is_multiple_of(CODES)
-        && layer.outputs.is_multiple_of(PANEL)
-}
-
-/// Whole rows in `x`; zero where the layer's arrays do not have their padded lengths.
+/// Whole rows in `x`; none where the layer has no inputs.
 fn rows(layer: &Dense<'_>, x: &[f32]) -> usize {
-    let whole = layer.bias.len().is_multiple_of(PANEL)
-        && layer.panels.len() == layer.inputs * layer.bias.len();
-    if whole && layer.inputs > 0 {
-        x.len() / layer.inputs
-    } else {
-        0
-    }
+    x.len().checked_div(layer.inputs()).unwrap_or(0)
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@
 use super::Isa;
 use super::sieve::{self, SieveDense};
 use super::split::{self, SplitDense, Tile};
-use crate::weights::Dense;
+use crate::layer::Dense;
 
 /// A layer in f32 and what was packed of it.
 #[derive(Clone, Copy, Debug)]

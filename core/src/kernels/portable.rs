@@ -1,7 +1,7 @@
 //! Plain Rust kernels: the reference that every other kernel is compared with.
 
 use crate::dims::PANEL;
-use crate::weights::Dense;
+use crate::layer::Dense;
 
 type Lanes = [f32; PANEL];
 
@@ -21,12 +21,12 @@ fn panel_product(panel: &[f32], start: &[f32], x: &[f32]) -> Lanes {
 }
 
 pub(super) fn dense_relu(layer: &Dense<'_>, points: usize, x: &[f32], y: &mut [f32]) {
-    let panel_len = (layer.inputs * PANEL).max(1);
-    let rows = x.chunks_exact(layer.inputs.max(1)).take(points);
-    for (x, y) in rows.zip(y.chunks_exact_mut(layer.bias.len().max(1))) {
-        let panels = layer.panels.chunks_exact(panel_len);
+    let panel_len = (layer.inputs() * PANEL).max(1);
+    let rows = x.chunks_exact(layer.inputs().max(1)).take(points);
+    for (x, y) in rows.zip(y.chunks_exact_mut(layer.width())) {
+        let panels = layer.panels().chunks_exact(panel_len);
         let outputs = y.chunks_exact_mut(PANEL);
-        for ((panel, bias), y) in panels.zip(layer.bias.chunks_exact(PANEL)).zip(outputs) {
+        for ((panel, bias), y) in panels.zip(layer.bias().chunks_exact(PANEL)).zip(outputs) {
             let sum = panel_product(panel, bias, x);
             for (y, s) in y.iter_mut().zip(sum) {
                 *y = s.max(0.0);
@@ -43,13 +43,17 @@ pub(super) fn dense_max<const ARG: bool>(
     max: &mut [f32],
     argmax: &mut [u32],
 ) {
-    let panel_len = (layer.inputs * PANEL).max(1);
-    let panels = layer.panels.chunks_exact(panel_len);
-    for (p, (panel, bias)) in panels.zip(layer.bias.chunks_exact(PANEL)).enumerate() {
+    let panel_len = (layer.inputs() * PANEL).max(1);
+    let panels = layer.panels().chunks_exact(panel_len);
+    for (p, (panel, bias)) in panels.zip(layer.bias().chunks_exact(PANEL)).enumerate() {
         let Some(max) = max.get_mut(p * PANEL..(p + 1) * PANEL) else {
             return;
         };
-        for (row, x) in x.chunks_exact(layer.inputs.max(1)).take(points).enumerate() {
+        for (row, x) in x
+            .chunks_exact(layer.inputs().max(1))
+            .take(points)
+            .enumerate()
+        {
             let sum = panel_product(panel, bias, x);
             for (lane, (m, s)) in max.iter_mut().zip(sum).enumerate() {
                 if s > *m {
@@ -64,8 +68,8 @@ pub(super) fn dense_max<const ARG: bool>(
 }
 
 pub(super) fn gemv(layer: &Dense<'_>, start: &[f32], from: usize, x: &[f32], y: &mut [f32]) {
-    let panel_len = (layer.inputs * PANEL).max(1);
-    let panels = layer.panels.chunks_exact(panel_len);
+    let panel_len = (layer.inputs() * PANEL).max(1);
+    let panels = layer.panels().chunks_exact(panel_len);
     let outputs = y.chunks_exact_mut(PANEL);
     for ((panel, start), y) in panels.zip(start.chunks_exact(PANEL)).zip(outputs) {
         let columns = panel.get(from * PANEL..).unwrap_or(&[]);

@@ -160,7 +160,7 @@ pub(super) fn prune<const STEP: usize, const GROUPS: usize>(
 #[cfg(test)]
 mod tests {
     use crate::kernels::Isa;
-    use crate::weights::Dense;
+    use crate::layer::Dense;
 
     #[test]
     fn a_layer_without_inputs_changes_nothing() {

@@ -12,7 +12,8 @@
 
 #![allow(unsafe_code, clippy::indexing_slicing)]
 
-use crate::dims::PANEL;
+use crate::dims::{PANEL, QUAD};
+use crate::layer::{Codes, nearest_even};
 use core::ops::Range;
 
 /// Points whose codes stay in the L1 cache while the panels pass.
@@ -29,82 +30,6 @@ pub(super) const NONE: PanelBest = [[f32::NEG_INFINITY; PANEL]; GROUPS];
 
 /// Candidates of each output.
 pub const GROUPS: usize = 2;
-/// Inputs are padded with zeros to multiples of this.
-pub const CODES: usize = 64;
-/// Inputs whose codes lie together for one output: one lane of a dot-product instruction.
-pub(super) const QUAD: usize = 4;
-
-/// Length of a row of codes.
-pub const fn padded_codes(inputs: usize) -> usize {
-    inputs.div_ceil(CODES) * CODES
-}
-
-/// Signed weight codes of one layer.
-#[derive(Clone, Copy, Debug)]
-pub struct Codes<'a> {
-    /// Length of a row of activation codes, a multiple of [`CODES`].
-    pub inputs: usize,
-    /// Outputs, padded to whole panels.
-    pub outputs: usize,
-    /// `[outputs / PANEL][inputs / 4][PANEL][4]`.
-    pub panels: &'a [i8],
-}
-
-impl<'a> Codes<'a> {
-    /// The layer in parts of so many panels, each with its first output.
-    pub(crate) fn parts(&self, panels: usize) -> impl Iterator<Item = (usize, Codes<'a>)> {
-        let (inputs, outputs) = (self.inputs, panels * PANEL);
-        let parts = self.panels.chunks((inputs * outputs).max(1));
-        parts.enumerate().map(move |(i, panels)| {
-            let part = Codes {
-                inputs,
-                outputs: panels.len() / inputs.max(1),
-                panels,
-            };
-            (i * outputs, part)
-        })
-    }
-
-    /// Codes of exactly the padded length; `None` for any other length.
-    pub fn new(inputs: usize, outputs: usize, panels: &'a [i8]) -> Option<Self> {
-        let fits = inputs > 0
-            && inputs.is_multiple_of(CODES)
-            && outputs.is_multiple_of(PANEL)
-            && panels.len() == inputs * outputs;
-        fits.then_some(Codes {
-            inputs,
-            outputs,
-            panels,
-        })
-    }
-}
-
-/// Weight codes of a row-major `[outputs, inputs]` matrix, symmetric in ±127 of each row's largest
-/// magnitude; `panels` as in [`Codes`].
-pub fn pack_codes(inputs: usize, row_major: &[f32], panels: &mut [i8]) {
-    let stride = padded_codes(inputs);
-    panels.fill(0);
-    for (p, panel) in panels.chunks_exact_mut(stride * PANEL).enumerate() {
-        for lane in 0..PANEL {
-            let at = (p * PANEL + lane) * inputs;
-            let row = row_major.get(at..at + inputs).unwrap_or(&[]);
-            let largest = row.iter().fold(0.0f32, |m, w| m.max(w.abs()));
-            let to_code = if largest > 0.0 { 127.0 / largest } else { 0.0 };
-            for (quad, weights) in panel.chunks_exact_mut(PANEL * QUAD).zip(row.chunks(QUAD)) {
-                for (code, w) in quad.iter_mut().skip(lane * QUAD).zip(weights) {
-                    *code = nearest_even(w * to_code) as i8;
-                }
-            }
-        }
-    }
-}
-
-/// Rounds to the nearest integer, ties to even, for magnitudes below 2^22.
-#[inline(always)]
-pub(super) fn nearest_even(x: f32) -> i32 {
-    const SHIFT: f32 = 12_582_912.0; // 1.5 * 2^23: one unit in the last place is 1
-    (x + SHIFT).to_bits() as i32 - SHIFT.to_bits() as i32
-}
 
 /// Codes 0..=255 of non-negative rows, with the scale of each: `x ≈ code * scale`.
 ///
@@ -172,11 +97,11 @@ pub(super) fn portable(
     winner: &mut [u32],
 ) {
     for p in panels {
-        let panel = &layer.panels[p * layer.inputs * PANEL..(p + 1) * layer.inputs * PANEL];
+        let panel = &layer.panels()[p * layer.inputs() * PANEL..(p + 1) * layer.inputs() * PANEL];
         let (quads, _) = panel.as_chunks::<{ PANEL * QUAD }>();
         let mut tile = NONE;
         for n in points.clone() {
-            let (x, _) = codes[n * layer.inputs..(n + 1) * layer.inputs].as_chunks::<QUAD>();
+            let (x, _) = codes[n * layer.inputs()..(n + 1) * layer.inputs()].as_chunks::<QUAD>();
             let mut sum = [0i32; PANEL];
             for (x, weights) in x.iter().zip(quads) {
                 for (s, w) in sum.iter_mut().zip(weights.as_chunks::<QUAD>().0) {
@@ -192,7 +117,7 @@ pub(super) fn portable(
                 *best = if score > *best { score } else { *best };
             }
         }
-        merge(&tile, points.start, p, layer.outputs, best, winner);
+        merge(&tile, points.start, p, layer.outputs(), best, winner);
     }
 }
 

@@ -12,12 +12,11 @@
 
 use super::Isa;
 use super::pruned::{INPUTS, fits};
-use super::search::{Codes, QUAD, nearest_even};
 use super::split::Tile;
 #[cfg(target_arch = "x86_64")]
 use super::{Kind, x86_vnni_sieve};
-use crate::dims::PANEL;
-use crate::weights::Dense;
+use crate::dims::{CODES, PANEL, QUAD};
+use crate::layer::{Codes, Dense, nearest_even};
 
 /// More than what sums of [`INPUTS`] products and a bias in f32, and the few operations on thresholds, can be off by.
 pub(super) const ROUNDING: f32 = 2.0 * (INPUTS + 8) as f32 * f32::EPSILON;
@@ -45,11 +44,8 @@ pub struct SieveDense<'a> {
 
 /// Bytes of the codes, and numbers in f32: rows and factors.
 fn lengths(layer: &Dense<'_>) -> Option<(usize, usize)> {
-    let (inputs, outputs) = (layer.inputs, layer.bias.len());
-    let whole = inputs > 0
-        && fits(inputs, outputs)
-        && inputs.is_multiple_of(super::search::CODES)
-        && layer.panels.len() == inputs * outputs;
+    let (inputs, outputs) = (layer.inputs(), layer.width());
+    let whole = inputs > 0 && fits(inputs, outputs) && inputs.is_multiple_of(CODES);
     whole.then_some((inputs * outputs, (inputs + FACTORS) * outputs))
 }
 
@@ -63,12 +59,12 @@ impl<'a> SieveDense<'a> {
         }
         let (codes, floats) = bytemuck::cast_slice::<_, i8>(packed).split_at(codes);
         let floats: &[f32] = bytemuck::cast_slice(floats);
-        let (rows, factors) = floats.split_at(layer.panels.len());
-        let mut factors = factors.chunks_exact(layer.bias.len());
+        let (rows, factors) = floats.split_at(layer.panels().len());
+        let mut factors = factors.chunks_exact(layer.width());
         Some(SieveDense {
-            codes: Codes::new(layer.inputs, layer.bias.len(), codes)?,
+            codes: Codes::new(layer.inputs(), layer.width(), codes)?,
             rows,
-            bias: layer.bias,
+            bias: layer.bias(),
             per_unit: factors.next()?,
             norm: factors.next()?,
             rest: factors.next()?,
@@ -92,19 +88,19 @@ pub(super) fn pack(layer: &Dense<'_>, memory: &mut [Tile]) {
     let memory = bytemuck::cast_slice_mut::<_, i8>(memory);
     let (codes, floats) = memory.split_at_mut(codes);
     let floats: &mut [f32] = bytemuck::cast_slice_mut(floats);
-    let (rows, factors) = floats.split_at_mut(layer.panels.len());
-    for (channel, &bias) in layer.bias.iter().enumerate() {
+    let (rows, factors) = floats.split_at_mut(layer.panels().len());
+    for (channel, &bias) in layer.bias().iter().enumerate() {
         let (panel, lane) = (channel / PANEL, channel % PANEL);
-        let weights = &layer.panels[panel * layer.inputs * PANEL..][..layer.inputs * PANEL];
+        let weights = &layer.panels()[panel * layer.inputs() * PANEL..][..layer.inputs() * PANEL];
         let weights = weights.iter().skip(lane).step_by(PANEL);
         let largest = weights.clone().fold(0.0f32, |most, w| most.max(w.abs()));
         // A channel of zeros, or nearly so: all codes are zero, and nothing is ruled out that is not far below.
         let unit = (largest / 127.0).max(f32::MIN_POSITIVE);
         let (mut norm, mut rest) = (0.0f64, 0.0f64);
         for (k, &w) in weights.enumerate() {
-            rows[channel * layer.inputs + k] = w;
+            rows[channel * layer.inputs() + k] = w;
             let code = nearest_even(w / unit);
-            let quad = panel * layer.inputs * PANEL + (k / QUAD * PANEL + lane) * QUAD;
+            let quad = panel * layer.inputs() * PANEL + (k / QUAD * PANEL + lane) * QUAD;
             codes[quad + k % QUAD] = code as i8;
             norm += f64::from(w) * f64::from(w);
             let error = f64::from(w) - f64::from(unit) * f64::from(code);
@@ -112,7 +108,7 @@ pub(super) fn pack(layer: &Dense<'_>, memory: &mut [Tile]) {
         }
         let up = |square: f64| libm::sqrt(square) as f32 * (1.0 + 1e-6);
         let values = [1.0 / unit, up(norm), up(rest), ROUNDING * bias.abs()];
-        let places = factors.iter_mut().skip(channel).step_by(layer.bias.len());
+        let places = factors.iter_mut().skip(channel).step_by(layer.width());
         for (place, value) in places.zip(values) {
             *place = value;
         }
@@ -135,7 +131,7 @@ impl Isa {
     /// # Shapes
     /// `x [points, inputs]`, `max [outputs]`; a shorter `max` stays as it is.
     pub fn dense_max_sieve(self, sieve: &SieveDense<'_>, x: &[f32], max: &mut [f32]) {
-        let inputs = sieve.codes.inputs;
+        let inputs = sieve.codes.inputs();
         if max.len() < sieve.bias.len() || inputs == 0 {
             return;
         }

@@ -12,7 +12,7 @@ use super::Isa;
 #[cfg(target_arch = "x86_64")]
 use super::{Kind, x86_amx_split};
 use crate::dims::PANEL;
-use crate::weights::Dense;
+use crate::layer::Dense;
 
 /// Parts of a number.
 pub(super) const PARTS: usize = 3;
@@ -52,26 +52,23 @@ impl<'a> SplitDense<'a> {
     /// [`super::PackedDense::tiles`].
     pub fn new(layer: &Dense<'a>, packed: &'a [Tile]) -> Option<Self> {
         (packed_tiles(layer) == Some(packed.len())).then_some(SplitDense {
-            inputs: layer.inputs,
+            inputs: layer.inputs(),
             tiles: packed,
-            bias: layer.bias,
+            bias: layer.bias(),
         })
     }
 }
 
 /// Tiles that a layer's weights fill; `None` for one that has not whole blocks of 32 inputs and 64 outputs.
 pub(super) fn packed_tiles(layer: &Dense<'_>) -> Option<usize> {
-    let (inputs, outputs) = (layer.inputs, layer.bias.len());
-    let whole = inputs > 0
-        && inputs.is_multiple_of(TILE_INPUTS)
-        && outputs.is_multiple_of(BLOCK)
-        && layer.panels.len() == inputs * outputs;
+    let (inputs, outputs) = (layer.inputs(), layer.width());
+    let whole = inputs > 0 && inputs.is_multiple_of(TILE_INPUTS) && outputs.is_multiple_of(BLOCK);
     whole.then(|| outputs / PANEL * (inputs / TILE_INPUTS) * PARTS)
 }
 
 /// Splits a layer's weights, `[outputs / 16][inputs / 32][part]`, each tile `[inputs / 2][output][2]`.
 pub(super) fn pack(layer: &Dense<'_>, memory: &mut [Tile]) {
-    let groups = layer.panels.chunks_exact(PANEL * TILE_INPUTS);
+    let groups = layer.panels().chunks_exact(PANEL * TILE_INPUTS);
     for (group, parts) in groups.zip(memory.as_chunks_mut::<PARTS>().0) {
         for (k, lanes) in group.chunks_exact(PANEL).enumerate() {
             for (output, &weight) in lanes.iter().enumerate() {

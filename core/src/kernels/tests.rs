@@ -1,9 +1,8 @@
 //! Every kernel that this machine can run against the portable one.
 
 use super::*;
-use crate::dims::padded;
-use crate::quant::QuantLayer;
-use crate::weights::pack_panels;
+use crate::dims::{CODES, PANEL, padded};
+use crate::layer::{Codes, QuantLayer, pack_panels, padded_codes};
 use proptest::prelude::*;
 
 #[derive(Debug)]
@@ -272,7 +271,7 @@ proptest! {
         let bias: Vec<i32> = (0..outputs).map(|_| i32::from(bytes.next()) * 3000 - 300_000).collect();
         let requantise: Vec<u32> =
             (0..outputs).map(|_| 1 + u32::from(bytes.next()) % 20 + ((12 + u32::from(bytes.next()) % 5) << 16)).collect();
-        let layer = QuantLayer { codes, bias: &bias, requantise: &requantise };
+        let layer = QuantLayer::new(codes, &bias, &requantise).expect("as long as the outputs");
         let wide = [bytes.codes(inputs - 4, 127), bytes.codes(inputs - 4, 63)];
         let planes = [&wide[0][..], &wide[1][..]];
 

@@ -2,8 +2,8 @@
 //! and extreme values: few cases with much work each, beside the many small ones of the other tests.
 
 use super::*;
-use crate::dims::padded;
-use crate::quant::QuantLayer;
+use crate::dims::{PANEL, padded};
+use crate::layer::{Codes, QuantLayer};
 use crate::shape::Shape;
 use proptest::prelude::*;
 
@@ -216,7 +216,7 @@ proptest! {
         let requantise: Vec<u32> = (0..outputs)
             .map(|_| (1 + draw.bits() % 500) | (8 + draw.bits() % 12) << 16)
             .collect();
-        let layer = QuantLayer { codes, bias: &bias, requantise: &requantise };
+        let layer = QuantLayer::new(codes, &bias, &requantise).expect("as long as the outputs");
         let x = draw.codes(points * inputs, 255);
         let run = |isa: Isa| {
             let mut y = vec![9; points * outputs];
@@ -264,7 +264,7 @@ proptest! {
         let weights: Vec<f32> = panels.iter().map(|&w| f32::from(w) / 100.0).collect();
         let bias = Draw(seed, Values::Exact).floats(outputs);
         let mut floats = vec![0.0; weights.len()];
-        crate::weights::pack_panels(inputs, outputs, &weights, &mut floats);
+        crate::layer::pack_panels(inputs, outputs, &weights, &mut floats);
         let layer = Dense::new(inputs, outputs, &floats, &bias).expect("whole panels");
         let activations: Vec<f32> = x.iter().map(|&x| f32::from(x) / 70.0).collect();
         for isa in Isa::all() {

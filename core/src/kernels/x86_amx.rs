@@ -4,9 +4,10 @@
 //! is live between two of them but the configuration, which [`Tiles`] sets and releases.
 #![allow(unsafe_code, clippy::indexing_slicing)]
 
-use super::search::{Codes, GROUPS, NONE, PanelBest, merge};
+use super::search::{GROUPS, NONE, PanelBest, merge};
 use super::x86_vnni::{dense_codes_max_512, marked_512, score_512, search_512};
 use crate::dims::PANEL;
+use crate::layer::Codes;
 use core::arch::asm;
 use core::arch::x86_64::*;
 use core::ops::Range;
@@ -156,15 +157,15 @@ pub(super) unsafe fn search(
             let tiles = Tiles::configure();
             let mut sums = [[Sums([[0; PANEL]; ROWS]); 4]; 2];
             for panel in (panels.start..whole_panels).step_by(2) {
-                let weights = layer.panels.as_ptr().add(panel * layer.inputs * PANEL);
+                let weights = layer.panels().as_ptr().add(panel * layer.inputs() * PANEL);
                 let mut best_of_tile = [NONE; 2];
                 let mut next = points.start;
                 let mut turn = 0;
                 // While the tiles of one block are multiplied, those of the block before are compared.
                 while next < whole_points + BLOCK {
                     if next < whole_points {
-                        let x = codes.as_ptr().add(next * layer.inputs);
-                        tiles.sums(layer.inputs, x, weights, &mut sums[turn]);
+                        let x = codes.as_ptr().add(next * layer.inputs());
+                        tiles.sums(layer.inputs(), x, weights, &mut sums[turn]);
                     }
                     turn = 1 - turn;
                     if next > points.start {
@@ -181,7 +182,7 @@ pub(super) unsafe fn search(
                     next += BLOCK;
                 }
                 for (p, tile) in best_of_tile.iter().enumerate() {
-                    merge(tile, points.start, panel + p, layer.outputs, best, winner);
+                    merge(tile, points.start, panel + p, layer.outputs(), best, winner);
                 }
             }
         }
@@ -248,7 +249,7 @@ pub(super) unsafe fn dense_codes_max<const MARK: bool>(
     x: &[u8],
     max: &mut [i32],
 ) {
-    let inputs = layer.inputs;
+    let inputs = layer.inputs();
     let whole_points = x.len() / inputs / BLOCK * BLOCK;
     let whole_panels = panels.start + panels.len() / 2 * 2;
     // SAFETY: blocks cover the given panels and whole rows of `x` only, the rest of them goes to
@@ -258,7 +259,7 @@ pub(super) unsafe fn dense_codes_max<const MARK: bool>(
             let tiles = Tiles::configure();
             let mut sums = [[Sums([[0; PANEL]; ROWS]); 4]; 2];
             for panel in (panels.start..whole_panels).step_by(2) {
-                let weights = layer.panels.as_ptr().add(panel * inputs * PANEL);
+                let weights = layer.panels().as_ptr().add(panel * inputs * PANEL);
                 let max = max.as_mut_ptr().add(panel * PANEL).cast::<__m512i>();
                 let mut best = [_mm512_loadu_si512(max), _mm512_loadu_si512(max.add(1))];
                 let mut turn = 0;

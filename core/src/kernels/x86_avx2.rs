@@ -4,7 +4,7 @@
 #![allow(unsafe_code, clippy::indexing_slicing, clippy::needless_range_loop)]
 
 use crate::dims::PANEL;
-use crate::weights::Dense;
+use crate::layer::Dense;
 use core::arch::x86_64::*;
 
 /// Points of one block.
@@ -40,20 +40,20 @@ unsafe fn block<const N: usize>(
 
 #[target_feature(enable = "avx2,fma")]
 pub(super) unsafe fn dense_relu(layer: &Dense<'_>, points: usize, x: &[f32], y: &mut [f32]) {
-    let stride = layer.bias.len();
+    let stride = layer.width();
     // SAFETY: panels and rows stay within what the caller guarantees.
     unsafe {
         for panel in 0..stride / PANEL {
-            let weights = layer.panels.as_ptr().add(panel * layer.inputs * PANEL);
-            let bias = layer.bias.as_ptr().add(panel * PANEL);
+            let weights = layer.panels().as_ptr().add(panel * layer.inputs() * PANEL);
+            let bias = layer.bias().as_ptr().add(panel * PANEL);
             let mut n = 0;
             while n < points {
-                let x = x.as_ptr().add(n * layer.inputs);
+                let x = x.as_ptr().add(n * layer.inputs());
                 let y = y.as_mut_ptr().add(n * stride + panel * PANEL);
                 n += if points - n >= POINTS {
-                    relu_rows::<POINTS>(block(weights, bias, layer.inputs, x), stride, y)
+                    relu_rows::<POINTS>(block(weights, bias, layer.inputs(), x), stride, y)
                 } else {
-                    relu_rows::<1>(block(weights, bias, layer.inputs, x), stride, y)
+                    relu_rows::<1>(block(weights, bias, layer.inputs(), x), stride, y)
                 };
             }
         }
@@ -86,9 +86,9 @@ pub(super) unsafe fn dense_max<const ARG: bool>(
 ) {
     // SAFETY: panels and rows stay within what the caller guarantees; `argmax` is used where `ARG`.
     unsafe {
-        for panel in 0..layer.bias.len() / PANEL {
-            let weights = layer.panels.as_ptr().add(panel * layer.inputs * PANEL);
-            let bias = layer.bias.as_ptr().add(panel * PANEL);
+        for panel in 0..layer.bias().len() / PANEL {
+            let weights = layer.panels().as_ptr().add(panel * layer.inputs() * PANEL);
+            let bias = layer.bias().as_ptr().add(panel * PANEL);
             let max = max.as_mut_ptr().add(panel * PANEL);
             let arg = if ARG {
                 argmax.as_mut_ptr().add(panel * PANEL)
@@ -97,12 +97,12 @@ pub(super) unsafe fn dense_max<const ARG: bool>(
             };
             let mut n = 0;
             while n < points {
-                let x = x.as_ptr().add(n * layer.inputs);
+                let x = x.as_ptr().add(n * layer.inputs());
                 let row = first + n as u32;
                 n += if points - n >= POINTS {
-                    max_rows::<ARG, POINTS>(block(weights, bias, layer.inputs, x), row, max, arg)
+                    max_rows::<ARG, POINTS>(block(weights, bias, layer.inputs(), x), row, max, arg)
                 } else {
-                    max_rows::<ARG, 1>(block(weights, bias, layer.inputs, x), row, max, arg)
+                    max_rows::<ARG, 1>(block(weights, bias, layer.inputs(), x), row, max, arg)
                 };
             }
         }
@@ -144,7 +144,7 @@ unsafe fn max_rows<const ARG: bool, const N: usize>(
 
 #[target_feature(enable = "avx2,fma")]
 pub(super) unsafe fn gemv(layer: &Dense<'_>, start: &[f32], from: usize, x: &[f32], y: &mut [f32]) {
-    let panels = layer.bias.len() / PANEL;
+    let panels = layer.width() / PANEL;
     // SAFETY: panels 0..panels of columns from..from + len(x) exist, and `start` and `y` hold
     // `panels * PANEL` values, as the caller guarantees.
     unsafe {
@@ -172,11 +172,11 @@ unsafe fn gemv_panels<const P: usize>(
     // SAFETY: as the caller guarantees, for `P` panels from `panel` on.
     unsafe {
         let mut sum = [[_mm256_setzero_ps(); 2]; P];
-        let mut weights = [layer.panels.as_ptr(); P];
+        let mut weights = [layer.panels().as_ptr(); P];
         for p in 0..P {
             let start = start.as_ptr().add((panel + p) * PANEL);
             sum[p] = [_mm256_loadu_ps(start), _mm256_loadu_ps(start.add(LANES))];
-            weights[p] = weights[p].add(((panel + p) * layer.inputs + from) * PANEL);
+            weights[p] = weights[p].add(((panel + p) * layer.inputs() + from) * PANEL);
         }
         for (k, &value) in x.iter().enumerate() {
             let value = _mm256_set1_ps(value);

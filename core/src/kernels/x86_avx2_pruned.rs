@@ -7,7 +7,7 @@
 
 use super::pruned::{CHANNELS, Floats, Left, NEAR, prune};
 use crate::dims::{PANEL, TILE};
-use crate::weights::Dense;
+use crate::layer::Dense;
 use core::arch::x86_64::*;
 
 /// Groups whose bounds are computed together, so that a weight is loaded once for all.
@@ -21,11 +21,11 @@ const TOGETHER: usize = 4;
 #[target_feature(enable = "avx2,fma")]
 pub(super) unsafe fn dense_max(layer: &Dense<'_>, points: usize, x: &[f32], max: &mut [f32]) {
     let mut groups = [Floats::ZERO; GROUPS];
-    for x in x[..points * layer.inputs].chunks(GROUPS * NEAR * layer.inputs) {
-        let count = Floats::fill_all(&mut groups, layer.inputs, x);
+    for x in x[..points * layer.inputs()].chunks(GROUPS * NEAR * layer.inputs()) {
+        let count = Floats::fill_all(&mut groups, layer.inputs(), x);
         let max = max.as_mut_ptr();
         prune::<1, GROUPS>(
-            layer.bias.len() / PANEL,
+            layer.width() / PANEL,
             count,
             // SAFETY: the caller guarantees the maxima of each panel.
             |panel, left| unsafe { bound(layer, panel, &groups, max, left) },
@@ -51,11 +51,11 @@ unsafe fn bound(
 ) {
     // SAFETY: the caller guarantees the panel.
     unsafe {
-        let weights = layer.panels.as_ptr().add(panel * layer.inputs * PANEL);
-        let bias = layer.bias.as_ptr().add(panel * PANEL);
+        let weights = layer.panels().as_ptr().add(panel * layer.inputs() * PANEL);
+        let bias = layer.bias().as_ptr().add(panel * PANEL);
         let start = [_mm256_loadu_ps(bias), _mm256_loadu_ps(bias.add(LANES))];
         let mut sum = [start; GROUPS];
-        for k in 0..layer.inputs {
+        for k in 0..layer.inputs() {
             let w = weights.add(k * PANEL);
             let w = [_mm256_loadu_ps(w), _mm256_loadu_ps(w.add(LANES))];
             for (sum, group) in sum.iter_mut().zip(groups) {
@@ -86,13 +86,13 @@ unsafe fn raise(layer: &Dense<'_>, group: &Floats, channels: &[u16; TOGETHER], m
     // SAFETY: the caller guarantees the channels.
     unsafe {
         let mut sum = [[_mm256_setzero_ps(); 2]; TOGETHER];
-        let mut weights = [layer.panels.as_ptr(); TOGETHER];
+        let mut weights = [layer.panels().as_ptr(); TOGETHER];
         for (i, &channel) in channels.iter().enumerate() {
             let channel = usize::from(channel);
-            sum[i] = [_mm256_set1_ps(*layer.bias.get_unchecked(channel)); 2];
-            weights[i] = weights[i].add(channel / PANEL * layer.inputs * PANEL + channel % PANEL);
+            sum[i] = [_mm256_set1_ps(*layer.bias().get_unchecked(channel)); 2];
+            weights[i] = weights[i].add(channel / PANEL * layer.inputs() * PANEL + channel % PANEL);
         }
-        for k in 0..layer.inputs {
+        for k in 0..layer.inputs() {
             let points = group.points.get_unchecked(k).as_ptr();
             let points = [_mm256_loadu_ps(points), _mm256_loadu_ps(points.add(LANES))];
             for (sum, weights) in sum.iter_mut().zip(weights) {

@@ -7,9 +7,10 @@
 #![allow(unsafe_code, clippy::indexing_slicing, clippy::needless_range_loop)]
 
 use super::pruned::{CHANNELS, INPUTS, Left, NEAR, PANELS, prune};
-use super::search::{Codes, QUAD};
 use super::x86_avx2_wide::{PAIRS, Panel, pairs_of, spread};
 use crate::dims::PANEL;
+use crate::dims::QUAD;
+use crate::layer::Codes;
 use core::arch::x86_64::*;
 
 /// Groups whose bounds are computed together, so that a weight is spread and loaded once for all.
@@ -66,7 +67,7 @@ impl Group {
 /// See [`super::Isa::dense_codes_max_near`].
 #[target_feature(enable = "avx2")]
 pub(super) unsafe fn dense_codes_max(layer: &Codes<'_>, x: &[u8], max: &mut [i32]) {
-    let inputs = layer.inputs;
+    let inputs = layer.inputs();
     let mut groups = [Group::ZERO; GROUPS];
     let mut wide: [Panel; PANELS] = [[[0; 2 * PANEL]; PAIRS]; PANELS];
     let wide = wide.as_mut_ptr();
@@ -79,12 +80,12 @@ pub(super) unsafe fn dense_codes_max(layer: &Codes<'_>, x: &[u8], max: &mut [i32
             count += 1;
         }
         prune::<1, GROUPS>(
-            layer.outputs / PANEL,
+            layer.outputs() / PANEL,
             count,
             // SAFETY: the caller guarantees the weights and maxima of each panel; nothing else refers to its place.
             |panel, left| unsafe {
                 let wide = &mut *wide.add(panel % PANELS);
-                let weights = &layer.panels[panel * inputs * PANEL..][..inputs * PANEL];
+                let weights = &layer.panels()[panel * inputs * PANEL..][..inputs * PANEL];
                 spread(weights, wide);
                 bound(inputs / 2, panel, wide, &groups, max, left);
             },

@@ -6,9 +6,10 @@
 #![allow(unsafe_code, clippy::indexing_slicing, clippy::needless_range_loop)]
 
 use super::bytes::{ROW_BITS, row_mark};
-use super::search::{Codes, QUAD};
 use super::x86_bytes256;
 use crate::dims::PANEL;
+use crate::dims::QUAD;
+use crate::layer::Codes;
 use core::arch::x86_64::*;
 use core::ops::Range;
 
@@ -36,7 +37,7 @@ pub(super) unsafe fn dense_codes_max<const MARK: bool>(
     x: &[u8],
     max: &mut [i32],
 ) {
-    if layer.inputs != INPUTS {
+    if layer.inputs() != INPUTS {
         // SAFETY: as the caller guarantees.
         return unsafe { x86_bytes256::avx2::dense_codes_max::<MARK>(layer, panels, x, max) };
     }
@@ -52,7 +53,7 @@ pub(super) unsafe fn dense_codes_max<const MARK: bool>(
         let rows = &rows[..x.len() / INPUTS];
         for panel in panels.clone() {
             spread(
-                &layer.panels[panel * INPUTS * PANEL..(panel + 1) * INPUTS * PANEL],
+                &layer.panels()[panel * INPUTS * PANEL..(panel + 1) * INPUTS * PANEL],
                 &mut wide,
             );
             let max = &mut max[panel * PANEL..(panel + 1) * PANEL];

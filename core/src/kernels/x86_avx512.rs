@@ -1,12 +1,12 @@
 //! AVX-512F kernels: 32 outputs by 12 points in 24 accumulators.
 //!
 //! Every function must only be called where AVX-512F was detected, with `points` rows in `x` (and
-//! `y`), `max`/`argmax`/`start`/`y` at least as long as `layer.bias`, and a layer whose arrays have
+//! `y`), `max`/`argmax`/`start`/`y` at least as long as `layer.bias()`, and a layer whose arrays have
 //! their padded lengths; [`super::Isa`] checks all of it.
 #![allow(unsafe_code, clippy::indexing_slicing, clippy::needless_range_loop)]
 
 use crate::dims::PANEL;
-use crate::weights::Dense;
+use crate::layer::Dense;
 use core::arch::x86_64::*;
 
 /// Points of one block.
@@ -21,14 +21,14 @@ unsafe fn block<const INPUTS: usize, const P: usize, const N: usize>(
     panel: usize,
     x: *const f32,
 ) -> [[__m512; P]; N] {
-    let inputs = if INPUTS > 0 { INPUTS } else { layer.inputs };
+    let inputs = if INPUTS > 0 { INPUTS } else { layer.inputs() };
     // SAFETY: the caller guarantees `P` panels from `panel` on and `N` rows of `inputs` values at `x`.
     unsafe {
-        let bias = layer.bias.as_ptr().add(panel * PANEL);
+        let bias = layer.bias().as_ptr().add(panel * PANEL);
         let start: [__m512; P] = core::array::from_fn(|p| _mm512_loadu_ps(bias.add(p * PANEL)));
         let mut sum = [start; N];
         let weights: [*const f32; P] =
-            core::array::from_fn(|p| layer.panels.as_ptr().add((panel + p) * inputs * PANEL));
+            core::array::from_fn(|p| layer.panels().as_ptr().add((panel + p) * inputs * PANEL));
         for k in 0..inputs {
             let mut w = [_mm512_setzero_ps(); P];
             for p in 0..P {
@@ -49,7 +49,7 @@ unsafe fn block<const INPUTS: usize, const P: usize, const N: usize>(
 pub(super) unsafe fn dense_relu(layer: &Dense<'_>, points: usize, x: &[f32], y: &mut [f32]) {
     // SAFETY: as the caller guarantees.
     unsafe {
-        match layer.inputs {
+        match layer.inputs() {
             3 => relu_layer::<3>(layer, points, x, y),
             64 => relu_layer::<64>(layer, points, x, y),
             _ => relu_layer::<0>(layer, points, x, y),
@@ -64,7 +64,7 @@ unsafe fn relu_layer<const INPUTS: usize>(
     x: &[f32],
     y: &mut [f32],
 ) {
-    let stride = layer.bias.len();
+    let stride = layer.width();
     let panels = stride / PANEL;
     // SAFETY: blocks cover panels 0..panels and rows 0..points only, which the caller guarantees.
     unsafe {
@@ -73,7 +73,7 @@ unsafe fn relu_layer<const INPUTS: usize>(
             let two = panel + 2 <= panels;
             let mut n = 0;
             while n < points {
-                let x = x.as_ptr().add(n * layer.inputs);
+                let x = x.as_ptr().add(n * layer.inputs());
                 let y = y.as_mut_ptr().add(n * stride + panel * PANEL);
                 n += match (two, points - n) {
                     (true, POINTS..) => relu_block::<INPUTS, 2, POINTS>(layer, panel, x, y),
@@ -101,7 +101,7 @@ unsafe fn relu_block<const INPUTS: usize, const P: usize, const N: usize>(
         for n in 0..N {
             for p in 0..P {
                 let value = _mm512_max_ps(sum[n][p], _mm512_setzero_ps());
-                _mm512_storeu_ps(y.add(n * layer.bias.len() + p * PANEL), value);
+                _mm512_storeu_ps(y.add(n * layer.width() + p * PANEL), value);
             }
         }
     }
@@ -119,7 +119,7 @@ pub(super) unsafe fn dense_max<const ARG: bool>(
 ) {
     // SAFETY: as the caller guarantees.
     unsafe {
-        match layer.inputs {
+        match layer.inputs() {
             128 => max_layer::<ARG, 128>(layer, points, x, first, max, argmax),
             _ => max_layer::<ARG, 0>(layer, points, x, first, max, argmax),
         }
@@ -135,7 +135,7 @@ unsafe fn max_layer<const ARG: bool, const INPUTS: usize>(
     max: &mut [f32],
     argmax: &mut [u32],
 ) {
-    let panels = layer.bias.len() / PANEL;
+    let panels = layer.width() / PANEL;
     // SAFETY: blocks cover panels 0..panels and rows 0..points only; `max`, and `argmax` where
     // `ARG`, hold `panels * PANEL` values.
     unsafe {
@@ -150,7 +150,7 @@ unsafe fn max_layer<const ARG: bool, const INPUTS: usize>(
             };
             let mut n = 0;
             while n < points {
-                let x = x.as_ptr().add(n * layer.inputs);
+                let x = x.as_ptr().add(n * layer.inputs());
                 let row = first + n as u32;
                 n += match (two, points - n) {
                     (true, POINTS..) => {
@@ -203,7 +203,7 @@ unsafe fn max_block<const ARG: bool, const INPUTS: usize, const P: usize, const 
 
 #[target_feature(enable = "avx512f")]
 pub(super) unsafe fn gemv(layer: &Dense<'_>, start: &[f32], from: usize, x: &[f32], y: &mut [f32]) {
-    let panels = layer.bias.len() / PANEL;
+    let panels = layer.width() / PANEL;
     // SAFETY: panels 0..panels of columns from..from + len(x) exist, and `start` and `y` hold
     // `panels * PANEL` values, as the caller guarantees.
     unsafe {
@@ -233,8 +233,8 @@ unsafe fn gemv_panels<const P: usize>(
         let start = start.as_ptr().add(panel * PANEL);
         let mut sum: [__m512; P] = core::array::from_fn(|p| _mm512_loadu_ps(start.add(p * PANEL)));
         let weights: [*const f32; P] = core::array::from_fn(|p| {
-            let column = (panel + p) * layer.inputs + from;
-            layer.panels.as_ptr().add(column * PANEL)
+            let column = (panel + p) * layer.inputs() + from;
+            layer.panels().as_ptr().add(column * PANEL)
         });
         for (k, &value) in x.iter().enumerate() {
             let value = _mm512_set1_ps(value);

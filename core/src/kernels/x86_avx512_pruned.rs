@@ -7,7 +7,7 @@
 
 use super::pruned::{CHANNELS, Floats, NEAR, channels_of, prune};
 use crate::dims::{PANEL, TILE};
-use crate::weights::Dense;
+use crate::layer::Dense;
 use core::arch::x86_64::*;
 
 /// Groups whose bounds are computed together, so that a weight is loaded once for all.
@@ -19,8 +19,8 @@ const TOGETHER: usize = 2;
 #[target_feature(enable = "avx512f")]
 pub(super) unsafe fn dense_max(layer: &Dense<'_>, points: usize, x: &[f32], max: &mut [f32]) {
     let mut groups = [Floats::ZERO; GROUPS];
-    for x in x[..points * layer.inputs].chunks(GROUPS * NEAR * layer.inputs) {
-        let count = Floats::fill_all(&mut groups, layer.inputs, x);
+    for x in x[..points * layer.inputs()].chunks(GROUPS * NEAR * layer.inputs()) {
+        let count = Floats::fill_all(&mut groups, layer.inputs(), x);
         // SAFETY: as the caller guarantees.
         unsafe {
             match count {
@@ -41,11 +41,11 @@ unsafe fn dense_groups<const N: usize>(
 ) {
     let max = max.as_mut_ptr();
     prune::<TOGETHER, N>(
-        layer.bias.len() / PANEL,
+        layer.width() / PANEL,
         count,
         // SAFETY: the caller guarantees the maxima of each panel.
         |panel, left| unsafe {
-            let two = panel + 1 < layer.bias.len() / PANEL;
+            let two = panel + 1 < layer.width() / PANEL;
             let bounds = bounds::<N>(layer, [panel, panel + usize::from(two)], groups);
             for p in 0..1 + usize::from(two) {
                 let max = _mm512_loadu_ps(max.add((panel + p) * PANEL));
@@ -71,13 +71,13 @@ unsafe fn bounds<const N: usize>(
     // SAFETY: the caller guarantees the panels; no more groups are asked for than there are.
     unsafe {
         let mut start = [_mm512_setzero_ps(); TOGETHER];
-        let mut weights = [layer.panels.as_ptr(); TOGETHER];
+        let mut weights = [layer.panels().as_ptr(); TOGETHER];
         for p in 0..TOGETHER {
-            start[p] = _mm512_loadu_ps(layer.bias.as_ptr().add(panels[p] * PANEL));
-            weights[p] = weights[p].add(panels[p] * layer.inputs * PANEL);
+            start[p] = _mm512_loadu_ps(layer.bias().as_ptr().add(panels[p] * PANEL));
+            weights[p] = weights[p].add(panels[p] * layer.inputs() * PANEL);
         }
         let mut sum = [start; N];
-        for k in 0..layer.inputs {
+        for k in 0..layer.inputs() {
             let mut w = [_mm512_setzero_ps(); TOGETHER];
             let mut negative = [0; TOGETHER];
             for p in 0..TOGETHER {
@@ -125,14 +125,14 @@ unsafe fn sums(
     // SAFETY: the caller guarantees the channels.
     unsafe {
         let mut sum = [_mm512_setzero_ps(); CHANNELS];
-        let mut weights = [layer.panels.as_ptr(); CHANNELS];
+        let mut weights = [layer.panels().as_ptr(); CHANNELS];
         for (i, &channel) in channels.iter().enumerate() {
             let channel = usize::from(channel);
-            sum[i] = _mm512_set1_ps(*layer.bias.get_unchecked(channel));
-            let column = channel / PANEL * layer.inputs * PANEL + channel % PANEL;
+            sum[i] = _mm512_set1_ps(*layer.bias().get_unchecked(channel));
+            let column = channel / PANEL * layer.inputs() * PANEL + channel % PANEL;
             weights[i] = weights[i].add(column);
         }
-        for k in 0..layer.inputs {
+        for k in 0..layer.inputs() {
             let points = _mm512_loadu_ps(group.points.get_unchecked(k).as_ptr());
             for (sum, weights) in sum.iter_mut().zip(weights) {
                 let w = _mm512_set1_ps(*weights.add(k * PANEL));

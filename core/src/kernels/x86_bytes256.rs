@@ -31,10 +31,11 @@ macro_rules! kernels {
     ($module:ident, $features:literal, $dot:ident) => {
         pub(super) mod $module {
             use super::super::bytes::{ROW_BITS, row_mark};
-            use super::super::search::{Codes, GROUPS, NONE, PLACE, PanelBest, merge};
+            use super::super::search::{GROUPS, NONE, PLACE, PanelBest, merge};
             use super::{LANES, $dot};
             use crate::dims::PANEL;
-            use crate::quant::Requantise;
+            use crate::layer::Codes;
+            use crate::layer::Requantise;
             use core::arch::x86_64::*;
             use core::ops::Range;
 
@@ -85,22 +86,22 @@ macro_rules! kernels {
                 // SAFETY: blocks cover the given panels and points only.
                 unsafe {
                     for panel in panels {
-                        let weights = layer.panels.as_ptr().add(panel * layer.inputs * PANEL);
+                        let weights = layer.panels().as_ptr().add(panel * layer.inputs() * PANEL);
                         let mut tile = NONE;
                         let mut n = points.start;
                         while n < points.end {
-                            let x = codes.as_ptr().add(n * layer.inputs);
+                            let x = codes.as_ptr().add(n * layer.inputs());
                             let scales = scales.as_ptr().add(n);
                             let place = n - points.start;
                             n += if points.end - n >= POINTS {
-                                let sum = sums::<POINTS>(layer.inputs, weights, x);
+                                let sum = sums::<POINTS>(layer.inputs(), weights, x);
                                 take(sum, n, place, scales, &mut tile)
                             } else {
-                                let sum = sums::<1>(layer.inputs, weights, x);
+                                let sum = sums::<1>(layer.inputs(), weights, x);
                                 take(sum, n, place, scales, &mut tile)
                             };
                         }
-                        merge(&tile, points.start, panel, layer.outputs, best, winner);
+                        merge(&tile, points.start, panel, layer.outputs(), best, winner);
                     }
                 }
             }
@@ -140,20 +141,20 @@ macro_rules! kernels {
                 x: &[u8],
                 max: &mut [i32],
             ) {
-                let points = x.len() / layer.inputs;
+                let points = x.len() / layer.inputs();
                 // SAFETY: blocks cover the given panels and whole rows of `x` only.
                 unsafe {
                     for panel in panels {
-                        let weights = layer.panels.as_ptr().add(panel * layer.inputs * PANEL);
+                        let weights = layer.panels().as_ptr().add(panel * layer.inputs() * PANEL);
                         let max = max.as_mut_ptr().add(panel * PANEL);
                         let mut n = 0;
                         while n < points {
-                            let x = x.as_ptr().add(n * layer.inputs);
+                            let x = x.as_ptr().add(n * layer.inputs());
                             n += if points - n >= POINTS {
-                                let sum = sums::<POINTS>(layer.inputs, weights, x);
+                                let sum = sums::<POINTS>(layer.inputs(), weights, x);
                                 raise::<_, MARK>(sum, n, max)
                             } else {
-                                let sum = sums::<1>(layer.inputs, weights, x);
+                                let sum = sums::<1>(layer.inputs(), weights, x);
                                 raise::<_, MARK>(sum, n, max)
                             };
                         }
@@ -197,23 +198,23 @@ macro_rules! kernels {
                 x: &[u8],
                 y: &mut [u8],
             ) {
-                let points = (x.len() / layer.inputs).min(y.len() / layer.outputs);
+                let points = (x.len() / layer.inputs()).min(y.len() / layer.outputs());
                 // SAFETY: blocks cover whole panels and whole rows of `x` and `y` only.
                 unsafe {
-                    for panel in 0..layer.outputs / PANEL {
-                        let weights = layer.panels.as_ptr().add(panel * layer.inputs * PANEL);
+                    for panel in 0..layer.outputs() / PANEL {
+                        let weights = layer.panels().as_ptr().add(panel * layer.inputs() * PANEL);
                         let bias = &bias[panel * PANEL..(panel + 1) * PANEL];
                         let factors = &requantise[panel * PANEL..(panel + 1) * PANEL];
                         let mut n = 0;
                         while n < points {
-                            let x = x.as_ptr().add(n * layer.inputs);
-                            let y = &mut y[n * layer.outputs + panel * PANEL..];
+                            let x = x.as_ptr().add(n * layer.inputs());
+                            let y = &mut y[n * layer.outputs() + panel * PANEL..];
                             n += if points - n >= POINTS {
-                                let sum = sums::<POINTS>(layer.inputs, weights, x);
-                                put(layer.outputs, sum, bias, factors, y)
+                                let sum = sums::<POINTS>(layer.inputs(), weights, x);
+                                put(layer.outputs(), sum, bias, factors, y)
                             } else {
-                                let sum = sums::<1>(layer.inputs, weights, x);
-                                put(layer.outputs, sum, bias, factors, y)
+                                let sum = sums::<1>(layer.inputs(), weights, x);
+                                put(layer.outputs(), sum, bias, factors, y)
                             };
                         }
                     }
@@ -254,11 +255,11 @@ macro_rules! kernels {
             ) {
                 let inputs = columns.len();
                 for (panel, y) in y.as_chunks_mut::<PANEL>().0.iter_mut().enumerate() {
-                    // SAFETY: the caller guarantees panels of `layer.inputs` columns, which hold
+                    // SAFETY: the caller guarantees panels of `layer.inputs()` columns, which hold
                     // `columns`, and planes as long as those.
                     unsafe {
-                        let at = (panel * layer.inputs + columns.start) * PANEL;
-                        let weights = layer.panels.as_ptr().add(at);
+                        let at = (panel * layer.inputs() + columns.start) * PANEL;
+                        let weights = layer.panels().as_ptr().add(at);
                         let [high] = sums::<1>(inputs, weights, high.as_ptr());
                         let [low] = sums::<1>(inputs, weights, low.as_ptr());
                         for half in 0..2 {

@@ -2,12 +2,13 @@
 //!
 //! Every function must only be called where its instruction set was detected, with `points` (of
 //! one tile, which starts at `tile`) and `panels` within `codes`, `scales`, `layer`, and [`GROUPS`] rows
-//! of `layer.outputs` in `best` and `winner`; [`super::Isa::search`] checks all of it.
+//! of `layer.outputs()` in `best` and `winner`; [`super::Isa::search`] checks all of it.
 #![allow(unsafe_code, clippy::indexing_slicing, clippy::needless_range_loop)]
 
 use super::bytes::{ROW_BITS, row_mark};
-use super::search::{Codes, GROUPS, NONE, PLACE, PanelBest, merge};
+use super::search::{GROUPS, NONE, PLACE, PanelBest, merge};
 use crate::dims::PANEL;
+use crate::layer::Codes;
 use core::arch::x86_64::*;
 use core::ops::Range;
 
@@ -53,7 +54,7 @@ pub(super) unsafe fn search_512(
             let mut best_of_tile = [NONE; 2];
             let mut n = points.start;
             while n < points.end {
-                let x = codes.as_ptr().add(n * layer.inputs);
+                let x = codes.as_ptr().add(n * layer.inputs());
                 let scales = scales.as_ptr().add(n);
                 let place = n - tile;
                 let best = &mut best_of_tile;
@@ -65,7 +66,7 @@ pub(super) unsafe fn search_512(
             }
             let count = if two { 2 } else { 1 };
             for (p, kept) in best_of_tile.iter().take(count).enumerate() {
-                merge(kept, tile, panel + p, layer.outputs, best, winner);
+                merge(kept, tile, panel + p, layer.outputs(), best, winner);
             }
             panel += count;
         }
@@ -110,16 +111,16 @@ unsafe fn sums<const P: usize, const N: usize>(
     unsafe {
         let weights: [*const i8; P] = core::array::from_fn(|p| {
             layer
-                .panels
+                .panels()
                 .as_ptr()
-                .add((panel + p) * layer.inputs * PANEL)
+                .add((panel + p) * layer.inputs() * PANEL)
         });
         let mut sum = [[_mm512_setzero_si512(); P]; N];
-        for k in 0..layer.inputs / 4 {
+        for k in 0..layer.inputs() / 4 {
             let w: [__m512i; P] =
                 core::array::from_fn(|p| _mm512_loadu_si512(weights[p].add(k * QUAD).cast()));
             for n in 0..N {
-                let quad = x.add(n * layer.inputs + 4 * k).cast::<i32>();
+                let quad = x.add(n * layer.inputs() + 4 * k).cast::<i32>();
                 let quad = _mm512_set1_epi32(quad.read_unaligned());
                 for p in 0..P {
                     sum[n][p] = _mm512_dpbusd_epi32(sum[n][p], quad, w[p]);
@@ -151,7 +152,7 @@ pub(super) unsafe fn dense_codes_max_512<const MARK: bool>(
     first: usize,
     max: &mut [i32],
 ) {
-    let points = x.len() / layer.inputs;
+    let points = x.len() / layer.inputs();
     // SAFETY: blocks cover the given panels and whole rows of `x` only.
     unsafe {
         let mut panel = panels.start;
@@ -160,7 +161,7 @@ pub(super) unsafe fn dense_codes_max_512<const MARK: bool>(
             let max = max.as_mut_ptr().add(panel * PANEL);
             let mut n = 0;
             while n < points {
-                let x = x.as_ptr().add(n * layer.inputs);
+                let x = x.as_ptr().add(n * layer.inputs());
                 let row = first + n;
                 n += match (two, points - n) {
                     (true, POINTS..) => max_block::<2, POINTS, MARK>(layer, panel, x, row, max),
@@ -208,16 +209,16 @@ pub(super) unsafe fn dense_codes_512(
     x: &[u8],
     y: &mut [u8],
 ) {
-    let points = (x.len() / layer.inputs).min(y.len() / layer.outputs);
+    let points = (x.len() / layer.inputs()).min(y.len() / layer.outputs());
     // SAFETY: blocks cover whole panels and whole rows of `x` and `y` only.
     unsafe {
-        for panel in 0..layer.outputs / PANEL {
+        for panel in 0..layer.outputs() / PANEL {
             let bias = _mm512_loadu_si512(bias.as_ptr().add(panel * PANEL).cast());
             let factors = _mm512_loadu_si512(requantise.as_ptr().add(panel * PANEL).cast());
             let mut n = 0;
             while n < points {
-                let x = x.as_ptr().add(n * layer.inputs);
-                let y = y.as_mut_ptr().add(n * layer.outputs + panel * PANEL);
+                let x = x.as_ptr().add(n * layer.inputs());
+                let y = y.as_mut_ptr().add(n * layer.outputs() + panel * PANEL);
                 n += if points - n >= POINTS {
                     codes_block::<POINTS>(layer, panel, bias, factors, x, y)
                 } else {
@@ -238,7 +239,7 @@ unsafe fn codes_block<const N: usize>(
     x: *const u8,
     y: *mut u8,
 ) -> usize {
-    // SAFETY: as in `sums`, with `N` rows of `layer.outputs` codes at `y`.
+    // SAFETY: as in `sums`, with `N` rows of `layer.outputs()` codes at `y`.
     unsafe {
         let factor = _mm512_and_si512(factors, _mm512_set1_epi32(0xffff));
         let shift = _mm512_srli_epi32::<16>(factors);
@@ -250,7 +251,7 @@ unsafe fn codes_block<const N: usize>(
             let code = _mm512_srav_epi32(_mm512_add_epi32(product, half), shift);
             let code = _mm512_max_epi32(code, _mm512_setzero_si512());
             let code = _mm512_cvtusepi32_epi8(code);
-            _mm_storeu_si128(y.add(n * layer.outputs).cast(), code);
+            _mm_storeu_si128(y.add(n * layer.outputs()).cast(), code);
         }
     }
     N
@@ -264,7 +265,7 @@ pub(super) unsafe fn gemv_codes_512(
     planes: [&[u8]; 2],
     y: &mut [i32],
 ) {
-    let panels = layer.outputs / PANEL;
+    let panels = layer.outputs() / PANEL;
     // SAFETY: blocks cover whole panels, of columns that exist, as the caller guarantees.
     unsafe {
         let mut panel = 0;
@@ -291,8 +292,8 @@ unsafe fn gemv_block<const P: usize>(
     // `columns`.
     unsafe {
         let weights: [*const i8; P] = core::array::from_fn(|p| {
-            let column = (panel + p) * layer.inputs + columns.start;
-            layer.panels.as_ptr().add(column * PANEL)
+            let column = (panel + p) * layer.inputs() + columns.start;
+            layer.panels().as_ptr().add(column * PANEL)
         });
         let mut sum = [[_mm512_setzero_si512(); 2]; P];
         for k in 0..columns.len() / 4 {

@@ -6,8 +6,8 @@
 #![allow(unsafe_code, clippy::indexing_slicing, clippy::needless_range_loop)]
 
 use super::pruned::{CHANNELS, INPUTS, NEAR, channels_of, prune};
-use super::search::{Codes, QUAD};
-use crate::dims::PANEL;
+use crate::dims::{PANEL, QUAD};
+use crate::layer::Codes;
 use core::arch::x86_64::*;
 
 /// Groups whose bounds are computed together, so that a weight is loaded once for all.
@@ -99,12 +99,12 @@ fn transposed(rows: [__m512i; 16]) -> [__m512i; 16] {
 #[target_feature(enable = "avx512f,avx512bw,avx512vnni")]
 pub(super) unsafe fn dense_codes_max(layer: &Codes<'_>, x: &[u8], max: &mut [i32]) {
     let mut groups = [Group::ZERO; GROUPS];
-    let whole = x.len() - x.len() % layer.inputs;
-    for x in x[..whole].chunks(GROUPS * NEAR * layer.inputs) {
+    let whole = x.len() - x.len() % layer.inputs();
+    for x in x[..whole].chunks(GROUPS * NEAR * layer.inputs()) {
         let mut count = 0;
-        for (group, rows) in groups.iter_mut().zip(x.chunks(NEAR * layer.inputs)) {
+        for (group, rows) in groups.iter_mut().zip(x.chunks(NEAR * layer.inputs())) {
             // SAFETY: the caller guarantees the width of rows.
-            unsafe { group.fill(layer.inputs, rows) };
+            unsafe { group.fill(layer.inputs(), rows) };
             count += 1;
         }
         // SAFETY: as the caller guarantees.
@@ -128,7 +128,7 @@ unsafe fn dense_groups<const N: usize>(
 ) {
     let max = max.as_mut_ptr();
     prune::<1, N>(
-        layer.outputs / PANEL,
+        layer.outputs() / PANEL,
         count,
         // SAFETY: the caller guarantees the maxima of each panel.
         |panel, left| unsafe {
@@ -163,8 +163,8 @@ pub(super) unsafe fn bounds<const N: usize>(
     let mut sum = [_mm512_setzero_si512(); N];
     // SAFETY: the caller guarantees the panel; no more groups are asked for than there are.
     unsafe {
-        let weights = layer.panels.as_ptr().add(panel * layer.inputs * PANEL);
-        for k in 0..layer.inputs / QUAD {
+        let weights = layer.panels().as_ptr().add(panel * layer.inputs() * PANEL);
+        for k in 0..layer.inputs() / QUAD {
             let w = _mm512_loadu_si512(weights.add(k * PANEL * QUAD).cast());
             let negative = _mm512_movepi8_mask(w);
             for n in 0..N {
@@ -190,12 +190,13 @@ pub(super) unsafe fn sums(
     let mut sum = [_mm512_setzero_si512(); CHANNELS];
     // SAFETY: the caller guarantees the channels.
     unsafe {
-        let mut weights = [layer.panels.as_ptr(); CHANNELS];
+        let mut weights = [layer.panels().as_ptr(); CHANNELS];
         for (weights, &channel) in weights.iter_mut().zip(channels) {
             let channel = usize::from(channel);
-            *weights = weights.add(channel / PANEL * layer.inputs * PANEL + channel % PANEL * QUAD);
+            *weights =
+                weights.add(channel / PANEL * layer.inputs() * PANEL + channel % PANEL * QUAD);
         }
-        for k in 0..layer.inputs / QUAD {
+        for k in 0..layer.inputs() / QUAD {
             let points = _mm512_loadu_si512(group.points.get_unchecked(k).as_ptr().cast());
             for (sum, weights) in sum.iter_mut().zip(weights) {
                 let quad = weights.add(k * PANEL * QUAD).cast::<i32>();

@@ -34,7 +34,7 @@ impl Doubt {
 /// See [`super::Isa::dense_max_sieve`].
 #[target_feature(enable = "avx512f,avx512bw,avx512vnni")]
 pub(super) unsafe fn dense_max(sieve: &SieveDense<'_>, points: usize, x: &[f32], max: &mut [f32]) {
-    let inputs = sieve.codes.inputs;
+    let inputs = sieve.codes.inputs();
     let mut codes = [Group::ZERO; GROUPS];
     let mut doubts = [Doubt::NONE; GROUPS];
     let max = max.as_mut_ptr();
@@ -54,7 +54,7 @@ pub(super) unsafe fn dense_max(sieve: &SieveDense<'_>, points: usize, x: &[f32],
         let mut known = [[Limits::NONE; PANELS]; GROUPS];
         let known = known.as_mut_ptr();
         prune::<1, GROUPS>(
-            sieve.codes.outputs / PANEL,
+            sieve.codes.outputs() / PANEL,
             count,
             // SAFETY: the caller guarantees the maxima and factors of each panel.
             |panel, left| unsafe {
@@ -96,7 +96,7 @@ pub(super) unsafe fn dense_max(sieve: &SieveDense<'_>, points: usize, x: &[f32],
 #[target_feature(enable = "avx512f")]
 #[inline]
 unsafe fn sum_of(sieve: &SieveDense<'_>, channel: usize, row: *const f32) -> f32 {
-    let inputs = sieve.codes.inputs;
+    let inputs = sieve.codes.inputs();
     // SAFETY: the caller guarantees the channel, and a row of `inputs` values, a multiple of 64.
     unsafe {
         let weights = sieve.rows.as_ptr().add(channel * inputs);

@@ -4,8 +4,9 @@ use super::Registration;
 use crate::decision::both_ways;
 use crate::dims::LOGITS;
 use crate::error::Error;
+use crate::float;
 use crate::kernels::Isa;
-use crate::net::{self, Scratch};
+use crate::net::Scratch;
 use crate::numbers::Numbers;
 use crate::quant;
 use crate::weights::Policy;
@@ -33,10 +34,10 @@ pub(super) fn logits<const N: usize>(
     let places = places.filter(|((_, registration), _)| registration.check(policy).is_ok());
     match &policy.network {
         Numbers::F32(network) => {
-            let mut lanes: heapless::Vec<net::Lane<'_>, N> = heapless::Vec::new();
+            let mut lanes: heapless::Vec<float::Lane<'_>, N> = heapless::Vec::new();
             for ((scratch, registration), looked) in places {
                 if let Some(target) = registration.target.as_floats() {
-                    let lane = net::Lane {
+                    let lane = float::Lane {
                         target: &target.feature,
                         half: target.halves.get(head),
                         scratch: scratch.floats(),
@@ -47,7 +48,7 @@ pub(super) fn logits<const N: usize>(
                 }
             }
             if let Some(head) = [&network.translation, &network.rotation].get(head) {
-                net::logits(isa, head, &mut lanes);
+                float::logits(isa, head, &mut lanes);
             }
         }
         Numbers::Int8(network) => {

@@ -3,10 +3,11 @@
 use super::{Reach, Registrar, Registration};
 use crate::cloud::Cloud;
 use crate::dims::QUANT_TILE;
-use crate::net::{self, View};
+use crate::float;
 use crate::numbers::Numbers;
 use crate::order::Order;
 use crate::quant;
+use crate::view::View;
 use core::ops::Range;
 
 impl Registrar<'_, '_> {
@@ -34,7 +35,7 @@ impl Registrar<'_, '_> {
                 target.feature = self.scratch.floats().feature;
                 let heads = [&network.translation, &network.rotation];
                 for (head, half) in heads.into_iter().zip(&mut target.halves) {
-                    net::target_half(isa, head, &target.feature, half);
+                    float::target_half(isa, head, &target.feature, half);
                 }
             }
             Numbers::Int8(network) => {
@@ -161,7 +162,7 @@ impl Registrar<'_, '_> {
         match &self.policy.network {
             Numbers::F32(network) => {
                 let scratch = self.scratch.floats();
-                net::embed(self.isa, &network.embedding, points, first, view, scratch);
+                float::embed(self.isa, &network.embedding, points, first, view, scratch);
             }
             Numbers::Int8(network) => {
                 let scratch = self.scratch.integers();

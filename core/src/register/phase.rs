@@ -19,10 +19,12 @@
 //! # }
 //! ```
 
-use super::{Frame, Reach, Registrar, Registration, Step, heads};
+use super::{Registrar, Registration, Step, heads};
 use crate::cloud::Cloud;
+use crate::cut::Reach;
 use crate::dims::LOGITS;
 use crate::error::Error;
+use crate::frame::Frame;
 use crate::pose::Pose;
 
 /// What the next slice of a registration does.

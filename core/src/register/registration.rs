@@ -2,16 +2,17 @@
 
 use super::phase::Phase;
 use super::target::Target;
-use super::{Frame, Outcome, Step};
+use super::{Outcome, Step};
 use crate::cloud::Cloud;
 use crate::critical::Critical;
 use crate::dims::LOGITS;
 use crate::error::Error;
-use crate::net::View;
+use crate::frame::Frame;
 use crate::order::Order;
 use crate::pose::Pose;
 use crate::steps::Action;
 use crate::verdict::Verdict;
+use crate::view::View;
 use crate::weights::Policy;
 use glam::Vec3;
 

@@ -1,7 +1,7 @@
 //! What a registration keeps of its target.
 
 use crate::dims::{FEATURES, HEAD, TARGETS_KEPT};
-use crate::net::{self, TargetHalf};
+use crate::float::{self, TargetHalf};
 use crate::numbers::Numbers;
 use crate::quant::{self, TargetSums};
 
@@ -12,7 +12,7 @@ pub(super) struct Target(Numbers<FloatTarget, QuantTarget>);
 /// In f32.
 #[derive(Clone, Debug)]
 pub(super) struct FloatTarget {
-    pub(super) feature: net::Feature,
+    pub(super) feature: float::Feature,
     pub(super) halves: [TargetHalf; TARGETS_KEPT],
 }
 

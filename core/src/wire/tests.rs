@@ -323,7 +323,13 @@ fn another_version_and_damage_are_told_apart() {
     let good = bytes_of(&Message::Manifest(manifest()));
     let mut newer = good.clone();
     newer[0] = 9;
-    assert_eq!(decode(&newer), Err(Error::FrameVersion { found: 9 }));
+    assert_eq!(
+        decode(&newer),
+        Err(Error::FrameVersion {
+            found: 9,
+            expected: VERSION
+        })
+    );
     assert_eq!(decode(&[]), Err(Error::Frame));
     for cut in 1..good.len() {
         assert_eq!(decode(&good[..cut]), Err(Error::Frame), "cut at {cut}");

@@ -167,7 +167,7 @@ impl BenchArgs {
             );
             budgets.push(budget);
         }
-        println!("of what reagent_core::dims allows:");
+        println!("of what reagent_core::budget allows:");
         for budget in &budgets {
             let limits = mcu::limits(budget);
             let shares: Vec<String> = limits

@@ -9,7 +9,7 @@ use crate::train::record::RunRecord;
 use crate::train::{self, Anneal, Categories, Follow, Network, Stage, TrainConfig};
 use anyhow::{Context, bail};
 use clap::{ArgAction, Args};
-use reagent_core::register::Cut;
+use reagent_core::cut::Cut;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -7,7 +7,7 @@ use crate::augment::Disturbance;
 use crate::dataset::bop::is_bop;
 use crate::env::Accumulation;
 use crate::nn::Shape;
-use reagent_core::register::Cut;
+use reagent_core::cut::Cut;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::path::PathBuf;

@@ -12,7 +12,7 @@ use crate::reward::{chamfer_seen, reward};
 use rand::RngExt;
 use rayon::prelude::*;
 use reagent_core::dims::STEP_SIZES;
-use reagent_core::net::View;
+use reagent_core::view::View;
 use reagent_core::{Action, Decision, Pose};
 use std::borrow::Cow;
 

@@ -14,7 +14,7 @@ use crate::export::{ExportError, WeightFile};
 use crate::metrics::Summary;
 use crate::nn::{Parameters, Shape};
 use indicatif::{ProgressBar, ProgressStyle};
-use reagent_core::register::Cut;
+use reagent_core::cut::Cut;
 use serde_json::json;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};

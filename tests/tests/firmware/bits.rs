@@ -6,7 +6,7 @@ use host_train::dataset::pairs::PairSet;
 use host_train::dataset::procedural;
 use host_train::export::WeightFile;
 use host_train::protocol::{self, Protocol};
-use reagent_core::dims::GRID_RAM_BUDGET;
+use reagent_core::budget::GRID_RAM_BUDGET;
 use reagent_core::grid::Grid;
 use reagent_core::kernels::Isa;
 use reagent_core::net::Scratch;

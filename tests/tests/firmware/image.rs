@@ -4,7 +4,7 @@ use super::{images, on_boards};
 use firmware_sim::board::Kind;
 use host_train::image::{self, Image};
 use host_train::mcu::{self, Budget};
-use reagent_core::dims::{CODE_BUDGET, RAM_BUDGET, STACK_BUDGET};
+use reagent_core::budget::{CODE_BUDGET, RAM_BUDGET, STACK_BUDGET};
 use std::path::{Path, PathBuf};
 
 fn file(path: &str) -> PathBuf {

@@ -5,12 +5,11 @@
 //! A policy for views ([`Policy::cut`](crate::Policy::cut)) therefore leaves out, in every look, what is seen farther from the model's centre
 //! than its radius and the start's error can explain. Nothing is stored: points are judged as they are read.
 
-use crate::Pose;
 use crate::cloud::Cloud;
 use crate::dims::MIN_POINTS;
-use crate::net::View;
-use crate::pose::mean;
-use crate::register::Frame;
+use crate::frame::Frame;
+use crate::pose::{Pose, mean};
+use crate::view::View;
 use glam::Vec3;
 
 /// Parts of the model's radius in which [`Cut`] counts.

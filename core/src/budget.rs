@@ -1,0 +1,62 @@
+//! What a registration takes of RAM, flash and time, and what it may take: asserted when this is compiled.
+
+use crate::dims::STEPS;
+use crate::shape::Shape;
+use crate::weights::{FORMAT_INT8, file_len};
+
+/// RAM of [`crate::net::Scratch`], bytes.
+pub const SCRATCH_BYTES: usize = core::mem::size_of::<crate::net::Scratch>();
+/// RAM of [`crate::register::Registration`], bytes.
+pub const REGISTRATION_BYTES: usize = core::mem::size_of::<crate::register::Registration<'_>>();
+/// RAM of two clouds of the paper's 1024 points, bytes.
+pub const CLOUD_BYTES: usize = 2 * 1024 * 3 * core::mem::size_of::<f32>();
+/// RAM of the same on a grid of 16-bit codes ([`crate::cloud::Cloud::Grid`]), bytes.
+pub const GRID_CLOUD_BYTES: usize = 2 * 1024 * 3 * core::mem::size_of::<i16>();
+/// Flash of a policy of the largest shape in 8-bit integers, bytes.
+pub const POLICY_BYTES: usize = file_len(&Shape::FULL, FORMAT_INT8);
+/// Flash of a policy of the compact shape in 8-bit integers, bytes.
+pub const COMPACT_POLICY_BYTES: usize = file_len(&Shape::COMPACT, FORMAT_INT8);
+
+/// Most RAM beyond the policy for two clouds of 1024 points on a microcontroller, stack included, bytes.
+pub const RAM_BUDGET: usize = 48 * 1024;
+/// The same where the clouds are on a grid of 16-bit codes, bytes.
+pub const GRID_RAM_BUDGET: usize = RAM_BUDGET - (CLOUD_BYTES - GRID_CLOUD_BYTES);
+/// Of both, what is left for frames on the line and the rest of the stack.
+pub const RAM_REST: usize = 8 * 1024 + 512;
+/// Of both, what the stack may take, bytes: the simulated boards reserve it.
+pub const STACK_BUDGET: usize = 13 * 1024;
+/// Most flash of a policy in 8-bit integers, bytes.
+pub const FLASH_BUDGET: usize = 2_700_000;
+/// Most flash that this library adds to a program for a microcontroller, its constants included, bytes.
+pub const CODE_BUDGET: usize = 40 * 1024;
+/// Most flash of a policy of the compact shape in 8-bit integers, bytes.
+pub const COMPACT_FLASH_BUDGET: usize = 256 * 1024;
+
+/// Multiply-adds of a registration of two clouds of 1024 points in [`STEPS`] steps that all look at all points.
+pub const MULTIPLY_ADDS: u64 = Shape::FULL.macs_registration(1024, STEPS);
+/// The same of the compact shape.
+pub const COMPACT_MULTIPLY_ADDS: u64 = Shape::COMPACT.macs_registration(1024, STEPS);
+/// Most of [`MULTIPLY_ADDS`].
+pub const MULTIPLY_ADD_BUDGET: u64 = 1_650_000_000;
+/// Most of [`COMPACT_MULTIPLY_ADDS`].
+pub const COMPACT_MULTIPLY_ADD_BUDGET: u64 = 330_000_000;
+/// Most instructions of a Cortex-M7, with DSP, for a multiply-add of the embedding of the largest shape in 8-bit
+/// integers; simulated, not silicon.
+pub const CORTEX_M7_INSTRUCTION_BUDGET: f64 = 1.2;
+/// The same of a Cortex-M55, with Helium.
+pub const CORTEX_M55_INSTRUCTION_BUDGET: f64 = 0.25;
+
+/// RAM of [`crate::polish::Workspace`], bytes: only for who polishes.
+pub const WORKSPACE_BYTES: usize = core::mem::size_of::<crate::polish::Workspace>();
+
+const _: () = assert!(SCRATCH_BYTES < 96 * 1024);
+const _: () = assert!(POLICY_BYTES <= FLASH_BUDGET);
+const _: () = assert!(COMPACT_POLICY_BYTES <= COMPACT_FLASH_BUDGET);
+const _: () = assert!(MULTIPLY_ADDS <= MULTIPLY_ADD_BUDGET);
+const _: () = assert!(COMPACT_MULTIPLY_ADDS <= COMPACT_MULTIPLY_ADD_BUDGET);
+// The tiles of hosts are larger.
+const _: () = assert!(
+    !cfg!(target_os = "none")
+        || SCRATCH_BYTES + REGISTRATION_BYTES + CLOUD_BYTES + RAM_REST <= RAM_BUDGET
+);
+const _: () = assert!(WORKSPACE_BYTES < 192 * 1024);

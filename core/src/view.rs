@@ -1,0 +1,30 @@
+//! How the network sees a cloud.
+
+use crate::pose::Pose;
+use glam::Vec3;
+
+/// How a stored cloud is seen: `x' = R (x - origin) + t`. A pose and a normalisation are one such
+/// map, so no transformed copy of a cloud is ever stored.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct View {
+    /// Point that becomes the translation; the cloud's centroid in the disentangled form.
+    pub origin: Vec3,
+    /// Rotation (times a scale) and translation.
+    pub map: Pose,
+}
+
+impl View {
+    /// The cloud as it is stored.
+    pub const IDENTITY: View = View {
+        origin: Vec3::ZERO,
+        map: Pose::IDENTITY,
+    };
+
+    /// Where a stored point appears.
+    #[inline(always)]
+    pub fn see(&self, point: [f32; 3]) -> [f32; 3] {
+        self.map
+            .apply(Vec3::from_array(point) - self.origin)
+            .to_array()
+    }
+}

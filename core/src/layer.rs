@@ -13,7 +13,12 @@ pub use requantise::Requantise;
 /// A view of one dense layer in f32, `y = W x + b`.
 ///
 /// Kernels rely on it: `outputs > 0`, `width` is that rounded up to whole panels, and the arrays are of exactly the lengths that
-/// [`Dense::panels`] and [`Dense::bias`] say.
+/// [`Dense::panels`] and [`Dense::bias`] say. So no safe code makes one of other lengths:
+///
+/// ```compile_fail,E0451
+/// let (panels, bias) = ([1.0; 16], [0.0; 16]);
+/// reagent_core::layer::Dense { inputs: 4096, outputs: 16, panels: &panels, bias: &bias };
+/// ```
 #[derive(Clone, Copy, Debug)]
 pub struct Dense<'a> {
     inputs: usize,

@@ -13,6 +13,21 @@
 //! 5. [`polish`], for who wants more: a few robust steps of closest points; [`verify`] compares the
 //!    result with other poses, and [`verdict`] tells how probably it is right. Both have working memory of their own.
 //!
+//! Modules stand in layers, and import from layers before theirs only (`tests/tests/layers.rs`):
+//!
+//! - layer: numbers, error, dims, turn
+//! - layer: shape, grid, critical, layer, pose, loss
+//! - layer: cloud, steps, view, solve, kernels
+//! - layer: decision, order, frame, chamfer, float, quant, surface, search, start
+//! - layer: weights, freespace, nearest
+//! - layer: net, pretrained, polish
+//! - layer: verify
+//! - layer: evidence
+//! - layer: verdict
+//! - layer: register
+//! - layer: golden, pipeline
+//! - layer: wire, budget
+//!
 //! [`wire`] holds the frames in which robots and hosts speak of all this.
 #![cfg_attr(feature = "pretrained", doc = "\n", doc = include_str!("../README.md"))]
 #![cfg_attr(not(test), no_std)]

@@ -3,9 +3,10 @@
 
 use crate::error::Error;
 use crate::evidence::Evidence;
+use crate::frame::Frame;
 use crate::polish::{Refined, Refiner, Workspace};
 use crate::pose::Pose;
-use crate::register::{Frame, Outcome, Registrar, Registration, Step};
+use crate::register::{Outcome, Registrar, Registration, Step};
 use crate::start::Start;
 use crate::verdict::Verdict;
 use crate::verify::Undetermined;

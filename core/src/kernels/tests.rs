@@ -78,6 +78,27 @@ fn close(a: f32, b: f32, magnitude: f32) -> bool {
     a == b || (a - b).abs() <= 1e-5 * magnitude + f32::MIN_POSITIVE
 }
 
+#[test]
+fn columns_beyond_the_layer_are_refused() {
+    let (panels, bias) = ([1.0; 16 * 16], [0.0; 16]);
+    let dense = Dense::new(16, 16, &panels, &bias).expect("whole panels");
+    let codes = [1; 64 * 16];
+    let codes = Codes::new(64, 16, &codes).expect("whole panels");
+    for isa in Isa::all() {
+        for (from, n) in [(usize::MAX - 15, 16), (1, 16), (0, 17), (usize::MAX, 0)] {
+            let mut y = [7.0; 16];
+            isa.gemv(&dense, &bias, from, &[1.0; 17][..n], &mut y);
+            assert_eq!(y, [7.0; 16], "{} {from} {n}", isa.name());
+        }
+        for (from, n) in [(usize::MAX - 63, 64), (4, 64), (0, 68), (usize::MAX - 3, 4)] {
+            let mut y = [7; 16];
+            let plane = &[1; 68][..n];
+            isa.gemv_codes(&codes, from, [plane; 2], &mut y);
+            assert_eq!(y, [7; 16], "{} {from} {n}", isa.name());
+        }
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(200))]
 

@@ -2,8 +2,8 @@
 
 use crate::cloud::Cloud;
 use crate::error::Error;
-use crate::net::View;
 use crate::pose::{Pose, mean};
+use crate::view::View;
 use glam::Vec3;
 
 /// Squares of smaller distances underflow.

@@ -19,7 +19,8 @@
 //! - layer: shape, grid, critical, layer, pose, loss
 //! - layer: cloud, steps, view, solve, kernels
 //! - layer: decision, order, frame, chamfer, float, quant, surface, search, start
-//! - layer: weights, freespace, nearest
+//! - layer: cut, freespace, nearest
+//! - layer: weights
 //! - layer: net, pretrained, polish
 //! - layer: verify
 //! - layer: evidence
@@ -45,6 +46,7 @@ pub mod budget;
 pub mod chamfer;
 pub mod cloud;
 mod critical;
+pub mod cut;
 pub mod decision;
 pub mod dims;
 pub mod error;

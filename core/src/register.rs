@@ -5,6 +5,7 @@
 //! - [`Team`] takes the steps of several at a time.
 
 use crate::cloud::Cloud;
+use crate::cut::Reach;
 use crate::dims::LOGITS;
 use crate::error::Error;
 use crate::frame::Frame;

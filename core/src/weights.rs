@@ -19,6 +19,7 @@
 //! padded with zeros to whole panels: every kernel reads it in order, and lanes are outputs.
 //! Biases are padded likewise. Number format 1 is described in [`crate::quant`].
 
+use crate::cut::Cut;
 use crate::decision::Decision;
 use crate::dims::{LAYERS, padded};
 use crate::error::Error;
@@ -27,7 +28,6 @@ use crate::kernels::{Isa, PackedDense, Tile};
 use crate::layer::Dense;
 use crate::numbers::Numbers;
 use crate::quant::{BYTES_AFTER_BIAS, QuantNetwork};
-use crate::cut::Cut;
 use crate::shape::Shape;
 
 /// First bytes of a weight file.

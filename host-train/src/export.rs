@@ -6,10 +6,10 @@ use crate::env::Accumulation;
 use crate::files;
 use crate::nn::{Parameters, Shape};
 use crate::quantise::{self, Ranges};
+use reagent_core::cut::Cut;
 use reagent_core::dims::{LAYERS, LOGITS, padded};
 use reagent_core::kernels::Tile;
 use reagent_core::layer::pack_panels;
-use reagent_core::cut::Cut;
 use reagent_core::weights::{
     CUT_AT, DECISION_AT, FORMAT_F32, FORMAT_INT8, HEADER, MAGIC, RESCAN_AT, TABLE_ROW, VERSION,
     checksum, file_len, offsets,

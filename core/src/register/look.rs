@@ -1,7 +1,8 @@
 //! How a registrar looks at clouds: which points it embeds, in which order, and what becomes of them.
 
-use super::{Reach, Registrar, Registration};
+use super::{Registrar, Registration};
 use crate::cloud::Cloud;
+use crate::cut::Reach;
 use crate::dims::QUANT_TILE;
 use crate::float;
 use crate::numbers::Numbers;

@@ -52,8 +52,7 @@ pub fn estimate(camera_from_model: &Pose, radius_mm: f32, rng: &mut Rng) -> Pose
         rotation: Mat3::from_axis_angle(
             turn.normalize_or(Vec3::Z),
             turn.length().min(FAR[0].to_radians()),
-        )
-            * camera_from_model.rotation,
+        ) * camera_from_model.rotation,
         translation: camera_from_model.translation + shift.clamp_length_max(FARTHEST * radius_mm),
     }
 }
@@ -99,6 +98,10 @@ mod tests {
         let axial = |e: &(f32, Vec3)| e.1.z.abs();
         let lateral = |e: &(f32, Vec3)| e.1.truncate().length();
         assert!(quantile(0.5, &axial) > 1.5 * quantile(0.5, &lateral));
-        assert!(errors.iter().all(|e| e.1.length() < 90.1 && e.0 < FAR[0] + 0.1));
+        assert!(
+            errors
+                .iter()
+                .all(|e| e.1.length() < 90.1 && e.0 < FAR[0] + 0.1)
+        );
     }
 }

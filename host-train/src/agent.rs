@@ -15,7 +15,6 @@ use reagent_core::dims::TILE;
 use reagent_core::float::{SearchScratch, embed_argmax, embed_search};
 use reagent_core::kernels::{GROUPS, Isa};
 use reagent_core::layer::Dense;
-use reagent_core::net::{SearchScratch, embed_argmax, embed_search};
 use reagent_core::view::View;
 use std::borrow::Cow;
 

@@ -8,7 +8,7 @@ use host_train::nn::{Parameters, Shape};
 use host_train::train::{
     Anneal, DataSource, Follow, Method, Network, RollOut, Stage, TrainConfig, TrainError, run,
 };
-use reagent_core::register::Cut;
+use reagent_core::cut::Cut;
 use serde_json::Value;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;

@@ -141,7 +141,7 @@ pub(super) unsafe fn dense_codes_max<const MARK: bool>(
     }
     let outputs = panels.start * PANEL..panels.end * PANEL;
     let mut block = Block::ZERO;
-    for (turn, x) in x.chunks(BLOCK * inputs).enumerate() {
+    for (turn, x) in x.chunks((BLOCK * inputs).max(1)).enumerate() {
         block.fill(inputs, x);
         let points = x.len() / inputs;
         for (output, best) in outputs.clone().zip(max.iter_mut().skip(outputs.start)) {
@@ -170,13 +170,13 @@ pub(super) unsafe fn dense_codes(
     }
     let mut block = Block::ZERO;
     for (x, y) in x
-        .chunks(BLOCK * inputs)
+        .chunks((BLOCK * inputs).max(1))
         .zip(y.chunks_mut((BLOCK * outputs).max(1)))
     {
         block.fill(inputs, x);
         let points = x.len() / inputs;
         for (output, (&bias, &r)) in bias.iter().zip(requantise).enumerate() {
-            let mut rows = y.chunks_exact_mut(outputs);
+            let mut rows = y.chunks_exact_mut(outputs.max(1));
             for (x, points) in block.halves(inputs, points) {
                 let sums = sums(layer, output, x);
                 for (row, &sum) in rows.by_ref().take(points).zip(&sums) {

@@ -15,7 +15,7 @@ impl Isa {
     /// # Shapes
     /// `x [points, inputs]`, `y [points, padded outputs]`; rows beyond either are left alone.
     pub fn dense_relu(self, layer: &Dense<'_>, x: &[f32], y: &mut [f32]) {
-        let points = rows(layer, x).min(y.len() / layer.width());
+        let points = rows(layer, x).min(y.len().checked_div(layer.width()).unwrap_or(0));
         match self.0 {
             // SAFETY: `Kind::Avx2` exists only where detection found AVX2 and FMA; `points` rows
             // of `x` and `y` are in bounds as counted above.

@@ -23,7 +23,7 @@ fn panel_product(panel: &[f32], start: &[f32], x: &[f32]) -> Lanes {
 pub(super) fn dense_relu(layer: &Dense<'_>, points: usize, x: &[f32], y: &mut [f32]) {
     let panel_len = (layer.inputs() * PANEL).max(1);
     let rows = x.chunks_exact(layer.inputs().max(1)).take(points);
-    for (x, y) in rows.zip(y.chunks_exact_mut(layer.width())) {
+    for (x, y) in rows.zip(y.chunks_exact_mut(layer.width().max(1))) {
         let panels = layer.panels().chunks_exact(panel_len);
         let outputs = y.chunks_exact_mut(PANEL);
         for ((panel, bias), y) in panels.zip(layer.bias().chunks_exact(PANEL)).zip(outputs) {

@@ -15,12 +15,12 @@
 use crate::error::Error;
 use crate::frame::{Frame, check_cloud};
 use crate::freespace::DepthGrid;
-use crate::kernels::Isa;
+use crate::kernels::{Isa, PAIRS, Pairs, Sums, Weighing};
 use crate::loss::{self, Losses};
 use crate::nearest::Lookup;
 use crate::pose::{Pose, centroid};
 use crate::solve::{Motion, Rigid, least};
-use crate::surface::{Match, Surface};
+use crate::surface::Surface;
 use glam::Vec3;
 
 /// Working memory of a [`Refiner`], [`crate::dims::WORKSPACE_BYTES`]; the caller owns it.
@@ -379,49 +379,55 @@ impl<'w> Refiner<'w> {
             .max(least * least)
             .min(widest * widest)
             .max(1e-12);
-        let pose = at.pose();
-        let mut motion = Motion::ZERO;
-        let mut add = |i: usize, j: usize, squared: f32| {
-            let share = 1.0 - squared / gate;
-            if share <= 0.0 {
-                return;
-            }
-            let weight = share * share;
-            let ((p, m), (q, n)) = (source.at(i), target.at(j));
-            let (p, m) = (pose.apply(p), pose.rotation * m);
-            let normal = between(m, n);
-            let (middle, apart) = ((p + q) * 0.5, p - q);
-            motion.add(middle, normal, normal.dot(apart), weight);
-            if stage.tangential > 0.0 {
-                motion.add_point(middle, apart, weight * stage.tangential);
-            }
+        let by = Weighing {
+            gate,
+            tangential: stage.tangential,
         };
-        let forward = source.matches();
-        forward.for_each(|Match { of, to, squared }| add(of, to, squared));
-        let backward = target.matches();
-        backward.for_each(|Match { of, to, squared }| add(to, of, squared));
-        motion
+        let forward = source.matches().map(|found| (found.of, found.to));
+        let backward = target.matches().map(|found| (found.to, found.of));
+        let mut matched = forward.chain(backward);
+        let (pose, mut sums) = (at.pose(), Sums::ZERO);
+        loop {
+            let mut pairs = Pairs::ZERO;
+            let count = fill(&mut pairs, &mut matched, source, target);
+            if count == 0 {
+                return Motion::of(&sums);
+            }
+            self.isa.see(&mut pairs, &pose);
+            self.isa.equations(&pairs, by, count, &mut sums);
+        }
     }
 
     /// Steps on few of the source's points and about nearest points, one for each of the gates: distances from which a
     /// match has no weight, in normalised units.
     pub(crate) fn coarse(&self, initial: Rigid, points: usize, gates: &[f32]) -> Rigid {
         const TANGENTIAL: f32 = 0.1;
+        let Workspace {
+            source,
+            target,
+            lookup,
+            ..
+        } = &*self.workspace;
+        let every = (source.points().len() / points.max(1)).max(1);
         let mut at = initial;
         for &gate in gates {
-            let pose = at.pose();
-            let mut motion = Motion::ZERO;
-            for (p, q, m, n) in self.about_nearest(pose, points) {
-                let apart = p - q;
-                let share = 1.0 - apart.length_squared() / (gate * gate);
-                if share > 0.0 {
-                    let weight = share * share;
-                    let (middle, normal) = ((p + q) * 0.5, between(m, n));
-                    motion.add(middle, normal, normal.dot(apart), weight);
-                    motion.add_point(middle, apart, weight * TANGENTIAL);
+            let by = Weighing {
+                gate: gate * gate,
+                tangential: TANGENTIAL,
+            };
+            let (pose, mut sums) = (at.pose(), Sums::ZERO);
+            let mut places = (0..source.points().len()).step_by(every);
+            loop {
+                let mut pairs = Pairs::ZERO;
+                let count = fill_first(&mut pairs, &mut places, source);
+                if count == 0 {
+                    break;
                 }
+                self.isa.see(&mut pairs, &pose);
+                look_up(&mut pairs, lookup, target);
+                self.isa.equations(&pairs, by, count, &mut sums);
             }
-            let (turn, shift) = motion.solve(RIDGE);
+            let (turn, shift) = Motion::of(&sums).solve(RIDGE);
             at = at.moved(turn, shift);
         }
         at
@@ -557,11 +563,57 @@ fn matched_losses<'a>(
     })
 }
 
-/// Unit vector along the sum of two normals, turned to the same side.
-#[inline(always)]
-fn between(m: Vec3, n: Vec3) -> Vec3 {
-    let sum = if m.dot(n) < 0.0 { n - m } else { n + m };
-    sum * (1.0 / libm::sqrtf(sum.length_squared().max(1e-6)))
+/// Sets pairs to the next matches of a place in the source and one in the target; how many there were.
+fn fill(
+    pairs: &mut Pairs,
+    matched: &mut impl Iterator<Item = (usize, usize)>,
+    source: &Surface,
+    target: &Surface,
+) -> usize {
+    let mut count = 0;
+    for (lane, (i, j)) in matched.take(PAIRS).enumerate() {
+        let ((p, m), (q, n)) = (source.at(i), target.at(j));
+        set(&mut pairs.p, lane, p);
+        set(&mut pairs.m, lane, m);
+        set(&mut pairs.q, lane, q);
+        set(&mut pairs.n, lane, n);
+        count += 1;
+    }
+    count
+}
+
+/// Sets the first of the pairs to the next points of the source; how many there were.
+fn fill_first(
+    pairs: &mut Pairs,
+    places: &mut impl Iterator<Item = usize>,
+    source: &Surface,
+) -> usize {
+    let mut count = 0;
+    for (lane, i) in places.take(PAIRS).enumerate() {
+        let (p, m) = source.at(i);
+        set(&mut pairs.p, lane, p);
+        set(&mut pairs.m, lane, m);
+        count += 1;
+    }
+    count
+}
+
+/// Sets the second of the pairs to points of the target that are about nearest to the first.
+fn look_up(pairs: &mut Pairs, lookup: &Lookup, target: &Surface) {
+    for lane in 0..PAIRS {
+        let p = Vec3::from_array(pairs.p.map(|row| row.get(lane).copied().unwrap_or(0.0)));
+        let (q, n) = target.at(lookup.near(p));
+        set(&mut pairs.q, lane, q);
+        set(&mut pairs.n, lane, n);
+    }
+}
+
+fn set(rows: &mut [[f32; PAIRS]; 3], lane: usize, v: Vec3) {
+    for (row, x) in rows.iter_mut().zip(v.to_array()) {
+        if let Some(place) = row.get_mut(lane) {
+            *place = x;
+        }
+    }
 }
 
 #[cfg(test)]

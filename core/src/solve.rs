@@ -2,6 +2,7 @@
 
 #![allow(clippy::indexing_slicing, reason = "loops over six unknowns")]
 
+use crate::kernels::Sums;
 use crate::pose::Pose;
 use crate::turn::Turn;
 use glam::{Mat3, Vec3};
@@ -74,63 +75,19 @@ pub(crate) struct Motion {
 }
 
 impl Motion {
-    /// No equations.
-    pub(crate) const ZERO: Motion = Motion {
-        a: [0.0; 21],
-        b: [0.0; 6],
-    };
-
-    /// Asks that the point `at` move by `-residual` along `direction`.
-    #[inline(always)]
-    pub(crate) fn add(&mut self, at: Vec3, direction: Vec3, residual: f32, weight: f32) {
-        let [a, b, c] = at.cross(direction).to_array();
-        let [d, e, f] = direction.to_array();
-        let row = [a, b, c, d, e, f];
-        let mut k = 0;
-        for i in 0..6 {
-            let weighted = weight * row[i];
-            for y in &row[..=i] {
-                self.a[k] += f64::from(weighted * y);
-                k += 1;
+    /// Of sums over lanes.
+    pub(crate) fn of(sums: &Sums) -> Motion {
+        let mut totals = sums.0.iter().map(|row| {
+            let (mut even, mut odd) = (0.0f64, 0.0f64);
+            for pair in row.as_chunks::<2>().0 {
+                even += f64::from(pair[0]);
+                odd += f64::from(pair[1]);
             }
-            self.b[i] -= f64::from(weighted * residual);
-        }
-    }
-
-    /// Asks that the point `at` move by `-residual`.
-    #[inline(always)]
-    pub(crate) fn add_point(&mut self, at: Vec3, residual: Vec3, weight: f32) {
-        let weighted = at * weight;
-        let [xx, yy, zz] = (weighted * at).to_array();
-        let (xy, xz, yz) = (weighted.x * at.y, weighted.x * at.z, weighted.y * at.z);
-        let [x, y, z] = weighted.to_array();
-        let turning = weighted.cross(residual);
-        let moving = residual * weight;
-        let blocks = [
-            (0, yy + zz),
-            (1, -xy),
-            (2, xx + zz),
-            (3, -xz),
-            (4, -yz),
-            (5, xx + yy),
-            (7, -z),
-            (8, y),
-            (9, weight),
-            (10, z),
-            (12, -x),
-            (14, weight),
-            (15, -y),
-            (16, x),
-            (20, weight),
-        ];
-        for (k, value) in blocks {
-            self.a[k] += f64::from(value);
-        }
-        let right = [
-            turning.x, turning.y, turning.z, moving.x, moving.y, moving.z,
-        ];
-        for (b, value) in self.b.iter_mut().zip(right) {
-            *b -= f64::from(value);
+            even + odd
+        });
+        Motion {
+            a: core::array::from_fn(|_| totals.next().unwrap_or(0.0)),
+            b: core::array::from_fn(|_| totals.next().unwrap_or(0.0)),
         }
     }
 

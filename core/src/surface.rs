@@ -24,10 +24,6 @@ struct Bounds {
 }
 
 impl Bounds {
-    const ZERO: Bounds = Bounds {
-        low: [0.0; 3],
-        high: [0.0; 3],
-    };
     const EMPTY: Bounds = Bounds {
         low: [f32::INFINITY; 3],
         high: [f32::NEG_INFINITY; 3],
@@ -39,19 +35,46 @@ impl Bounds {
             *high = high.max(x);
         }
     }
+}
 
-    /// Squared distance between boxes.
-    fn gap(&self, other: &Bounds) -> f32 {
-        let axes = self
-            .low
-            .iter()
-            .zip(&self.high)
-            .zip(other.low.iter().zip(&other.high));
-        axes.map(|((&l, &h), (&ol, &oh))| {
-            let d = (ol - h).max(l - oh).max(0.0);
-            d * d
-        })
-        .sum()
+/// The boxes of all blocks, one row an axis: distances to all of them are found in lanes.
+#[derive(Clone, Debug)]
+struct Boxes {
+    low: [[f32; BLOCKS]; 3],
+    high: [[f32; BLOCKS]; 3],
+}
+
+impl Boxes {
+    /// Of no blocks. All bits are zero.
+    const ZERO: Boxes = Boxes {
+        low: [[0.0; BLOCKS]; 3],
+        high: [[0.0; BLOCKS]; 3],
+    };
+
+    fn set(&mut self, block: usize, bounds: &Bounds) {
+        for (rows, corner) in [(&mut self.low, bounds.low), (&mut self.high, bounds.high)] {
+            for (row, x) in rows.iter_mut().zip(corner) {
+                if let Some(place) = row.get_mut(block) {
+                    *place = x;
+                }
+            }
+        }
+    }
+
+    /// Squared distance of the first `blocks` from a box.
+    fn gaps(&self, from: &Bounds, blocks: usize) -> [f32; BLOCKS] {
+        let mut gaps = [0.0f32; BLOCKS];
+        let corners = from.low.iter().zip(&from.high);
+        for ((low, high), (&l, &h)) in self.low.iter().zip(&self.high).zip(corners) {
+            let boxes = gaps.iter_mut().zip(low).zip(high).take(blocks);
+            for ((gap, &low), &high) in boxes {
+                let (below, above) = (l - high, low - h);
+                let d = if below > above { below } else { above };
+                let d = if d > 0.0 { d } else { 0.0 };
+                *gap += d * d;
+            }
+        }
+        gaps
     }
 }
 
@@ -62,8 +85,6 @@ pub(crate) struct Match {
     pub(crate) of: usize,
     /// Place of the nearest point of the other surface.
     pub(crate) to: usize,
-    /// Squared distance between them.
-    pub(crate) squared: f32,
 }
 
 /// See the module. Lengths are in a frame of the caller's.
@@ -72,7 +93,7 @@ pub(crate) struct Surface {
     len: usize,
     points: [[f32; 3]; SURFACE_POINTS],
     normals: [[f32; 3]; SURFACE_POINTS],
-    boxes: [Bounds; BLOCKS],
+    boxes: Boxes,
     /// Radius about a point that holds [`NEIGHBOURS`] others, in the median.
     pub(crate) radius: f32,
     /// Sort keys while the surface is filled, then what a median is selected from.
@@ -89,7 +110,7 @@ impl Surface {
         len: 0,
         points: [[0.0; 3]; SURFACE_POINTS],
         normals: [[0.0; 3]; SURFACE_POINTS],
-        boxes: [Bounds::ZERO; BLOCKS],
+        boxes: Boxes::ZERO,
         radius: 0.0,
         keys: [0; SURFACE_POINTS],
         skipped: 0,
@@ -129,7 +150,7 @@ impl Surface {
         if let Some(keys) = self.keys.get_mut(..n) {
             keys.sort_unstable();
         }
-        self.boxes = [Bounds::EMPTY; BLOCKS];
+        let mut bounds = Bounds::EMPTY;
         // A point that comes again says nothing new; equal points are in one cell, and so in one run of keys.
         let (mut len, mut run, mut cell) = (0, 0, u32::MAX);
         for k in 0..n {
@@ -142,11 +163,13 @@ impl Surface {
             if known.contains(&point) {
                 continue;
             }
-            if let (Some(place), Some(bounds)) =
-                (self.points.get_mut(len), self.boxes.get_mut(len / BLOCK))
-            {
+            if let Some(place) = self.points.get_mut(len) {
                 *place = point;
+                if len % BLOCK == 0 {
+                    bounds = Bounds::EMPTY;
+                }
                 bounds.add(point);
+                self.boxes.set(len / BLOCK, &bounds);
                 len += 1;
             }
         }
@@ -176,12 +199,11 @@ impl Surface {
 
     /// What [`Self::match_to`] found.
     pub(crate) fn matches(&self) -> impl Iterator<Item = Match> {
-        let found = self.place.iter().zip(&self.squared).enumerate();
         let count = self.len.div_ceil(1 + self.skipped);
-        found.take(count).map(|(k, (&to, &squared))| Match {
+        let found = self.place.iter().enumerate().take(count);
+        found.map(|(k, &to)| Match {
             of: k * (1 + self.skipped),
             to: usize::from(to),
-            squared,
         })
     }
 
@@ -211,25 +233,19 @@ impl Surface {
         }
     }
 
-    /// Blocks and their boxes.
-    fn blocks(&self) -> impl Iterator<Item = (usize, &Bounds, &[[f32; 3]])> {
-        self.points()
-            .chunks(BLOCK)
-            .zip(&self.boxes)
-            .enumerate()
-            .map(|(i, (points, bounds))| (i * BLOCK, bounds, points))
+    /// Blocks: the place of the first point, and the points.
+    fn blocks(&self) -> impl Iterator<Item = (usize, &[[f32; 3]])> {
+        (0..).step_by(BLOCK).zip(self.points().chunks(BLOCK))
     }
 
     /// Nearest points to a batch, all of whose lanes are set.
     pub(crate) fn nearest(&self, isa: Isa, batch: &mut Batch) {
         batch.nearest = [f32::INFINITY; BATCH];
-        let around = bounds_of(batch);
-        let mut gaps = [f32::INFINITY; BLOCKS];
+        let gaps = self.boxes.gaps(&bounds_of(batch), self.len.div_ceil(BLOCK));
         let mut first = (f32::INFINITY, 0);
-        for (gap, (start, bounds, _)) in gaps.iter_mut().zip(self.blocks()) {
-            *gap = bounds.gap(&around);
-            if *gap < first.0 {
-                first = (*gap, start);
+        for (&gap, (start, _)) in gaps.iter().zip(self.blocks()) {
+            if gap < first.0 {
+                first = (gap, start);
             }
         }
         let nearest_block = first.1;
@@ -238,7 +254,7 @@ impl Surface {
             isa.show(batch, points, nearest_block as u32);
         }
         let mut worst = largest(&batch.nearest);
-        for (&gap, (start, _, points)) in gaps.iter().zip(self.blocks()) {
+        for (&gap, (start, points)) in gaps.iter().zip(self.blocks()) {
             if gap < worst && start != nearest_block {
                 isa.show(batch, points, start as u32);
                 worst = largest(&batch.nearest);
@@ -271,10 +287,12 @@ impl Surface {
             let mut batch = Batch::EMPTY;
             let points = self.points().get(start..).unwrap_or(&[]);
             load(&mut batch, &mut points.iter().map(|&p| Vec3::from_array(p)));
-            let around = bounds_of(&batch);
+            let gaps = self
+                .boxes
+                .gaps(&bounds_of(&batch), self.len.div_ceil(BLOCK));
             let mut sums = Moments::ZERO;
-            for (_, bounds, points) in self.blocks() {
-                if bounds.gap(&around) < squared {
+            for (&gap, (_, points)) in gaps.iter().zip(self.blocks()) {
+                if gap < squared {
                     isa.moments(&batch.at, points, share, &mut sums);
                 }
             }
@@ -332,16 +350,16 @@ fn bounds_of(batch: &Batch) -> Bounds {
 
 /// The largest of some numbers, in lanes.
 fn largest(values: &[f32; BATCH]) -> f32 {
-    let (chunks, _) = values.as_chunks::<8>();
-    let mut lanes = [f32::NEG_INFINITY; 8];
+    let (chunks, _) = values.as_chunks::<4>();
+    let mut lanes = [f32::NEG_INFINITY; 4];
     for chunk in chunks {
         for (most, &x) in lanes.iter_mut().zip(chunk) {
             *most = if x > *most { x } else { *most };
         }
     }
-    lanes
-        .iter()
-        .fold(f32::NEG_INFINITY, |m, &x| if x > m { x } else { m })
+    let larger = |a: f32, b: f32| if a > b { a } else { b };
+    let [a, b, c, d] = lanes;
+    larger(larger(a, b), larger(c, d))
 }
 
 /// Two zero bits between the six lowest bits.

@@ -9,7 +9,7 @@
 //!   numbers.
 //! - **Training** (`critical`): the search for critical points in bytes and the gradient through them.
 //! - **Refinement and metrics**: distances to the nearest points (`nearest`), plane fits over neighbours
-//!   (`neighbours`).
+//!   (`neighbours`), normal equations of matched points (`equations`).
 //! - **Measurement** (`peak`): multiply-adds on registers, as many as the core can.
 //!
 //! Where a machine multiplies bf16 in tiles (AMX), the last embedding layer may be split into parts of bf16
@@ -44,6 +44,7 @@ mod detect;
 #[cfg(arm_kernels = "neon")]
 #[path = "detect_aarch64.rs"]
 mod detect;
+mod equations;
 mod floats;
 mod integers;
 mod nearest;
@@ -80,6 +81,7 @@ mod x86_vnni_pruned;
 #[cfg(target_arch = "x86_64")]
 mod x86_vnni_sieve;
 
+pub use equations::{PAIRS, Pairs, Sums, Weighing};
 pub use nearest::Queries;
 pub use neighbours::{BATCH, Batch, Moments};
 pub use packed::PackedDense;

@@ -10,7 +10,7 @@ use super::Isa;
 use super::Kind;
 
 /// Queries of a [`Batch`].
-pub const BATCH: usize = 32;
+pub const BATCH: usize = 16;
 
 /// A batch of query points and the nearest of the points that they were shown so far.
 #[derive(Clone, Debug)]
@@ -126,7 +126,7 @@ fn nearest_avx2(batch: &mut Batch, points: &[[f32; 3]], first: u32) {
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f")]
 fn nearest_avx512(batch: &mut Batch, points: &[[f32; 3]], first: u32) {
-    nearest::<32>(batch, points, first);
+    nearest::<16>(batch, points, first);
 }
 
 #[cfg(target_arch = "x86_64")]

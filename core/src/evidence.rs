@@ -9,24 +9,20 @@ use crate::verify::Verified;
 pub struct Evidence {
     /// How the clouds fit.
     pub residual: Residual,
-    /// [`Refined::overlap`].
-    pub overlap: f32,
-    /// [`Refined::rotation_constraint`].
-    pub rotation_constraint: f32,
+    /// [`Refined::near`].
+    pub near: f32,
+    /// [`Refined::within`].
+    pub within: f32,
     /// [`Refined::distinct_points`].
     pub distinct_points: usize,
     /// [`Refined::extents_ratio`].
     pub extents_ratio: f32,
     /// Whether other poses were tried.
     pub verified: bool,
-    /// [`Verified::margin`].
-    pub margin: Option<f32>,
-    /// Whether a turn about an axis is named as undetermined ([`crate::verify::Undetermined::axis`]).
-    pub axis_is_open: bool,
 }
 
 /// Distinct points below which no pose is called right.
-pub const FEWEST_DISTINCT: usize = 32;
+pub const FEWEST_DISTINCT: usize = 48;
 /// A source more times larger than the target is in another unit: a view and its background are not so large.
 pub const LARGEST_RATIO: f32 = 3.0;
 /// A source smaller than this share of the target is in another unit, or too small a part to place.
@@ -37,26 +33,22 @@ const SATURATED: [f32; 2] = [0.95, 0.992];
 const IMPROBABLE: f32 = 0.1;
 
 /// Values that the logistic model weighs.
-pub const FEATURES: usize = 9;
+pub const FEATURES: usize = 6;
 
 /// Weights of [`Evidence::features`], fitted on pairs drawn and rendered from training meshes: whole clouds, views, crops,
-/// few points and other objects. `host-train calibrate` fits the same model, of fewer kinds.
-const WEIGHTS: [f32; FEATURES] = [
-    1.6445, -9.5542, 4.5911, 1.8837, 0.2814, 1.3522, -1.9555, 1.1808, 3.2878,
-];
+/// few points, distorted and noisy sources, and other objects. `host-train calibrate` fits the same model.
+const WEIGHTS: [f32; FEATURES] = [-2.4096, 1.7145, -2.0504, -0.1169, 2.5343, 1.3335];
 
 impl Evidence {
     /// Of a pose that was polished alone.
     pub fn polished(found: &Refined) -> Evidence {
         Evidence {
             residual: found.residual,
-            overlap: found.overlap,
-            rotation_constraint: found.rotation_constraint,
+            near: found.near,
+            within: found.within,
             distinct_points: found.distinct_points,
             extents_ratio: found.extents_ratio,
             verified: false,
-            margin: None,
-            axis_is_open: false,
         }
     }
 
@@ -64,8 +56,6 @@ impl Evidence {
     pub fn verified(found: &Verified) -> Evidence {
         Evidence {
             verified: true,
-            margin: found.margin,
-            axis_is_open: found.undetermined.axis.is_some(),
             ..Evidence::polished(&found.best)
         }
     }
@@ -87,28 +77,21 @@ impl Evidence {
         !(source < most_source && target < most_target)
     }
 
-    /// What the logistic model weighs: 1, logarithms of both residuals and of the share of the source that
-    /// lies on nothing, of the rotation constraint where no axis is named, of the distinct points, the margin over
-    /// other poses (up to 10 standard errors), and whether others were tried.
+    /// What the logistic model weighs: 1, and logarithms of
+    /// the number of the source's points near the target's surface (in e⁶),
+    /// the share of those in its neighbourhood that are not near it: noise is near, another shape is not,
+    /// the share of the source outside of its neighbourhood,
+    /// and what of the target is explained; then whether other poses were tried.
     pub fn features(&self) -> [f32; FEATURES] {
         let log = |x: f32| libm::logf(x.max(0.01));
-        let verified = f32::from(u8::from(self.verified));
-        let constraint = if self.axis_is_open {
-            1.0 / 3.0
-        } else {
-            self.rotation_constraint
-        };
-        let margin = self.margin.unwrap_or(10.0).clamp(0.0, 10.0);
+        let points = (self.distinct_points as f32).clamp(1.0, 1024.0);
         [
             1.0,
-            log(self.residual.source),
-            log(self.residual.target),
-            log(1.0 - self.overlap),
-            log(constraint),
-            libm::logf((self.distinct_points as f32).clamp(1.0, 1024.0)) - 6.0,
-            verified * (1.0 - 0.1 * margin),
-            verified,
+            libm::logf((self.near * points).max(1.0)) - 6.0,
+            log(1.0 - self.near / self.within.max(0.01)),
+            log(1.0 - self.within),
             log(1.0 - self.residual.target),
+            f32::from(u8::from(self.verified)),
         ]
     }
 

@@ -32,6 +32,11 @@ pub(crate) fn is_on_surface(apart: Vec3, normal: Vec3, radius: f32) -> bool {
     of_surface(apart, normal, radius, SURFACE) < 0.5
 }
 
+/// Whether it is within three times that.
+pub(crate) fn is_near_surface(apart: Vec3, normal: Vec3, radius: f32) -> bool {
+    of_surface(apart, normal, radius, 3.0 * SURFACE) < 0.5
+}
+
 /// The same with a share for the distance between the points themselves.
 #[inline(always)]
 pub(crate) fn of_match(apart: Vec3, normal: Vec3, radius: f32) -> f32 {

@@ -93,7 +93,11 @@ pub struct Refined {
     pub rotation_constraint: f32,
     /// Share of the source's points that lie on the target's surface.
     pub overlap: f32,
-    /// Root of the mean squared distance of those from it, in the clouds' own units.
+    /// Share of them that lie near it, three times as far at most: low where there is something else, not only noise.
+    pub near: f32,
+    /// Share of them that lie within a neighbourhood's radius of it.
+    pub within: f32,
+    /// Root of the mean squared distance of those on the surface from it, in the clouds' own units.
     pub inlier_rmse: f32,
     /// Points that differ from all others, in the cloud with fewer of them.
     pub distinct_points: usize,
@@ -103,14 +107,22 @@ pub struct Refined {
     pub iterations: usize,
 }
 
+/// How much of the source lies on the target's surface: see [`Refined`].
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Overlap {
+    on_surface: f32,
+    near: f32,
+    within: f32,
+    inlier_rmse: f32,
+}
+
 /// A pose in the refiner's frame, and how it fits.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Candidate {
     pub(crate) at: Rigid,
     pub(crate) residual: Residual,
     pub(crate) rotation_constraint: f32,
-    pub(crate) overlap: f32,
-    pub(crate) inlier_rmse: f32,
+    pub(crate) overlap: Overlap,
     pub(crate) iterations: usize,
 }
 
@@ -267,12 +279,11 @@ impl<'w> Refiner<'w> {
             self.match_both(initial, usize::MAX);
             (initial, before)
         };
-        let (overlap, inlier_rmse) = self.matched_overlap(at);
+        let overlap = self.matched_overlap(at);
         Candidate {
             at,
             residual,
             overlap,
-            inlier_rmse,
             rotation_constraint: self.least_constraint(at).1,
             iterations,
         }
@@ -289,8 +300,10 @@ impl<'w> Refiner<'w> {
             },
             residual: candidate.residual,
             rotation_constraint: candidate.rotation_constraint,
-            overlap: candidate.overlap,
-            inlier_rmse: candidate.inlier_rmse * self.target.scale,
+            overlap: candidate.overlap.on_surface,
+            near: candidate.overlap.near,
+            within: candidate.overlap.within,
+            inlier_rmse: candidate.overlap.inlier_rmse * self.target.scale,
             distinct_points: self.distinct_points(),
             extents_ratio: self.extents_ratio(),
             iterations: candidate.iterations,
@@ -348,24 +361,31 @@ impl<'w> Refiner<'w> {
         Residual { source, target }
     }
 
-    /// Share of the source's points, matched last, that lie on the target's surface, and how far from it, root mean square.
-    fn matched_overlap(&self, at: Rigid) -> (f32, f32) {
+    /// How much of the source, matched last, lies on the target's surface.
+    fn matched_overlap(&self, at: Rigid) -> Overlap {
         let Workspace { source, target, .. } = &*self.workspace;
         let pose = at.pose();
-        let (mut sum, mut inliers, mut count) = (0.0f64, 0u32, 0u32);
+        let mut sum = 0.0f64;
+        let [mut on_surface, mut near, mut within, mut count] = [0u32; 4];
         for found in source.matches() {
             let ((p, _), (q, n)) = (source.at(found.of), target.at(found.to));
             let apart = pose.apply(p) - q;
             count += 1;
+            near += u32::from(loss::is_near_surface(apart, n, target.radius));
+            within += u32::from(apart.length_squared() < target.radius * target.radius);
             if loss::is_on_surface(apart, n, target.radius) {
                 let across = n.dot(apart);
                 sum += f64::from(across * across);
-                inliers += 1;
+                on_surface += 1;
             }
         }
-        let mean = sum / f64::from(inliers.max(1));
-        let share = f64::from(inliers) / f64::from(count.max(1));
-        (share as f32, libm::sqrt(mean) as f32)
+        let share = |of: u32| (f64::from(of) / f64::from(count.max(1))) as f32;
+        Overlap {
+            on_surface: share(on_surface),
+            near: share(near),
+            within: share(within),
+            inlier_rmse: libm::sqrt(sum / f64::from(on_surface.max(1))) as f32,
+        }
     }
 
     /// Normal equations of the points matched last.

@@ -54,7 +54,7 @@ const EXPLAINED: f32 = 4.0;
 const AXIS_TURNS: [f32; 6] = [0.175, 0.35, 0.7, 1.3, 2.2, core::f32::consts::PI];
 
 /// Poses named as fitting equally well, at most.
-pub const OTHERS: usize = 3;
+pub const OTHERS: usize = 5;
 
 /// What the shape leaves open.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -95,9 +95,6 @@ pub struct Verified {
     pub hypotheses: usize,
     /// What the shape leaves open.
     pub undetermined: Undetermined,
-    /// By how many standard errors the best pose of those that are not named as undetermined fits worse, if
-    /// there is one.
-    pub margin: Option<f32>,
 }
 
 /// A polished hypothesis in the comparison.
@@ -154,23 +151,22 @@ impl Refiner<'_> {
             Some(winner) if best > 0 => self.polish_inside(winner.at),
             _ => polished,
         };
-        let (undetermined, margin) = self.undetermined(best, &found, &contenders);
+        let undetermined = self.undetermined(best, &found, &contenders);
         Ok(Verified {
             best: self.refined(&found, pose),
             polished: self.refined(&polished, pose),
             hypotheses,
             undetermined,
-            margin,
         })
     }
 
-    /// What fits as well as the best, and the margin to what does not.
+    /// What fits as well as the best.
     fn undetermined(
         &mut self,
         best: usize,
         found: &Candidate,
         contenders: &[Option<Contender>; CONTENDERS],
-    ) -> (Undetermined, Option<f32>) {
+    ) -> Undetermined {
         let mut undetermined = Undetermined::NOTHING;
         let axis =
             (found.rotation_constraint < SLIPPERY).then(|| self.least_constraint(found.at).0);
@@ -184,24 +180,30 @@ impl Refiner<'_> {
                 half_angle_rad,
             });
         }
-        let mut margin = None;
-        let mut free = undetermined.poses.iter_mut();
+        // What is named, and so not named again: the same poses, and the same turned about the open axis.
+        let mut named = [None; 1 + OTHERS];
+        named[0] = Some(found.at);
+        let is_named = |named: &[Option<Rigid>], at: Rigid| {
+            let turned = |other| axis.is_some_and(|axis| differ_by_turn(at, other, axis));
+            let mut named = named.iter().flatten();
+            named.any(|&other| is_same(at, other) || turned(other))
+        };
         for (i, contender) in contenders.iter().enumerate() {
             let Some(contender) = contender else { continue };
-            let named = axis.is_some_and(|axis| differ_by_turn(contender.at, found.at, axis));
-            if i == best || named || is_same(contender.at, found.at) {
+            if i == best || is_named(&named, contender.at) {
                 continue;
             }
-            let score = self.losses().excess(i, best).score();
-            if score < EXPLAINED
-                && let Some(place) = free.next()
-            {
-                *place = Some(self.outside(contender.at));
-            } else if margin.is_none_or(|least| score < least) {
-                margin = Some(score);
+            let fits_as_well = self.losses().excess(i, best).score() < EXPLAINED;
+            let free = named.iter_mut().find(|named| named.is_none());
+            if let (true, Some(place)) = (fits_as_well, free) {
+                *place = Some(contender.at);
             }
         }
-        (undetermined, margin)
+        let others = named.iter().skip(1).flatten();
+        for (place, &at) in undetermined.poses.iter_mut().zip(others) {
+            *place = Some(self.outside(at));
+        }
+        undetermined
     }
 
     /// Largest angle by which the clouds may be turned about an axis in both senses and fit as well; 0 if by none.

@@ -35,9 +35,9 @@ const IMPROBABLE: f32 = 0.1;
 /// Values that the logistic model weighs.
 pub const FEATURES: usize = 6;
 
-/// Weights of [`Evidence::features`], fitted on pairs drawn and rendered from training meshes: whole clouds, views, crops,
-/// few points, distorted and noisy sources, and other objects. `host-train calibrate` fits the same model.
-const WEIGHTS: [f32; FEATURES] = [-2.4096, 1.7145, -2.0504, -0.1169, 2.5343, 1.3335];
+/// Weights of [`Evidence::features`], as `host-train calibrate --data DIR --meshes MESHES --count 300 --seed 7` fits them to pairs
+/// drawn and rendered from training meshes: whole clouds, parts, views, few points, distorted sources and other objects.
+const WEIGHTS: [f32; FEATURES] = [-0.7659, 1.0596, -1.3268, -0.4719, 3.2803, 1.7152];
 
 impl Evidence {
     /// Of a pose that was polished alone.

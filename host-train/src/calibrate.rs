@@ -1,11 +1,17 @@
 //! Fits the probability that a verdict gives ([`reagent_core::verdict`]): a logistic model of a few values, on
-//! pairs of training models drawn as they are, in parts, without noise, and with the target of another mesh.
+//! pairs of training models drawn as they are, in parts, without noise, distorted, as views, and with the target of another mesh.
 
-use crate::dataset::Model;
+use crate::augment::random_direction;
 use crate::dataset::pairs::PairSet;
+use crate::dataset::{Model, Point};
 use crate::metrics::GroundTruth;
 use crate::protocol::{Conditions, Protocol, draw, draw_under};
+use crate::random::{Purpose, Rng, stream};
+use crate::views::Views;
+use glam::{Mat3, Quat, Vec3};
 use nalgebra::{SMatrix, SVector};
+use rand::RngExt;
+use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
 use reagent_core::dims::STEPS;
 use reagent_core::evidence::FEATURES;
@@ -40,57 +46,119 @@ pub struct Row {
 pub enum Kind {
     /// The noisy protocol.
     Noisy,
-    /// The noisy protocol with half as many points, fewer of them in both clouds.
+    /// The noisy protocol with few points, fewer of them in both clouds.
     Sparse,
     /// Equal clouds without noise.
     Clean,
     /// Sources of which a plane cuts off three tenths.
     Part,
+    /// The noisy protocol with distorted sources.
+    Rough,
+    /// Parts that are distorted.
+    RoughPart,
     /// Targets of another mesh.
     Wrong,
+    /// Rendered views.
+    View,
+    /// Rendered views that are distorted.
+    RoughView,
+    /// Rendered views of another mesh.
+    WrongView,
 }
+
+/// Points of each cloud in [`Kind::Sparse`].
+const SPARSE: usize = 128;
+/// Points of each cloud of a view.
+const VIEW: usize = 1024;
+/// Standard deviation of the noise of distorted sources, in sizes of the source: its logarithm is uniform.
+const ROUGH_NOISE: [f32; 2] = [0.002, 0.015];
+/// Largest bend of distorted sources, in sizes of the source.
+const ROUGH_BEND: f32 = 0.02;
 
 impl Kind {
     /// All of them.
-    pub const ALL: [Kind; 5] = [
+    pub const ALL: [Kind; 10] = [
         Kind::Noisy,
         Kind::Sparse,
         Kind::Clean,
         Kind::Part,
+        Kind::Rough,
+        Kind::RoughPart,
         Kind::Wrong,
+        Kind::View,
+        Kind::RoughView,
+        Kind::WrongView,
     ];
 
+    /// Whether the clouds are of different things, so that no pose is right.
+    pub fn is_wrong(self) -> bool {
+        matches!(self, Kind::Wrong | Kind::WrongView)
+    }
+
     /// Draws `count` pairs.
-    fn draw(self, models: &[Model], count: usize, seed: u64) -> PairSet {
+    fn draw(self, models: &[Model], views: &Views, count: usize, seed: u64) -> PairSet {
         let noisy = Conditions::of(Protocol::M40Models).expect("it samples independently");
-        match self {
-            Kind::Noisy => draw(models, Protocol::M40Models, count, seed),
+        let under = |conditions: Conditions| draw_under(models, &conditions, count, seed);
+        let part = Conditions {
+            overlap: 0.7,
+            ..noisy
+        };
+        let mut set = match self {
+            Kind::Noisy | Kind::Rough | Kind::Wrong => {
+                draw(models, Protocol::M40Models, count, seed)
+            }
             Kind::Clean => draw(models, Protocol::M40Clean, count, seed),
-            Kind::Sparse => draw_under(
-                models,
-                &Conditions {
-                    points: 512,
-                    ..noisy
-                },
-                count,
-                seed,
-            ),
-            Kind::Part => draw_under(
-                models,
-                &Conditions {
-                    overlap: 0.7,
-                    ..noisy
-                },
-                count,
-                seed,
-            ),
-            Kind::Wrong => {
-                let mut set = draw(models, Protocol::M40Models, count, seed);
-                let shift = 1.min(set.target.len());
-                set.target.rotate_left(shift);
+            Kind::Sparse => under(Conditions {
+                points: SPARSE,
+                ..noisy
+            }),
+            Kind::Part | Kind::RoughPart => under(part),
+            Kind::View | Kind::RoughView | Kind::WrongView => {
+                let mut set = PairSet::default();
+                views.draw(count, VIEW, seed, &mut set);
                 set
             }
+        };
+        if self.is_wrong() {
+            let shift = 1.min(set.target.len());
+            set.target.rotate_left(shift);
+            if let Some(raw) = &mut set.raw {
+                raw.rotate_left(shift);
+            }
         }
+        if matches!(self, Kind::Rough | Kind::RoughPart | Kind::RoughView) {
+            for (k, source) in (0..).zip(&mut set.source) {
+                distort(source, &mut stream(seed, Purpose::Augment, k));
+            }
+        }
+        set
+    }
+}
+
+/// Bends a cloud smoothly and adds noise: sensors are wrong in both ways, models too.
+fn distort(points: &mut [Point], rng: &mut Rng) {
+    const WAVES: usize = 4;
+    let centre = points.iter().copied().map(Vec3::from).sum::<Vec3>() / points.len() as f32;
+    // Of most points: pixels that fly lie metres away.
+    let mut distances: Vec<f32> = points.iter().map(|&p| centre.distance(p.into())).collect();
+    distances.sort_by(f32::total_cmp);
+    let size = 4.0 * distances[distances.len() / 2];
+    let [least, most] = ROUGH_NOISE.map(f32::ln);
+    let noise = size * rng.random_range(least..most).exp();
+    let bend = size * rng.random_range(0.0..ROUGH_BEND) / (WAVES as f32).sqrt();
+    let waves: [_; WAVES] = std::array::from_fn(|_| {
+        let along = random_direction(rng) * rng.random_range(2.0..10.0f32);
+        let phase = rng.random_range(0.0..std::f32::consts::TAU);
+        (along, phase, random_direction(rng) * bend)
+    });
+    for point in points {
+        let mut p = Vec3::from(*point);
+        let place = (p - centre) / size.max(f32::MIN_POSITIVE);
+        for (along, phase, by) in waves {
+            p += by * (along.dot(place) + phase).sin();
+        }
+        let normal = [(); 3].map(|()| -> f32 { StandardNormal.sample(rng) });
+        *point = (p + Vec3::from(normal) * noise).to_array();
     }
 }
 
@@ -101,12 +169,13 @@ impl Kind {
 pub fn collect(
     policy: Policy<'_>,
     models: &[Model],
+    views: &Views,
     count: usize,
     seed: u64,
 ) -> Result<Vec<(Kind, Mode, Vec<Row>)>, Error> {
     let mut all = Vec::new();
     for (number, kind) in (0..).zip(Kind::ALL) {
-        let set = kind.draw(models, count, seed + number);
+        let set = kind.draw(models, views, count, seed + number);
         let pairs: Result<Vec<[Row; 2]>, Error> = (0..set.source.len())
             .into_par_iter()
             .map_init(
@@ -137,7 +206,8 @@ fn rows(
         registrar.step(&mut registration)?;
     }
     let initial = registration.target_from_source();
-    let truth = GroundTruth::new(source, target, None, set.target_from_source[i])?;
+    let raw = set.raw.as_ref().map(|raw| &raw[i][..]);
+    let truth = GroundTruth::new(source, target, raw, set.target_from_source[i])?;
     let mut row = |mode| -> Result<Row, Error> {
         let task = Task {
             mode,
@@ -145,16 +215,49 @@ fn rows(
         };
         let go_on = || Ok::<(), Error>(());
         let found = refine(&mut memory.1, [source, target], initial, &task, go_on)?;
-        let Refinement {
-            refined, evidence, ..
-        } = found.expect("neither mode is fast");
+        let found = found.expect("neither mode is fast");
         Ok(Row {
-            features: evidence.features(),
-            right: kind != Kind::Wrong && truth.measure(refined.target_from_source).is_right(),
-            probability: evidence.probability(),
+            features: found.evidence.features(),
+            right: !kind.is_wrong() && is_right(&truth, set.target_from_source[i], &found),
+            probability: found.evidence.probability(),
         })
     };
     Ok([row(Mode::Polish)?, row(Mode::Verify)?])
+}
+
+/// ADI, in diameters, below which a pose cannot be told from the true one.
+const INDISTINGUISHABLE: f64 = 0.02;
+
+/// Whether a pose is right up to what is named as undetermined, or cannot be told from one that is.
+fn is_right(truth: &GroundTruth<'_>, true_pose: Pose, found: &Refinement) -> bool {
+    let is_right = |pose| {
+        let errors = truth.measure(pose);
+        errors.is_right() || errors.adi < INDISTINGUISHABLE
+    };
+    let given = found.refined.target_from_source;
+    let open = &found.undetermined;
+    is_right(given)
+        || open.poses.iter().flatten().any(|&pose| is_right(pose))
+        || open.axis.is_some_and(|axis| {
+            let turn = turn_about(
+                axis.direction,
+                true_pose.rotation * given.rotation.transpose(),
+            );
+            let rotation = Mat3::from_axis_angle(axis.direction, turn);
+            let turned = Pose {
+                rotation: rotation * given.rotation,
+                translation: axis.point + rotation * (given.translation - axis.point),
+            };
+            turn.abs() <= axis.half_angle_rad && is_right(turned)
+        })
+}
+
+/// The part of a rotation about an axis, radians (swing and twist).
+fn turn_about(axis: Vec3, rotation: Mat3) -> f32 {
+    let q = Quat::from_mat3(&rotation);
+    let half = Vec3::new(q.x, q.y, q.z).dot(axis).atan2(q.w);
+    let turn = 2.0 * half;
+    (turn + std::f32::consts::PI).rem_euclid(std::f32::consts::TAU) - std::f32::consts::PI
 }
 
 /// Weights that make the rows most likely.
@@ -202,6 +305,12 @@ pub struct Quality {
     /// Mean, over all coverages, of the share of wrong ones among the most probable: area under the
     /// risk-coverage curve.
     pub risk_coverage: f64,
+    /// Expected calibration error: mean difference of probability and share right, over ten bins.
+    pub ece: f64,
+    /// Of wrong ones, the share that is held right, with a probability of a half or more; NaN where there are none.
+    pub wrong_held_right: f64,
+    /// Of right ones, the same.
+    pub right_held_right: f64,
     /// Mean probability, share right and count in ten bins of probability.
     pub bins: Vec<[f64; 3]>,
 }
@@ -242,8 +351,20 @@ impl Quality {
             let per = 1.0 / count.max(1.0);
             (*p, *right) = (*p * per, *right * per);
         }
+        let differences = bins.iter().map(|[p, right, of]| (p - right).abs() * of);
+        let held = |right| {
+            let of: Vec<f64> = outcomes
+                .iter()
+                .filter(|o| o.1 == right)
+                .map(|o| o.0)
+                .collect();
+            of.iter().filter(|&&p| p >= 0.5).count() as f64 / of.len() as f64
+        };
         Quality {
             count,
+            ece: differences.sum::<f64>() / count as f64,
+            wrong_held_right: held(false),
+            right_held_right: held(true),
             right: right as f64 / count as f64,
             auc: area / (right * (count - right)) as f64,
             brier: outcomes.iter().map(squared).sum::<f64>() / count as f64,

@@ -5,6 +5,7 @@ use super::source;
 use crate::calibrate::{Kind, Quality, Row, collect, fit, probability};
 use crate::dataset::{self, Split, modelnet};
 use crate::export::WeightFile;
+use crate::views::Views;
 use clap::Args;
 use reagent_core::pipeline::Mode;
 use serde::Serialize;
@@ -15,14 +16,18 @@ const HELD_BACK: f64 = 0.3;
 
 /// Fit the probability of a verdict on pairs of training models
 ///
-/// Registers training models as they are, in part, without noise and against another mesh, by policy and polishing
-/// or verification; fits a logistic model on seven tenths of the meshes and tries it on the rest, beside the one
-/// that is built in. Prints the weights as they stand in core's verdict.rs, and quality by kind of pair.
+/// Registers training models as they are, in part, without noise, distorted, as rendered views and against another mesh, by
+/// policy and polishing or verification; fits a logistic model on seven tenths of the meshes and tries it on the rest, beside
+/// the one that is built in and one that is fitted without the kind of pair at hand. Prints the weights as they stand in
+/// core's evidence.rs, and quality by kind of pair.
 #[derive(Debug, Args)]
 pub(super) struct CalibrateArgs {
     /// Data set whose training split is used
     #[arg(long, value_name = "DIR")]
     data: PathBuf,
+    /// Meshes of which views are rendered [default: built-in shapes]
+    #[arg(long, value_name = "DIR")]
+    meshes: Option<PathBuf>,
     /// Policy [default: the bundled one]
     #[arg(long, value_name = "FILE.rgw")]
     weights: Option<PathBuf>,
@@ -33,6 +38,9 @@ pub(super) struct CalibrateArgs {
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
+
+/// Built-in shapes of which views are rendered where no meshes are given.
+const BUILT_IN: usize = 200;
 
 /// What `--json` writes.
 #[derive(Serialize)]
@@ -45,6 +53,8 @@ struct Document {
 struct Line {
     pairs: String,
     fitted: Quality,
+    /// By weights that were fitted to the other kinds.
+    left_out: Quality,
     built_in: Quality,
     outcomes: Outcomes,
 }
@@ -61,28 +71,43 @@ impl CalibrateArgs {
         let file = WeightFile::load_or_pretrained(self.weights.as_deref())?;
         let models = dataset::load(&self.data, Split::Train, seed)?;
         let (fitted, tried) = modelnet::validation_split(models, seed, HELD_BACK);
+        let views = match &self.meshes {
+            Some(dir) => Views::open(dir, Split::Train, seed)?,
+            None => Views::procedural(seed, BUILT_IN),
+        };
+        let [views_fitted, views_tried] = views.split(|objects| {
+            let (fitted, tried) = modelnet::validation_split(objects, seed, HELD_BACK);
+            [fitted, tried]
+        });
         let held_back = ((self.count as f64 * HELD_BACK) as usize).max(1);
-        let rows = collect(file.policy(), &fitted, self.count - held_back, seed)?;
-        let weights = fit(rows.iter().flat_map(|(_, _, rows)| rows));
+        let count = self.count - held_back;
+        let training = collect(file.policy(), &fitted, &views_fitted, count, seed)?;
+        let rows_but = |left_out: Option<Kind>| {
+            let others = training
+                .iter()
+                .filter(move |(kind, ..)| Some(*kind) != left_out);
+            others.flat_map(|(_, _, rows)| rows)
+        };
+        let weights = fit(rows_but(None));
         println!("const WEIGHTS: [f32; FEATURES] = {weights:.4?};\n");
 
-        let rows = collect(file.policy(), &tried, held_back, seed.wrapping_add(1000))?;
-        let line = |pairs: String, rows: &[&Row]| Line {
-            pairs,
-            fitted: Quality::of(
-                rows.iter()
-                    .map(|row| (probability(row, &weights), row.right))
-                    .collect(),
-            ),
-            built_in: Quality::of(
-                rows.iter()
-                    .map(|row| (f64::from(row.probability), row.right))
-                    .collect(),
-            ),
-            outcomes: Outcomes {
-                probability: rows.iter().map(|row| row.probability).collect(),
-                right: rows.iter().map(|row| row.right.into()).collect(),
-            },
+        let seed = seed.wrapping_add(1000);
+        let rows = collect(file.policy(), &tried, &views_tried, held_back, seed)?;
+        let line = |pairs: String, left_out: Option<Kind>, rows: &[&Row]| {
+            let without = left_out.map_or(weights, |kind| fit(rows_but(Some(kind))));
+            let quality = |of: &dyn Fn(&Row) -> f64| {
+                Quality::of(rows.iter().map(|row| (of(row), row.right)).collect())
+            };
+            Line {
+                pairs,
+                fitted: quality(&|row| probability(row, &weights)),
+                left_out: quality(&|row| probability(row, &without)),
+                built_in: quality(&|row| f64::from(row.probability)),
+                outcomes: Outcomes {
+                    probability: rows.iter().map(|row| row.probability).collect(),
+                    right: rows.iter().map(|row| row.right.into()).collect(),
+                },
+            }
         };
         let mut quality = Vec::new();
         for mode in [Mode::Polish, Mode::Verify] {
@@ -93,25 +118,38 @@ impl CalibrateArgs {
                     .collect()
             };
             for kind in Kind::ALL {
-                quality.push(line(format!("{mode:?} {kind:?}"), &of(&[kind])));
+                let name = format!("{mode:?} {kind:?}");
+                quality.push(line(name, Some(kind), &of(&[kind])));
             }
-            let both = [Kind::Noisy, Kind::Wrong];
-            quality.push(line(format!("{mode:?} Noisy and Wrong"), &of(&both)));
-            quality.push(line(format!("{mode:?} all"), &of(&Kind::ALL)));
+            let mut add = |name: &str, kinds: &[Kind]| {
+                quality.push(line(format!("{mode:?} {name}"), None, &of(kinds)));
+            };
+            add("Noisy and Wrong", &[Kind::Noisy, Kind::Wrong]);
+            add("View and WrongView", &[Kind::View, Kind::WrongView]);
+            add("all", &Kind::ALL);
         }
         println!(
-            "on meshes held back       pairs   right   AUC     Brier   risk     built in: AUC, Brier"
+            "on meshes held back        pairs  right  fitted: AUC  ECE    held right: wrong, right  kind left out: ECE  built in: AUC  ECE"
         );
         for Line {
             pairs,
             fitted: f,
+            left_out,
             built_in,
             ..
         } in &quality
         {
             println!(
-                "{pairs:24}  {:<7} {:<7.3} {:<7.4} {:<7.4} {:<8.4} {:.4} {:.4}",
-                f.count, f.right, f.auc, f.brier, f.risk_coverage, built_in.auc, built_in.brier
+                "{pairs:26} {:<6} {:<6.3} {:<12.4} {:<6.3} {:<17.3} {:<7.3} {:<20.3} {:<14.4} {:.3}",
+                f.count,
+                f.right,
+                f.auc,
+                f.ece,
+                f.wrong_held_right,
+                f.right_held_right,
+                left_out.ece,
+                built_in.auc,
+                built_in.ece
             );
         }
         if let Some(path) = &self.json {

@@ -17,9 +17,10 @@
 //!
 //! - layer: numbers, error, dims, turn
 //! - layer: shape, grid, critical, layer, pose, loss
-//! - layer: cloud, steps, view, solve, kernels
+//! - layer: cloud, steps, view, kernels
+//! - layer: solve
 //! - layer: decision, order, frame, chamfer, float, quant, surface, search, start
-//! - layer: cut, freespace, nearest
+//! - layer: cut, freespace, nearest, pairs
 //! - layer: weights
 //! - layer: net, pretrained, polish
 //! - layer: verify
@@ -63,6 +64,7 @@ mod nearest;
 pub mod net;
 pub mod numbers;
 mod order;
+mod pairs;
 pub mod pipeline;
 pub mod polish;
 pub mod pose;

@@ -44,6 +44,17 @@ impl<const N: usize> Best<N> {
         }
     }
 
+    /// Whether one of that score would be held.
+    pub(crate) fn takes(&self, score: f32) -> bool {
+        let worst = self.0.last().copied().flatten();
+        worst.is_none_or(|(worst, _)| score < worst)
+    }
+
+    /// Score of the best.
+    pub(crate) fn least(&self) -> Option<f32> {
+        self.0.first().copied().flatten().map(|(score, _)| score)
+    }
+
     /// Those held, with their scores.
     pub(crate) fn held(self) -> impl Iterator<Item = (f32, Rigid)> {
         self.0.into_iter().flatten()

@@ -10,6 +10,7 @@
 
 use crate::error::Error;
 use crate::loss::{COMPARED, CONTENDERS};
+use crate::pairs::matching_pairs;
 use crate::polish::{Candidate, Refined, Refiner};
 use crate::pose::Pose;
 use crate::search::{Best, aligned, anywhere, around, confused, is_same};
@@ -30,10 +31,16 @@ const SIFT_POINTS: [usize; 2] = [256, 512];
 const SCREEN_SCALE: f32 = 0.3;
 const SIFT_SCALE: f32 = 0.15;
 /// Hypotheses that are sifted, and the same of the second round.
-const SIFTED: usize = 48;
+const SIFTED: usize = 24;
 const SIFTED_AGAIN: usize = 6;
 /// Best ones whose symmetric copies are tried, too.
 const AGAIN: usize = 2;
+/// Loss of the best of them above which poses are looked for by pairs of points, too: where clouds overlap in part.
+const UNEXPLAINED: f32 = 0.4;
+/// Points by which those are judged, first and last, by how much the first may mislead, and how many of them are sifted.
+const PAIR_POINTS: [usize; 2] = [32, 128];
+const PAIR_SLACK: f32 = 0.08;
+const MATCHED: usize = 48;
 /// Hypotheses that are polished besides the start and the policy's pose.
 const POLISHED: usize = 5;
 /// Below this share of all axes, planes do not tell an angle: spins are tried, and it is looked how far they fit.
@@ -287,6 +294,24 @@ impl Search<'_, '_> {
         for (_, at) in screened.held() {
             go_on()?;
             self.sift(at, &mut sifted);
+        }
+        let is_explained = sifted.least().is_some_and(|least| least < UNEXPLAINED);
+        if !is_explained {
+            let mut matched = Best::<MATCHED>::NONE;
+            let [source, target] = self.refiner.surfaces();
+            for at in matching_pairs(source, target) {
+                // Most are given up after few points.
+                let [few, all] = PAIR_POINTS
+                    .map(|points| move |r: &Refiner<'_>| r.coarse_loss(at, points, SCREEN_SCALE));
+                if matched.takes(few(self.refiner) - PAIR_SLACK) {
+                    matched.offer(all(self.refiner), at);
+                }
+            }
+            for (_, at) in matched.held() {
+                go_on()?;
+                self.hypotheses += 1;
+                self.sift(at, &mut sifted);
+            }
         }
         let firsts = sifted.clone().held().take(AGAIN);
         for (_, first) in firsts {

@@ -245,15 +245,18 @@ def sweeps(args):
 
 
 def verdict(args):
-    found = measure("calibrate", "--data", args.data, "--count", 400, "--seed", 7)["quality"]
+    words = ["--meshes", args.meshes.parent] if args.meshes else []
+    found = measure("calibrate", "--data", args.data, *words, "--count", 400, "--seed", 7)["quality"]
     rows = []
     for line in found:
-        fitted, built_in = line["fitted"], line["built_in"]
-        auc = lambda quality: "" if quality["auc"] is None else short(quality["auc"], 3)
-        numbers = [auc(fitted), auc(built_in), short(built_in["brier"], 3), short(built_in["risk_coverage"], 3)]
+        fitted, left_out, built_in = line["fitted"], line["left_out"], line["built_in"]
+        number = lambda value: "" if value is None else short(value, 3)
+        share = lambda value: "" if value is None else f"{100 * value:.0f} %"
+        held = [share(built_in[f"{which}_held_right"]) for which in ("right", "wrong")]
+        numbers = [*held, number(built_in["auc"]), number(built_in["ece"]), number(left_out["ece"])]
         mode, pairs = line["pairs"].split(" ", 1)
         rows.append([f"{mode.lower()}, {pairs.lower()}", str(fitted["count"]), f"{100 * fitted['right']:.0f} %", *numbers])
-    head = ["mode, pairs", "pairs", "right", "AUC of a fit to the other meshes", "AUC as built in", "Brier score", "risk over coverage"]
+    head = ["mode, pairs", "pairs", "right", "right held right", "wrong held right", "AUC", "ECE", "ECE of a fit without this kind"]
     return table(head, rows)
 
 

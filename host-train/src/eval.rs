@@ -205,6 +205,10 @@ pub fn evaluate(
             raw,
             set.target_from_source[i],
         )?;
+        let truth = match &set.symmetries {
+            Some(symmetries) => truth.with_symmetry(&symmetries[i])?,
+            None => truth,
+        };
         let measure = |t: &Trajectory| t.poses.iter().map(|&pose| truth.measure(pose)).collect();
         Ok(trajectories
             .iter()

@@ -20,7 +20,8 @@ use std::path::PathBuf;
 ///
 /// Errors: MAE and ISO of rotation (degrees) and translation (units of the clouds), area under the ADI recall
 /// curve up to a tenth of the diameter (percent), modified Chamfer distance, recall at 5 degrees and .05
-/// units. Clouds are used as they are, without normalisation.
+/// units, average distance (AD) of model points below parts of the diameter. FILE.json beside FILE.h5 may list poses that look
+/// like each pair's true one ("truths", [3][4]) and whether the object is symmetric ("sym": ADI counts, else ADD). Clouds are used as they are, without normalisation.
 #[derive(Debug, Args)]
 #[command(group(ArgGroup::new("on").args(["pairs", "data"]).required(true)))]
 pub(super) struct EvalArgs {

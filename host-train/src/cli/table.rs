@@ -5,10 +5,8 @@ use crate::sweep::Varied;
 use clap::ValueEnum;
 use std::fmt::Write;
 
-const COLUMNS: &str =
-    "MAE R     MAE t    ISO R     ISO t    ADI AUC   CD~       ISO R med   recall   T med   T p95";
-const UNITS: &str =
-    "deg                deg                %         x1e-3     deg         %        ms      ms";
+const COLUMNS: &str = "MAE R     MAE t    ISO R     ISO t    ADI AUC   CD~       ISO R med   recall   AD<.10 <.05 <.02   T med   T p95";
+const UNITS: &str = "deg                deg                %         x1e-3     deg         %        %                  ms      ms";
 
 /// One row a method, in the paper's column order.
 pub(super) fn methods(outcomes: &[Outcome]) -> String {
@@ -98,7 +96,7 @@ fn row(text: &mut String, label: &str, row: &Row) {
     let s = &row.summary;
     writeln!(
         text,
-        "{label}  {:<9.3} {:<8.4} {:<9.3} {:<8.4} {:<9.1} {:<9.4} {:<11.3} {:<8.0} {:<7.2} {:.2}",
+        "{label}  {:<9.3} {:<8.4} {:<9.3} {:<8.4} {:<9.1} {:<9.4} {:<11.3} {:<8.0} {:<18} {:<7.2} {:.2}",
         s.r_mae_deg,
         s.t_mae,
         s.r_iso_deg,
@@ -107,6 +105,7 @@ fn row(text: &mut String, label: &str, row: &Row) {
         1e3 * s.chamfer_mod,
         s.r_iso_median_deg,
         100.0 * s.recall_r5_t005,
+        format!("{:.1} {:.1} {:.1}", s.ad10_pct, s.ad05_pct, s.ad02_pct),
         row.ms_median,
         row.ms_p95,
     )

@@ -13,7 +13,26 @@ use super::{DatasetError, Point};
 use crate::files;
 use hdf5_pure::FileBuilder;
 use reagent_core::Pose;
+use serde::Deserialize;
 use std::path::Path;
+
+/// What FILE.json beside a pairs file says of symmetries; `None` where there is none, or it is of another kind.
+fn symmetries(pairs: &Path, count: usize) -> Result<Option<Vec<Symmetry>>, DatasetError> {
+    let Ok(text) = std::fs::read(pairs.with_extension("json")) else {
+        return Ok(None);
+    };
+    let Ok(found) = serde_json::from_slice::<Vec<Symmetry>>(&text) else {
+        return Ok(None);
+    };
+    if found.len() != count {
+        return Err(DatasetError::Lengths {
+            what: "symmetries in the .json beside the pairs",
+            found: found.len(),
+            expected: count,
+        });
+    }
+    Ok(Some(found))
+}
 
 const CLOUDS: &str = "[M,N,3] f32";
 const POSES: &str = "[M,3,4] or [M,4,4] f32";
@@ -44,6 +63,17 @@ pub struct PairSet {
     pub raw: Option<Vec<Vec<Point>>>,
     /// Categories; [`NO_LABEL`] where the file has none.
     pub label: Vec<i32>,
+    /// What is known of the objects' symmetries, `[M]`.
+    pub symmetries: Option<Vec<Symmetry>>,
+}
+
+/// What is known of an object's symmetry: an entry of the list in FILE.json beside FILE.h5.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+pub struct Symmetry {
+    /// Poses that look like the true one, it included, plain transforms of the source, `[3][4]`.
+    pub truths: Vec<[[f32; 4]; 3]>,
+    /// Whether the object has a symmetry, so that the distance to the closest point counts (ADI).
+    pub sym: bool,
 }
 
 impl PairSet {
@@ -65,6 +95,7 @@ impl PairSet {
             self.raw.get_or_insert_default().extend(raw);
         }
         self.label.extend(other.label);
+        self.symmetries = None;
     }
 
     /// Reads and checks a pairs file: shapes, equal numbers of entries, finite points, rigid poses.
@@ -112,6 +143,7 @@ impl PairSet {
             target_from_source,
             raw,
             label,
+            symmetries: symmetries(path, count)?,
         })
     }
 
@@ -262,6 +294,7 @@ mod tests {
             target_from_source: (0..10).map(pose).collect(),
             raw: Some(clouds(30, 0.25)),
             label: (0..10).collect(),
+            symmetries: None,
         }
     }
 
@@ -381,5 +414,34 @@ mod tests {
             "{said}"
         );
         assert!(said.contains("source [10, 20, 3] f32"), "{said}");
+    }
+
+    #[test]
+    fn symmetries_are_read_from_beside_the_pairs() {
+        let dir = tempfile::tempdir().expect("a directory");
+        let path = dir.path().join("pairs.h5");
+        let beside = dir.path().join("pairs.json");
+        let set = sample();
+        set.save(&path).expect("written");
+        assert_eq!(PairSet::load(&path).expect("read").symmetries, None);
+        // What an evaluation wrote under the same name says nothing of symmetries.
+        std::fs::write(&beside, r#"{"pairs": 10}"#).expect("written");
+        assert_eq!(PairSet::load(&path).expect("read").symmetries, None);
+        let one = r#"{"truths": [[[1,0,0,0],[0,1,0,0],[0,0,1,0]]], "sym": true, "what": "a can"}"#;
+        let list = |n| format!("[{}]", vec![one; n].join(","));
+        std::fs::write(&beside, list(10)).expect("written");
+        let found = PairSet::load(&path)
+            .expect("read")
+            .symmetries
+            .expect("there");
+        assert!(found.len() == 10 && found[0].sym && found[0].truths.len() == 1);
+        std::fs::write(&beside, list(9)).expect("written");
+        let error = PairSet::load(&path)
+            .expect_err("one is missing")
+            .to_string();
+        assert!(
+            error.contains("symmetries") && error.contains('9'),
+            "{error}"
+        );
     }
 }

@@ -49,6 +49,12 @@ pub struct Summary {
     pub chamfer_mod_median: f64,
     /// Area under the ADD recall curve up to a tenth of the diameter, percent.
     pub add_auc_pct: f64,
+    /// Share of pairs with [`PairMetrics::ad`] below a tenth of the diameter, percent.
+    pub ad10_pct: f64,
+    /// The same below a twentieth.
+    pub ad05_pct: f64,
+    /// The same below a fiftieth.
+    pub ad02_pct: f64,
     /// First quartile, median and third quartile of every error.
     pub quartiles: Quartiles,
 }
@@ -118,6 +124,9 @@ impl Summary {
             adi: quartiles(|m| m.adi),
         };
         let recalled = |m: &&PairMetrics| m.is_right();
+        let below = |most: f64| {
+            100.0 * pairs.iter().filter(|m| m.ad < most).count() as f64 / pairs.len() as f64
+        };
         Summary {
             r_mae_deg: mean(|m| m.r_mae_deg),
             t_mae: mean(|m| m.t_mae),
@@ -130,6 +139,9 @@ impl Summary {
             t_iso_median: quartiles.t_iso[1],
             chamfer_mod_median: quartiles.chamfer_mod[1],
             add_auc_pct: 100.0 * auc(&values(|m| m.add)),
+            ad10_pct: below(0.10),
+            ad05_pct: below(0.05),
+            ad02_pct: below(0.02),
             quartiles,
         }
     }
@@ -188,6 +200,7 @@ mod tests {
             chamfer_mod: 0.0,
             add: 0.0,
             adi: 0.0,
+            ad: 0.0,
         };
         let all = [
             pair(4.9, 0.049),

@@ -13,7 +13,6 @@ use host_train::export::WeightFile;
 use host_train::metrics::PairMetrics;
 use host_train::publish::Publisher;
 use host_train::train::fine_tune;
-use reagent_core::wire::keys::Hex;
 use reagent_core::wire::{CHUNK_BYTES, CloudView, Manifest, Mode, RefineRequest};
 use scene::Scene;
 use serde_json::json;
@@ -164,7 +163,7 @@ async fn ship(
         "host: published {name} policy, version {version}: {:.1} MB in {} chunks, SHA-256 {}…",
         f64::from(manifest.length) / 1e6,
         manifest.length.div_ceil(CHUNK_BYTES as u32),
-        &Hex(&manifest.sha256).to_string()[..16],
+        &const_hex::encode(manifest.sha256)[..16],
     );
     for (robot, node) in ROBOTS.iter().zip(robots) {
         let mut view = node.watch();

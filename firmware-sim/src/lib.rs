@@ -7,14 +7,10 @@
 #![doc = "\n"]
 #![doc = include_str!("../README.md")]
 
-// Compiled in, not linked, as below.
 #[cfg(feature = "demo")]
-#[macro_use]
-#[allow(unused_macros, reason = "one file for two crates")]
-#[path = "../../host-train/src/print.rs"]
-mod print;
+#[macro_use(println)]
+extern crate reagent_link;
 
-pub mod board;
 mod bridge;
 pub mod client;
 #[cfg(feature = "demo")]
@@ -31,9 +27,8 @@ mod queue;
 pub mod refine;
 mod routers;
 mod service;
-// Compiled in, not linked: the file needs nothing of the trainer.
-#[path = "../../host-train/src/publish/session.rs"]
-pub mod session;
 mod store;
 mod updates;
 pub mod view;
+
+pub use reagent_link::{board, session};

@@ -119,15 +119,9 @@ fn start_board(kind: Kind, clouds: Clouds) -> anyhow::Result<Board> {
     Ok(board)
 }
 
-fn public_key(hex: &str) -> Result<VerifyingKey, String> {
-    let digits = hex.as_bytes();
-    let mut key = [0; 32];
-    if digits.len() != 64 || !digits.is_ascii() {
-        return Err("give 64 hexadecimal digits, as `host-train keygen` prints them".into());
-    }
-    for (byte, at) in key.iter_mut().zip((0..).step_by(2)) {
-        *byte = u8::from_str_radix(&hex[at..at + 2], 16).map_err(|e| e.to_string())?;
-    }
+fn public_key(digits: &str) -> Result<VerifyingKey, String> {
+    let key = const_hex::decode_to_array(digits)
+        .map_err(|_| "give 64 hexadecimal digits, as `host-train keygen` prints them")?;
     VerifyingKey::from_bytes(&key).map_err(|_| "not an ed25519 public key".into())
 }
 

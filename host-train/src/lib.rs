@@ -6,15 +6,12 @@
 #![doc = include_str!("../README.md")]
 
 #[macro_use]
-mod print;
+extern crate reagent_link;
 
 pub mod agent;
 pub mod augment;
 pub mod baselines;
 pub mod batch;
-// Compiled in, not linked: robots do not see the trainer, and the trainer does not see robots.
-#[path = "../../firmware-sim/src/board.rs"]
-pub mod board;
 pub mod bop;
 pub mod buffer;
 pub mod calibrate;
@@ -32,6 +29,7 @@ pub mod image;
 pub mod import;
 pub mod latency;
 pub mod loss;
+pub mod manifest;
 pub mod matmul;
 pub mod mcu;
 pub mod metrics;
@@ -40,6 +38,7 @@ pub mod nn;
 pub mod optim;
 pub mod pose64;
 pub mod protocol;
+#[cfg(feature = "publish")]
 pub mod publish;
 pub mod quantise;
 pub mod random;

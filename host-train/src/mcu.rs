@@ -1,15 +1,12 @@
 //! What a registration costs on microcontrollers, as counted in QEMU: flash, RAM, instructions. Simulated
 //! instructions are not cycles of silicon: memory, caches and dual issue are not in them.
 
-use crate::board::{
-    Board, BoardError, Clouds, Kind, Simulation, build_image, check_simulator, flash_content,
-};
 use crate::dataset::procedural;
 use crate::export::{ExportError, WeightFile};
 use crate::image::{self, ImageError};
 use crate::latency::CALIBRATION;
+use crate::manifest::manifest;
 use crate::protocol::{self, Protocol};
-use crate::publish;
 use reagent_core::Policy;
 use reagent_core::budget::{
     CLOUD_BYTES, CODE_BUDGET, COMPACT_FLASH_BUDGET, COMPACT_MULTIPLY_ADD_BUDGET,
@@ -19,6 +16,9 @@ use reagent_core::budget::{
 use reagent_core::dims::STEPS;
 use reagent_core::grid::Grid;
 use reagent_core::wire::{self, CloudView, Message, REQUEST_OVERHEAD_BYTES, RefineRequest};
+use reagent_link::board::{
+    Board, BoardError, Clouds, Kind, Simulation, build_image, check_simulator, flash_content,
+};
 use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
 use std::path::Path;
@@ -120,7 +120,7 @@ fn measure(
     source: &[[f32; 3]],
     target: &[[f32; 3]],
 ) -> Result<Budget, McuError> {
-    let manifest = publish::manifest(1, "", policy).expect("no name is short enough");
+    let manifest = manifest(1, "", policy).expect("no name is short enough");
     let image = build_image(kind, Clouds::Floats)?;
     let grid_image = build_image(kind, Clouds::Grid)?;
     let library = image::read(&image.with_file_name("registration"))?;

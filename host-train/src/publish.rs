@@ -4,17 +4,18 @@ mod command;
 mod comparison;
 mod key;
 mod robots;
-mod session;
 mod stages;
 mod statistics;
 mod stored;
 
+pub use crate::manifest::{chunk_table, manifest};
 pub use command::{PublishArgs, run};
 pub use comparison::{Comparison, Paired};
-use key::bytes_from_hex;
 pub use key::{KeyError, keygen, read_key};
+pub use reagent_link::session::{
+    SessionArgs, SessionError, has_certificate, open as open_session, plain,
+};
 pub use robots::{Heard, Reception};
-pub use session::{SessionArgs, SessionError, has_certificate, open as open_session, plain};
 
 pub use stages::{Gate, Halt, Stages};
 
@@ -22,9 +23,8 @@ use crate::export::{ExportError, WeightFile};
 use crate::train::TrainError;
 use crate::train::record::RunRecord;
 use ed25519_dalek::{Signer, SigningKey};
-use reagent_core::net::Scratch;
-use reagent_core::wire::{self, Manifest, Message, PolicyName, Release, SignedManifest, keys};
-use reagent_core::{Error, Registrar, weights};
+use reagent_core::Error;
+use reagent_core::wire::{self, Manifest, Message, Release, SignedManifest, keys};
 use sha2::{Digest, Sha256};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
@@ -244,11 +244,11 @@ impl Provenance {
         let mut provenance = Provenance::default();
         if let Some(run) = run {
             let hash = RunRecord::load(run)?.data_sha256;
-            provenance.training =
-                bytes_from_hex(hash.as_bytes()).ok_or_else(|| PublishError::Record {
-                    path: run.to_owned(),
-                    reason: "its record holds no SHA-256 of the training data".into(),
-                })?;
+            let decoded = const_hex::decode_to_array(&hash);
+            provenance.training = decoded.map_err(|_| PublishError::Record {
+                path: run.to_owned(),
+                reason: "its record holds no SHA-256 of the training data".into(),
+            })?;
         }
         if let Some(path) = evaluation {
             let bytes = std::fs::read(path).map_err(|error| PublishError::Record {
@@ -276,7 +276,7 @@ impl Publisher {
             epoch: self.epoch,
             training_sha256: self.provenance.training,
             evaluation_sha256: self.provenance.evaluation,
-            ..manifest(version, name, file)?
+            ..manifest(version, name, file).map_err(refused(name))?
         };
         self.check_version(&manifest).await?;
         Ok(manifest)
@@ -325,38 +325,6 @@ fn greatest_after(last: &Release) -> u64 {
         0 => Release::MAX_VERSION,
         version => Release::MAX_VERSION.min(version.saturating_add(Release::MAX_VERSION_STEP)),
     }
-}
-
-/// SHA-256 of each chunk of a policy file.
-pub fn chunk_table(file: &[u8]) -> Vec<[u8; 32]> {
-    let chunks = file.chunks(wire::CHUNK_BYTES);
-    chunks.map(|chunk| Sha256::digest(chunk).into()).collect()
-}
-
-/// The manifest of a policy file of unknown provenance.
-///
-/// # Errors
-/// `Name` for a name longer than 32 bytes.
-pub fn manifest(version: u64, name: &str, file: &WeightFile) -> Result<Manifest, PublishError> {
-    let bytes = file.bytes();
-    let mut scratch = Box::new(Scratch::new());
-    let golden = Registrar::new(file.policy(), &mut scratch).golden_actions();
-    Ok(Manifest {
-        sha256: file.sha256(),
-        length: u32::try_from(bytes.len()).expect("a policy is a few MiB"),
-        chunk_length: wire::CHUNK_BYTES as u32,
-        table_sha256: Sha256::digest(chunk_table(bytes).concat()).into(),
-        epoch: 0,
-        version,
-        reach: u32::MAX,
-        file_version: weights::VERSION,
-        number_format: u16::from_le_bytes([bytes[6], bytes[7]]),
-        shape: file.policy().shape.header(),
-        name: PolicyName::try_from(name).map_err(|_| refused(name)(Error::Name))?,
-        training_sha256: [0; 32],
-        evaluation_sha256: [0; 32],
-        golden: golden.expect("the clouds of the self-test are good"),
-    })
 }
 
 /// The signed manifest frame that robots check.

@@ -8,7 +8,6 @@ use reagent_core::kernels::Isa;
 use reagent_core::net::Scratch;
 use reagent_core::pipeline::{self, Progress, Task};
 use reagent_core::polish::Workspace;
-use reagent_core::wire::keys::Hex;
 use reagent_core::wire::serial::{CHECK_BYTES, Decoder, Line};
 use reagent_core::wire::{
     self, Fit, Message, Mode, REQUEST_BYTES, RefineReply, RefineRequest, SMALL_FRAME_BYTES,
@@ -157,7 +156,7 @@ pub fn replay(bytes: &[u8], policies: &[WeightFile]) -> Result<Vec<Replayed>, Re
         let policy = policy.ok_or_else(|| ReplayError::Policy {
             number,
             version: trace.policy.version,
-            sha256: Hex(&sha256).to_string(),
+            sha256: const_hex::encode(sha256),
         })?;
         let again = once_more(&trace, &request, policy);
         replayed.push(again.map_err(|error| ReplayError::Refused { number, error })?);

@@ -5,7 +5,6 @@
 )]
 
 use crate::client::{Client, Heard};
-use crate::print;
 use reagent_core::verdict::Verdict;
 use reagent_core::wire::{NotTaken, Status};
 use std::collections::BTreeMap;
@@ -51,7 +50,7 @@ impl Table {
             text = cut(&text, width.into());
             self.drawn = text.lines().count();
         }
-        print::stdout(format_args!("{text}"));
+        reagent_link::print::stdout(format_args!("{text}"));
     }
 
     /// Puts text above the next drawing.
@@ -63,7 +62,7 @@ impl Table {
     fn clear(&mut self) {
         let drawn = std::mem::take(&mut self.drawn);
         if self.in_place && drawn > 0 {
-            print::stdout(format_args!("\x1b[{drawn}A\x1b[J"));
+            reagent_link::print::stdout(format_args!("\x1b[{drawn}A\x1b[J"));
         }
     }
 }

@@ -9,7 +9,6 @@ use crate::client::{Client, Heard};
 use crate::session::{SessionArgs, open};
 use anyhow::bail;
 use reagent_core::verdict::Verdict;
-use reagent_core::wire::keys::Hex;
 use reagent_core::wire::{PolicyId, Status, WhyNot};
 use serde_json::{Map, Value, json};
 use std::collections::BTreeSet;
@@ -121,7 +120,7 @@ fn robot(heard: &Heard) -> Value {
 }
 
 fn id(policy: &PolicyId) -> Value {
-    let sha256 = Hex(&policy.sha256).to_string();
+    let sha256 = const_hex::encode(policy.sha256);
     json!({ "epoch": policy.epoch, "version": policy.version, "sha256": sha256 })
 }
 

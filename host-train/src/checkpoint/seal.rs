@@ -62,8 +62,8 @@ impl File<'_> {
             .chain_update(&plain)
             .chain_update(self.data)
             .finalize();
-        let digits = digest.iter().map(|byte| format!("{byte:02x}"));
-        self.metadata.insert(CHECKSUM.into(), digits.collect());
+        let digits = const_hex::encode(digest);
+        self.metadata.insert(CHECKSUM.into(), digits);
         let mut header = self.header()?;
         // Data begin at a multiple of eight.
         header += &" ".repeat(header.len().next_multiple_of(8) - header.len());

@@ -183,9 +183,8 @@ impl Weights {
 impl Policies {
     /// SHA-256 of each policy that is a file, in hexadecimal, by its name.
     pub(super) fn sha256(&self) -> BTreeMap<&str, String> {
-        let hexadecimal = |bytes: [u8; 32]| bytes.map(|byte| format!("{byte:02x}")).concat();
         let files = self.0.iter().filter_map(|(name, weights)| match weights {
-            Weights::File(file) => Some((name.as_str(), hexadecimal(file.sha256()))),
+            Weights::File(file) => Some((name.as_str(), const_hex::encode(file.sha256()))),
             Weights::Trained(..) => None,
         });
         files.collect()

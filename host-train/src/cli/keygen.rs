@@ -2,7 +2,6 @@
 
 use crate::publish::keygen;
 use clap::Args;
-use std::fmt::Write;
 use std::path::PathBuf;
 
 /// Make a signing key for publish, from the system's random source
@@ -19,14 +18,7 @@ pub(super) struct KeygenArgs {
 impl KeygenArgs {
     pub(super) fn run(self) -> anyhow::Result<()> {
         let public = keygen(&self.out)?;
-        let hex = public
-            .to_bytes()
-            .iter()
-            .fold(String::new(), |mut text, byte| {
-                write!(text, "{byte:02x}").expect("writing to a string cannot fail");
-                text
-            });
-        println!("{hex}");
+        println!("{}", const_hex::encode(public.as_bytes()));
         Ok(())
     }
 }

@@ -11,6 +11,7 @@ mod contest;
 mod eval;
 mod export;
 mod import;
+#[cfg(feature = "publish")]
 mod keygen;
 mod output;
 mod pairs;
@@ -25,8 +26,8 @@ mod train;
 
 pub use register::Initial;
 
+#[cfg(feature = "publish")]
 use crate::publish::{self, PublishArgs};
-use anyhow::Context;
 use clap::{Parser, Subcommand};
 
 /// The seed where none is given.
@@ -57,7 +58,9 @@ enum Command {
     BopSynth(bop_synth::BopSynthArgs),
     Export(export::ExportArgs),
     Import(import::ImportArgs),
+    #[cfg(feature = "publish")]
     Keygen(keygen::KeygenArgs),
+    #[cfg(feature = "publish")]
     Publish(PublishArgs),
     Calibrate(calibrate::CalibrateArgs),
     Report(report::ReportArgs),
@@ -81,11 +84,14 @@ impl Cli {
             Command::BopSynth(args) => args.run(seed),
             Command::Export(args) => args.run(seed),
             Command::Import(args) => args.run(),
+            #[cfg(feature = "publish")]
             Command::Keygen(args) => args.run(),
             Command::Calibrate(args) => args.run(seed),
             Command::Report(args) => args.run(),
             Command::Replay(args) => args.run(),
+            #[cfg(feature = "publish")]
             Command::Publish(args) => {
+                use anyhow::Context;
                 let runtime =
                     tokio::runtime::Runtime::new().context("cannot start the network threads")?;
                 Ok(runtime.block_on(publish::run(args))?)

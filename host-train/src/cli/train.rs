@@ -10,6 +10,8 @@ use crate::train::{self, Anneal, Categories, Follow, Network, Stage, TrainConfig
 use anyhow::{Context, bail};
 use clap::{ArgAction, Args};
 use reagent_core::cut::Cut;
+use signal_hook::consts::{SIGINT, SIGTERM};
+use signal_hook::flag;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -172,7 +174,7 @@ impl TrainArgs {
     pub(super) fn run(self, seed: u64) -> anyhow::Result<()> {
         let resume = self.resume;
         let config = self.config(seed)?;
-        let stop = stop_on_signal()?;
+        let stop = stop_on_signal().context("cannot listen for Ctrl-C")?;
         train::run(&config, resume, &stop, &draw)?;
         if stop.load(Ordering::Relaxed) {
             bail!(
@@ -292,68 +294,26 @@ fn at_least_0(text: &str) -> Result<f64, String> {
     }
 }
 
-/// A flag that the first Ctrl-C or SIGTERM sets; the second ends the process.
-fn stop_on_signal() -> anyhow::Result<Arc<AtomicBool>> {
+/// A flag that the first Ctrl-C or SIGTERM sets; the second ends the process. SIGHUP stays as it is, so that `nohup`
+/// works.
+fn stop_on_signal() -> std::io::Result<Arc<AtomicBool>> {
+    let signals = [SIGINT, SIGTERM];
     let stop = Arc::new(AtomicBool::new(false));
-    let runtime = tokio::runtime::Builder::new_current_thread()
-        .enable_all()
-        .build()
-        .context("cannot listen for Ctrl-C")?;
-    // Caught from here on, not only once the thread runs.
-    let mut signals = {
-        let _context = runtime.enter();
-        Signals::listen().context("cannot listen for Ctrl-C")?
-    };
-    let flag = stop.clone();
-    std::thread::spawn(move || {
-        runtime.block_on(async {
-            signals.next().await;
-            flag.store(true, Ordering::Relaxed);
-            eprintln!("stopping after this update; again loses what follows the last checkpoint");
-            signals.next().await;
-            std::process::exit(1);
+    for signal in signals {
+        // In this order: the first signal does not find the flag set.
+        flag::register_conditional_shutdown(signal, 1, stop.clone())?;
+        flag::register(signal, stop.clone())?;
+    }
+    #[cfg(unix)]
+    {
+        let mut signals = signal_hook::iterator::Signals::new(signals)?;
+        std::thread::spawn(move || {
+            if signals.forever().next().is_some() {
+                eprintln!(
+                    "stopping after this update; again loses what follows the last checkpoint"
+                );
+            }
         });
-    });
+    }
     Ok(stop)
-}
-
-#[cfg(unix)]
-struct Signals {
-    interrupt: tokio::signal::unix::Signal,
-    terminate: tokio::signal::unix::Signal,
-}
-
-#[cfg(unix)]
-impl Signals {
-    fn listen() -> std::io::Result<Self> {
-        use tokio::signal::unix::{SignalKind, signal};
-        Ok(Signals {
-            interrupt: signal(SignalKind::interrupt())?,
-            terminate: signal(SignalKind::terminate())?,
-        })
-    }
-
-    async fn next(&mut self) {
-        tokio::select! {
-            _ = self.interrupt.recv() => {}
-            _ = self.terminate.recv() => {}
-        }
-    }
-}
-
-#[cfg(not(unix))]
-struct Signals;
-
-#[cfg(not(unix))]
-impl Signals {
-    fn listen() -> std::io::Result<Self> {
-        Ok(Signals)
-    }
-
-    async fn next(&mut self) {
-        // Without a console there is nothing to wait for.
-        if tokio::signal::ctrl_c().await.is_err() {
-            std::future::pending::<()>().await;
-        }
-    }
 }

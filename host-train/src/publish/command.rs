@@ -6,7 +6,6 @@ use super::{
 };
 use crate::dataset::pairs::PairSet;
 use crate::export::WeightFile;
-use reagent_core::wire::keys::Hex;
 use reagent_core::wire::{Manifest, PolicyName};
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
@@ -114,14 +113,14 @@ pub async fn run(args: PublishArgs) -> Result<(), PublishError> {
         if stored { "stored" } else { "serving" },
         manifest.release(),
         manifest.length,
-        Hex(&manifest.sha256),
+        const_hex::encode(manifest.sha256),
         if stored { "for" } else { "to" },
         args.fleet,
         if stored { "" } else { "; Ctrl-C ends it" },
     );
     println!(
         "robots that trust only this key: --trust {}",
-        Hex(&public_key)
+        const_hex::encode(public_key)
     );
     let interrupted = tokio::signal::ctrl_c();
     tokio::pin!(interrupted);

@@ -2,7 +2,6 @@
 
 use crate::files;
 use ed25519_dalek::{SigningKey, VerifyingKey};
-use reagent_core::wire::keys::Hex;
 use std::io;
 use std::path::Path;
 use thiserror::Error;
@@ -46,7 +45,7 @@ pub enum KeyError {
 pub fn keygen(path: &Path) -> Result<VerifyingKey, KeyError> {
     let mut seed = [0u8; 32];
     getrandom::fill(&mut seed).map_err(|e| failed(path, io::Error::other(e)))?;
-    let text = format!("{}\n", Hex(&seed));
+    let text = const_hex::encode(seed) + "\n";
     files::write_secret(path, text.as_bytes()).map_err(|error| failed(path, error))?;
     Ok(SigningKey::from_bytes(&seed).verifying_key())
 }
@@ -57,24 +56,11 @@ pub fn keygen(path: &Path) -> Result<VerifyingKey, KeyError> {
 /// `Missing`, `Format`, `Io`.
 pub fn read_key(path: &Path) -> Result<SigningKey, KeyError> {
     let text = std::fs::read(path).map_err(|error| failed(path, error))?;
-    let seed = bytes_from_hex(text.trim_ascii()).ok_or_else(|| KeyError::Format {
+    let decoded = const_hex::decode_to_array(text.trim_ascii());
+    let seed = decoded.map_err(|_| KeyError::Format {
         path: path.display().to_string(),
     })?;
     Ok(SigningKey::from_bytes(&seed))
-}
-
-/// 32 bytes as 64 hexadecimal digits.
-pub(super) fn bytes_from_hex(digits: &[u8]) -> Option<[u8; 32]> {
-    let digit = |byte: u8| char::from(byte).to_digit(16);
-    let mut seed = [0; 32];
-    let pairs = digits.chunks_exact(2);
-    if digits.len() != 64 {
-        return None;
-    }
-    for (byte, pair) in seed.iter_mut().zip(pairs) {
-        *byte = u8::try_from(digit(pair[0])? * 16 + digit(pair[1])?).ok()?;
-    }
-    Some(seed)
 }
 
 fn failed(path: &Path, reason: io::Error) -> KeyError {

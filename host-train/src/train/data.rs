@@ -207,5 +207,5 @@ pub(super) fn fingerprint(data: &TrainingData) -> String {
         let pose = i.camera_from_model.to_rows();
         hash.update(bytemuck::cast_slice::<f32, u8>(pose.as_flattened()));
     }
-    hash.finalize().iter().map(|b| format!("{b:02x}")).collect()
+    const_hex::encode(hash.finalize())
 }

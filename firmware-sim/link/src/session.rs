@@ -1,7 +1,4 @@
-//! Opening a Zenoh session that says at once what is wrong.
-//!
-//! The one definition for both ends: firmware-sim compiles this file too, since a robot never links
-//! the trainer.
+//! Opening a Zenoh session that says at once what is wrong: the one definition for both ends.
 
 use std::ops::Range;
 use std::path::PathBuf;

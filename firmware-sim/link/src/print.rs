@@ -1,22 +1,30 @@
-//! `print!`, `println!` and `eprintln!` of this crate: the standard library's panic where the reader has closed
-//! its end of the pipe (`host-train eval … | head -1`). Here what nobody reads is dropped, and the command goes
-//! on to write its files.
+//! `print!`, `println!` and `eprintln!` of the commands: the standard library's panic where the reader has
+//! closed its end of the pipe (`host-train eval … | head -1`). Here what nobody reads is dropped, and the
+//! command goes on to write its files.
 
 use std::fmt::Arguments;
 use std::io::{ErrorKind, Write};
 
+/// Prints to standard output.
+#[macro_export]
 macro_rules! print {
     ($($arg:tt)*) => { $crate::print::stdout(format_args!($($arg)*)) };
 }
+
+/// Prints a line to standard output.
+#[macro_export]
 macro_rules! println {
     ($($arg:tt)*) => { $crate::print::stdout(format_args!("{}\n", format_args!($($arg)*))) };
 }
+
+/// Prints a line to standard error.
+#[macro_export]
 macro_rules! eprintln {
     ($($arg:tt)*) => { $crate::print::stderr(format_args!("{}\n", format_args!($($arg)*))) };
 }
 
 /// Writes to standard output. A full disk ends the process with status 1: what was printed is the result.
-pub(crate) fn stdout(text: Arguments<'_>) {
+pub fn stdout(text: Arguments<'_>) {
     let mut out = std::io::stdout().lock();
     match out.write_fmt(text).and_then(|()| out.flush()) {
         Err(error) if error.kind() != ErrorKind::BrokenPipe => {
@@ -30,6 +38,6 @@ pub(crate) fn stdout(text: Arguments<'_>) {
 }
 
 /// Writes to standard error, if anyone reads it: a long job does not end for want of a terminal.
-pub(crate) fn stderr(text: Arguments<'_>) {
+pub fn stderr(text: Arguments<'_>) {
     let _ = std::io::stderr().lock().write_fmt(text);
 }

@@ -1,0 +1,7 @@
+//! What a robot and a workstation share beyond the wire format of `reagent_core`: a robot never links the
+//! trainer, and the trainer never links a robot.
+
+pub mod board;
+pub mod print;
+#[cfg(feature = "session")]
+pub mod session;

@@ -17,7 +17,7 @@ use ed25519_dalek::SigningKey;
 use figures::Times;
 use host_train::dataset::pairs::PairSet;
 use host_train::dataset::procedural;
-use host_train::export::WeightFile;
+use host_train::policy::WeightFile;
 use host_train::protocol::{self, Protocol};
 use host_train::publish::Publisher;
 use reagent_core::wire::{CloudView, Mode, RefineRequest};

@@ -6,7 +6,7 @@
 use host_train::dataset::pairs::{PairSet, Sample};
 use host_train::dataset::procedural;
 use host_train::eval::{Contestant, EvalSettings, Method, evaluate};
-use host_train::export::WeightFile;
+use host_train::policy::WeightFile;
 use reagent_core::Pose;
 use reagent_core::pipeline::Mode;
 use reagent_core::pose::rotation_from_euler;

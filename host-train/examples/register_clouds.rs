@@ -3,7 +3,7 @@
 
 use anyhow::bail;
 use host_train::dataset::cloud_file::{read_cloud, write_cloud};
-use host_train::export::WeightFile;
+use host_train::policy::WeightFile;
 use host_train::pose64::Pose64;
 use host_train::register::{Start, register, within_capacity};
 use reagent_core::Verdict;

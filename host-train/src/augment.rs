@@ -5,9 +5,8 @@
 
 use crate::dataset::Point;
 use crate::dataset::pairs::Sample;
-use crate::random::Rng;
+use crate::random::{Rng, resample};
 use glam::{Affine3, Mat3, Vec3};
-use rand::seq::index;
 use rand::{RngExt, seq::SliceRandom};
 use rand_distr::{Distribution, Normal, StandardNormal};
 use reagent_core::Pose;
@@ -75,21 +74,6 @@ pub fn clutter(rng: &mut Rng, points: &mut [Point], share: f32) {
         let radius = rng.random_range(0.0..1.0f32).cbrt();
         *p = (radius * random_direction(rng)).to_array();
     }
-}
-
-/// Draws `k` points: without replacement while there are enough, else every point once and the
-/// rest with replacement. Empty input gives empty output.
-pub fn resample(rng: &mut Rng, points: &[Point], k: usize) -> Vec<Point> {
-    let n = points.len();
-    if n == 0 {
-        return Vec::new();
-    }
-    let mut drawn: Vec<Point> = index::sample(rng, n, k.min(n))
-        .into_iter()
-        .map(|i| points[i])
-        .collect();
-    drawn.extend((n..k).map(|_| points[rng.random_range(0..n)]));
-    drawn
 }
 
 /// Permutes the order of the points.

@@ -4,7 +4,7 @@
 use crate::augment::random_direction;
 use crate::dataset::pairs::PairSet;
 use crate::dataset::{Model, Point};
-use crate::metrics::GroundTruth;
+use crate::measure::metrics::GroundTruth;
 use crate::protocol::{Conditions, Protocol, draw, draw_under};
 use crate::random::{Purpose, Rng, stream};
 use crate::views::Views;

@@ -3,15 +3,15 @@
 //! Clouds are used as they are, as in the paper's experiments: no normalisation. A policy decides as its
 //! file says, on core's kernels; it takes all steps, also after one that stops on every axis.
 
-use crate::baselines::{FgrSettings, IcpSettings, fgr, icp};
-use crate::batch;
 use crate::dataset::Point;
 use crate::dataset::pairs::PairSet;
-use crate::env::{Accumulation, Problem};
-use crate::metrics::{Errors, GroundTruth, PairMetrics, Summary, quantile};
-use crate::nn::Parameters;
+use crate::learn::env::{Accumulation, Problem};
+use crate::learn::nn::Parameters;
+use crate::learn::train::poses_of;
+use crate::measure::baselines::{FgrSettings, IcpSettings, fgr, icp};
+use crate::measure::metrics::{Errors, GroundTruth, PairMetrics, Summary, quantile};
 use crate::random::{Purpose, stream};
-use crate::train::poses_of;
+use crate::register::batch;
 use reagent_core::dims::AXES;
 use reagent_core::net::Scratch;
 use reagent_core::pipeline::{Mode, Task, refine};

@@ -14,10 +14,11 @@ mod conditions;
 
 pub use conditions::{Conditions, draw_under};
 
-use crate::augment::{clean_pair, misalign, noisy_pair, resample};
+use crate::augment::{clean_pair, misalign, noisy_pair};
 use crate::dataset::Model;
 use crate::dataset::modelnet::{FIRST_HALF, SECOND_HALF};
 use crate::dataset::pairs::PairSet;
+use crate::random::resample;
 use crate::random::{Purpose, stream};
 use rand::seq::index;
 use std::ops::Range;
@@ -100,7 +101,7 @@ fn choose(models: &[Model], count: usize, seed: u64) -> impl Iterator<Item = &Mo
 mod tests {
     use super::*;
     use crate::dataset::Point;
-    use crate::metrics::GroundTruth;
+    use crate::measure::metrics::GroundTruth;
     use rand::RngExt;
 
     /// Clouds of points in a cube, labelled in turn.

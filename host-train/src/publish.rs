@@ -8,7 +8,7 @@ mod stages;
 mod statistics;
 mod stored;
 
-pub use crate::manifest::{chunk_table, manifest};
+pub use crate::policy::manifest::{chunk_table, manifest};
 pub use command::{PublishArgs, run};
 pub use comparison::{Comparison, Paired};
 pub use key::{KeyError, keygen, read_key};
@@ -19,9 +19,9 @@ pub use robots::{Heard, Reception};
 
 pub use stages::{Gate, Halt, Stages};
 
-use crate::export::{ExportError, WeightFile};
-use crate::train::TrainError;
-use crate::train::record::RunRecord;
+use crate::learn::train::TrainError;
+use crate::learn::train::record::RunRecord;
+use crate::policy::{ExportError, WeightFile};
 use ed25519_dalek::{Signer, SigningKey};
 use reagent_core::Error;
 use reagent_core::wire::{self, Manifest, Message, Release, SignedManifest, keys};

@@ -1,6 +1,7 @@
 //! Seeded random streams: a stream depends on the seed and on what it is for, never on the thread.
 
-use rand::SeedableRng;
+use rand::seq::index;
+use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 /// The generator used everywhere.
@@ -43,4 +44,19 @@ pub fn stream(seed: u64, purpose: Purpose, index: u64) -> Rng {
     let mut rng = Rng::from_seed(key);
     rng.set_stream(index);
     rng
+}
+
+/// Draws `k` items: without replacement while there are enough, else every item once and the
+/// rest with replacement. Empty input gives empty output.
+pub fn resample<T: Copy>(rng: &mut Rng, items: &[T], k: usize) -> Vec<T> {
+    let n = items.len();
+    if n == 0 {
+        return Vec::new();
+    }
+    let mut drawn: Vec<T> = index::sample(rng, n, k.min(n))
+        .into_iter()
+        .map(|i| items[i])
+        .collect();
+    drawn.extend((n..k).map(|_| items[rng.random_range(0..n)]));
+    drawn
 }

@@ -1,9 +1,15 @@
 //! One registration of two clouds in the user's own units.
 
+pub mod batch;
+pub mod dense;
+pub mod replay;
+pub mod thin;
+pub mod trace;
+
 use crate::dataset::Point;
 use crate::pose64::{Pose64, Position};
-use crate::thin::thin;
-use crate::trace::Step;
+use crate::register::thin::thin;
+use crate::register::trace::Step;
 use reagent_core::dims::MAX_POINTS;
 use reagent_core::net::Scratch;
 use reagent_core::pipeline::{self, Answer, Progress, Task};
@@ -91,8 +97,8 @@ pub fn within_capacity(points: &[Point]) -> Vec<Point> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::export::WeightFile;
-    use crate::nn::{Parameters, Shape};
+    use crate::learn::nn::{Parameters, Shape};
+    use crate::policy::WeightFile;
     use crate::random::{Purpose, stream};
     use rand::RngExt;
     use reagent_core::pipeline::Mode;

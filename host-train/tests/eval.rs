@@ -3,8 +3,8 @@
 mod support;
 
 use host_train::dataset::pairs::load_poses;
-use host_train::export::WeightFile;
-use host_train::nn::{Parameters, Shape};
+use host_train::learn::nn::{Parameters, Shape};
+use host_train::policy::WeightFile;
 use reagent_core::Decision;
 use reagent_tests::shared;
 use serde_json::Value;

@@ -3,7 +3,7 @@
 
 mod support;
 
-use host_train::checkpoint::{Checkpoint, LAST};
+use host_train::policy::checkpoint::{Checkpoint, LAST};
 use host_train::random::{Purpose, stream};
 use rand::RngExt;
 use std::io::{BufRead, BufReader};

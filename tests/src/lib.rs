@@ -3,7 +3,7 @@
 //! Golden numbers are outputs of the authors' PyTorch implementation of ReAgent for recorded inputs. Small
 //! extracts are in `tests/fixtures`; the complete file is used where it lies beside the checkout.
 
-use host_train::nn::{Parameters, Shape};
+use host_train::learn::nn::{Parameters, Shape};
 use safetensors::{Dtype, SafeTensors};
 use std::path::{Path, PathBuf};
 

@@ -3,7 +3,7 @@
 use host_train::dataset::modelnet::{self, Split};
 use host_train::dataset::pairs::{PairSet, load_poses};
 use host_train::dataset::{self, DatasetError, procedural};
-use host_train::import;
+use host_train::policy::import;
 use host_train::protocol::{self, Protocol};
 use reagent_tests::shared;
 use std::path::Path;

@@ -7,7 +7,7 @@ use firmware_sim::node::{Node, NodeConfig};
 use firmware_sim::policy::Trust;
 use firmware_sim::session::{SessionArgs, open};
 use futures::future::join_all;
-use host_train::export::WeightFile;
+use host_train::policy::WeightFile;
 use host_train::publish::{PublishError, Publisher, chunk_table, manifest};
 use reagent_core::wire::{self, Manifest, RefineReply, RefineRequest, keys};
 use std::sync::Arc;

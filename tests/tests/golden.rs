@@ -1,17 +1,17 @@
 //! The mathematics and the network against the numbers of the authors' implementation.
 
 use glam::{Mat3, Vec3};
-use host_train::agent::{Features, Seen, embed};
 use host_train::augment;
 use host_train::dataset::h5::H5File;
 use host_train::dataset::pairs::PairSet;
-use host_train::env::{Accumulation, Problem};
-use host_train::expert::Expert;
-use host_train::export::WeightFile;
-use host_train::heads::Activations;
-use host_train::nn::{PackedEmbedding, Search};
-use host_train::optim::{Adam, Schedule};
-use host_train::reward::{chamfer, reward};
+use host_train::learn::agent::{Features, Seen, embed};
+use host_train::learn::env::{Accumulation, Problem};
+use host_train::learn::expert::Expert;
+use host_train::learn::heads::Activations;
+use host_train::learn::nn::{PackedEmbedding, Search};
+use host_train::learn::optim::{Adam, Schedule};
+use host_train::learn::reward::{chamfer, reward};
+use host_train::policy::WeightFile;
 use reagent_core::cut::Cut;
 use reagent_core::kernels::Isa;
 use reagent_core::net::Scratch;
@@ -408,7 +408,7 @@ fn the_imported_checkpoint_takes_every_recorded_action() {
     ) else {
         return;
     };
-    let parameters = host_train::import::pytorch(&checkpoint).expect("a checkpoint");
+    let parameters = host_train::policy::import::pytorch(&checkpoint).expect("a checkpoint");
     let file = WeightFile::from_parameters(&parameters).expect("deployable");
     let pairs = PairSet::load(&pairs).expect("pairs");
     let (_, ids) = H5File::open(&recorded)

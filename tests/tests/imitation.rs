@@ -2,12 +2,13 @@
 //! advantages, and what the authors' order of them does.
 
 use glam::Vec3;
-use host_train::buffer::{Buffer, Observation};
-use host_train::env::Problem;
-use host_train::loss::{Losses, PpoSettings};
-use host_train::nn::{Parameters, Search, Shape};
-use host_train::optim::Adam;
-use host_train::train::{Method, RollOut, Trainer};
+use host_train::learn::buffer::{Buffer, Observation};
+use host_train::learn::env::Problem;
+use host_train::learn::loss::Losses;
+use host_train::learn::nn::{Parameters, Search, Shape};
+use host_train::learn::optim::Adam;
+use host_train::learn::ppo::PpoSettings;
+use host_train::learn::train::{Method, RollOut, Trainer};
 use reagent_core::{Action, Pose};
 use reagent_tests::{Golden, reference_parameters};
 

@@ -1,7 +1,7 @@
 //! The paper's metrics against the authors' own code (`metrics.*` of the golden file).
 
 use glam::Vec3;
-use host_train::metrics::{Errors, GroundTruth, PairMetrics, Summary, auc};
+use host_train::measure::metrics::{Errors, GroundTruth, PairMetrics, Summary, auc};
 use reagent_core::Pose;
 use reagent_tests::Golden;
 

@@ -2,8 +2,8 @@
 
 use host_train::dataset::pairs::PairSet;
 use host_train::dataset::procedural;
-use host_train::export::WeightFile;
-use host_train::nn::{self, Parameters};
+use host_train::learn::nn::{self, Parameters};
+use host_train::policy::WeightFile;
 use host_train::protocol::{self, Protocol};
 use reagent_core::Shape;
 use reagent_core::kernels::Isa;

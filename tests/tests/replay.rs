@@ -3,8 +3,8 @@
 mod support;
 
 use firmware_sim::client;
-use host_train::export::WeightFile;
-use host_train::replay::{Difference, ReplayError, replay};
+use host_train::policy::WeightFile;
+use host_train::register::replay::{Difference, ReplayError, replay};
 use reagent_core::kernels::Isa;
 use reagent_core::wire::{
     self, CloudView, KernelName, Message, Mode, RefineRequest, StepsView, Trace, keys, serial,

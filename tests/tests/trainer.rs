@@ -2,14 +2,14 @@
 
 use host_train::augment::{clean_sample, noisy_sample};
 use host_train::dataset::{pairs::PairSet, procedural};
-use host_train::env::{Accumulation, Problem};
 use host_train::eval::{Contestant, EvalSettings, Method as Registers, evaluate};
-use host_train::export::WeightFile;
-use host_train::nn::{Parameters, Shape};
-use host_train::optim::Adam;
+use host_train::learn::env::{Accumulation, Problem};
+use host_train::learn::nn::{Parameters, Shape};
+use host_train::learn::optim::Adam;
+use host_train::learn::reward::{CLOSER, FARTHER, SAME, chamfer};
+use host_train::learn::train::{Follow, Method, RollOut, Trainer, poses_of};
+use host_train::policy::WeightFile;
 use host_train::random::{Purpose, stream};
-use host_train::reward::{CLOSER, FARTHER, SAME, chamfer};
-use host_train::train::{Follow, Method, RollOut, Trainer, poses_of};
 use reagent_core::{Action, Decision};
 
 fn problems(count: u64, points: usize) -> Vec<Problem> {

@@ -1,13 +1,13 @@
 //! Training runs: exact resumption, runs that cannot start, runs that break, and every option.
 
-use host_train::checkpoint::{Checkpoint, LAST, PREVIOUS};
-use host_train::env::Accumulation;
-use host_train::expert::Expert;
-use host_train::export::parameters_of;
-use host_train::nn::{Parameters, Shape};
-use host_train::train::{
+use host_train::learn::env::Accumulation;
+use host_train::learn::expert::Expert;
+use host_train::learn::nn::{Parameters, Shape};
+use host_train::learn::train::{
     Anneal, DataSource, Follow, Method, Network, RollOut, Stage, TrainConfig, TrainError, run,
 };
+use host_train::policy::checkpoint::{Checkpoint, LAST, PREVIOUS};
+use host_train::policy::parameters_of;
 use reagent_core::cut::Cut;
 use serde_json::Value;
 use std::path::Path;

@@ -4,8 +4,8 @@ mod support;
 
 use firmware_sim::node::{Node, NodeConfig};
 use firmware_sim::policy::{Trust, UpdateError};
-use host_train::export::WeightFile;
-use host_train::nn::{Parameters, Shape};
+use host_train::learn::nn::{Parameters, Shape};
+use host_train::policy::WeightFile;
 use host_train::publish::{PublishError, chunk_table, manifest};
 use reagent_core::wire;
 use std::collections::BTreeMap;

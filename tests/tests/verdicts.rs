@@ -1,7 +1,7 @@
 //! What is said of clouds that have no right pose, or too little to tell it: each file stands for a kind of fault.
 
 use host_train::dataset::cloud_file::read_cloud;
-use host_train::export::WeightFile;
+use host_train::policy::WeightFile;
 use host_train::register::{register, within_capacity};
 use reagent_core::pipeline::{Answer, Task};
 use reagent_core::start::Start;

@@ -2,14 +2,15 @@
 
 use super::{DemoArgs, ROBOTS};
 use anyhow::bail;
-use host_train::augment::{misalign, noisy_pair, noisy_sample, resample};
+use host_train::augment::{misalign, noisy_pair, noisy_sample};
 use host_train::dataset::camera::Camera;
 use host_train::dataset::pairs::{PairSet, Sample};
 use host_train::dataset::procedural::{self, Shape};
 use host_train::dataset::{Model, modelnet};
 use host_train::eval::EvalError;
-use host_train::export::WeightFile;
+use host_train::policy::WeightFile;
 use host_train::publish::Comparison;
+use host_train::random::resample;
 use host_train::random::{Purpose, Rng, stream};
 use rand::RngExt;
 use std::sync::Arc;

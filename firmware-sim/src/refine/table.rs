@@ -2,7 +2,7 @@
 
 use anyhow::Context;
 use host_train::dataset::pairs::PairSet;
-use host_train::metrics::{GroundTruth, PairMetrics, Summary};
+use host_train::measure::metrics::{GroundTruth, PairMetrics, Summary};
 use reagent_core::Pose;
 use reagent_core::wire::RefineReply;
 

@@ -2,13 +2,14 @@
 
 use super::normalise::Normalisation;
 use super::segment::{inside, patch};
-use crate::augment::{random_direction, resample, transform};
+use crate::augment::{random_direction, transform};
 use crate::dataset::Point;
 use crate::dataset::bop::{
     BopError, Instance, MaskKind, Models, Observation, Scenes, training_scenes,
 };
 use crate::dataset::camera::random_rotation;
 use crate::dataset::pairs::{PairSet, Sample};
+use crate::random::resample;
 use crate::random::{Purpose, Rng, stream};
 use glam::Mat3;
 use rand::RngExt;

@@ -1,9 +1,9 @@
 //! Source clouds out of a depth image and a mask.
 
-use crate::augment::resample;
 use crate::dataset::Point;
 use crate::dataset::bop::Observation;
 use crate::random::Rng;
+use crate::random::resample;
 use rand::RngExt;
 
 /// The paper's training segments: a patch about a random pixel of the object. `ceil(count * foreground)` of its

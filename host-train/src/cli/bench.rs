@@ -2,10 +2,10 @@
 
 use super::output::{write_json, write_text};
 use super::source::{DataSource, positive};
-use crate::export::WeightFile;
-use crate::latency;
-use crate::mcu::{self, Budget};
-use crate::train::{self, Stage, TrainConfig};
+use crate::learn::train::{self, Stage, TrainConfig};
+use crate::measure::latency;
+use crate::measure::microcontrollers::{self, Budget};
+use crate::policy::WeightFile;
 use anyhow::Context;
 use clap::Args;
 use clap::builder::RangedU64ValueParser;
@@ -147,7 +147,7 @@ impl BenchArgs {
             "board       network              policy   library  program  clouds  all static  stack   RAM    on a grid  multiply-adds  instructions  per multiply-add  slice"
         );
         let mut budgets = Vec::new();
-        for budget in mcu::measure_all(&file, seed)? {
+        for budget in microcontrollers::measure_all(&file, seed)? {
             println!(
                 "{:<10}  {:<19}  {:>7}  {:>7}  {:>7}  {:>6}  {:>10}  {:>5}  {:>5}  {:>9}  {:>11.3} G  {:>10.3} G  {:>16.3}  {:.2} M",
                 budget.board,
@@ -169,7 +169,7 @@ impl BenchArgs {
         }
         println!("of what reagent_core::budget allows:");
         for budget in &budgets {
-            let limits = mcu::limits(budget);
+            let limits = microcontrollers::limits(budget);
             let shares: Vec<String> = limits
                 .iter()
                 .map(|(what, now, most)| format!("{what} {:.0} %", 100.0 * now / most))
@@ -187,7 +187,7 @@ impl BenchArgs {
         if let Some(path) = &self.page {
             let page = std::fs::read_to_string(path)
                 .with_context(|| format!("cannot read {}", path.display()))?;
-            let page = mcu::with_table(&page, &budgets)
+            let page = microcontrollers::with_table(&page, &budgets)
                 .with_context(|| format!("{} has no place for the table", path.display()))?;
             write_text(path, &page)?;
         }
@@ -196,7 +196,7 @@ impl BenchArgs {
                 std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
             let before: Vec<Budget> = serde_json::from_slice(&text)
                 .with_context(|| format!("{} is no file of bench --mcu --json", path.display()))?;
-            let complaints = mcu::complaints(&budgets, &before);
+            let complaints = microcontrollers::complaints(&budgets, &before);
             anyhow::ensure!(
                 complaints.is_empty(),
                 "not as in {}: {}",

@@ -4,7 +4,7 @@ use super::output::write_json;
 use super::source;
 use crate::calibrate::{Kind, Quality, Row, collect, fit, probability};
 use crate::dataset::{self, Split, modelnet};
-use crate::export::WeightFile;
+use crate::policy::WeightFile;
 use crate::views::Views;
 use clap::Args;
 use reagent_core::pipeline::Mode;

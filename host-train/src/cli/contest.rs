@@ -1,11 +1,11 @@
 //! Which methods a command compares, from its arguments.
 
 use super::{bad_usage, source};
-use crate::checkpoint::Checkpoint;
-use crate::env::Accumulation;
 use crate::eval::{Contestant, Method};
-use crate::export::{ExportError, WeightFile};
-use crate::nn::Parameters;
+use crate::learn::env::Accumulation;
+use crate::learn::nn::Parameters;
+use crate::policy::checkpoint::Checkpoint;
+use crate::policy::{ExportError, WeightFile};
 use clap::{Args, ValueEnum};
 use reagent_core::dims::STEPS;
 use reagent_core::pipeline::Mode;

@@ -9,7 +9,7 @@ use super::{bad_usage, source, table};
 use crate::bop::evaluate::Refinements;
 use crate::dataset::pairs::{PairSet, save_poses};
 use crate::eval::{Document, EvalSettings, Row, agreement, evaluate};
-use crate::trace;
+use crate::register::trace;
 use anyhow::Context;
 use clap::{ArgGroup, Args};
 use serde::Serialize;

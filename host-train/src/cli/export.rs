@@ -2,9 +2,9 @@
 
 use super::contest::{Decide, steps};
 use super::source::{self, DataSource};
-use crate::checkpoint::Checkpoint;
 use crate::dataset::pairs::PairSet;
-use crate::export::{WeightFile, parameters_of};
+use crate::policy::checkpoint::Checkpoint;
+use crate::policy::{WeightFile, parameters_of};
 use crate::protocol::Protocol;
 use clap::{Args, ValueEnum};
 use reagent_core::{Decision, Policy};

@@ -1,7 +1,7 @@
 //! `host-train import`
 
-use crate::export::WeightFile;
-use crate::import;
+use crate::policy::WeightFile;
+use crate::policy::import;
 use clap::Args;
 use std::path::PathBuf;
 

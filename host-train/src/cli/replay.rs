@@ -1,7 +1,7 @@
 //! `host-train replay`: what a robot did, once more.
 
-use crate::export::WeightFile;
-use crate::replay::{ReplayError, replay};
+use crate::policy::WeightFile;
+use crate::register::replay::{ReplayError, replay};
 use anyhow::bail;
 use std::path::PathBuf;
 

@@ -10,7 +10,7 @@ use clap::ValueEnum;
 use clap::builder::RangedU64ValueParser;
 use std::path::Path;
 
-pub(super) use crate::train::DataSource;
+pub(super) use crate::learn::train::DataSource;
 
 /// Pairs drawn from the built-in shapes where no number is given.
 const PROCEDURAL_PAIRS: usize = 100;

@@ -1,7 +1,7 @@
 //! The paper's tables as text.
 
 use crate::eval::{Agreement, Contestant, Outcome, Row, StepRow};
-use crate::sweep::Varied;
+use crate::measure::sweep::Varied;
 use clap::ValueEnum;
 use std::fmt::Write;
 

@@ -1,12 +1,12 @@
 //! `host-train train`
 
 use super::source::{DataSource, positive};
-use crate::env::Accumulation;
-use crate::expert::Expert;
-use crate::nn::Search;
+use crate::learn::env::Accumulation;
+use crate::learn::expert::Expert;
+use crate::learn::nn::Search;
+use crate::learn::train::record::RunRecord;
+use crate::learn::train::{self, Anneal, Categories, Follow, Network, Stage, TrainConfig};
 use crate::report::Report;
-use crate::train::record::RunRecord;
-use crate::train::{self, Anneal, Categories, Follow, Network, Stage, TrainConfig};
 use anyhow::{Context, bail};
 use clap::{ArgAction, Args};
 use reagent_core::cut::Cut;

@@ -18,7 +18,7 @@
 use super::cloud_file::{CloudError, EXTENSIONS, MESH_POINTS, extension, read_surface};
 use super::mesh::normalise;
 use super::{DatasetError, MAX_BYTES, Model, Point, Split};
-use crate::augment::resample;
+use crate::random::resample;
 use crate::random::{Purpose, stream};
 use rayon::prelude::*;
 use std::collections::BTreeSet;

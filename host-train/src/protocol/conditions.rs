@@ -2,10 +2,11 @@
 
 use super::{POINTS, Protocol, SCAN_POINTS, choose};
 use crate::augment::{
-    JITTER_CLIP, JITTER_SIGMA, clutter, crop, jitter_by, misalign_by, random_rigid_within, resample,
+    JITTER_CLIP, JITTER_SIGMA, clutter, crop, jitter_by, misalign_by, random_rigid_within,
 };
 use crate::dataset::Model;
 use crate::dataset::pairs::PairSet;
+use crate::random::resample;
 use crate::random::{Purpose, stream};
 
 /// Streams for the parts of one pair.
@@ -86,7 +87,7 @@ pub fn draw_under(models: &[Model], conditions: &Conditions, count: usize, seed:
 mod tests {
     use super::*;
     use crate::dataset::Point;
-    use crate::metrics::GroundTruth;
+    use crate::measure::metrics::GroundTruth;
     use crate::protocol::tests::models;
 
     const NOISY: Conditions = Conditions {

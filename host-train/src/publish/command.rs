@@ -5,7 +5,7 @@ use super::{
     read_key,
 };
 use crate::dataset::pairs::PairSet;
-use crate::export::WeightFile;
+use crate::policy::WeightFile;
 use reagent_core::wire::{Manifest, PolicyName};
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};

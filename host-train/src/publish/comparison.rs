@@ -3,8 +3,8 @@
 use super::statistics::coin;
 use crate::dataset::pairs::PairSet;
 use crate::eval::{Contestant, EvalError, EvalSettings, Method, evaluate};
-use crate::export::WeightFile;
-use crate::metrics::is_right;
+use crate::measure::metrics::is_right;
+use crate::policy::WeightFile;
 use reagent_core::dims::STEPS;
 use std::fmt;
 
@@ -54,7 +54,7 @@ impl Comparison {
         });
         let outcomes = evaluate(set, &contestants, &settings, &|| {})?;
         let reached = |closer: f64| {
-            let of = |errors: &crate::metrics::Errors| -> Vec<bool> {
+            let of = |errors: &crate::measure::metrics::Errors| -> Vec<bool> {
                 let both = errors.r_iso_deg.iter().zip(&errors.t_iso);
                 both.map(|(r, t)| is_right(r * closer, t * closer))
                     .collect()
@@ -121,7 +121,7 @@ impl fmt::Display for Comparison {
 mod tests {
     use super::*;
     use crate::dataset::procedural;
-    use crate::nn::{Parameters, Shape};
+    use crate::learn::nn::{Parameters, Shape};
     use crate::protocol::{self, Protocol};
 
     #[test]

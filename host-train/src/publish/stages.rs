@@ -2,7 +2,7 @@
 
 use super::statistics::fisher;
 use super::{Heard, PublishError, Publisher, Reception};
-use crate::export::WeightFile;
+use crate::policy::WeightFile;
 use reagent_core::Verdict;
 use reagent_core::wire::{Manifest, Tally, WhyNot};
 use std::collections::BTreeMap;

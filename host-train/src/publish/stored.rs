@@ -1,7 +1,7 @@
 //! Policies in a router's storage: they are there when their publisher is gone.
 
 use super::{PublishError, Publisher, chunk_table, refused, sign};
-use crate::export::WeightFile;
+use crate::policy::WeightFile;
 use reagent_core::wire::{self, Manifest, Message, keys};
 use sha2::{Digest, Sha256};
 use std::collections::BTreeSet;

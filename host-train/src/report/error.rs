@@ -1,6 +1,6 @@
 //! Why a report could not be made: what, where, and what to do.
 
-use crate::trace::TraceError;
+use crate::register::trace::TraceError;
 use std::path::PathBuf;
 
 /// Why a report was refused.

@@ -5,7 +5,7 @@ mod run;
 
 use super::ReportError;
 use super::value::{At, Fields, number};
-use crate::trace::{self, Traced};
+use crate::register::trace::{self, Traced};
 use serde_json::{Map, Value};
 use std::collections::BTreeMap;
 use std::fs::File;

@@ -3,7 +3,7 @@
 use super::input::{TRACED, TraceFile};
 use super::section::{Block, Section};
 use crate::dataset::Point;
-use crate::trace::{Probabilities, Traced};
+use crate::register::trace::{Probabilities, Traced};
 use glam::Vec3;
 use reagent_core::{Frame, Pose};
 use serde::Serialize;

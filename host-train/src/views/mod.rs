@@ -14,7 +14,7 @@
 mod scene;
 pub mod start;
 
-use crate::augment::{affine, random_affine, resample};
+use crate::augment::{affine, random_affine};
 use crate::bop::sample::placed;
 use crate::bop::synth::sensor::{Sensor, estimated_mask};
 use crate::dataset::camera::random_rotation;
@@ -23,8 +23,9 @@ use crate::dataset::mesh::Mesh;
 use crate::dataset::pairs::{PairSet, Sample};
 use crate::dataset::raster::Pinhole;
 use crate::dataset::{DatasetError, Point, Split, procedural, tree};
+use crate::learn::train::Meshes;
+use crate::random::resample;
 use crate::random::{Purpose, Rng, stream};
-use crate::train::Meshes;
 use glam::{Affine3A, Mat3, Vec2, Vec3};
 use rand::RngExt;
 use rand::seq::index;

@@ -82,7 +82,7 @@ mod tests {
             })
             .collect();
         let quantile = |q: f64, of: &dyn Fn(&(f32, Vec3)) -> f32| {
-            crate::metrics::quantile(errors.iter().map(|e| f64::from(of(e))).collect(), q)
+            crate::measure::metrics::quantile(errors.iter().map(|e| f64::from(of(e))).collect(), q)
         };
         let turn = |e: &(f32, Vec3)| e.0;
         assert!(

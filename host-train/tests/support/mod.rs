@@ -1,8 +1,8 @@
 //! Runs the trainer's program as a user does.
 #![allow(dead_code, reason = "each test program uses a part")]
 
-use host_train::export::WeightFile;
-use host_train::nn::{Parameters, Shape};
+use host_train::learn::nn::{Parameters, Shape};
+use host_train::policy::WeightFile;
 use serde_json::Value;
 use std::path::Path;
 use std::process::{Command, Output};

@@ -4,7 +4,7 @@ use super::{COMPACT, POLICY, manifest_of, on_boards, on_boards_for, request, req
 use firmware_sim::board::{Board, Clouds, Kind};
 use host_train::dataset::pairs::PairSet;
 use host_train::dataset::procedural;
-use host_train::export::WeightFile;
+use host_train::policy::WeightFile;
 use host_train::protocol::{self, Protocol};
 use reagent_core::budget::GRID_RAM_BUDGET;
 use reagent_core::grid::Grid;

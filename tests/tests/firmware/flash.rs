@@ -4,7 +4,7 @@ use super::{
     COMPACT, POLICY, cloud, manifest_of, on_boards, on_boards_with, request, still_answers,
 };
 use firmware_sim::board::{BoardError, Clouds, flash_content};
-use host_train::export::WeightFile;
+use host_train::policy::WeightFile;
 use host_train::random::{Purpose, Rng, stream};
 use reagent_core::wire::{FLASH_HEADER_BYTES, FlashCheck, Manifest, Reason, Refusal};
 use std::ops::ControlFlow;

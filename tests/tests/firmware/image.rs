@@ -2,8 +2,8 @@
 
 use super::{images, on_boards};
 use firmware_sim::board::Kind;
-use host_train::image::{self, Image};
-use host_train::mcu::{self, Budget};
+use host_train::measure::elf::{self, Image};
+use host_train::measure::microcontrollers::{self, Budget};
 use reagent_core::budget::{CODE_BUDGET, RAM_BUDGET, STACK_BUDGET};
 use std::path::{Path, PathBuf};
 
@@ -12,7 +12,7 @@ fn file(path: &str) -> PathBuf {
 }
 
 pub(crate) fn assert_cannot_panic(path: &Path) -> Image {
-    let image = image::read(path).expect("an image");
+    let image = elf::read(path).expect("an image");
     assert_eq!(image.panics, [""; 0], "{}", path.display());
     image
 }
@@ -27,7 +27,7 @@ fn images_cannot_panic_and_the_library_is_small() {
     }
     // A program of a host can.
     let host = std::env::current_exe().expect("this program");
-    assert!(!image::read(&host).expect("an image").panics.is_empty());
+    assert!(!elf::read(&host).expect("an image").panics.is_empty());
 }
 
 #[test]
@@ -37,7 +37,7 @@ fn the_page_has_the_committed_budget() {
         serde_json::from_str(&read("firmware-sim/cortex-m/budget.json")).expect("budgets");
     assert_eq!(budgets.len(), 2 * Kind::ALL.len());
     let page = read("firmware-sim/cortex-m/README.md");
-    let made = mcu::with_table(&page, &budgets);
+    let made = microcontrollers::with_table(&page, &budgets);
     assert!(
         made == Some(page),
         "host-train bench --mcu --json firmware-sim/cortex-m/budget.json --page firmware-sim/cortex-m/README.md"

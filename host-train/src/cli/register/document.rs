@@ -2,9 +2,9 @@
 
 use super::input::Input;
 use crate::dataset::cloud_file::Note;
-use crate::dense::Densely;
 use crate::pose64::{Pose64, Position};
 use crate::register::Registered;
+use crate::register::dense::Densely;
 use reagent_core::Pose;
 use reagent_core::pipeline::Refinement;
 use reagent_core::polish::Refined;

@@ -1,8 +1,8 @@
 //! What is printed.
 
-use crate::dense::Densely;
 use crate::pose64::Pose64;
 use crate::register::Registered;
+use crate::register::dense::Densely;
 use reagent_core::Verdict;
 use reagent_core::pipeline::Refinement;
 use reagent_core::polish::Refined;

@@ -1,6 +1,6 @@
 //! Box statistics as Tukey draws them.
 
-use crate::metrics::quantile;
+use crate::measure::metrics::quantile;
 
 /// Outliers that are drawn at most for one box.
 const OUTLIERS: usize = 60;

@@ -1,0 +1,14 @@
+//! Learning a policy: `env <-> agent -> buffer -> loss -> optim`; the loop is in [`train`].
+
+pub mod agent;
+pub mod buffer;
+pub mod env;
+pub mod expert;
+pub mod heads;
+pub mod loss;
+pub mod matmul;
+pub mod nn;
+pub mod optim;
+pub mod ppo;
+pub mod reward;
+pub mod train;

@@ -1,0 +1,212 @@
+//! What a run trains on, and what it is validated on.
+
+use super::config::{Categories, DataSource, Meshes, Stage, TrainConfig};
+use super::run::TrainError;
+use crate::augment::{clean_pair, clean_sample, noisy_pair, noisy_sample};
+use crate::bop::sample::{BopSampling, BopTraining};
+use crate::dataset::pairs::{PairSet, Sample};
+use crate::dataset::{self, Model, Point, Split, modelnet, procedural};
+use crate::learn::env::Problem;
+use crate::protocol::{self, Protocol};
+use crate::random::resample;
+use crate::random::{Purpose, Rng, stream};
+use crate::views::{Object, Views};
+use rand::seq::SliceRandom;
+use rayon::prelude::*;
+use sha2::{Digest, Sha256};
+
+/// What samples are drawn from.
+#[derive(Debug)]
+pub(super) struct TrainingData {
+    /// Clouds of models, deformed and moved afresh for each sample.
+    clouds: Vec<Vec<Point>>,
+    /// Annotated objects in depth images, which are read as samples are drawn.
+    objects: Vec<BopTraining>,
+    /// Meshes of which views are rendered.
+    views: Vec<Views>,
+}
+
+impl TrainingData {
+    /// Clouds and annotated objects: samples of an epoch.
+    pub(super) fn len(&self) -> usize {
+        self.clouds.len()
+            + self
+                .objects
+                .iter()
+                .map(|o| o.instances().len())
+                .sum::<usize>()
+            + self.views.iter().map(|v| v.objects().len()).sum::<usize>()
+    }
+}
+
+/// What is trained on, and pairs of the meshes and images held back for validation.
+pub(super) fn load(config: &TrainConfig) -> Result<(TrainingData, PairSet), TrainError> {
+    let mut objects = Vec::new();
+    let mut views = Vec::new();
+    let mut poses = PairSet::default();
+    let mut training: Vec<Model> = Vec::new();
+    let mut held_back: Vec<Model> = Vec::new();
+    for source in &config.data {
+        let models = match source {
+            DataSource::Directory(path) => {
+                let models = dataset::load(path, Split::Train, config.seed)?;
+                match config.categories {
+                    Categories::First => modelnet::categories(models, modelnet::FIRST_HALF),
+                    Categories::All => models,
+                }
+            }
+            DataSource::Procedural(count) => procedural::models(config.seed, *count),
+            DataSource::Bop(path) => {
+                let sampling = BopSampling {
+                    points: config.points,
+                    ..BopSampling::default()
+                };
+                let all = BopTraining::open(path, config.seed, sampling)?;
+                let (training, validation) = all.split(config.seed, config.validation);
+                validation.draw(config.validation_pairs, config.seed, &mut poses)?;
+                objects.push(training);
+                continue;
+            }
+            DataSource::Views(meshes) => {
+                let all = Views::load(meshes, config.seed)?;
+                let [training, validation] = all.split(|mut objects| {
+                    if config.categories == Categories::First
+                        && matches!(meshes, Meshes::Directory(_))
+                    {
+                        objects.retain(|o| modelnet::FIRST_HALF.contains(&o.label));
+                    }
+                    modelnet::validation_split(objects, config.seed, config.validation).into()
+                });
+                validation.draw(
+                    config.validation_pairs,
+                    config.points,
+                    config.seed,
+                    &mut poses,
+                );
+                views.push(training);
+                continue;
+            }
+        };
+        let (train, validation) =
+            modelnet::validation_split(models, config.seed, config.validation);
+        training.extend(train);
+        held_back.extend(validation);
+    }
+    let count = config.validation_pairs;
+    let mut pairs = protocol::draw(&held_back, Protocol::M40Models, count, config.seed);
+    pairs.extend(poses);
+    let data = TrainingData {
+        clouds: training.into_iter().map(|m| m.points).collect(),
+        objects,
+        views,
+    };
+    if data.len() < 2 || pairs.source.is_empty() {
+        return Err(TrainError::TooFewClouds(data.len() + pairs.source.len()));
+    }
+    Ok((data, pairs))
+}
+
+/// The problems of an update: the next clouds in an endless sequence of shuffled epochs, each with an
+/// augmentation of its own.
+///
+/// # Errors
+/// A depth image or a mask that cannot be read.
+pub(super) fn problems(
+    config: &TrainConfig,
+    data: &TrainingData,
+    update: u64,
+) -> Result<Vec<Problem>, TrainError> {
+    let n = data.len() as u64;
+    let batch = config.roll_out.problems as u64;
+    let positions: Vec<u64> = (update * batch..(update + 1) * batch).collect();
+    let order = |epoch: u64| {
+        let mut order: Vec<usize> = (0..data.len()).collect();
+        order.shuffle(&mut stream(config.seed, Purpose::Order, epoch));
+        order
+    };
+    let mut current = (positions[0] / n, order(positions[0] / n));
+    let picks: Vec<(u64, usize)> = positions
+        .into_iter()
+        .map(|position| {
+            if position / n != current.0 {
+                current = (position / n, order(position / n));
+            }
+            (position, current.1[(position % n) as usize])
+        })
+        .collect();
+    picks
+        .into_par_iter()
+        .map(|(position, pick)| {
+            let mut rng = stream(config.seed, Purpose::Augment, position);
+            let sample = draw(config, data, pick, &mut rng)?;
+            Ok(Problem::within(config.cut, sample))
+        })
+        .collect()
+}
+
+/// A training pair of cloud or annotated object number `pick`: clouds come first.
+fn draw(
+    config: &TrainConfig,
+    data: &TrainingData,
+    pick: usize,
+    rng: &mut Rng,
+) -> Result<Sample, TrainError> {
+    if let Some(cloud) = data.clouds.get(pick) {
+        return Ok(sample(config, rng, cloud));
+    }
+    let mut index = pick - data.clouds.len();
+    for objects in &data.objects {
+        let count = objects.instances().len();
+        if index < count {
+            return Ok(objects.sample(index, rng)?);
+        }
+        index -= count;
+    }
+    for views in &data.views {
+        let count = views.objects().len();
+        if index < count {
+            let sample = views.sample(index, rng, config.points, config.augmentation);
+            return sample.ok_or(TrainError::NothingSeen);
+        }
+        index -= count;
+    }
+    unreachable!("picks are below the number of clouds and objects")
+}
+
+/// A training pair of one cloud, as the stage wants it.
+fn sample(config: &TrainConfig, rng: &mut Rng, cloud: &[Point]) -> Sample {
+    let mut sample = match (config.stage, config.augmentation) {
+        (Stage::Pretrain, true) => clean_sample(rng, cloud, config.points),
+        (Stage::Pretrain, false) => {
+            let points = resample(rng, cloud, config.points);
+            clean_pair(rng, points)
+        }
+        (Stage::Il | Stage::Ilrl, true) => noisy_sample(rng, cloud, config.points),
+        (Stage::Il | Stage::Ilrl, false) => noisy_pair(rng, cloud, config.points),
+    };
+    config.disturbance.apply(rng, &mut sample);
+    sample
+}
+
+/// SHA-256 of all training clouds in their order, and of the annotations and models of objects, in hexadecimal:
+/// what a run was trained on. Images are not read for it.
+pub(super) fn fingerprint(data: &TrainingData) -> String {
+    let mut hash = Sha256::new();
+    let models = data.objects.iter().flat_map(BopTraining::surfaces);
+    let views = data.views.iter().flat_map(Views::objects);
+    let surfaces = models.chain(views.map(Object::surface));
+    for cloud in data.clouds.iter().map(Vec::as_slice).chain(surfaces) {
+        hash.update((cloud.len() as u64).to_le_bytes());
+        hash.update(bytemuck::cast_slice::<f32, u8>(cloud.as_flattened()));
+    }
+    for i in data.objects.iter().flat_map(BopTraining::instances) {
+        hash.update(
+            [i.scene, i.image, i.index, i.object]
+                .map(u32::to_le_bytes)
+                .as_flattened(),
+        );
+        let pose = i.camera_from_model.to_rows();
+        hash.update(bytemuck::cast_slice::<f32, u8>(pose.as_flattened()));
+    }
+    const_hex::encode(hash.finalize())
+}

@@ -1,0 +1,55 @@
+//! A short run without a run directory: the policy that is shipped, trained on.
+
+use super::config::{Stage, TrainConfig};
+use super::run::TrainError;
+use super::trainer::Trainer;
+use crate::dataset::pairs::Sample;
+use crate::learn::env::Problem;
+use crate::learn::optim::Adam;
+use crate::policy::WeightFile;
+use crate::random::{Purpose, Rng, stream};
+use rayon::prelude::*;
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+/// Trains a policy on with imitation until the time is up, and returns the new policy. Sample number `i`
+/// is drawn by `sample` from a stream of its own; `progress` is told the updates done and the loss.
+///
+/// # Errors
+/// [`TrainError::Diverged`] or [`TrainError::Policy`].
+pub fn fine_tune(
+    start: &WeightFile,
+    sample: impl Fn(&mut Rng, u64) -> Sample + Sync,
+    budget: Duration,
+    seed: u64,
+    mut progress: impl FnMut(u64, f64),
+) -> Result<WeightFile, TrainError> {
+    let mut config = TrainConfig::new(Stage::Il, Vec::new(), PathBuf::new());
+    config.seed = seed;
+    // A short run: smaller buffers give more frequent, fresher ones, and the rate falls to zero with
+    // the time that is left.
+    config.roll_out.problems = 16;
+    config.roll_out.trajectories = 2;
+    let parameters = start.parameters(seed)?;
+    let adam = Adam::new(parameters.values.len());
+    let mut trainer = Trainer::new(parameters, adam, 0, seed, config.roll_out, config.method);
+    let batch = config.roll_out.problems as u64;
+    let clock = Instant::now();
+    loop {
+        let spent = clock.elapsed().as_secs_f32() / budget.as_secs_f32().max(1e-3);
+        if spent >= 1.0 {
+            break;
+        }
+        let update = trainer.updates;
+        let problems = (update * batch..(update + 1) * batch)
+            .into_par_iter()
+            .map(|i| Problem::from(sample(&mut stream(seed, Purpose::Augment, i), i)))
+            .collect();
+        let rate = config.learning_rate.initial * (1.0 - spent);
+        let stats = trainer
+            .update(problems, rate)
+            .map_err(|diverged| TrainError::diverged(update, &diverged, None))?;
+        progress(trainer.updates, stats.loss);
+    }
+    Ok(WeightFile::from_parameters(&trainer.result())?)
+}

@@ -1,0 +1,271 @@
+//! The agent in its environment: batches of states, and the trajectories that fill a replay buffer.
+
+use super::method::{Follow, Method, RollOut};
+use crate::learn::agent::{Features, Seen, embed};
+use crate::learn::buffer::{Buffer, Observation};
+use crate::learn::env::{Accumulation, Problem};
+use crate::learn::heads::Activations;
+use crate::learn::loss::{axes, log_sum_exp};
+use crate::learn::nn::{PackedEmbedding, Parameters, Search};
+use crate::learn::ppo::ALL_AXES;
+use crate::learn::reward::{chamfer_seen, reward};
+use crate::random::Rng;
+use rand::RngExt;
+use rayon::prelude::*;
+use reagent_core::dims::STEP_SIZES;
+use reagent_core::view::View;
+use reagent_core::{Action, Decision, Pose};
+use std::borrow::Cow;
+
+/// The network, and the memory in which it works on batches of states.
+#[derive(Debug)]
+pub struct Agent {
+    /// The network.
+    pub parameters: Parameters,
+    pub(super) packed: PackedEmbedding,
+    pub(super) sources: Features,
+    targets: Features,
+    pub(super) activations: Activations,
+}
+
+impl Agent {
+    /// An agent with these parameters that finds critical points in the given way.
+    pub fn new(parameters: Parameters, search: Search) -> Self {
+        Agent {
+            packed: PackedEmbedding::with_search(&parameters, search),
+            parameters,
+            sources: Features::default(),
+            targets: Features::default(),
+            activations: Activations::default(),
+        }
+    }
+
+    /// Embeds the targets that [`Agent::act`] refers to.
+    pub(super) fn embed_targets(&mut self, problems: &[Problem]) {
+        let width = self.parameters.shape.features();
+        let seen: Vec<Seen<'_>> = problems.iter().map(target).collect();
+        embed(&self.packed, width, &seen, &mut self.targets);
+    }
+
+    /// Evaluates both policy heads for the source of problem `runs[i]` under `poses[i]`.
+    pub(super) fn act(
+        &mut self,
+        problems: &[Problem],
+        accumulation: Accumulation,
+        runs: &[usize],
+        poses: &[Pose],
+    ) {
+        let width = self.parameters.shape.features();
+        let seen: Vec<Seen<'_>> = runs
+            .iter()
+            .zip(poses)
+            .map(|(&problem, pose)| source(&problems[problem], accumulation, pose))
+            .collect();
+        embed(&self.packed, width, &seen, &mut self.sources);
+        let rows: Vec<usize> = (0..runs.len()).collect();
+        self.activations.forward(
+            &self.parameters,
+            (&self.sources, &rows),
+            (&self.targets, runs),
+        );
+    }
+
+    /// The action that follows from the logits in state `row` of the batch.
+    pub(super) fn decide(&self, row: usize, decision: Decision) -> Action {
+        self.choose(row, |logits| usize::from(decision.step(&logits)))
+    }
+
+    /// Chooses a step on every axis from its logits.
+    fn choose(&self, row: usize, mut pick: impl FnMut([f32; STEP_SIZES]) -> usize) -> Action {
+        let [translation, rotation] = [0, 1]
+            .map(|head| std::array::from_fn(|axis| pick(self.axis_logits(head, axis, row)) as u8));
+        Action {
+            translation,
+            rotation,
+        }
+    }
+
+    fn axis_logits(&self, head: usize, axis: usize, row: usize) -> [f32; STEP_SIZES] {
+        let logits = &self.activations.heads[head].logits;
+        let batch = self.activations.batch;
+        std::array::from_fn(|i| logits[(axis * STEP_SIZES + i) * batch + row])
+    }
+
+    /// Log-probability of an action in state `row`, for each axis.
+    fn log_probability(&self, row: usize, action: &Action) -> [f32; ALL_AXES] {
+        let ids = axes(action);
+        std::array::from_fn(|all| {
+            let logits = self.axis_logits(all / 3, all % 3, row);
+            logits[ids[all]] - log_sum_exp(logits).0
+        })
+    }
+}
+
+/// The source of a problem as it appears under a pose.
+pub(super) fn source<'a>(
+    problem: &'a Problem,
+    accumulation: Accumulation,
+    pose: &Pose,
+) -> Seen<'a> {
+    let view = accumulation.view(problem.centroid, pose);
+    Seen {
+        points: problem.looked_at(&view),
+        view,
+    }
+}
+
+/// The target of a problem.
+pub(super) fn target(problem: &Problem) -> Seen<'_> {
+    Seen {
+        points: Cow::Borrowed(&problem.target),
+        view: View::IDENTITY,
+    }
+}
+
+/// A filled buffer without rewards, and where each trajectory ended.
+pub(super) struct Gathered {
+    pub(super) buffer: Buffer,
+    /// Poses after the last step, one a trajectory.
+    ends: Vec<Pose>,
+    /// Value estimates there, where the method asks for them.
+    end_values: Vec<f32>,
+}
+
+/// Rolls N trajectories of n steps out from each problem.
+pub(super) fn gather(
+    agent: &mut Agent,
+    problems: Vec<Problem>,
+    roll_out: &RollOut,
+    method: &Method,
+    rng: &mut Rng,
+) -> Gathered {
+    let Method {
+        accumulation, ppo, ..
+    } = *method;
+    agent.embed_targets(&problems);
+    let runs: Vec<usize> = (0..roll_out.trajectories)
+        .flat_map(|_| 0..problems.len())
+        .collect();
+    let mut poses = vec![Pose::IDENTITY; runs.len()];
+    let mut observations = Vec::with_capacity(runs.len() * roll_out.steps);
+    for _ in 0..roll_out.steps {
+        agent.act(&problems, accumulation, &runs, &poses);
+        if ppo.on() {
+            agent.activations.estimate(&agent.parameters);
+        }
+        for (row, (&problem, pose)) in runs.iter().zip(&mut poses).enumerate() {
+            let remaining = accumulation.remaining(pose, &problems[problem]);
+            let expert = method.expert.action(&remaining);
+            let action = match method.follow {
+                Follow::Stochastic => agent.choose(row, |logits| draw(logits, rng)),
+                Follow::Expert => expert,
+                Follow::Argmax => agent.decide(row, Decision::MostLikely),
+                Follow::Mean => agent.decide(row, Decision::NearestToMean),
+            };
+            observations.push(Observation {
+                problem,
+                pose: *pose,
+                expert,
+                action,
+                log_probability: agent.log_probability(row, &action),
+                value: if ppo.on() {
+                    agent.activations.values[row]
+                } else {
+                    0.0
+                },
+                reward: 0.0,
+                discounted_return: 0.0,
+                advantage: 0.0,
+            });
+            *pose = accumulation.step(pose, action);
+        }
+    }
+    let mut end_values = Vec::new();
+    if ppo.on() && ppo.bootstrap {
+        agent.act(&problems, accumulation, &runs, &poses);
+        agent.activations.estimate(&agent.parameters);
+        end_values.clone_from(&agent.activations.values);
+    }
+    Gathered {
+        buffer: Buffer {
+            problems,
+            trajectories: runs.len(),
+            observations,
+        },
+        ends: poses,
+        end_values,
+    }
+}
+
+impl Gathered {
+    /// Rewards every step by the Chamfer distance of the source to where it belongs, and computes
+    /// returns and advantages.
+    pub(super) fn reward(mut self, method: &Method) -> Buffer {
+        let Buffer {
+            problems,
+            trajectories,
+            observations,
+        } = &mut self.buffer;
+        let truths: Vec<_> = problems.par_iter().map(Problem::truth).collect();
+        let count = *trajectories;
+        let rewards: Vec<Vec<f32>> = (0..count)
+            .into_par_iter()
+            .map(|run| {
+                let states = observations[run..].iter().step_by(count);
+                let problem = observations[run].problem;
+                let mut poses: Vec<Pose> = states.map(|o| o.pose).collect();
+                poses.push(self.ends[run]);
+                rewards(
+                    &problems[problem],
+                    &truths[problem],
+                    method.accumulation,
+                    &poses,
+                )
+            })
+            .collect();
+        for (i, o) in observations.iter_mut().enumerate() {
+            o.reward = rewards[i % count][i / count];
+        }
+        self.buffer.compute_returns(&method.ppo, &self.end_values);
+        self.buffer
+    }
+}
+
+/// Rewards of the steps between poses. A pose that did not change has the same distance, bit by bit.
+fn rewards(
+    problem: &Problem,
+    truth: &[crate::dataset::Point],
+    accumulation: Accumulation,
+    poses: &[Pose],
+) -> Vec<f32> {
+    let rewarded = problem.rewarded();
+    let distance = |pose: &Pose| {
+        let view = accumulation.view(problem.centroid, pose);
+        chamfer_seen(&rewarded, &view, truth)
+    };
+    let mut before = distance(&poses[0]);
+    poses
+        .windows(2)
+        .map(|step| {
+            let after = if step[0] == step[1] {
+                before
+            } else {
+                distance(&step[1])
+            };
+            reward(std::mem::replace(&mut before, after), after)
+        })
+        .collect()
+}
+
+/// Draws a step from the categorical distribution of one axis.
+fn draw(logits: [f32; STEP_SIZES], rng: &mut Rng) -> usize {
+    let (log_sum, _) = log_sum_exp(logits);
+    let mut left: f32 = rng.random();
+    for (i, logit) in logits.into_iter().enumerate() {
+        left -= (logit - log_sum).exp();
+        if left < 0.0 {
+            return i;
+        }
+    }
+    STEP_SIZES - 1
+}

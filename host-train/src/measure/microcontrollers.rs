@@ -1,0 +1,379 @@
+//! What a registration costs on microcontrollers, as counted in QEMU: flash, RAM, instructions. Simulated
+//! instructions are not cycles of silicon: memory, caches and dual issue are not in them.
+
+use crate::dataset::procedural;
+use crate::measure::elf::{self, ImageError};
+use crate::measure::latency::CALIBRATION;
+use crate::policy::manifest::manifest;
+use crate::policy::{ExportError, WeightFile};
+use crate::protocol::{self, Protocol};
+use reagent_core::Policy;
+use reagent_core::budget::{
+    CLOUD_BYTES, CODE_BUDGET, COMPACT_FLASH_BUDGET, COMPACT_MULTIPLY_ADD_BUDGET,
+    CORTEX_M7_INSTRUCTION_BUDGET, CORTEX_M55_INSTRUCTION_BUDGET, FLASH_BUDGET, GRID_RAM_BUDGET,
+    MULTIPLY_ADD_BUDGET, RAM_BUDGET, STACK_BUDGET,
+};
+use reagent_core::dims::STEPS;
+use reagent_core::grid::Grid;
+use reagent_core::wire::{self, CloudView, Message, REQUEST_OVERHEAD_BYTES, RefineRequest};
+use reagent_link::board::{
+    Board, BoardError, Clouds, Kind, Simulation, build_image, check_simulator, flash_content,
+};
+use serde::{Deserialize, Serialize};
+use std::ops::ControlFlow;
+use std::path::Path;
+
+/// Points of each cloud.
+const POINTS: usize = 1024;
+
+/// Why nothing could be measured.
+#[derive(Debug, thiserror::Error)]
+pub enum McuError {
+    /// The board.
+    #[error(transparent)]
+    Board(#[from] BoardError),
+    /// The image.
+    #[error(transparent)]
+    Image(#[from] ImageError),
+    /// An image that can panic.
+    #[error("the image can panic: {0} is linked")]
+    Panics(String),
+    /// The policy.
+    #[error(transparent)]
+    Export(#[from] ExportError),
+    /// The flash's file.
+    #[error("cannot write {path}: {reason}")]
+    Flash {
+        /// The file.
+        path: String,
+        /// What the system said.
+        reason: std::io::Error,
+    },
+    /// The board's answer.
+    #[error("the board refused: {0}")]
+    Refused(wire::Reason),
+}
+
+/// What one board needs for a registration of 1024 points in ten steps.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Budget {
+    /// Its name.
+    pub board: String,
+    /// Widths of the policy's network.
+    pub network: String,
+    /// Flash of the policy.
+    pub policy_bytes: usize,
+    /// Flash of a program that registers and nothing else: the library, start-up code and vectors.
+    pub library_bytes: usize,
+    /// Flash of the whole program of the simulated board, frames and serial line included.
+    pub program_bytes: usize,
+    /// RAM of both clouds.
+    pub cloud_bytes: usize,
+    /// RAM of everything but the stack, clouds included.
+    pub static_bytes: usize,
+    /// RAM that the stack has reached.
+    pub stack_bytes: usize,
+    /// RAM, stack included, of the image whose clouds are on a grid of 16-bit codes.
+    pub grid_ram_bytes: usize,
+    /// Multiply-adds where every step looks at all points.
+    pub multiply_adds: u64,
+    /// Instructions, simulated.
+    pub instructions: u64,
+    /// Instructions of the longest slice of the work, simulated: nothing else runs for as long.
+    pub slice_instructions: u64,
+    /// Instructions of the target's embedding by its multiply-adds.
+    pub instructions_per_multiply_add: f64,
+}
+
+/// Every board with the policy, and with the bundled compact one, in 8 bits.
+///
+/// # Errors
+/// See [`McuError`].
+pub fn measure_all(file: &WeightFile, seed: u64) -> Result<Vec<Budget>, McuError> {
+    check_simulator()?;
+    let models = procedural::models(seed, CALIBRATION);
+    let pairs = protocol::draw(&models, Protocol::M40Models, CALIBRATION, seed);
+    let given = match file.parameters(seed) {
+        Ok(parameters) => {
+            let integers = WeightFile::from_parameters_int8(&parameters, &pairs)?;
+            &integers.run_like(&file.policy())
+        }
+        Err(ExportError::Integers) => file,
+        Err(error) => return Err(error.into()),
+    };
+    let compact = WeightFile::from_bytes(Policy::pretrained_compact_bytes());
+    let compact = compact.expect("a test checks the linked policy");
+    let mut budgets = Vec::new();
+    for (policy, kind) in [given, &compact]
+        .into_iter()
+        .flat_map(|policy| Kind::ALL.map(|kind| (policy, kind)))
+    {
+        budgets.push(measure(kind, policy, &pairs.source[0], &pairs.target[0])?);
+    }
+    Ok(budgets)
+}
+
+/// Runs registrations on simulated boards: one that counts instructions, one with clouds on a grid.
+fn measure(
+    kind: Kind,
+    policy: &WeightFile,
+    source: &[[f32; 3]],
+    target: &[[f32; 3]],
+) -> Result<Budget, McuError> {
+    let manifest = manifest(1, "", policy).expect("no name is short enough");
+    let image = build_image(kind, Clouds::Floats)?;
+    let grid_image = build_image(kind, Clouds::Grid)?;
+    let library = elf::read(&image.with_file_name("registration"))?;
+    for image in [&elf::read(&image)?, &elf::read(&grid_image)?, &library] {
+        if let Some(symbol) = image.panics.first() {
+            return Err(McuError::Panics(symbol.clone()));
+        }
+    }
+    let flash = std::env::temp_dir().join(format!("reagent-{}-{kind:?}", std::process::id()));
+    let written = std::fs::write(&flash, flash_content(&manifest, policy.bytes()));
+    written.map_err(|reason| McuError::Flash {
+        path: flash.display().to_string(),
+        reason,
+    })?;
+    let mut simulation = Simulation {
+        flash: Some(&flash),
+        count_instructions: true,
+    };
+    let floats = [source, target].map(CloudView::of);
+    let report = run(kind, &image, simulation, floats);
+    simulation.count_instructions = false;
+    let [source, target] = [source, target].map(on_grid);
+    let codes = [&source, &target].map(|(grid, codes)| CloudView::on_grid(*grid, codes));
+    let on_grid = run(kind, &grid_image, simulation, codes);
+    std::fs::remove_file(&flash).ok();
+    let (report, on_grid) = (report?, on_grid?);
+
+    let instructions = |ticks: u32| u64::from(ticks) * 1_000_000_000 / u64::from(report.hertz);
+    let shape = policy.policy().shape;
+    let target = POINTS * shape.macs_per_point();
+    let total = instructions(report.target_ticks) + instructions(report.steps_ticks);
+    Ok(Budget {
+        board: kind.name().to_owned(),
+        network: widths(&shape),
+        policy_bytes: policy.bytes().len(),
+        library_bytes: library.flash_bytes,
+        program_bytes: report.program_bytes as usize,
+        cloud_bytes: CLOUD_BYTES,
+        static_bytes: report.static_bytes as usize,
+        stack_bytes: report.stack_bytes as usize,
+        grid_ram_bytes: (on_grid.static_bytes + on_grid.stack_bytes) as usize,
+        multiply_adds: shape.macs_registration(POINTS, STEPS),
+        instructions: total,
+        slice_instructions: instructions(report.slice_ticks),
+        instructions_per_multiply_add: instructions(report.target_ticks) as f64 / target as f64,
+    })
+}
+
+fn widths(shape: &reagent_core::Shape) -> String {
+    let widths = shape.embed.iter().chain(&shape.head);
+    let widths: Vec<String> = widths.map(usize::to_string).collect();
+    widths.join("-")
+}
+
+/// A cloud on its finest grid.
+fn on_grid(cloud: &[[f32; 3]]) -> (Grid, Vec<[i16; 3]>) {
+    let grid = Grid::of(cloud).expect("drawn clouds are finite");
+    let codes = cloud.iter().map(|&point| grid.encode(point)).collect();
+    (grid, codes)
+}
+
+fn run(
+    kind: Kind,
+    image: &Path,
+    simulation: Simulation<'_>,
+    [source, target]: [CloudView<'_>; 2],
+) -> Result<wire::Board, McuError> {
+    let request = RefineRequest {
+        max_steps: STEPS as u8,
+        budget_ms: u32::MAX,
+        ..RefineRequest::new(1, source, target)
+    };
+    let mut buffer = vec![0; REQUEST_OVERHEAD_BYTES + CLOUD_BYTES];
+    let frame = wire::encode(&Message::RefineRequest(request), &mut buffer)
+        .expect("drawn clouds have 1024 points");
+    let mut board = Board::start(kind, image, simulation)?;
+    board.status_and_report()?;
+    board
+        .refine(frame, |_| ControlFlow::Continue(()))?
+        .map_err(|refusal| McuError::Refused(refusal.reason))?;
+    Ok(board.ask()?.1)
+}
+
+/// Why these numbers are not to be committed, a line each: rows that have become worse than `before`, that are
+/// only in one of both, or that are over budget.
+pub fn complaints(now: &[Budget], before: &[Budget]) -> Vec<String> {
+    let row = |budget: &Budget| format!("{}, {}", budget.board, budget.network);
+    let find = |budgets: &[Budget], of: &Budget| {
+        let same = |budget: &&Budget| row(budget) == row(of);
+        budgets.iter().find(same).cloned()
+    };
+    let mut lines = Vec::new();
+    for budget in now {
+        let worse = match find(before, budget) {
+            Some(before) => regressions(budget, &before),
+            None => vec!["not in the file".to_owned()],
+        };
+        let all = worse.into_iter().chain(excesses(budget));
+        lines.extend(all.map(|line| format!("{}: {line}", row(budget))));
+    }
+    let gone = before.iter().filter(|before| find(now, before).is_none());
+    lines.extend(gone.map(|before| format!("{}: not measured", row(before))));
+    lines
+}
+
+/// A limit of [`reagent_core::dims`]: what is limited, what was measured, what is allowed.
+type Limit = (&'static str, f64, f64);
+
+/// What the library promises of a board.
+pub fn limits(budget: &Budget) -> Vec<Limit> {
+    let compact = budget.network == widths(&reagent_core::Shape::COMPACT);
+    let (flash, multiply_adds) = if compact {
+        (COMPACT_FLASH_BUDGET, COMPACT_MULTIPLY_ADD_BUDGET)
+    } else {
+        (FLASH_BUDGET, MULTIPLY_ADD_BUDGET)
+    };
+    let ram = budget.static_bytes + budget.stack_bytes;
+    let bytes = |what, bytes: usize, most: usize| (what, bytes as f64, most as f64);
+    let mut limits = vec![
+        bytes("bytes of the policy", budget.policy_bytes, flash),
+        bytes("bytes of the library", budget.library_bytes, CODE_BUDGET),
+        bytes("bytes of RAM", ram, RAM_BUDGET),
+        bytes(
+            "bytes of RAM on a grid",
+            budget.grid_ram_bytes,
+            GRID_RAM_BUDGET,
+        ),
+        bytes("bytes of stack", budget.stack_bytes, STACK_BUDGET),
+        (
+            "multiply-adds",
+            budget.multiply_adds as f64,
+            multiply_adds as f64,
+        ),
+    ];
+    if budget.network == widths(&reagent_core::Shape::FULL) {
+        let most = if budget.board == Kind::CortexM7.name() {
+            CORTEX_M7_INSTRUCTION_BUDGET
+        } else {
+            CORTEX_M55_INSTRUCTION_BUDGET
+        };
+        let instructions = budget.instructions_per_multiply_add;
+        limits.push(("instructions per multiply-add", instructions, most));
+    }
+    limits
+}
+
+/// The limits that are passed, a line each.
+fn excesses(budget: &Budget) -> Vec<String> {
+    let over = limits(budget)
+        .into_iter()
+        .filter(|(_, now, most)| now > most);
+    over.map(|(what, now, most)| format!("{now} {what}, at most {most} are allowed"))
+        .collect()
+}
+
+/// What has become worse than `before` by more than a twentieth, a line each.
+fn regressions(now: &Budget, before: &Budget) -> Vec<String> {
+    let bytes = |what: fn(&Budget) -> usize| (what(now) as f64, what(before) as f64);
+    let numbers = [
+        ("library bytes", bytes(|b| b.library_bytes)),
+        ("program bytes", bytes(|b| b.program_bytes)),
+        ("static bytes", bytes(|b| b.static_bytes)),
+        ("stack bytes", bytes(|b| b.stack_bytes)),
+        ("bytes of RAM on a grid", bytes(|b| b.grid_ram_bytes)),
+        (
+            "instructions",
+            (now.instructions as f64, before.instructions as f64),
+        ),
+        (
+            "instructions of a slice",
+            (
+                now.slice_instructions as f64,
+                before.slice_instructions as f64,
+            ),
+        ),
+    ];
+    numbers
+        .into_iter()
+        .filter(|(_, (now, before))| *now > *before * 1.05)
+        .map(|(what, (now, before))| format!("{what}: {now} where {before} were committed"))
+        .collect()
+}
+
+/// Where the table begins in a page, and where it ends.
+const MARKS: [&str; 2] = ["<!-- host-train bench --mcu -->\n", "<!-- end -->\n"];
+
+/// `page` with its table replaced; `None` where it has no place for one.
+pub fn with_table(page: &str, budgets: &[Budget]) -> Option<String> {
+    let [begin, end] = MARKS;
+    let (before, rest) = page.split_once(begin)?;
+    let (_, after) = rest.split_once(end)?;
+    Some(format!("{before}{begin}{}{end}{after}", table(budgets)))
+}
+
+/// A row of the table: what it is, and its cell for a board.
+type Row = (&'static str, fn(&Budget) -> String);
+
+/// A table in Markdown, a column for each board.
+fn table(budgets: &[Budget]) -> String {
+    let rows: [Row; 11] = [
+        ("flash, policy", |b| grouped(b.policy_bytes)),
+        (
+            "flash, library: a program that registers and nothing else",
+            |b| grouped(b.library_bytes),
+        ),
+        ("flash, the simulated board's whole program", |b| {
+            grouped(b.program_bytes)
+        }),
+        ("RAM, clouds", |b| grouped(b.cloud_bytes)),
+        ("RAM, everything but the stack, clouds included", |b| {
+            grouped(b.static_bytes)
+        }),
+        ("RAM, stack at its highest", |b| grouped(b.stack_bytes)),
+        ("RAM, together", |b| grouped(b.static_bytes + b.stack_bytes)),
+        ("RAM, together, with clouds in 16 bits", |b| {
+            grouped(b.grid_ram_bytes)
+        }),
+        ("multiply-adds, at most", |b| millions(b.multiply_adds)),
+        ("instructions, simulated", |b| millions(b.instructions)),
+        ("instructions of the longest slice", |b| {
+            millions(b.slice_instructions)
+        }),
+    ];
+    let line = |cells: Vec<String>| format!("| {} |\n", cells.join(" | "));
+    let row = |(what, cell): &Row| {
+        let cells = budgets.iter().map(cell);
+        line([(*what).to_owned()].into_iter().chain(cells).collect())
+    };
+    let mut text = row(&("", |b| format!("{}, {}", b.board, b.network)));
+    text += &"|---".repeat(budgets.len() + 1);
+    text += "|\n";
+    text.extend(rows.iter().map(row));
+    text += &row(&("instructions per multiply-add of the embedding", |b| {
+        format!("{:.3}", b.instructions_per_multiply_add)
+    }));
+    text
+}
+
+/// Bytes with their thousands apart.
+fn grouped(bytes: usize) -> String {
+    let digits = bytes.to_string();
+    let groups: Vec<&str> = digits
+        .as_bytes()
+        .rchunks(3)
+        .rev()
+        .map(|group| std::str::from_utf8(group).unwrap_or_default())
+        .collect();
+    format!("{} B", groups.join(" "))
+}
+
+fn millions(count: u64) -> String {
+    format!("{:.1} M", count as f64 / 1e6)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,8 @@
+//! What a policy is worth: errors of its poses, other methods beside it, time, and needs of small boards.
+
+pub mod baselines;
+pub mod elf;
+pub mod latency;
+pub mod metrics;
+pub mod microcontrollers;
+pub mod sweep;

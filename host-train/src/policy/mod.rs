@@ -1,0 +1,13 @@
+//! A policy as a file: checkpoints of training, the bytes that robots run, and what announces them.
+
+pub mod checkpoint;
+mod error;
+mod export;
+mod file;
+pub mod import;
+pub mod manifest;
+pub mod quantise;
+
+pub use error::ExportError;
+pub use export::parameters_of;
+pub use file::WeightFile;

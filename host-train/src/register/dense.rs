@@ -1,0 +1,165 @@
+//! The last refinement: closest points over all that the files hold, where the policy saw a part.
+
+use crate::dataset::Point;
+use crate::measure::baselines::{IcpSettings, Residual, icp};
+use crate::register::thin::thin;
+use reagent_core::dims::MAX_POINTS;
+use reagent_core::pose::centroid;
+use reagent_core::{Error, Frame, Pose};
+use serde::Serialize;
+
+/// Points of each cloud that are used at most; more do not change the pose, only the time.
+const MOST: usize = 20_000;
+
+/// When to refine on all points.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Dense {
+    /// Where a cloud has more points than the policy saw
+    Auto,
+    /// In every case
+    Always,
+    /// Not at all
+    Never,
+}
+
+/// How the refinement ended.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Densely {
+    /// The pose.
+    #[serde(skip)]
+    pub target_from_source: Pose,
+    /// Points of source and target that were used.
+    pub points: [usize; 2],
+    /// Iterations made.
+    pub iterations: usize,
+    /// Share of the source's points that have one of the target within [`Densely::within`].
+    pub overlap: f64,
+    /// Root mean square distance between those, in the clouds' units.
+    pub rmse: f64,
+    /// Farthest that corresponding points are apart, in the clouds' units.
+    pub within: f64,
+}
+
+/// Refines a pose by point-to-plane ICP on up to 20,000 points of each cloud: first with correspondences up to
+/// .05 target radii, then up to three times the distance that the first left between the surfaces. `None` where
+/// that does not lessen the distances or leads away, by more than .1 target radii or 10 degrees.
+///
+/// # Errors
+/// Clouds that the core refuses.
+pub fn refine_densely(
+    source: &[Point],
+    target: &[Point],
+    from: Pose,
+) -> Result<Option<Densely>, Error> {
+    let (source, target) = (thin(source, MOST), thin(target, MOST));
+    let frame = Frame::of(&thin(&target, MAX_POINTS))?;
+    // In the target's frame the settings' lengths are shares of its radius.
+    let scale = |points: &[Point]| -> Vec<Point> {
+        let to = |p: &Point| ((glam::Vec3::from(*p) - frame.centre) / frame.scale).to_array();
+        points.iter().map(to).collect()
+    };
+    let centre = frame.centre;
+    let inward = Pose {
+        rotation: from.rotation,
+        translation: (from.rotation * centre + from.translation - centre) / frame.scale,
+    };
+    let (source, target) = (scale(&source), scale(&target));
+    let settings = |max_correspondence: f64, max_iterations: usize| IcpSettings {
+        residual: Residual::Plane,
+        max_correspondence,
+        max_iterations,
+        ..IcpSettings::PLANE
+    };
+    let wide = icp(&source, &target, inward, &settings(0.05, 30))?;
+    let within = (3.0 * wide.rmse).clamp(1e-3, 0.05);
+    let counting = IcpSettings {
+        residual: Residual::Point,
+        ..settings(within, 0)
+    };
+    let before = icp(&source, &target, inward, &counting)?;
+    let fine = icp(
+        &source,
+        &target,
+        wide.target_from_source,
+        &settings(within, 30),
+    )?;
+    let found = fine.target_from_source;
+    let middle = centroid(&source);
+    let turn = found.rotation * inward.rotation.transpose();
+    let trace = turn.x_axis.x + turn.y_axis.y + turn.z_axis.z;
+    // The trace of a rotation is 1 + 2 cos of its angle.
+    let near = trace > 1.0 + 2.0 * 10f32.to_radians().cos()
+        && found.apply(middle).distance(inward.apply(middle)) < 0.1;
+    // More points with a partner, or nearer ones.
+    let better = fine.fitness > before.fitness
+        || fine.fitness > 0.98 * before.fitness && fine.rmse < before.rmse;
+    if !(near && better) {
+        return Ok(None);
+    }
+    let unit = f64::from(frame.scale);
+    Ok(Some(Densely {
+        target_from_source: Pose {
+            rotation: found.rotation,
+            translation: found.translation * frame.scale + centre - found.rotation * centre,
+        },
+        points: [source.len(), target.len()],
+        iterations: wide.iterations + fine.iterations,
+        overlap: fine.fitness,
+        rmse: fine.rmse * unit,
+        within: within * unit,
+    }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dataset::procedural;
+    use crate::random::{Purpose, stream};
+    use glam::Vec3;
+    use reagent_core::pose::rotation_from_euler;
+
+    /// Two samples of one surface: the pose becomes as good as their number of points allows, in any unit.
+    #[test]
+    fn many_points_give_a_finer_pose() {
+        let mesh = procedural::shape(1, 1).mesh;
+        let sample = |index: u64| mesh.sample(20_000, &mut stream(2, Purpose::Surface, index));
+        for unit in [1.0, 1000.0] {
+            let scaled = |points: Vec<Point>| -> Vec<Point> {
+                points.into_iter().map(|p| p.map(|x| x * unit)).collect()
+            };
+            let (source, target) = (scaled(sample(0)), scaled(sample(1)));
+            let off = Pose {
+                rotation: rotation_from_euler(Vec3::new(0.01, -0.01, 0.01)),
+                translation: Vec3::new(0.01, 0.005, -0.01) * unit,
+            };
+            let found = refine_densely(&source, &target, off)
+                .expect("clouds")
+                .expect("better");
+            let pose = found.target_from_source;
+            let trace = pose.rotation.x_axis.x + pose.rotation.y_axis.y + pose.rotation.z_axis.z;
+            assert!(trace > 3.0 - 3e-6, "{pose:?}");
+            assert!(pose.translation.length() < 1e-3 * unit, "{pose:?}");
+            assert!(found.rmse < 0.03 * f64::from(unit), "{found:?}");
+            // From there on nothing is better.
+            let again = refine_densely(&source, &target, pose).expect("clouds");
+            let still = again.map_or(pose, |found| found.target_from_source);
+            assert!((still.translation - pose.translation).length() < 1e-4 * unit);
+        }
+    }
+
+    #[test]
+    fn what_has_no_partner_stays() {
+        let points = thin(
+            &procedural::shape(1, 1)
+                .mesh
+                .sample(3000, &mut stream(2, Purpose::Surface, 0)),
+            1000,
+        );
+        let away = Pose {
+            translation: Vec3::new(9.0, 0.0, 0.0),
+            ..Pose::IDENTITY
+        };
+        assert_eq!(refine_densely(&points, &points, away), Ok(None));
+        assert_eq!(refine_densely(&[], &points, away), Err(Error::EmptyCloud));
+    }
+}

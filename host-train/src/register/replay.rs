@@ -1,0 +1,256 @@
+//! Doing again what a robot did, and saying where it comes out otherwise.
+//!
+//! A file of traces holds [`Message::Trace`] frames as they go over a serial line
+//! ([`reagent_core::wire::serial`]), one after another.
+
+use crate::policy::WeightFile;
+use reagent_core::kernels::Isa;
+use reagent_core::net::Scratch;
+use reagent_core::pipeline::{self, Progress, Task};
+use reagent_core::polish::Workspace;
+use reagent_core::wire::serial::{CHECK_BYTES, Decoder, Line};
+use reagent_core::wire::{
+    self, Fit, Message, Mode, REQUEST_BYTES, RefineReply, RefineRequest, SMALL_FRAME_BYTES,
+    STEP_BYTES, Trace,
+};
+use reagent_core::{Error, Registrar};
+use std::fmt;
+use std::path::PathBuf;
+use thiserror::Error as ThisError;
+
+/// Longest frame of a trace.
+const TRACE_BYTES: usize =
+    SMALL_FRAME_BYTES + REQUEST_BYTES + u8::MAX as usize * STEP_BYTES + CHECK_BYTES;
+
+/// Why a trace cannot be done again.
+#[derive(Debug, ThisError)]
+pub enum ReplayError {
+    /// The file cannot be read.
+    #[error("cannot read {}: {source}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// The file holds something else.
+    #[error("trace {number}: {what}; record it again with `firmware-sim refine --trace`")]
+    Damaged {
+        /// Its number in the file, from 1.
+        number: usize,
+        /// What is wrong with it.
+        what: String,
+    },
+    /// None of the policies given is the one that the robot had.
+    #[error(
+        "trace {number} is of policy version {version}, SHA-256 {sha256}; give its file with --weights"
+    )]
+    Policy {
+        /// Its number in the file, from 1.
+        number: usize,
+        /// As the robot's manifest had it.
+        version: u64,
+        /// Of the policy file, hexadecimal.
+        sha256: String,
+    },
+    /// The core refuses the request that the robot answered.
+    #[error("trace {number}: {error}")]
+    Refused {
+        /// Its number in the file, from 1.
+        number: usize,
+        /// Why.
+        error: Error,
+    },
+}
+
+/// A registration that was done again.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Replayed {
+    /// The request's id.
+    pub id: u64,
+    /// Version of the policy, as the robot's manifest had it.
+    pub policy_version: u64,
+    /// Steps that the robot took.
+    pub steps: usize,
+    /// What followed them.
+    pub mode: Mode,
+    /// Name of the robot's kernels, and of those that did it again.
+    pub kernels: [String; 2],
+    /// Where both differ for the first time; `None`: every bit is the same.
+    pub difference: Option<Difference>,
+}
+
+/// The first thing that came out otherwise.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Difference {
+    /// A step.
+    Step {
+        /// Its number, from 1.
+        number: usize,
+        /// What the robot did, and what was done here: action, then pose.
+        robot_and_here: [String; 2],
+    },
+    /// The number of steps.
+    Steps {
+        /// That the robot took.
+        robot: usize,
+        /// That were taken here.
+        here: usize,
+    },
+    /// The answer, after equal steps.
+    Answer {
+        /// The robot's, and that from here.
+        robot_and_here: [String; 2],
+    },
+}
+
+impl fmt::Display for Difference {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Difference::Step {
+                number,
+                robot_and_here: [robot, here],
+            } => write!(f, "step {number}: robot {robot}; here {here}"),
+            Difference::Steps { robot, here } => {
+                write!(f, "the robot took {robot} steps; here it were {here}")
+            }
+            Difference::Answer {
+                robot_and_here: [robot, here],
+            } => write!(f, "answer: robot {robot}; here {here}"),
+        }
+    }
+}
+
+/// Does again every trace of a file's `bytes`, each with that of `policies` which the robot had.
+///
+/// # Errors
+/// See [`ReplayError`]; the first that occurs.
+pub fn replay(bytes: &[u8], policies: &[WeightFile]) -> Result<Vec<Replayed>, ReplayError> {
+    let mut decoder = Decoder::new();
+    let mut space = vec![0; TRACE_BYTES];
+    let mut replayed = Vec::new();
+    let damaged = |number, what: &str| ReplayError::Damaged {
+        number,
+        what: what.into(),
+    };
+    for &byte in bytes {
+        let number = replayed.len() + 1;
+        let length = match decoder.push(byte, &mut space) {
+            None => continue,
+            Some(Line::Frame(length)) => length,
+            Some(_) => {
+                return Err(damaged(
+                    number,
+                    "the check sum is wrong or the frame too long",
+                ));
+            }
+        };
+        let Ok(Message::Trace(trace)) = wire::decode(&space[..length]) else {
+            return Err(damaged(number, "not a trace of this version"));
+        };
+        let Ok(Message::RefineRequest(request)) = wire::decode(trace.request) else {
+            return Err(damaged(number, "it holds no request"));
+        };
+        let sha256 = trace.policy.sha256;
+        let policy = policies.iter().find(|policy| policy.sha256() == sha256);
+        let policy = policy.ok_or_else(|| ReplayError::Policy {
+            number,
+            version: trace.policy.version,
+            sha256: const_hex::encode(sha256),
+        })?;
+        let again = once_more(&trace, &request, policy);
+        replayed.push(again.map_err(|error| ReplayError::Refused { number, error })?);
+    }
+    if !decoder.is_idle() {
+        return Err(damaged(replayed.len() + 1, "it is cut short"));
+    }
+    if replayed.is_empty() {
+        return Err(damaged(1, "there is none"));
+    }
+    Ok(replayed)
+}
+
+fn once_more(
+    trace: &Trace<'_>,
+    request: &RefineRequest<'_>,
+    policy: &WeightFile,
+) -> Result<Replayed, Error> {
+    let isa = Isa::named(&trace.kernels).unwrap_or_else(Isa::best);
+    let source: Vec<_> = request.source.iter().collect();
+    let target: Vec<_> = request.target.iter().collect();
+    let mut scratch = Box::new(Scratch::new());
+    let mut workspace = Box::new(Workspace::with_isa(isa));
+    let mut registrar = Registrar::with_isa(isa, policy.policy(), &mut scratch);
+    let mut replayed = Replayed {
+        id: trace.reply.id,
+        policy_version: trace.policy.version,
+        steps: trace.steps.iter().len(),
+        mode: trace.reply.mode,
+        kernels: [trace.kernels.as_str(), isa.name()].map(str::to_owned),
+        difference: None,
+    };
+    let task = Task {
+        mode: trace.reply.mode,
+        ..request.task()
+    };
+    let mut on_robot = trace.steps.iter();
+    let mut difference = None;
+    let compare = |progress: Progress<'_, '_>| {
+        if let Progress::Step(taken, registration) = progress {
+            let rows = registration.target_from_source().to_rows();
+            if let Some((robot_action, robot_rows)) = on_robot.next()
+                && difference.is_none()
+                && (taken.action != robot_action || bits(rows) != bits(robot_rows))
+            {
+                let step = |action, rows| format!("{action:?} to {rows:?}");
+                difference = Some(Difference::Step {
+                    number: registration.steps(),
+                    robot_and_here: [step(robot_action, robot_rows), step(taken.action, rows)],
+                });
+            }
+        }
+        Ok::<(), Error>(())
+    };
+    let clouds = [&source[..], &target[..]];
+    let answer = pipeline::register(&mut registrar, &mut workspace, clouds, &task, compare)?;
+    let here = answer.policy.map_or(0, |policy| policy.steps);
+    replayed.difference = difference.or((here != replayed.steps).then_some(Difference::Steps {
+        robot: replayed.steps,
+        here,
+    }));
+    if replayed.difference.is_some() {
+        return Ok(replayed);
+    }
+    let reply = RefineReply {
+        target_from_source: answer.target_from_source.to_rows(),
+        steps: u8::try_from(here).unwrap_or(u8::MAX),
+        verdict: answer.verdict,
+        probability: answer.probability,
+        fit: answer.refinement.as_ref().map(Fit::of),
+        ..trace.reply
+    };
+    let content = |reply: &RefineReply| {
+        let probability = reply.probability.map(f32::to_bits);
+        (
+            bits(reply.target_from_source),
+            reply.steps,
+            reply.verdict,
+            probability,
+            reply.fit,
+        )
+    };
+    if content(&reply) != content(&trace.reply) {
+        let text = |reply: &RefineReply| {
+            let (pose, probability) = (reply.target_from_source, reply.probability);
+            format!("{} ({probability:?}) at {pose:?}", reply.verdict)
+        };
+        replayed.difference = Some(Difference::Answer {
+            robot_and_here: [text(&trace.reply), text(&reply)],
+        });
+    }
+    Ok(replayed)
+}
+
+fn bits(rows: [[f32; 4]; 3]) -> [[u32; 4]; 3] {
+    rows.map(|row| row.map(f32::to_bits))
+}

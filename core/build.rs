@@ -1,12 +1,22 @@
 //! Says which Arm kernels the target runs, as `cfg(arm_kernels)`: what the compiler knows of a
-//! microcontroller's instructions is not visible to stable Rust code.
+//! microcontroller's instructions is not visible to stable Rust code. Says, too, where a policy is not in the package.
 
 use std::env::var;
+use std::path::Path;
 
 fn main() {
     println!("cargo::rerun-if-changed=build.rs");
     println!(r#"cargo::rustc-check-cfg=cfg(arm_kernels, values("neon", "dsp", "helium"))"#);
     let read = |name: &str| var(name).unwrap_or_default();
+    let policy = Path::new(&read("CARGO_MANIFEST_DIR")).join("weights/reagent.rgw");
+    if var("CARGO_FEATURE_PRETRAINED").is_ok() && !policy.exists() {
+        println!(
+            "cargo::error=the feature `pretrained` needs weights/reagent.rgw, which is too large for the package: \
+             take `pretrained-int8` (the same policy in 8-bit integers), give the policy as a file, or depend on \
+             reagent-core by path or git"
+        );
+        return;
+    }
     let target = read("TARGET");
     // -C target-cpu=NAME, from RUSTFLAGS or a configuration file.
     let flags = read("CARGO_ENCODED_RUSTFLAGS");

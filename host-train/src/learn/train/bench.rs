@@ -2,7 +2,7 @@
 
 use super::config::{Stage, TrainConfig};
 use super::data::{load, problems};
-use super::run::TrainError;
+use super::error::TrainError;
 use super::trainer::{Spent, Trainer};
 use crate::learn::nn::Parameters;
 use crate::learn::optim::Adam;

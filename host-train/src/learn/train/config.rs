@@ -1,8 +1,8 @@
 //! Every hyper-parameter of a run, with the source of its default.
 
+use super::error::TrainError;
 use super::learning_rate::{Anneal, LearningRate};
 use super::method::{Follow, Method, RollOut};
-use super::run::TrainError;
 use crate::augment::Disturbance;
 use crate::dataset::bop::is_bop;
 use crate::learn::env::Accumulation;

@@ -1,7 +1,7 @@
 //! What a run trains on, and what it is validated on.
 
 use super::config::{Categories, DataSource, Meshes, Stage, TrainConfig};
-use super::run::TrainError;
+use super::error::TrainError;
 use crate::augment::{clean_pair, clean_sample, noisy_pair, noisy_sample};
 use crate::bop::sample::{BopSampling, BopTraining};
 use crate::dataset::pairs::{PairSet, Sample};

@@ -1,7 +1,7 @@
 //! A short run without a run directory: the policy that is shipped, trained on.
 
 use super::config::{Stage, TrainConfig};
-use super::run::TrainError;
+use super::error::TrainError;
 use super::trainer::Trainer;
 use crate::dataset::pairs::Sample;
 use crate::learn::env::Problem;

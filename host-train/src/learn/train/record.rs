@@ -9,8 +9,8 @@
 //! | `diverged.json`, `diverged.safetensors` | the mini-batch whose loss was no number, and the state before it |
 
 use super::config::TrainConfig;
+use super::error::TrainError;
 use super::learning_rate::Anneal;
-use super::run::TrainError;
 use super::trainer::Diverged;
 use crate::files;
 use serde::{Deserialize, Serialize};

@@ -4,6 +4,7 @@ use super::method::Method;
 use crate::learn::buffer::Buffer;
 use crate::learn::loss::{Losses, axes};
 use crate::learn::ppo::ALL_AXES;
+use crate::policy::checkpoint::EpochSums;
 use reagent_core::dims::STEP_SIZES;
 use serde::{Deserialize, Serialize};
 
@@ -79,6 +80,16 @@ impl UpdateStats {
             agreement: losses.agreement.iter().sum::<f64>() / ALL_AXES as f64,
             agreement_axes: losses.agreement,
             action_histogram,
+        }
+    }
+
+    /// Counts it among the updates of its epoch.
+    pub(super) fn add_to(&self, epoch: &mut EpochSums) {
+        epoch.updates += 1;
+        epoch.loss += self.loss;
+        epoch.agreement += self.agreement;
+        if let Some(reward) = self.reward {
+            *epoch.reward.get_or_insert_default() += reward;
         }
     }
 }

@@ -1,8 +1,8 @@
 //! Validation: the errors of the policy, deciding as exported ones do, on pairs of held-back meshes.
 
 use super::config::TrainConfig;
+use super::error::TrainError;
 use super::roll_out::Agent;
-use super::run::TrainError;
 use crate::dataset::pairs::{PairSet, Sample};
 use crate::eval::{Contestant, EvalError, EvalSettings, Method, evaluate};
 use crate::learn::env::{Accumulation, Problem};

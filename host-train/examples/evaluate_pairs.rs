@@ -5,7 +5,9 @@
 
 use host_train::dataset::pairs::{PairSet, Sample};
 use host_train::dataset::procedural;
-use host_train::eval::{Contestant, EvalSettings, Method, evaluate};
+use host_train::eval::{EvalSettings, evaluate};
+use host_train::measure::baselines::IcpSettings;
+use host_train::measure::method::{Contestant, Finish, Start};
 use host_train::policy::WeightFile;
 use reagent_core::Pose;
 use reagent_core::pipeline::Mode;
@@ -46,14 +48,18 @@ fn main() -> anyhow::Result<()> {
         ),
         _ => (WeightFile::pretrained(), own_pairs()),
     };
+    let policy = weights.policy();
     let contestants = [
-        ("start", Method::Init),
-        ("policy", Method::Policy(weights.policy())),
+        ("start", Start::Identity.then(Finish::Nothing)),
+        ("policy", Start::Policy(policy).then(Finish::Nothing)),
         (
             "policy, verified",
-            Method::PolicyRefined(weights.policy(), Mode::Verify),
+            Start::Policy(policy).then(Finish::Core(Mode::Verify)),
         ),
-        ("ICP to planes", Method::IcpPlane),
+        (
+            "ICP to planes",
+            Start::Identity.then(Finish::Icp(IcpSettings::PLANE)),
+        ),
     ];
     let contestants = contestants.map(|(name, method)| Contestant {
         name: name.into(),

@@ -5,78 +5,14 @@
 
 use crate::dataset::Point;
 use crate::dataset::pairs::PairSet;
-use crate::learn::env::{Accumulation, Problem};
-use crate::learn::nn::Parameters;
-use crate::learn::train::poses_of;
-use crate::measure::baselines::{FgrSettings, IcpSettings, fgr, icp};
+use crate::measure::method::{Contestant, Finish, Memory, Method, Start, Trajectory};
 use crate::measure::metrics::{Errors, GroundTruth, PairMetrics, Summary, quantile};
-use crate::random::{Purpose, stream};
 use crate::register::batch;
 use reagent_core::dims::AXES;
 use reagent_core::net::Scratch;
-use reagent_core::pipeline::{Mode, Task, refine};
-use reagent_core::polish::Workspace;
-use reagent_core::start::Start;
-use reagent_core::{Action, Decision, Error, Frame, Policy, Pose, Registrar};
+use reagent_core::{Action, Error, Frame, Policy, Pose, Registrar};
 use serde::Serialize;
 use std::collections::BTreeMap;
-use std::time::Instant;
-
-/// How to register.
-#[derive(Clone, Copy, Debug)]
-#[allow(clippy::large_enum_variant, reason = "a handful exist at a time")]
-pub enum Method<'w> {
-    /// The learned policy, deciding as its file says.
-    Policy(Policy<'w>),
-    /// A network that the core cannot run, by [`poses_of`]; times are the trainer's, not a robot's.
-    Trained {
-        /// The network.
-        parameters: &'w Parameters,
-        /// How its actions accumulate.
-        accumulation: Accumulation,
-        /// How they follow from its logits.
-        decision: Decision,
-    },
-    /// The policy, then point-to-plane ICP from where it ended.
-    PolicyIcp(Policy<'w>),
-    /// The policy, then core's refinement from where it ended.
-    PolicyRefined(Policy<'w>, Mode),
-    /// Core's refinement from the identity.
-    InitRefined(Mode),
-    /// Point-to-point ICP, [`IcpSettings::POINT`].
-    Icp,
-    /// Point-to-plane ICP, [`IcpSettings::PLANE`].
-    IcpPlane,
-    /// Trimmed ICP, [`IcpSettings::TRIMMED`].
-    IcpTrimmed,
-    /// Fast global registration as Open3D does it by default, [`FgrSettings::OPEN3D`]. The seed chooses the tuples
-    /// that it tests, pair by pair.
-    Fgr {
-        /// Of the draws.
-        seed: u64,
-    },
-    /// Fast global registration as in its paper, [`FgrSettings::GRADUATED`].
-    FgrGnc {
-        /// Of the draws.
-        seed: u64,
-    },
-    /// [`Method::Fgr`], then point-to-plane ICP.
-    FgrIcpPlane {
-        /// Of the draws.
-        seed: u64,
-    },
-    /// Nothing is done: the initial error.
-    Init,
-}
-
-/// A method and the name under which it is reported.
-#[derive(Clone, Debug)]
-pub struct Contestant<'w> {
-    /// File stem of the weights, or the method's name.
-    pub name: String,
-    /// How it registers.
-    pub method: Method<'w>,
-}
 
 /// How to evaluate.
 #[derive(Clone, Copy, Debug)]
@@ -178,18 +114,13 @@ pub fn evaluate(
     }
     let pool = pool(settings.threads)?;
 
+    let extent = (settings.steps, settings.per_step);
     let trajectories: Vec<Vec<Trajectory>> = contestants
         .iter()
         .map(|contestant| {
             for_each_pair(&pool, pairs, |memory, i| {
-                let found = register(
-                    contestant.method,
-                    &set.source[i],
-                    &set.target[i],
-                    i as u64,
-                    settings,
-                    memory,
-                );
+                let pair = [set.source[i].as_slice(), &set.target[i]];
+                let found = contestant.method.register(pair, i as u64, extent, memory);
                 progress();
                 found
             })
@@ -251,119 +182,6 @@ pub fn evaluate(
     Ok(contestants.iter().enumerate().map(outcome).collect())
 }
 
-/// The poses of one registration that are to be measured, each with the milliseconds it took to get there.
-struct Trajectory {
-    poses: Vec<Pose>,
-    ms: Vec<f64>,
-    probability: Option<f32>,
-}
-
-/// Working memory of a thread.
-struct Memory {
-    scratch: Scratch,
-    workspace: Workspace,
-}
-
-impl Memory {
-    fn new() -> Self {
-        Memory {
-            scratch: Scratch::new(),
-            workspace: Workspace::new(),
-        }
-    }
-}
-
-fn register(
-    method: Method<'_>,
-    source: &[Point],
-    target: &[Point],
-    index: u64,
-    settings: &EvalSettings,
-    memory: &mut Memory,
-) -> Result<Trajectory, Error> {
-    let start = Instant::now();
-    let mut track = Trajectory {
-        poses: vec![Pose::IDENTITY],
-        ms: vec![0.0],
-        probability: None,
-    };
-    let mut reached = |pose: Pose| {
-        track.poses.push(pose);
-        track.ms.push(start.elapsed().as_secs_f64() * 1e3);
-        pose
-    };
-    // Where the first stage ends, and by what it is refined.
-    let (pose, refinement) = match method {
-        Method::Init => return Ok(track),
-        Method::InitRefined(_) => (Pose::IDENTITY, None),
-        Method::Icp => (Pose::IDENTITY, Some(IcpSettings::POINT)),
-        Method::IcpPlane => (Pose::IDENTITY, Some(IcpSettings::PLANE)),
-        Method::IcpTrimmed => (Pose::IDENTITY, Some(IcpSettings::TRIMMED)),
-        Method::Fgr { seed } | Method::FgrGnc { seed } | Method::FgrIcpPlane { seed } => {
-            let how = match method {
-                Method::FgrGnc { .. } => FgrSettings::GRADUATED,
-                _ => FgrSettings::OPEN3D,
-            };
-            let rng = &mut stream(seed, Purpose::Tuples, index);
-            let found = fgr(source, target, &how, rng)?;
-            let refined = matches!(method, Method::FgrIcpPlane { .. });
-            (
-                reached(found.target_from_source),
-                refined.then_some(IcpSettings::PLANE),
-            )
-        }
-        Method::Trained {
-            parameters,
-            accumulation,
-            decision,
-        } => {
-            let pair = [Problem::new(
-                source.to_vec(),
-                target.to_vec(),
-                Pose::IDENTITY,
-            )];
-            let rules = (accumulation, decision);
-            let poses = poses_of(parameters.clone(), rules, &pair, settings.steps);
-            let poses = poses.iter().flatten().skip(1);
-            (poses.fold(Pose::IDENTITY, |_, &pose| reached(pose)), None)
-        }
-        Method::Policy(policy) | Method::PolicyIcp(policy) | Method::PolicyRefined(policy, _) => {
-            let mut registrar = Registrar::new(policy, &mut memory.scratch);
-            let mut registration =
-                registrar.start(source, target, Frame::IDENTITY, Pose::IDENTITY)?;
-            for _ in 0..settings.steps {
-                registrar.step(&mut registration)?;
-                reached(registration.target_from_source());
-            }
-            let refined = matches!(method, Method::PolicyIcp(_));
-            (
-                registration.target_from_source(),
-                refined.then_some(IcpSettings::PLANE),
-            )
-        }
-    };
-    if let Some(refinement) = refinement {
-        reached(icp(source, target, pose, &refinement)?.target_from_source);
-    }
-    if let Method::PolicyRefined(_, mode) | Method::InitRefined(mode) = method {
-        let task = Task {
-            mode,
-            ..Task::new(Start::at(Pose::IDENTITY))
-        };
-        let (workspace, clouds) = (&mut memory.workspace, [source, target]);
-        let go_on = || Ok::<(), Error>(());
-        if let Some(found) = refine(workspace, clouds, pose, &task, go_on)? {
-            reached(found.refined.target_from_source);
-            track.probability = Some(found.evidence.probability());
-        }
-    }
-    if !(settings.per_step && matches!(method, Method::Policy(_) | Method::Trained { .. })) {
-        track.poses.drain(..track.poses.len() - 1);
-        track.ms.drain(..track.ms.len() - 1);
-    }
-    Ok(track)
-}
-
 fn pool(threads: usize) -> Result<rayon::ThreadPool, EvalError> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
     pool.map_err(|source| EvalError::Threads { threads, source })
@@ -405,7 +223,10 @@ pub fn agreement(
     let policies: Vec<(&str, Policy<'_>)> = contestants
         .iter()
         .filter_map(|c| match c.method {
-            Method::Policy(policy) => Some((c.name.as_str(), policy)),
+            Method {
+                start: Start::Policy(policy),
+                finish: Finish::Nothing,
+            } => Some((c.name.as_str(), policy)),
             _ => None,
         })
         .collect();

@@ -1,7 +1,8 @@
 //! The policies in core/weights: what their records say, and what they do.
 
 use host_train::dataset::procedural;
-use host_train::eval::{Contestant, EvalSettings, Method, evaluate};
+use host_train::eval::{EvalSettings, evaluate};
+use host_train::measure::method::{Contestant, Finish, Start};
 use host_train::protocol::{self, Protocol};
 use reagent_core::dims::STEPS;
 use reagent_core::pipeline::Mode;
@@ -57,8 +58,8 @@ fn each_reaches_on_shapes_of_its_own_what_it_is_shipped_for() {
         let policy = Policy::parse(file).expect("a sound policy");
         assert_eq!(policy.decision, Decision::BothWays, "{name}");
         let contestants: Vec<Contestant<'_>> = [
-            Method::Policy(policy),
-            Method::PolicyRefined(policy, Mode::Verify),
+            Start::Policy(policy).then(Finish::Nothing),
+            Start::Policy(policy).then(Finish::Core(Mode::Verify)),
         ]
         .into_iter()
         .zip(["alone", "verified"])

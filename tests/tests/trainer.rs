@@ -2,12 +2,13 @@
 
 use host_train::augment::{clean_sample, noisy_sample};
 use host_train::dataset::{pairs::PairSet, procedural};
-use host_train::eval::{Contestant, EvalSettings, Method as Registers, evaluate};
+use host_train::eval::{EvalSettings, evaluate};
 use host_train::learn::env::{Accumulation, Problem};
 use host_train::learn::nn::{Parameters, Shape};
 use host_train::learn::optim::Adam;
 use host_train::learn::reward::{CLOSER, FARTHER, SAME, chamfer};
 use host_train::learn::train::{Follow, Method, RollOut, Trainer, poses_of};
+use host_train::measure::method::{Contestant, Finish, Start};
 use host_train::policy::WeightFile;
 use host_train::random::{Purpose, stream};
 use reagent_core::{Action, Decision};
@@ -136,15 +137,16 @@ fn the_trainer_registers_as_the_robot_does() {
     let file = WeightFile::from_parameters(&parameters).expect("deployable");
     let robot = Contestant {
         name: "robot".into(),
-        method: Registers::Policy(file.policy()),
+        method: Start::Policy(file.policy()).then(Finish::Nothing),
     };
     let trainer = Contestant {
         name: "trainer".into(),
-        method: Registers::Trained {
+        method: Start::Trained {
             parameters: &parameters,
             accumulation: Accumulation::Global,
             decision: Decision::MostLikely,
-        },
+        }
+        .then(Finish::Nothing),
     };
     let settings = EvalSettings {
         steps: 10,

@@ -51,7 +51,7 @@ pub(super) struct BenchArgs {
     #[arg(long, value_name = "FILE.rgw")]
     weights: Option<PathBuf>,
     /// Steps from one look at all points to the next [default: as the weight file says]
-    #[arg(long, value_name = "STEPS", value_parser = super::contest::steps(), conflicts_with_all = ["train", "mcu"])]
+    #[arg(long, value_name = "STEPS", value_parser = super::methods::steps(), conflicts_with_all = ["train", "mcu"])]
     rescan: Option<u16>,
     /// Registrations of each configuration
     #[arg(long, value_name = "N", value_parser = positive(), default_value_t = 100)]

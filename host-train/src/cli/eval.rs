@@ -1,7 +1,7 @@
 //! `host-train eval`
 
 use super::bop_eval::{self, EvalProtocol};
-use super::contest::ContestArgs;
+use super::methods::MethodArgs;
 use super::output::{write_json, write_text};
 use super::progress::Progress;
 use super::source::DataSource;
@@ -26,7 +26,7 @@ use std::path::PathBuf;
 #[command(group(ArgGroup::new("on").args(["pairs", "data"]).required(true)))]
 pub(super) struct EvalArgs {
     #[command(flatten)]
-    contest: ContestArgs,
+    methods: MethodArgs,
     /// Pairs drawn beforehand (source, target, transform_gt; raw and label if there)
     #[arg(long, value_name = "FILE.h5")]
     pairs: Option<PathBuf>,
@@ -85,8 +85,8 @@ struct Record<'a> {
 
 impl EvalArgs {
     pub(super) fn run(self, seed: u64) -> anyhow::Result<()> {
-        let policies = self.contest.policies("eval")?;
-        let contestants = self.contest.contestants(&policies, seed);
+        let policies = self.methods.policies("eval")?;
+        let contestants = self.methods.contestants(&policies, seed);
         let mut refinements = None;
         let (set, origin) = match (&self.pairs, &self.data, self.protocol) {
             (Some(path), _, _) => (PairSet::load(path)?, path.display().to_string()),
@@ -120,8 +120,8 @@ impl EvalArgs {
             ),
         };
         let settings = EvalSettings {
-            steps: self.contest.steps,
-            threads: self.contest.threads,
+            steps: self.methods.steps,
+            threads: self.methods.threads,
             per_step: self.per_step,
         };
         let pairs = set.source.len();
@@ -157,7 +157,7 @@ impl EvalArgs {
                 on: origin.rsplit('/').next().unwrap_or(&origin),
                 pairs,
                 seed,
-                steps: self.contest.steps,
+                steps: self.methods.steps,
                 methods: outcomes.iter().map(|o| (o.name.as_str(), &o.row)).collect(),
             };
             write_json(path, &record)?;

@@ -1,6 +1,6 @@
 //! `host-train export`
 
-use super::contest::{Decide, steps};
+use super::methods::{Decide, steps};
 use super::source::{self, DataSource};
 use crate::dataset::pairs::PairSet;
 use crate::policy::checkpoint::Checkpoint;

@@ -7,12 +7,12 @@ mod bench;
 mod bop_eval;
 mod bop_synth;
 mod calibrate;
-mod contest;
 mod eval;
 mod export;
 mod import;
 #[cfg(feature = "publish")]
 mod keygen;
+mod methods;
 mod output;
 mod pairs;
 mod progress;

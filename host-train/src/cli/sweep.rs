@@ -1,6 +1,6 @@
 //! `host-train sweep`
 
-use super::contest::ContestArgs;
+use super::methods::MethodArgs;
 use super::output::write_json;
 use super::progress::Progress;
 use super::source::DataSource;
@@ -39,7 +39,7 @@ pub(super) struct SweepArgs {
     #[arg(long, value_name = "M", value_parser = source::positive())]
     count: Option<usize>,
     #[command(flatten)]
-    contest: ContestArgs,
+    methods: MethodArgs,
     /// Write summaries and the errors of every pair as JSON
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
@@ -86,8 +86,8 @@ impl SweepArgs {
             }
         }
 
-        let policies = self.contest.policies("sweep")?;
-        let contestants = self.contest.contestants(&policies, seed);
+        let policies = self.methods.policies("sweep")?;
+        let contestants = self.methods.contestants(&policies, seed);
         let models = source::models(&self.data, self.protocol, self.count, seed)?;
         let count = self.count.unwrap_or(models.len());
         let drawing = Drawing {
@@ -97,8 +97,8 @@ impl SweepArgs {
             seed,
         };
         let settings = EvalSettings {
-            steps: self.contest.steps,
-            threads: self.contest.threads,
+            steps: self.methods.steps,
+            threads: self.methods.threads,
             per_step: false,
         };
         let total: usize = varied.iter().map(|&vary| values(vary).len()).sum();

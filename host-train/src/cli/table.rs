@@ -1,6 +1,7 @@
 //! The paper's tables as text.
 
-use crate::eval::{Agreement, Contestant, Outcome, Row, StepRow};
+use crate::eval::{Agreement, Outcome, Row, StepRow};
+use crate::measure::method::Contestant;
 use crate::measure::sweep::Varied;
 use clap::ValueEnum;
 use std::fmt::Write;

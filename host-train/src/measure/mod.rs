@@ -3,6 +3,7 @@
 pub mod baselines;
 pub mod elf;
 pub mod latency;
+pub mod method;
 pub mod metrics;
 pub mod microcontrollers;
 pub mod sweep;

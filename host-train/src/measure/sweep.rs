@@ -4,7 +4,8 @@
 //! varied, not by the luck of the draw.
 
 use crate::dataset::Model;
-use crate::eval::{Contestant, EvalError, EvalSettings, Row, evaluate};
+use crate::eval::{EvalError, EvalSettings, Row, evaluate};
+use crate::measure::method::Contestant;
 use crate::measure::metrics::Errors;
 use crate::protocol::{Conditions, draw_under};
 use reagent_core::dims::MAX_POINTS;
@@ -216,7 +217,7 @@ pub fn sweep(
 mod tests {
     use super::*;
     use crate::dataset::procedural;
-    use crate::eval::Method;
+    use crate::measure::method::{Finish, Start};
     use crate::protocol::Protocol;
 
     fn base() -> Conditions {
@@ -246,7 +247,7 @@ mod tests {
         let models: Vec<Model> = (0..4).map(|i| procedural::model(7, i)).collect();
         let contestants = [Contestant {
             name: "init".into(),
-            method: Method::Init,
+            method: Start::Identity.then(Finish::Nothing),
         }];
         let run = |vary, threads| {
             let settings = EvalSettings {

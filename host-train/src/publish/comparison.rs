@@ -2,7 +2,8 @@
 
 use super::statistics::coin;
 use crate::dataset::pairs::PairSet;
-use crate::eval::{Contestant, EvalError, EvalSettings, Method, evaluate};
+use crate::eval::{EvalError, EvalSettings, evaluate};
+use crate::measure::method::{Contestant, Finish, Start};
 use crate::measure::metrics::is_right;
 use crate::policy::WeightFile;
 use reagent_core::dims::STEPS;
@@ -50,7 +51,7 @@ impl Comparison {
         };
         let contestants = [("old", old), ("new", new)].map(|(name, file)| Contestant {
             name: name.into(),
-            method: Method::Policy(file.policy()),
+            method: Start::Policy(file.policy()).then(Finish::Nothing),
         });
         let outcomes = evaluate(set, &contestants, &settings, &|| {})?;
         let reached = |closer: f64| {

@@ -4,9 +4,10 @@ use super::config::TrainConfig;
 use super::error::TrainError;
 use super::roll_out::Agent;
 use crate::dataset::pairs::{PairSet, Sample};
-use crate::eval::{Contestant, EvalError, EvalSettings, Method, evaluate};
+use crate::eval::{EvalError, EvalSettings, evaluate};
 use crate::learn::env::{Accumulation, Problem};
 use crate::learn::nn::{Parameters, Search};
+use crate::measure::method::{Contestant, Finish, Start};
 use crate::measure::metrics::{GroundTruth, PairMetrics, Summary};
 use crate::policy::WeightFile;
 use rayon::prelude::*;
@@ -44,7 +45,7 @@ pub(super) fn validate(
         .cutting(config.cut);
     let contestant = Contestant {
         name: "policy".into(),
-        method: Method::Policy(file.policy()),
+        method: Start::Policy(file.policy()).then(Finish::Nothing),
     };
     let settings = EvalSettings {
         steps: reagent_core::dims::STEPS,

@@ -2,7 +2,8 @@
 
 use super::{Header, Step, Traced};
 use crate::dataset::pairs::PairSet;
-use crate::eval::{Contestant, EvalError, Method};
+use crate::eval::EvalError;
+use crate::measure::method::{Contestant, Finish, Method, Start};
 use reagent_core::net::Scratch;
 use reagent_core::{Error, Frame, Pose, Registrar};
 
@@ -20,7 +21,11 @@ pub fn pairs(
     let mut scratch = Box::new(Scratch::new());
     let mut all = Vec::new();
     for contestant in contestants {
-        let Method::Policy(policy) = contestant.method else {
+        let Method {
+            start: Start::Policy(policy),
+            finish: Finish::Nothing,
+        } = contestant.method
+        else {
             continue;
         };
         let mut registrar = Registrar::new(policy, &mut scratch);

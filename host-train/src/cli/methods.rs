@@ -1,9 +1,10 @@
 //! Which methods a command compares, from its arguments.
 
 use super::{bad_usage, source};
-use crate::eval::{Contestant, Method};
 use crate::learn::env::Accumulation;
 use crate::learn::nn::Parameters;
+use crate::measure::baselines::{FgrSettings, IcpSettings};
+use crate::measure::method::{Contestant, Finish, Method, Start};
 use crate::policy::checkpoint::Checkpoint;
 use crate::policy::{ExportError, WeightFile};
 use clap::{Args, ValueEnum};
@@ -17,9 +18,15 @@ use std::path::{Path, PathBuf};
 const BUNDLED: &str = "reagent";
 /// Name that stands for the bundled policy for single depth views.
 const VIEWS: &str = "views";
+/// Point-to-plane ICP.
+const PLANE: Finish = Finish::Icp(IcpSettings::PLANE);
+/// Core's refinement.
+const POLISH: Finish = Finish::Core(Mode::Polish);
+/// The same, and comparison with other poses.
+const VERIFY: Finish = Finish::Core(Mode::Verify);
 
 #[derive(Debug, Args)]
-pub(super) struct ContestArgs {
+pub(super) struct MethodArgs {
     /// Policies, run directories (their best) or checkpoints to evaluate, or "views" for the bundled policy for single
     /// depth views, each reported under its file stem [default:
     /// the bundled policy, as "reagent"]
@@ -160,23 +167,18 @@ impl Weights {
         }
     }
 
-    fn method(&self) -> Method<'_> {
-        match self {
-            Weights::File(file) => Method::Policy(file.policy()),
-            Weights::Trained(parameters, accumulation, decision) => Method::Trained {
+    /// The steps, then what refines their pose; nothing is refined of what only the trainer runs.
+    fn then(&self, finish: Finish) -> Option<Method<'_>> {
+        let start = match self {
+            Weights::File(file) => Start::Policy(file.policy()),
+            Weights::Trained(..) if !matches!(finish, Finish::Nothing) => return None,
+            Weights::Trained(parameters, accumulation, decision) => Start::Trained {
                 parameters,
                 accumulation: *accumulation,
                 decision: *decision,
             },
-        }
-    }
-
-    /// The policy and what follows; nothing for what only the trainer runs.
-    fn followed<'w>(&'w self, by: fn(Policy<'w>) -> Method<'w>) -> Option<Method<'w>> {
-        match self {
-            Weights::File(file) => Some(by(file.policy())),
-            Weights::Trained(..) => None,
-        }
+        };
+        Some(start.then(finish))
     }
 }
 
@@ -191,7 +193,7 @@ impl Policies {
     }
 }
 
-impl ContestArgs {
+impl MethodArgs {
     /// Reads the weight files. Ends the process as `command` does on bad usage where they are given in vain.
     pub(super) fn policies(&self, command: &str) -> Result<Policies, ExportError> {
         let uses_policy = |name: &MethodName| {
@@ -222,41 +224,34 @@ impl ContestArgs {
 
     /// Everything that is to run, in the order of `--methods`; `seed` is that of methods that draw.
     pub(super) fn contestants<'w>(&self, policies: &'w Policies, seed: u64) -> Vec<Contestant<'w>> {
-        let of_policies = |suffix: &str, method: fn(&'w Weights) -> Option<Method<'w>>| {
+        let of_policies = |suffix: &str, finish: Finish| -> Vec<Contestant<'w>> {
             let contestant = |(stem, weights): &'w (String, Weights)| {
                 let name = format!("{stem}{suffix}");
-                method(weights).map(|method| Contestant { name, method })
+                let method = weights.then(finish)?;
+                Some(Contestant { name, method })
             };
             policies.0.iter().filter_map(contestant).collect()
         };
+        let fgr = |settings| Start::Fgr { settings, seed };
         let contestants = |&name: &MethodName| -> Vec<Contestant<'w>> {
-            let method = match name {
-                MethodName::Policy => return of_policies("", |weights| Some(weights.method())),
-                MethodName::PolicyIcp => {
-                    return of_policies("+icp", |w| w.followed(Method::PolicyIcp));
-                }
-                MethodName::PolicyPolish => {
-                    return of_policies("+polish", |w| {
-                        w.followed(|policy| Method::PolicyRefined(policy, Mode::Polish))
-                    });
-                }
-                MethodName::PolicyVerify => {
-                    return of_policies("+verify", |w| {
-                        w.followed(|policy| Method::PolicyRefined(policy, Mode::Verify))
-                    });
-                }
-                MethodName::InitPolish => Method::InitRefined(Mode::Polish),
-                MethodName::InitVerify => Method::InitRefined(Mode::Verify),
-                MethodName::Icp => Method::Icp,
-                MethodName::IcpPlane => Method::IcpPlane,
-                MethodName::IcpTrimmed => Method::IcpTrimmed,
-                MethodName::Fgr => Method::Fgr { seed },
-                MethodName::FgrGnc => Method::FgrGnc { seed },
-                MethodName::FgrIcpPlane => Method::FgrIcpPlane { seed },
-                MethodName::Init => Method::Init,
+            let (start, finish) = match name {
+                MethodName::Policy => return of_policies("", Finish::Nothing),
+                MethodName::PolicyIcp => return of_policies("+icp", PLANE),
+                MethodName::PolicyPolish => return of_policies("+polish", POLISH),
+                MethodName::PolicyVerify => return of_policies("+verify", VERIFY),
+                MethodName::InitPolish => (Start::Identity, POLISH),
+                MethodName::InitVerify => (Start::Identity, VERIFY),
+                MethodName::Icp => (Start::Identity, Finish::Icp(IcpSettings::POINT)),
+                MethodName::IcpPlane => (Start::Identity, PLANE),
+                MethodName::IcpTrimmed => (Start::Identity, Finish::Icp(IcpSettings::TRIMMED)),
+                MethodName::Fgr => (fgr(FgrSettings::OPEN3D), Finish::Nothing),
+                MethodName::FgrGnc => (fgr(FgrSettings::GRADUATED), Finish::Nothing),
+                MethodName::FgrIcpPlane => (fgr(FgrSettings::OPEN3D), PLANE),
+                MethodName::Init => (Start::Identity, Finish::Nothing),
             };
             let value = name.to_possible_value().expect("no value is hidden");
             let name = value.get_name().to_owned();
+            let method = start.then(finish);
             vec![Contestant { name, method }]
         };
         self.names().iter().flat_map(contestants).collect()

@@ -1,0 +1,185 @@
+//! Methods that are compared: each starts somewhere and is finished by something.
+
+use crate::dataset::Point;
+use crate::learn::env::{Accumulation, Problem};
+use crate::learn::nn::Parameters;
+use crate::learn::train::poses_of;
+use crate::measure::baselines::{FgrSettings, IcpSettings, fgr, icp};
+use crate::random::{Purpose, stream};
+use reagent_core::net::Scratch;
+use reagent_core::pipeline::{Mode, Task, refine};
+use reagent_core::polish::Workspace;
+use reagent_core::{Decision, Error, Frame, Policy, Pose, Registrar, start};
+use std::time::Instant;
+
+/// How to register.
+#[derive(Clone, Copy, Debug)]
+pub struct Method<'w> {
+    /// What finds a pose.
+    pub start: Start<'w>,
+    /// What refines it.
+    pub finish: Finish,
+}
+
+/// What finds a pose, from the identity.
+#[derive(Clone, Copy, Debug)]
+#[allow(clippy::large_enum_variant, reason = "a handful exist at a time")]
+pub enum Start<'w> {
+    /// Nothing: the initial error.
+    Identity,
+    /// The learned policy, deciding as its file says.
+    Policy(Policy<'w>),
+    /// A network that the core cannot run, by [`poses_of`]; times are the trainer's, not a robot's.
+    Trained {
+        /// The network.
+        parameters: &'w Parameters,
+        /// How its actions accumulate.
+        accumulation: Accumulation,
+        /// How they follow from its logits.
+        decision: Decision,
+    },
+    /// Fast global registration. The seed chooses the tuples that it tests, pair by pair.
+    Fgr {
+        /// Which of its forms.
+        settings: FgrSettings,
+        /// Of the draws.
+        seed: u64,
+    },
+}
+
+/// What refines a pose.
+#[derive(Clone, Copy, Debug)]
+pub enum Finish {
+    /// Nothing.
+    Nothing,
+    /// Iterative closest points.
+    Icp(IcpSettings),
+    /// Core's refinement.
+    Core(Mode),
+}
+
+impl<'w> Start<'w> {
+    /// The method that starts so.
+    pub fn then(self, finish: Finish) -> Method<'w> {
+        Method {
+            start: self,
+            finish,
+        }
+    }
+}
+
+/// A method and the name under which it is reported.
+#[derive(Clone, Debug)]
+pub struct Contestant<'w> {
+    /// File stem of the weights, or the method's name.
+    pub name: String,
+    /// How it registers.
+    pub method: Method<'w>,
+}
+
+/// The poses of one registration that are to be measured, each with the milliseconds it took to get there.
+pub(crate) struct Trajectory {
+    pub(crate) poses: Vec<Pose>,
+    pub(crate) ms: Vec<f64>,
+    pub(crate) probability: Option<f32>,
+}
+
+/// Working memory of a thread.
+pub(crate) struct Memory {
+    pub(crate) scratch: Scratch,
+    workspace: Workspace,
+}
+
+impl Memory {
+    pub(crate) fn new() -> Self {
+        Memory {
+            scratch: Scratch::new(),
+            workspace: Workspace::new(),
+        }
+    }
+}
+
+impl Method<'_> {
+    /// Registers pair number `index`, source and target; a policy takes `steps` steps, of which all are told where
+    /// `per_step` asks for them.
+    pub(crate) fn register(
+        &self,
+        [source, target]: [&[Point]; 2],
+        index: u64,
+        (steps, per_step): (usize, bool),
+        memory: &mut Memory,
+    ) -> Result<Trajectory, Error> {
+        let clock = Instant::now();
+        let mut track = Trajectory {
+            poses: vec![Pose::IDENTITY],
+            ms: vec![0.0],
+            probability: None,
+        };
+        let mut reached = |pose: Pose| {
+            track.poses.push(pose);
+            track.ms.push(clock.elapsed().as_secs_f64() * 1e3);
+            pose
+        };
+        let pose = match self.start {
+            Start::Identity => Pose::IDENTITY,
+            Start::Policy(policy) => {
+                let mut registrar = Registrar::new(policy, &mut memory.scratch);
+                let mut registration =
+                    registrar.start(source, target, Frame::IDENTITY, Pose::IDENTITY)?;
+                for _ in 0..steps {
+                    registrar.step(&mut registration)?;
+                    reached(registration.target_from_source());
+                }
+                registration.target_from_source()
+            }
+            Start::Trained {
+                parameters,
+                accumulation,
+                decision,
+            } => {
+                let pair = [Problem::new(
+                    source.to_vec(),
+                    target.to_vec(),
+                    Pose::IDENTITY,
+                )];
+                let rules = (accumulation, decision);
+                let poses = poses_of(parameters.clone(), rules, &pair, steps);
+                let poses = poses.iter().flatten().skip(1);
+                poses.fold(Pose::IDENTITY, |_, &pose| reached(pose))
+            }
+            Start::Fgr { settings, seed } => {
+                let rng = &mut stream(seed, Purpose::Tuples, index);
+                reached(fgr(source, target, &settings, rng)?.target_from_source)
+            }
+        };
+        match self.finish {
+            Finish::Nothing => {}
+            Finish::Icp(settings) => {
+                reached(icp(source, target, pose, &settings)?.target_from_source);
+            }
+            Finish::Core(mode) => {
+                let task = Task {
+                    mode,
+                    ..Task::new(start::Start::at(Pose::IDENTITY))
+                };
+                let (workspace, clouds) = (&mut memory.workspace, [source, target]);
+                let go_on = || Ok::<(), Error>(());
+                if let Some(found) = refine(workspace, clouds, pose, &task, go_on)? {
+                    reached(found.refined.target_from_source);
+                    track.probability = Some(found.evidence.probability());
+                }
+            }
+        }
+        if !(per_step && self.takes_steps_alone()) {
+            track.poses.drain(..track.poses.len() - 1);
+            track.ms.drain(..track.ms.len() - 1);
+        }
+        Ok(track)
+    }
+
+    /// Whether it is a policy's steps and nothing else.
+    fn takes_steps_alone(&self) -> bool {
+        matches!(self.start, Start::Policy(_) | Start::Trained { .. })
+            && matches!(self.finish, Finish::Nothing)
+    }
+}

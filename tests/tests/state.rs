@@ -3,24 +3,15 @@
 mod support;
 
 use firmware_sim::flash::FILE;
-use firmware_sim::node::{Node, NodeConfig, NodeError};
-use firmware_sim::policy::{Trust, UpdateError};
+use firmware_sim::node::{Node, NodeError};
+use firmware_sim::policy::UpdateError;
 use host_train::publish::{Publisher, manifest};
 use reagent_core::wire::WhyNot;
 use std::path::{Path, PathBuf};
-use support::{FLEET, Host, Network, int8_policy, publisher, until};
+use support::{Host, Network, config, int8_policy, publisher, until};
 
 /// Bytes of each copy of the record.
 const RECORD: usize = 8192;
-
-fn config(state: &Path) -> NodeConfig {
-    NodeConfig {
-        fleet: FLEET.into(),
-        robot: "r1".into(),
-        trust: Trust::AnyKey,
-        state: Some(state.into()),
-    }
-}
 
 async fn start(network: &Network, state: &Path) -> Result<Node, NodeError> {
     Node::start(network.join().await, config(state)).await

@@ -2,29 +2,19 @@
 
 mod support;
 
-use firmware_sim::node::{Node, NodeConfig};
-use firmware_sim::policy::{Trust, UpdateError};
+use firmware_sim::node::Node;
+use firmware_sim::policy::UpdateError;
 use host_train::learn::nn::{Parameters, Shape};
 use host_train::policy::WeightFile;
 use host_train::publish::{PublishError, chunk_table, manifest};
 use reagent_core::wire;
 use std::collections::BTreeMap;
-use std::path::Path;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex};
-use support::{FLEET, Host, Network, publisher, random_policy, until};
+use support::{FLEET, Host, Network, config, publisher, random_policy, until};
 use tokio::sync::Notify;
 use zenoh::Wait;
 use zenoh::key_expr::KeyExpr;
-
-fn config(state: &Path) -> NodeConfig {
-    NodeConfig {
-        fleet: FLEET.into(),
-        robot: "r1".into(),
-        trust: Trust::AnyKey,
-        state: Some(state.into()),
-    }
-}
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_node_killed_half_way_goes_on_where_it_was() {

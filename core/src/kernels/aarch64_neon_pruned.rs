@@ -5,7 +5,7 @@
 //! [`super::pruned::INPUTS`] inputs, and `max` as long as its bias; [`super::Isa`] checks all of it.
 #![allow(unsafe_code, clippy::indexing_slicing, clippy::needless_range_loop)]
 
-use super::pruned::{CHANNELS, Floats, Left, NEAR, prune};
+use super::pruned::{CHANNELS, Floats, NEAR, Survivors, prune};
 use crate::dims::{PANEL, TILE};
 use crate::layer::Dense;
 use core::arch::aarch64::*;
@@ -38,7 +38,7 @@ pub(super) unsafe fn dense_max(layer: &Dense<'_>, points: usize, x: &[f32], max:
             layer.width() / PANEL,
             count,
             // SAFETY: the caller guarantees the maxima of each panel.
-            |panel, left| unsafe { bound(layer, panel, &groups, max, left) },
+            |panel, survivors| unsafe { bound(layer, panel, &groups, max, survivors) },
             // SAFETY: groups and channels are those of bounds.
             |group, channels| unsafe {
                 for channels in channels.as_chunks::<TOGETHER>().0 {
@@ -56,7 +56,7 @@ unsafe fn bound(
     panel: usize,
     groups: &[Floats; GROUPS],
     max: *const f32,
-    left: &mut [Left; GROUPS],
+    survivors: &mut [Survivors; GROUPS],
 ) {
     // SAFETY: the caller guarantees the panel.
     unsafe {
@@ -74,14 +74,14 @@ unsafe fn bound(
             }
         }
         let max = load(max.add(panel * PANEL));
-        for (left, sum) in left.iter_mut().zip(sum) {
+        for (survivors, sum) in survivors.iter_mut().zip(sum) {
             let mut higher = 0;
             for q in 0..QUARTERS {
                 // Not: less or equal, so that what is no number stays.
                 let lower = vcleq_f32(sum[q], max[q]);
                 higher |= u16::from(mask(vmvnq_u32(lower))) << (q * LANES);
             }
-            left.add_of(panel, higher);
+            survivors.add_of(panel, higher);
         }
     }
 }

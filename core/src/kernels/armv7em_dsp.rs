@@ -141,11 +141,11 @@ pub(super) unsafe fn dense_codes_max<const MARK: bool>(
     }
     let outputs = panels.start * PANEL..panels.end * PANEL;
     let mut block = Block::ZERO;
-    for (turn, x) in x.chunks((BLOCK * inputs).max(1)).enumerate() {
+    for (round, x) in x.chunks((BLOCK * inputs).max(1)).enumerate() {
         block.fill(inputs, x);
         let points = x.len() / inputs;
         for (output, best) in outputs.clone().zip(max.iter_mut().skip(outputs.start)) {
-            let mut rows = turn * BLOCK..;
+            let mut rows = round * BLOCK..;
             for (x, points) in block.halves(inputs, points) {
                 let sums = sums(layer, output, x);
                 for (&sum, row) in sums.iter().take(points).zip(&mut rows) {

@@ -15,8 +15,8 @@ use core::ops::Range;
 
 /// Points of one block.
 const POINTS: usize = 4;
-/// Inputs of one turn of the loop.
-const TURN: usize = 32;
+/// Inputs of one round of the loop.
+const ROUND: usize = 32;
 
 /// Sums of a panel's outputs with four points.
 type Sums = [[i32; POINTS]; PANEL];
@@ -64,7 +64,7 @@ macro_rules! panel {
             naked_asm!(
                 ".cpu cortex-m55",
                 "push {{r4-r11, lr}}",
-                // Addresses of four groups of one output, one turn of half a loop before the first.
+                // Addresses of four groups of one output, one round of half a loop before the first.
                 "movs r4, #0",
                 "vidup.u32 q3, r4, #8",
                 "vshl.i32 q3, q3, #3",
@@ -123,7 +123,7 @@ panel! {
     ///
     /// # Safety
     /// `weights` holds a panel's groups of `inputs` columns, each row of `block` as many codes, and
-    /// `inputs` is a positive multiple of [`TURN`].
+    /// `inputs` is a positive multiple of [`ROUND`].
     panel_sums, Sums, 16,
     "vstrw.32 q0, [r2], #16"
 }
@@ -174,12 +174,12 @@ pub(super) unsafe fn dense_codes_max<const MARK: bool>(
     max: &mut [i32],
 ) {
     let inputs = layer.inputs();
-    for (turn, x) in x.chunks((POINTS * inputs).max(1)).enumerate() {
+    for (round, x) in x.chunks((POINTS * inputs).max(1)).enumerate() {
         let Some(mut block) = Block::of(x, inputs) else {
             return;
         };
         // The last row repeated has a later mark, by which it never wins.
-        block.marks = core::array::from_fn(|n| bytes::row_mark(turn * POINTS + n));
+        block.marks = core::array::from_fn(|n| bytes::row_mark(round * POINTS + n));
         let maxima = max.as_chunks_mut::<PANEL>().0.iter_mut();
         for (panel, max) in panels.clone().zip(maxima.skip(panels.start)) {
             let Some(weights) = panel_codes(layer, panel, 0, inputs) else {
@@ -244,7 +244,7 @@ pub(super) unsafe fn gemv_codes(
     [high, low]: [&[u8]; 2],
     y: &mut [i32],
 ) {
-    let whole = columns.len() / TURN * TURN;
+    let whole = columns.len() / ROUND * ROUND;
     let split = high
         .split_at_checked(whole)
         .zip(low.split_at_checked(whole));

@@ -142,7 +142,7 @@ impl Isa {
         if max.len() != layer.outputs() || layer.inputs() > INPUTS {
             return;
         }
-        for (turn, x) in x.chunks((ROWS * layer.inputs()).max(1)).enumerate() {
+        for (round, x) in x.chunks((ROWS * layer.inputs()).max(1)).enumerate() {
             for (first, part) in layer.parts(PANELS_TOGETHER) {
                 let mut marked = [i32::MIN; PANELS_TOGETHER * PANEL];
                 let Some(marked) = marked.get_mut(..part.outputs()) else {
@@ -153,7 +153,7 @@ impl Isa {
                     let sum = marked >> ROW_BITS;
                     if sum > *max {
                         *max = sum;
-                        won(o, turn * ROWS + row_of(marked));
+                        won(o, round * ROWS + row_of(marked));
                     }
                 }
             }

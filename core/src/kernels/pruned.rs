@@ -76,13 +76,13 @@ impl Floats {
 
 /// Channels for which the points of a group are to be summed up.
 #[derive(Clone, Copy)]
-pub(super) struct Left {
+pub(super) struct Survivors {
     channels: [u16; (PANELS + 1) * PANEL],
     count: usize,
 }
 
-impl Left {
-    const NONE: Left = Left {
+impl Survivors {
+    const NONE: Survivors = Survivors {
         channels: [0; (PANELS + 1) * PANEL],
         count: 0,
     };
@@ -123,7 +123,7 @@ impl Left {
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f")]
 #[inline]
-pub(super) fn channels_of(panel: usize, mask: u16, left: &mut Left) {
+pub(super) fn channels_of(panel: usize, mask: u16, survivors: &mut Survivors) {
     use core::arch::x86_64::*;
     let lanes = _mm512_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
     let channels = _mm512_add_epi32(_mm512_set1_epi32((panel * PANEL) as i32), lanes);
@@ -131,7 +131,7 @@ pub(super) fn channels_of(panel: usize, mask: u16, left: &mut Left) {
     let mut few = [0; PANEL];
     // SAFETY: sixteen channels of two bytes.
     unsafe { _mm256_storeu_si256(few.as_mut_ptr().cast(), channels) };
-    left.add(few, mask.count_ones());
+    survivors.add(few, mask.count_ones());
 }
 
 /// Goes through all panels, `STEP` at a time, with `groups` groups, at most `GROUPS`: `bound` says for which channels of
@@ -141,16 +141,16 @@ pub(super) fn channels_of(panel: usize, mask: u16, left: &mut Left) {
 pub(super) fn prune<const STEP: usize, const GROUPS: usize>(
     panels: usize,
     groups: usize,
-    mut bound: impl FnMut(usize, &mut [Left; GROUPS]),
+    mut bound: impl FnMut(usize, &mut [Survivors; GROUPS]),
     mut raise: impl FnMut(usize, &[u16; CHANNELS]),
 ) {
     for first in (0..panels).step_by(PANELS) {
-        let mut left = [Left::NONE; GROUPS];
+        let mut survivors = [Survivors::NONE; GROUPS];
         for panel in (first..panels.min(first + PANELS)).step_by(STEP) {
-            bound(panel, &mut left);
+            bound(panel, &mut survivors);
         }
-        for (group, left) in left.iter_mut().enumerate().take(groups) {
-            for channels in left.together() {
+        for (group, survivors) in survivors.iter_mut().enumerate().take(groups) {
+            for channels in survivors.together() {
                 raise(group, channels);
             }
         }

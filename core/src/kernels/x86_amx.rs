@@ -160,19 +160,19 @@ pub(super) unsafe fn search(
                 let weights = layer.panels().as_ptr().add(panel * layer.inputs() * PANEL);
                 let mut best_of_tile = [NONE; 2];
                 let mut next = points.start;
-                let mut turn = 0;
+                let mut slot = 0;
                 // While the tiles of one block are multiplied, those of the block before are compared.
                 while next < whole_points + BLOCK {
                     if next < whole_points {
                         let x = codes.as_ptr().add(next * layer.inputs());
-                        tiles.sums(layer.inputs(), x, weights, &mut sums[turn]);
+                        tiles.sums(layer.inputs(), x, weights, &mut sums[slot]);
                     }
-                    turn = 1 - turn;
+                    slot = 1 - slot;
                     if next > points.start {
                         let first = next - BLOCK;
                         let scales = scales.as_ptr().add(first);
                         take(
-                            &sums[turn],
+                            &sums[slot],
                             first,
                             first - points.start,
                             scales,
@@ -262,19 +262,19 @@ pub(super) unsafe fn dense_codes_max<const MARK: bool>(
                 let weights = layer.panels().as_ptr().add(panel * inputs * PANEL);
                 let max = max.as_mut_ptr().add(panel * PANEL).cast::<__m512i>();
                 let mut best = [_mm512_loadu_si512(max), _mm512_loadu_si512(max.add(1))];
-                let mut turn = 0;
+                let mut slot = 0;
                 for next in (0..whole_points + BLOCK).step_by(BLOCK) {
                     if next < whole_points {
                         tiles.sums(
                             inputs,
                             x.as_ptr().add(next * inputs),
                             weights,
-                            &mut sums[turn],
+                            &mut sums[slot],
                         );
                     }
-                    turn = 1 - turn;
+                    slot = 1 - slot;
                     if next > 0 {
-                        for (tile, sums) in sums[turn].iter().enumerate() {
+                        for (tile, sums) in sums[slot].iter().enumerate() {
                             let first = next - BLOCK + tile / 2 * ROWS;
                             for (n, row) in sums.0.iter().enumerate() {
                                 let row = _mm512_load_si512(row.as_ptr().cast());

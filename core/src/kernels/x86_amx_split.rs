@@ -221,7 +221,7 @@ pub(super) unsafe fn dense_max(layer: &SplitDense<'_>, x: &[f32], max: &mut [f32
                 let panel = |p: usize| weights.as_ptr().add(p * panel_tiles);
                 let mut best = [_mm512_set1_ps(f32::NEG_INFINITY); 4];
                 // While the tiles of one block are multiplied, those of the block before are compared.
-                let mut turn = 0;
+                let mut slot = 0;
                 let mut before = ([0; 4], [0; 4]);
                 for first in (0..points).step_by(2 * ROWS) {
                     let rows = |t: usize| split[first / ROWS + t].as_ptr();
@@ -229,21 +229,21 @@ pub(super) unsafe fn dense_max(layer: &SplitDense<'_>, x: &[f32], max: &mut [f32
                     if left > ROWS {
                         for p in [0, 2] {
                             let pointers = [rows(0), rows(1), panel(p), panel(p + 1)];
-                            two_by_two(&configured, steps, pointers, &mut sums[turn]);
-                            turn = 1 - turn;
-                            raise(&sums[turn], before, &mut best);
+                            two_by_two(&configured, steps, pointers, &mut sums[slot]);
+                            slot = 1 - slot;
+                            raise(&sums[slot], before, &mut best);
                             let rows = [ROWS, ROWS, left - ROWS, left - ROWS];
                             before = (rows, [p, p + 1, p, p + 1]);
                         }
                     } else {
                         let pointers = [rows(0), panel(0), panel(1), panel(2), panel(3)];
-                        one_by_four(&configured, steps, pointers, &mut sums[turn]);
-                        turn = 1 - turn;
-                        raise(&sums[turn], before, &mut best);
+                        one_by_four(&configured, steps, pointers, &mut sums[slot]);
+                        slot = 1 - slot;
+                        raise(&sums[slot], before, &mut best);
                         before = ([left; 4], [0, 1, 2, 3]);
                     }
                 }
-                raise(&sums[1 - turn], before, &mut best);
+                raise(&sums[1 - slot], before, &mut best);
                 for (p, best) in best.into_iter().enumerate() {
                     let sum = _mm512_add_ps(best, _mm512_loadu_ps(bias.as_ptr().add(p * PANEL)));
                     let max = max.as_mut_ptr().add(p * PANEL);

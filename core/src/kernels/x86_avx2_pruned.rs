@@ -5,7 +5,7 @@
 //! lengths and at most [`super::pruned::INPUTS`] inputs, and `max` as long as its bias; [`super::Isa`] checks all of it.
 #![allow(unsafe_code, clippy::indexing_slicing, clippy::needless_range_loop)]
 
-use super::pruned::{CHANNELS, Floats, Left, NEAR, prune};
+use super::pruned::{CHANNELS, Floats, NEAR, Survivors, prune};
 use crate::dims::{PANEL, TILE};
 use crate::layer::Dense;
 use core::arch::x86_64::*;
@@ -28,7 +28,7 @@ pub(super) unsafe fn dense_max(layer: &Dense<'_>, points: usize, x: &[f32], max:
             layer.width() / PANEL,
             count,
             // SAFETY: the caller guarantees the maxima of each panel.
-            |panel, left| unsafe { bound(layer, panel, &groups, max, left) },
+            |panel, survivors| unsafe { bound(layer, panel, &groups, max, survivors) },
             // SAFETY: groups and channels are those of bounds.
             |group, channels| unsafe {
                 for channels in channels.as_chunks::<TOGETHER>().0 {
@@ -47,7 +47,7 @@ unsafe fn bound(
     panel: usize,
     groups: &[Floats; GROUPS],
     max: *const f32,
-    left: &mut [Left; GROUPS],
+    survivors: &mut [Survivors; GROUPS],
 ) {
     // SAFETY: the caller guarantees the panel.
     unsafe {
@@ -67,14 +67,14 @@ unsafe fn bound(
                 }
             }
         }
-        for (left, sum) in left.iter_mut().zip(sum) {
+        for (survivors, sum) in survivors.iter_mut().zip(sum) {
             let mut higher = 0;
             for half in 0..2 {
                 let max = _mm256_loadu_ps(max.add(panel * PANEL + half * LANES));
                 let above = _mm256_cmp_ps::<_CMP_NLE_UQ>(sum[half], max);
                 higher |= _mm256_movemask_ps(above) << (half * LANES);
             }
-            left.add_of(panel, higher as u16);
+            survivors.add_of(panel, higher as u16);
         }
     }
 }

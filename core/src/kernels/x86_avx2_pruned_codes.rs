@@ -6,7 +6,7 @@
 //! at most [`INPUTS`] inputs, and `max` as long as its outputs; [`super::Isa`] checks all of it.
 #![allow(unsafe_code, clippy::indexing_slicing, clippy::needless_range_loop)]
 
-use super::pruned::{CHANNELS, INPUTS, Left, NEAR, PANELS, prune};
+use super::pruned::{CHANNELS, INPUTS, NEAR, PANELS, Survivors, prune};
 use super::x86_avx2_wide::{PAIRS, Panel, pairs_of, spread};
 use crate::dims::PANEL;
 use crate::dims::QUAD;
@@ -83,11 +83,11 @@ pub(super) unsafe fn dense_codes_max(layer: &Codes<'_>, x: &[u8], max: &mut [i32
             layer.outputs() / PANEL,
             count,
             // SAFETY: the caller guarantees the weights and maxima of each panel; nothing else refers to its place.
-            |panel, left| unsafe {
+            |panel, survivors| unsafe {
                 let wide = &mut *wide.add(panel % PANELS);
                 let weights = &layer.panels()[panel * inputs * PANEL..][..inputs * PANEL];
                 spread(weights, wide);
-                bound(inputs / 2, panel, wide, &groups, max, left);
+                bound(inputs / 2, panel, wide, &groups, max, survivors);
             },
             // SAFETY: groups and channels are those of bounds, and their panels are spread.
             |group, channels| unsafe {
@@ -108,7 +108,7 @@ unsafe fn bound(
     wide: &Panel,
     groups: &[Group; GROUPS],
     max: *const i32,
-    left: &mut [Left; GROUPS],
+    survivors: &mut [Survivors; GROUPS],
 ) {
     // SAFETY: the caller guarantees the maxima of the panel.
     unsafe {
@@ -131,14 +131,14 @@ unsafe fn bound(
                 }
             }
         }
-        for (left, sum) in left.iter_mut().zip(sum) {
+        for (survivors, sum) in survivors.iter_mut().zip(sum) {
             let mut higher = 0;
             for half in 0..2 {
                 let max = max.add(panel * PANEL + half * LANES);
                 let above = _mm256_cmpgt_epi32(sum[half], _mm256_loadu_si256(max.cast()));
                 higher |= _mm256_movemask_ps(_mm256_castsi256_ps(above)) << (half * LANES);
             }
-            left.add_of(panel, higher as u16);
+            survivors.add_of(panel, higher as u16);
         }
     }
 }

@@ -43,7 +43,7 @@ pub(super) unsafe fn dense_codes_max<const MARK: bool>(
     }
     let mut rows: Rows = [[0; PAIRS]; BLOCK];
     let mut wide: Panel = [[0; 2 * PANEL]; PAIRS];
-    for (turn, x) in x.chunks(BLOCK * INPUTS).enumerate() {
+    for (round, x) in x.chunks(BLOCK * INPUTS).enumerate() {
         for (row, codes) in rows.iter_mut().zip(x.chunks_exact(INPUTS)) {
             let pairs = row.as_chunks_mut::<2>().0.iter_mut();
             for (pairs, four) in pairs.zip(codes.as_chunks::<QUAD>().0) {
@@ -58,7 +58,7 @@ pub(super) unsafe fn dense_codes_max<const MARK: bool>(
             );
             let max = &mut max[panel * PANEL..(panel + 1) * PANEL];
             let (blocks, rest) = rows.as_chunks::<POINTS>();
-            let mut n = turn * BLOCK;
+            let mut n = round * BLOCK;
             for block in blocks {
                 raise::<_, MARK>(block, n, &wide, max);
                 n += POINTS;

@@ -44,14 +44,14 @@ unsafe fn dense_groups<const N: usize>(
         layer.width() / PANEL,
         count,
         // SAFETY: the caller guarantees the maxima of each panel.
-        |panel, left| unsafe {
+        |panel, survivors| unsafe {
             let two = panel + 1 < layer.width() / PANEL;
             let bounds = bounds::<N>(layer, [panel, panel + usize::from(two)], groups);
             for p in 0..1 + usize::from(two) {
                 let max = _mm512_loadu_ps(max.add((panel + p) * PANEL));
-                for (left, bound) in left.iter_mut().zip(bounds) {
+                for (survivors, bound) in survivors.iter_mut().zip(bounds) {
                     let higher = _mm512_cmp_ps_mask::<_CMP_NLE_UQ>(bound[p], max);
-                    channels_of(panel + p, higher, left);
+                    channels_of(panel + p, higher, survivors);
                 }
             }
         },

@@ -131,12 +131,12 @@ unsafe fn dense_groups<const N: usize>(
         layer.outputs() / PANEL,
         count,
         // SAFETY: the caller guarantees the maxima of each panel.
-        |panel, left| unsafe {
+        |panel, survivors| unsafe {
             let bounds = bounds::<N>(layer, panel, groups);
             let max = _mm512_loadu_si512(max.add(panel * PANEL).cast());
-            for (left, bound) in left.iter_mut().zip(bounds) {
+            for (survivors, bound) in survivors.iter_mut().zip(bounds) {
                 let higher = _mm512_cmpgt_epi32_mask(bound, max);
-                channels_of(panel, higher, left);
+                channels_of(panel, higher, survivors);
             }
         },
         // SAFETY: groups and channels are those of bounds.

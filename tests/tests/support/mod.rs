@@ -21,6 +21,7 @@ use reagent_core::net::Scratch;
 use reagent_core::wire::{self, CloudView, Manifest, Mode, RefineRequest, keys};
 use reagent_core::{Decision, Frame, Pose, Registrar};
 use std::net::TcpListener;
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
@@ -67,6 +68,16 @@ impl Network {
         };
         let node = Node::start(self.join().await, config);
         node.await.expect("the names are good")
+    }
+}
+
+/// A robot of the fleet that keeps its policy in a directory and takes any signed one.
+pub(crate) fn config(state: &Path) -> NodeConfig {
+    NodeConfig {
+        fleet: FLEET.into(),
+        robot: "r1".into(),
+        trust: Trust::AnyKey,
+        state: Some(state.into()),
     }
 }
 

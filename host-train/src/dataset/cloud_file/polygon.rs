@@ -131,27 +131,24 @@ fn is_convex(outline: &[Vec2]) -> bool {
     turned < 1.5 * std::f32::consts::TAU
 }
 
+/// The outline of a U of area 7.
+#[cfg(test)]
+#[rustfmt::skip]
+pub(super) const NOTCHED: [[i32; 2]; 8] = [
+    [0, 0], [3, 0], [3, 3], [2, 3], [2, 1], [1, 1], [1, 3], [0, 3],
+];
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     /// A U of area 7 in a tilted plane far from the origin, and the square around it of area 9.
     fn notched() -> (Vec<Position>, f64) {
-        let outline = [
-            [0, 0],
-            [3, 0],
-            [3, 3],
-            [2, 3],
-            [2, 1],
-            [1, 1],
-            [1, 3],
-            [0, 3],
-        ];
         let tilted = |[x, y]: [i32; 2]| {
             let (x, y) = (f64::from(x), f64::from(y));
             [5e6 + 0.6 * x, 4e5 + y, 300.0 + 0.8 * x]
         };
-        (outline.map(tilted).to_vec(), 7.0)
+        (NOTCHED.map(tilted).to_vec(), 7.0)
     }
 
     fn area(points: &[Position], faces: &[[u32; 3]]) -> (f64, Vector3<f64>) {

@@ -1,0 +1,175 @@
+//! Meshes as programs write them.
+
+use super::super::polygon::NOTCHED;
+use super::*;
+
+#[test]
+fn meshes_as_programs_write_them() {
+    let relative = read(".obj", b"# M\xfcller\nv 0 0 0 1 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\nf -3//1 \\\n -2//1 -1//1\nv 0 0 2\nf 1 2 4\n");
+    let relative = relative.expect("obj");
+    assert_eq!(
+        (relative.points.as_slice(), relative.faces),
+        (&TETRAHEDRON[..], Some(vec![[0, 1, 2], [0, 1, 3]]))
+    );
+    for (bad, line) in [
+        ("f 1 2 9", "line 4"),
+        ("f 0 1 2", "line 4"),
+        ("f -4 1 2", "line 4"),
+        ("f 1 2 x", "line 4"),
+        ("v 1 2", "line 4"),
+    ] {
+        let text = format!("v 0 0 0\nv 1 0 0\nv 0 1 0\n{bad}\n");
+        assert!(refused(".obj", text.as_bytes()).contains(line), "{bad}");
+    }
+
+    let two = STL.replace("solid t\n", "solid\n");
+    assert_eq!(
+        read(".stl", format!("{two}{STL}").as_bytes())
+            .expect("two solids")
+            .faces
+            .map(|f| f.len()),
+        Some(2)
+    );
+    let mut binary = [
+        &b"solid made by a program"[..],
+        &[b' '; 57],
+        &1u32.to_le_bytes(),
+        &[0; 12],
+    ]
+    .concat();
+    binary.extend(
+        TETRAHEDRON[..3]
+            .iter()
+            .flatten()
+            .flat_map(|&x| (x as f32).to_le_bytes())
+            .chain([0, 0]),
+    );
+    assert_eq!(
+        read(".stl", &binary).expect("binary").points,
+        TETRAHEDRON[..3]
+    );
+    assert!(
+        refused(".stl", STL.replace("vertex 1 0 0\n", "").as_bytes())
+            .contains("line 7: the facet does not have three corners")
+    );
+    assert!(
+        refused(".stl", STL.replace("endsolid t\n", "").as_bytes()).contains("before endsolid")
+    );
+
+    let big_endian = "ply\nformat binary_big_endian 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n";
+    let numbers: Vec<u8> = [1.0f32, 2.0, 3.0]
+        .iter()
+        .flat_map(|x| x.to_be_bytes())
+        .collect();
+    assert_eq!(
+        read(".ply", &[big_endian.as_bytes(), &numbers].concat())
+            .expect("ply")
+            .points,
+        [[1.0, 2.0, 3.0]]
+    );
+}
+
+#[test]
+fn strips_of_triangles() {
+    let strips = "element tristrips 1\nproperty list int int vertex_indices";
+    let ply = PLY
+        .replace(
+            "element face 2\nproperty list uchar int vertex_indices",
+            strips,
+        )
+        .replace("3 0 1 2\n4 0 1 2 3\n", "8 0 1 2 3 -1 3 2 1\n");
+    let file = read(".ply", ply.as_bytes()).expect("ply");
+    assert_eq!(file.faces, Some(vec![[0, 1, 2], [2, 1, 3], [3, 2, 1]]));
+    let bad = ply.replace("3 -1", "9 -1");
+    assert!(refused(".ply", bad.as_bytes()).contains("names vertex 9 of 4"));
+}
+
+/// The outline of a U of area 7, once as a polygon in each format that has them.
+#[test]
+fn polygons_with_a_notch_keep_it_open() {
+    let rows = |prefix: &str| {
+        NOTCHED
+            .map(|[x, y]| format!("{prefix}{x} {y} 0\n"))
+            .concat()
+    };
+    let face = |first: u32| {
+        (first..first + 8)
+            .map(|i| format!(" {i}"))
+            .collect::<String>()
+    };
+    let header = "ply\nformat ascii 1.0\nelement vertex 8\nproperty float x\nproperty float y\nproperty float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n";
+    for (name, text) in [
+        (".off", format!("OFF\n8 1 0\n{}8{}\n", rows(""), face(0))),
+        (".obj", format!("{}f{}\n", rows("v "), face(1))),
+        (".ply", format!("{header}{}8{}\n", rows(""), face(0))),
+    ] {
+        let area = read(name, text.as_bytes()).expect("mesh").mesh().area();
+        assert!((area - 7.0).abs() < 1e-5, "{name}: {area}");
+    }
+}
+
+#[test]
+fn stereolithography_with_wrong_counts_and_shouting_names() {
+    let upper = STL.to_uppercase().replace("SOLID T", "SOLID T\u{e4}");
+    assert_eq!(
+        read(".stl", upper.as_bytes()).expect("stl").points,
+        TETRAHEDRON[..3]
+    );
+    let latin: Vec<u8> = upper.chars().map(|c| c as u8).collect();
+    assert_eq!(read(".stl", &latin).expect("stl").points, TETRAHEDRON[..3]);
+    let triangle: Vec<u8> = [[0.0f32; 3], [0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
+        .iter()
+        .flatten()
+        .flat_map(|x| x.to_le_bytes())
+        .chain([0, 0])
+        .collect();
+    let binary = |claimed: u32, rest: &[u8]| {
+        let header = [b"solid but binary".to_vec(), vec![b' '; 64]].concat();
+        [
+            &header[..],
+            &claimed.to_le_bytes(),
+            &triangle,
+            &triangle,
+            rest,
+        ]
+        .concat()
+    };
+    for (claimed, rest, triangles, note) in [
+        (2, &[][..], 2, None),
+        (
+            0,
+            &[],
+            2,
+            Some(Note::Count {
+                what: "triangles",
+                claimed: 0,
+                read: 2,
+            }),
+        ),
+        (
+            1,
+            &[],
+            2,
+            Some(Note::Count {
+                what: "triangles",
+                claimed: 1,
+                read: 2,
+            }),
+        ),
+        (
+            2,
+            &[7; 9],
+            2,
+            Some(Note::Ignored {
+                what: "what follows the triangles".into(),
+            }),
+        ),
+    ] {
+        let file = read(".stl", &binary(claimed, rest)).expect("stl");
+        assert_eq!(
+            (file.points.len(), file.notes.first()),
+            (3 * triangles, note.as_ref())
+        );
+    }
+    assert!(refused(".stl", &binary(3, &[0; 20])).contains("claims 3 triangles and holds 2"));
+}

@@ -118,10 +118,15 @@ pub(super) fn read<T: DeserializeOwned>(
             source,
         },
     })?;
-    serde_json::from_slice(&text).map_err(|e| BopError::Malformed {
-        path: path.into(),
-        reason: e.to_string(),
-        expected,
+    serde_json::from_slice(&text).map_err(|error| {
+        // Once more, slower, for the place of the fault.
+        let document = &mut serde_json::Deserializer::from_slice(&text);
+        let placed = serde_path_to_error::deserialize::<_, T>(document);
+        BopError::Malformed {
+            path: path.into(),
+            reason: placed.map_or_else(|placed| placed.to_string(), |_| error.to_string()),
+            expected,
+        }
     })
 }
 
@@ -160,6 +165,24 @@ pub(crate) fn rows(pose: &Pose) -> ([f64; 9], [f64; 3]) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_fault_is_told_with_its_place() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let path = folder.path().join("scene_gt.json");
+        let said = |text: &str| {
+            std::fs::write(&path, text).expect("written");
+            let read = read::<Numbered<Vec<Annotation>>>(&path, SCENE_GT);
+            read.expect_err("malformed").to_string()
+        };
+        let short = r#"{"7": [{"obj_id": 1, "cam_R_m2c": [1, 0], "cam_t_m2c": [0, 0, 0]}]}"#;
+        let found = said(short);
+        assert!(
+            found.contains("7[0].cam_R_m2c: invalid length 2"),
+            "{found}"
+        );
+        assert!(said("{} {}").contains("trailing characters"));
+    }
 
     #[test]
     fn poses_survive_and_bad_ones_are_refused() {

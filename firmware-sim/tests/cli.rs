@@ -53,6 +53,7 @@ fn write_pairs(path: &Path) {
         target_from_source: vec![Pose::IDENTITY; 3],
         raw: Some(vec![cloud; 3]),
         label: vec![0; 3],
+        symmetries: None,
     };
     pairs.save(path).expect("a writable directory");
 }

@@ -126,6 +126,13 @@ pub(crate) struct Candidate {
     pub(crate) iterations: usize,
 }
 
+impl Candidate {
+    /// Whether its steps ended because they moved nothing any more.
+    pub(crate) fn is_settled(&self) -> bool {
+        self.iterations < NEAR.iterations + FINE.iterations
+    }
+}
+
 /// Steps of one kind.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Stage {

@@ -86,6 +86,13 @@ pub(crate) fn confused(seed: Rigid, axes: Mat3) -> impl Iterator<Item = Rigid> {
     })
 }
 
+/// A pose turned as a cube's symmetries would about its centre, in the frame of the axes given and of x, y, z.
+pub(crate) fn copies(seed: Rigid, axes: Mat3) -> impl Iterator<Item = Rigid> {
+    [axes, Mat3::IDENTITY].into_iter().flat_map(move |frame| {
+        alignments().map(move |signed| seed.turned(Turn::of(&(frame * signed * frame.transpose()))))
+    })
+}
+
 /// Principal axes of the source on those of the target, in every way.
 pub(crate) fn aligned(source: Mat3, target: Mat3, shift: Vec3) -> impl Iterator<Item = Rigid> {
     alignments().map(move |signed| Rigid {

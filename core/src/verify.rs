@@ -4,8 +4,10 @@
 //! |---|---|---|
 //! | screen | the start and the policy's pose, and around each: moved, turned; turned as symmetries of the target would; principal axes on principal axes; rotations anywhere | few coarse steps on few points |
 //! | sift | the best of those | more steps on more points |
+//! | pairs | where none explains the source: pairs of its points with normals on pairs of the target's like them | more steps on more points |
 //! | again | the best of those, turned as symmetries of the target would | both stages |
 //! | polish | the best that differ | [`Refiner::polish`], briefly |
+//! | copies | the best, turned as a cube's symmetries would | the same, where they fit about as well |
 //! | decide | the same | loss point by point, and how probable each is under the start's uncertainty |
 
 use crate::error::Error;
@@ -13,7 +15,7 @@ use crate::loss::{COMPARED, CONTENDERS};
 use crate::pairs::matching_pairs;
 use crate::polish::{Candidate, Refined, Refiner};
 use crate::pose::Pose;
-use crate::search::{Best, aligned, anywhere, around, confused, is_same};
+use crate::search::{Best, aligned, anywhere, around, confused, copies, is_same};
 use crate::solve::{Rigid, principal_axes};
 use crate::start::{Prior, Start};
 use crate::surface::Surface;
@@ -41,6 +43,9 @@ const UNEXPLAINED: f32 = 0.4;
 const PAIR_POINTS: [usize; 2] = [32, 128];
 const PAIR_SLACK: f32 = 0.08;
 const MATCHED: usize = 48;
+/// Symmetric copies that are polished, and by how much more loss they count as such.
+const COPIES: usize = 4;
+const ALIKE: f32 = 0.08;
 /// Hypotheses that are polished besides the start and the policy's pose.
 const POLISHED: usize = 5;
 /// Below this share of all axes, planes do not tell an angle: spins are tried, and it is looked how far they fit.
@@ -150,12 +155,13 @@ impl Refiner<'_> {
         }
         search.screen(polished.at, begun, prior.as_ref(), &mut go_on)?;
         search.spin(polished, prior.as_ref(), &mut go_on)?;
+        search.copies(prior.as_ref(), &mut go_on)?;
         let best = search.best().unwrap_or(0);
         let hypotheses = search.hypotheses;
         let contenders = search.contenders;
         let winner = contenders.get(best).copied().flatten();
         let found = match winner {
-            Some(winner) if best > 0 => self.polish_inside(winner.at),
+            Some(winner) if best > 0 || !polished.is_settled() => self.polish_inside(winner.at),
             _ => polished,
         };
         let undetermined = self.undetermined(best, &found, &contenders);
@@ -254,14 +260,62 @@ impl Search<'_, '_> {
         if self.contenders.iter().any(twin) {
             return;
         }
+        let surprise = prior.map_or(0.0, |prior| prior.surprise(at));
+        let contender = |loss| Contender {
+            at,
+            energy: EVIDENCE * loss + surprise,
+        };
         // The last two places are for comparisons of another kind.
         let places = self.contenders.iter_mut().take(CONTENDERS - 2).enumerate();
         if let Some((i, place)) = places.into_iter().find(|(_, place)| place.is_none()) {
-            let loss = self.refiner.keep_losses(i, at);
-            let surprise = prior.map_or(0.0, |prior| prior.surprise(at));
-            let energy = EVIDENCE * loss + surprise;
-            *place = Some(Contender { at, energy });
+            *place = Some(contender(self.refiner.keep_losses(i, at)));
+            return;
         }
+        // In place of the worst; the first is the pose at hand, and stays.
+        let contender = contender(self.refiner.keep_losses(CONTENDERS - 1, at));
+        let places = self.contenders.iter_mut().take(CONTENDERS - 2).enumerate();
+        let energy = |held: &Option<Contender>| held.map_or(f32::INFINITY, |held| held.energy);
+        let worst = places
+            .skip(1)
+            .max_by(|a, b| energy(a.1).total_cmp(&energy(b.1)));
+        if let Some((i, place)) = worst
+            && contender.energy < energy(place)
+        {
+            *place = Some(contender);
+            self.refiner.keep_losses(i, at);
+        }
+    }
+
+    /// Symmetric copies of the best pose that fit about as well: one of them may be right.
+    fn copies<E>(
+        &mut self,
+        prior: Option<&Prior>,
+        go_on: &mut impl FnMut() -> Result<(), E>,
+    ) -> Result<(), E> {
+        let Some(best) = self
+            .best()
+            .and_then(|i| self.contenders.get(i).copied().flatten())
+        else {
+            return Ok(());
+        };
+        let [points, compared] = SIFT_POINTS;
+        let least = self.refiner.coarse_loss(best.at, points, SIFT_SCALE);
+        let [_, axes] = self.refiner.surfaces().map(axes);
+        let mut found = Best::<COPIES>::NONE;
+        for at in copies(best.at, axes) {
+            if self.refiner.coarse_loss(at, points, SIFT_SCALE) < least + ALIKE {
+                go_on()?;
+                self.hypotheses += 1;
+                self.refiner.match_both(at, compared);
+                found.offer(self.refiner.matched_residual(at).mean(), at);
+            }
+        }
+        for (_, at) in found.held() {
+            go_on()?;
+            let at = self.refiner.polish_briefly(at);
+            self.enter(at, prior);
+        }
+        Ok(())
     }
 
     fn best(&self) -> Option<usize> {

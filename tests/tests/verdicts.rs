@@ -78,3 +78,28 @@ fn few_points_are_no_evidence() {
         assert_ne!(answer.verdict, Verdict::Converged, "{count}");
     }
 }
+
+/// A cube with a pin of 6 mm: other turns of the cube fit nearly as well, and the true one is found or named.
+#[test]
+fn where_other_poses_fit_as_well_the_true_one_is_among_those_named() {
+    let true_rows = [
+        [-0.082_122_2, -0.796_395_4, 0.599_174_66, 12.0],
+        [0.363_430_9, -0.583_736_6, -0.726_064_44, -7.0],
+        [0.927_994_6, 0.158_132_57, 0.337_372_33, 5.0],
+    ];
+    let truth = Pose::from_rows(true_rows);
+    let folder = "near_symmetric/cube_pin6";
+    let answer = registered(&format!("{folder}_s.ply"), &format!("{folder}_t.ply"));
+    let answer = answer.expect("a pose");
+    assert_eq!(answer.verdict, Verdict::Converged);
+    let open = answer.refinement.expect("it is verified").undetermined;
+    let named = open.poses.into_iter().flatten();
+    let is_true = |pose: Pose| {
+        let error = pose.after(truth.inverse());
+        let diagonal = error.rotation.to_cols_array_2d();
+        let cosine = 0.5 * (diagonal[0][0] + diagonal[1][1] + diagonal[2][2] - 1.0);
+        cosine > 2.0_f32.to_radians().cos()
+    };
+    let mut all = std::iter::once(answer.target_from_source).chain(named);
+    assert!(all.any(is_true), "{answer:?}");
+}

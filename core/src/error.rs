@@ -36,6 +36,12 @@ pub enum Error {
     TooSmall,
     /// A pose holds a NaN, an infinity or a matrix that is not a rotation.
     BadPose,
+    /// A frame's centre or scale is not finite or too large, or its scale below 1e-12.
+    BadFrame,
+    /// A coordinate of the view point is NaN, infinite or beyond [`crate::cloud::LARGEST_COORDINATE`].
+    BadViewPoint,
+    /// A standard deviation of the start is negative or NaN.
+    BadUncertainty,
     /// The registration was not started, or with another policy.
     NotStarted,
     /// The weight file ends early, or bytes follow its end.
@@ -130,6 +136,15 @@ impl fmt::Display for Error {
                 f,
                 "the pose is not a rigid transform, or its translation is beyond 1e12"
             ),
+            BadFrame => write!(
+                f,
+                "the frame's centre must be finite and within 1e12, its scale 1e-12 to 1e13"
+            ),
+            BadViewPoint => write!(
+                f,
+                "the view point has a coordinate that is NaN, infinite or beyond 1e12"
+            ),
+            BadUncertainty => write!(f, "a standard deviation of the start is negative or NaN"),
             NotStarted => write!(
                 f,
                 "the registration was not started with this policy; start it first"

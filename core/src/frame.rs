@@ -1,6 +1,6 @@
 //! The normalised frame of a registration.
 
-use crate::cloud::Cloud;
+use crate::cloud::{Cloud, LARGEST_COORDINATE};
 use crate::error::Error;
 use crate::pose::{Pose, mean};
 use crate::view::View;
@@ -48,6 +48,20 @@ impl Frame {
             Ok(Frame { centre, scale })
         } else {
             Err(Error::TooSmall)
+        }
+    }
+
+    /// Refuses one that no clouds have.
+    ///
+    /// # Errors
+    /// [`Error::BadFrame`].
+    pub fn checked(self) -> Result<Frame, Error> {
+        let near = |x: f32| x.abs() <= LARGEST_COORDINATE;
+        let scales = SMALLEST_SCALE..=10.0 * LARGEST_COORDINATE;
+        if self.centre.to_array().into_iter().all(near) && scales.contains(&self.scale) {
+            Ok(self)
+        } else {
+            Err(Error::BadFrame)
         }
     }
 

@@ -23,7 +23,7 @@
 //! - layer: cut, freespace, nearest, pairs
 //! - layer: weights
 //! - layer: net, pretrained, polish
-//! - layer: verify
+//! - layer: covariance, verify
 //! - layer: evidence
 //! - layer: verdict
 //! - layer: register
@@ -46,6 +46,7 @@
 pub mod budget;
 pub mod chamfer;
 pub mod cloud;
+pub mod covariance;
 mod critical;
 pub mod cut;
 pub mod decision;

@@ -1,6 +1,8 @@
 //! A whole registration: the policy's steps, refinement, comparison with other poses, verdict. Every front end calls it: what
 //! a robot did can be done again elsewhere to the bit.
 
+use crate::cloud::LARGEST_COORDINATE;
+use crate::covariance::Covariance;
 use crate::error::Error;
 use crate::evidence::Evidence;
 use crate::frame::Frame;
@@ -85,6 +87,19 @@ impl Task {
             view_point: None,
         }
     }
+
+    /// Refuses a view point and an uncertainty that are none.
+    fn check(&self) -> Result<(), Error> {
+        let near = |x: f32| x.abs() <= LARGEST_COORDINATE;
+        let seen_from = self.view_point.map_or([0.0; 3], |point| point.to_array());
+        if !seen_from.into_iter().all(near) {
+            return Err(Error::BadViewPoint);
+        }
+        match self.start {
+            Start::Pose(_, uncertainty) if !uncertainty.is_sound() => Err(Error::BadUncertainty),
+            _ => Ok(()),
+        }
+    }
 }
 
 /// What happened, while it goes on.
@@ -124,6 +139,8 @@ pub struct Refinement {
     pub undetermined: Undetermined,
     /// What speaks for the pose and against it.
     pub evidence: Evidence,
+    /// How uncertain the pose is, if it is right.
+    pub covariance: Covariance,
 }
 
 /// Registers `source [N, 3]` to `target [M, 3]`, both in one unit. `progress` is asked before every piece of work whether to go
@@ -139,7 +156,10 @@ pub fn register<'c, E: From<Error>>(
     mut progress: impl FnMut(Progress<'_, 'c>) -> Result<(), E>,
 ) -> Result<Answer, E> {
     let start = task.start.pose();
-    let frame = task.frame.map_or_else(|| Frame::of(target), Ok)?;
+    task.check()?;
+    let frame = task
+        .frame
+        .map_or_else(|| Frame::of(target), Frame::checked)?;
     let mut registration = Registration::new();
     if task.mode.has_steps() {
         registrar.start_in(&mut registration, source, target, frame, start)?;
@@ -181,6 +201,7 @@ pub fn refine<E: From<Error>>(
     task: &Task,
     mut go_on: impl FnMut() -> Result<(), E>,
 ) -> Result<Option<Refinement>, E> {
+    task.check()?;
     let mode = task.mode.resolved();
     if mode == Mode::Fast {
         return Ok(None);
@@ -198,6 +219,7 @@ pub fn refine<E: From<Error>>(
             hypotheses: Some(found.hypotheses),
             undetermined: found.undetermined,
             evidence: Evidence::verified(&found),
+            covariance: refiner.covariance(found.best.target_from_source)?,
         }
     } else {
         let polished = refiner.polish(reached)?;
@@ -207,6 +229,7 @@ pub fn refine<E: From<Error>>(
             hypotheses: None,
             undetermined: Undetermined::NOTHING,
             evidence: Evidence::polished(&polished),
+            covariance: refiner.covariance(polished.target_from_source)?,
         }
     }))
 }

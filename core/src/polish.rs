@@ -395,21 +395,26 @@ impl<'w> Refiner<'w> {
         }
     }
 
-    /// Normal equations of the points matched last.
-    fn equations(&mut self, at: Rigid, stage: &Stage) -> Motion {
+    /// Squared distance from which a match of those made last has no weight in a stage.
+    fn gate(&mut self, stage: &Stage) -> f32 {
         let Workspace { source, target, .. } = &mut *self.workspace;
         // Where one cloud shows a part of the other, its own points' median is that of the part.
         let median = source.median_squared().min(target.median_squared());
         let radius = source.radius.max(target.radius);
         let (least, widest) = (LEAST_GATE * radius, stage.widest * radius);
-        let gate = (stage.gate * stage.gate * median)
+        (stage.gate * stage.gate * median)
             .max(least * least)
             .min(widest * widest)
-            .max(1e-12);
+            .max(1e-12)
+    }
+
+    /// Normal equations of the points matched last.
+    fn equations(&mut self, at: Rigid, stage: &Stage) -> Motion {
         let by = Weighing {
-            gate,
+            gate: self.gate(stage),
             tangential: stage.tangential,
         };
+        let Workspace { source, target, .. } = &*self.workspace;
         let forward = source.matches().map(|found| (found.of, found.to));
         let backward = target.matches().map(|found| (found.to, found.of));
         let mut matched = forward.chain(backward);
@@ -423,6 +428,31 @@ impl<'w> Refiner<'w> {
             self.isa.see(&mut pairs, &pose);
             self.isa.equations(&pairs, by, count, &mut sums);
         }
+    }
+
+    /// Normal equations of planes under a refined pose, summed in f64, and the weighted mean of their squared residuals.
+    pub(crate) fn information(&mut self, at: Rigid) -> (Motion, f64) {
+        self.match_both(at, usize::MAX);
+        let gate = self.gate(&FINE);
+        let Workspace { source, target, .. } = &*self.workspace;
+        let (pose, mut motion) = (at.pose(), Motion::ZERO);
+        let (mut squares, mut weights) = (0.0f64, 0.0f64);
+        let forward = source.matches().map(|found| (found.of, found.to));
+        let backward = target.matches().map(|found| (found.to, found.of));
+        for (i, j) in forward.chain(backward) {
+            let ((p, m), (q, n)) = (source.at(i), target.at(j));
+            let (p, m) = (pose.apply(p), pose.rotation * m);
+            let (apart, middle) = (p - q, (p + q) * 0.5);
+            let share = (1.0 - apart.length_squared() / gate).max(0.0);
+            let normal = (if m.dot(n) < 0.0 { n - m } else { n + m }).normalize_or_zero();
+            let across = normal.dot(apart);
+            if share > 0.0 {
+                motion.add(middle, normal, share * share);
+                squares += f64::from(share * share * across * across);
+                weights += f64::from(share * share);
+            }
+        }
+        (motion, squares / weights.max(f64::MIN_POSITIVE))
     }
 
     /// Steps on few of the source's points and about nearest points, one for each of the gates: distances from which a
@@ -517,6 +547,11 @@ impl<'w> Refiner<'w> {
     fn extents_ratio(&mut self) -> f32 {
         let Workspace { source, target, .. } = &mut *self.workspace;
         source.extent() / target.extent().max(1e-30)
+    }
+
+    /// The target's scale, in its own units.
+    pub(crate) fn scale(&self) -> f32 {
+        self.target.scale
     }
 
     /// The target's centre, in its own units.

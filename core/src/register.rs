@@ -83,7 +83,7 @@ impl<'w, 's> Registrar<'w, 's> {
     /// `initial` is a plain estimate of target_from_source in the clouds' own units.
     ///
     /// # Errors
-    /// As [`check_cloud`]; [`Error::BadPose`] for an `initial` that is not rigid.
+    /// As [`Cloud::check`], [`Frame::checked`]; [`Error::BadPose`] for an `initial` that is not rigid.
     pub fn start<'c>(
         &mut self,
         source: &'c [[f32; 3]],

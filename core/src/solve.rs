@@ -66,6 +66,9 @@ pub(crate) fn principal_axes(spread: Spread) -> Mat3 {
     Mat3::from_cols(first, last.cross(first), last)
 }
 
+/// Damping that keeps what rounding leaves of a singular matrix positive.
+const ROUNDING: f64 = 1e-15;
+
 /// Normal equations of a small rigid motion `x -> x + ω × x + v`, unknowns `ω` then `v`.
 #[derive(Clone, Debug)]
 pub(crate) struct Motion {
@@ -75,6 +78,31 @@ pub(crate) struct Motion {
 }
 
 impl Motion {
+    /// Of nothing.
+    pub(crate) const ZERO: Motion = Motion {
+        a: [0.0; 21],
+        b: [0.0; 6],
+    };
+
+    /// Adds to the matrix what asks that the point `at` move along `direction`.
+    pub(crate) fn add(&mut self, at: Vec3, direction: Vec3, weight: f32) {
+        let turning = at.cross(direction).to_array();
+        let mut row = [0.0; 6];
+        for (place, x) in row
+            .iter_mut()
+            .zip(turning.into_iter().chain(direction.to_array()))
+        {
+            *place = f64::from(x);
+        }
+        let mut k = 0;
+        for i in 0..6 {
+            for j in 0..=i {
+                self.a[k] += f64::from(weight) * row[i] * row[j];
+                k += 1;
+            }
+        }
+    }
+
     /// Of sums over lanes.
     pub(crate) fn of(sums: &Sums) -> Motion {
         let mut totals = sums.0.iter().map(|row| {
@@ -94,6 +122,36 @@ impl Motion {
     /// What the equations say of turns alone.
     pub(crate) fn turning(&self) -> Spread {
         [0, 2, 5, 1, 3, 4].map(|k| self.a[k] as f32)
+    }
+
+    /// Inverse of `factor` times the equations' matrix plus a diagonal, which must be positive; of that alone where the
+    /// equations are of points too far away.
+    pub(crate) fn inverse(&self, factor: f64, diagonal: [f64; 6]) -> [[f32; 6]; 6] {
+        let mut motion = self.clone();
+        // Thousands of pairs within a few units make less.
+        let sound = motion.a.iter().all(|x| x.abs() < 1e6);
+        motion.a = motion.a.map(|x| if sound { x * factor } else { 0.0 });
+        let mut k = 0;
+        for (i, x) in diagonal.into_iter().enumerate() {
+            motion.a[k + i] += x;
+            k += i + 1;
+        }
+        let mut inverse = [[0.0; 6]; 6];
+        for i in 0..6 {
+            motion.b = [0.0; 6];
+            motion.b[i] = 1.0;
+            let (turn, shift) = motion.solve(ROUNDING);
+            for (j, x) in turn
+                .to_array()
+                .into_iter()
+                .chain(shift.to_array())
+                .enumerate()
+                .take(i + 1)
+            {
+                (inverse[i][j], inverse[j][i]) = (x, x);
+            }
+        }
+        inverse
     }
 
     /// Turn and shift that solve the equations, damped by a share of their trace: none where nothing asks

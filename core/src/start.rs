@@ -46,6 +46,13 @@ impl Uncertainty {
         along: 0.35,
         across: 0.35,
     };
+
+    /// Whether these are standard deviations; infinite where nothing is known.
+    pub(crate) fn is_sound(&self) -> bool {
+        [self.rotation_rad, self.along, self.across]
+            .into_iter()
+            .all(|deviation| deviation >= 0.0)
+    }
 }
 
 /// A start as evidence for one pose or another, in a refiner's frame.

@@ -84,9 +84,40 @@ impl Verdict {
     }
 }
 
+/// A probability as people read it, in percent: never rounded to certainty.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Percent(pub f32);
+
+impl fmt::Display for Percent {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match 100.0 * self.0 {
+            percent if percent > 99.9 => f.write_str("over 99.9 %"),
+            percent if percent > 99.0 => write!(f, "{percent:.1} %"),
+            percent if percent < 1.0 => f.write_str("under 1 %"),
+            percent => write!(f, "{percent:.0} %"),
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn no_probability_is_rounded_to_certainty() {
+        for (probability, text) in [
+            (0.0, "under 1 %"),
+            (0.004, "under 1 %"),
+            (0.01, "1 %"),
+            (0.5, "50 %"),
+            (0.99, "99 %"),
+            (0.997, "99.7 %"),
+            (0.9995, "over 99.9 %"),
+            (1.0, "over 99.9 %"),
+        ] {
+            assert_eq!(std::format!("{}", Percent(probability)), text);
+        }
+    }
 
     #[test]
     fn actions_tell_how_the_steps_ended() {

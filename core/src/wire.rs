@@ -21,8 +21,8 @@
 //!
 //! Version 3 brought time budgets, modes, clients and clouds on a grid ([`crate::grid`]) into requests, and what
 //! goes with them into replies and status. Version 4 brought view points and starts from anywhere into requests, and
-//! into replies how the clouds fit and what their shape leaves open. Manifests, which are kept under their signature, have a
-//! version of their own; its version 4 brought the epoch.
+//! into replies how the clouds fit and what their shape leaves open. Version 5 brought the pose's covariance into them. Manifests,
+//! which are kept under their signature, have a version of their own; its version 4 brought the epoch.
 //!
 //! The signature itself is checked by whoever holds the keys, not here.
 
@@ -51,7 +51,7 @@ use crate::error::Error;
 use serde::{Deserialize, Serialize};
 
 /// Version of the frames; the first byte of each but a manifest.
-pub const VERSION: u8 = 4;
+pub const VERSION: u8 = 5;
 /// Version of manifests, signed or not; the first byte of each. Robots keep them over updates of themselves.
 pub const MANIFEST_VERSION: u8 = 4;
 /// Most bytes of one policy chunk.

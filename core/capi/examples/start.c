@@ -13,7 +13,7 @@
 
 /* All memory is yours. Static, since it is too much for most stacks. */
 static ReagentMemory memory;
-static ReagentWorkspace workspace; /* needed only to polish or verify */
+static ReagentWorkspace workspace;
 static float model[POINTS][3], seen[POINTS][3];
 
 static void check(ReagentStatus status) {
@@ -41,22 +41,19 @@ int main(void) {
     draw_clouds();
     size_t length;
     const uint8_t *weights = reagent_pretrained_compact(&length);
-    ReagentResult result;
     check(reagent_init(&memory, weights, length));
-    check(reagent_set_target(&memory, model[0], POINTS));
-    check(reagent_set_source(&memory, seen[0], POINTS, NULL));
-    do {
-        check(reagent_step(&memory, NULL));
-        check(reagent_result(&memory, &result));
-    } while (result.steps < 10 && !result.converged);
 
-    float probability;
-    ReagentPose pose = result.target_from_source;
-    check(reagent_verify(&workspace, seen[0], POINTS, model[0], POINTS, &pose, &probability));
+    /* The best pose, from the identity; what is known better is set in the task. */
+    const ReagentTask task = reagent_task();
+    ReagentAnswer answer;
+    check(reagent_register(&memory, &workspace, seen[0], POINTS, model[0], POINTS, &task, &answer));
     for (int row = 0; row < 3; row++) {
-        for (int column = 0; column < 4; column++) printf("%9.4f", pose.rows[row][column]);
+        for (int column = 0; column < 4; column++) printf("%9.4f", answer.target_from_source.rows[row][column]);
         putchar('\n');
     }
-    printf("right with a probability of %.3f\n", probability);
+    printf("%s: right with a probability of %.3f; %.0f %% of the points lie on the model, %.3g mm off it\n",
+           answer.verdict == REAGENT_VERDICT_CONVERGED ? "converged" : "not to be acted on", answer.probability,
+           100 * answer.overlap, answer.inlier_rmse);
+    if (answer.axis_is_open || answer.others > 0) puts("other poses fit as well");
     return 0;
 }

@@ -1,9 +1,9 @@
 /*
  * ReAgent point cloud registration. Made by cbindgen from core/capi/src: do not edit.
  *
- * Order of calls: reagent_init once; reagent_set_target, reagent_set_source and then reagent_step as often
- * as steps are wanted, usually ten, for each registration; reagent_result at any time after the source. What it
- * tells may go on to reagent_polish or reagent_verify, which say how sure the pose is.
+ * Order of calls: reagent_init once; then reagent_register for each registration. Or step by step: reagent_set_target,
+ * reagent_set_source and then reagent_step as often as steps are wanted, usually ten; reagent_result at any time after the
+ * source. What it tells may go on to reagent_refine, which says how sure the pose is.
  * Nothing is allocated and nothing is global: two memories are two independent users.
  */
 
@@ -13,6 +13,9 @@
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
+
+// Most poses that are named as fitting equally well.
+#define REAGENT_OTHERS 5
 
 #if (defined(__x86_64__) || defined(__aarch64__))
 // Words of a ReagentMemory.
@@ -55,11 +58,11 @@ typedef enum {
   REAGENT_STATUS_TOO_FEW_POINTS = 5,
   // The source, or the only cloud of the call, has more than 4096 points.
   REAGENT_STATUS_TOO_MANY_POINTS = 6,
-  // A coordinate of the source, of the only cloud of the call or of a grid is NaN or infinite.
+  // A coordinate of the source, of the only cloud of the call or of a grid is NaN, infinite or beyond 1e12.
   REAGENT_STATUS_NOT_FINITE = 7,
-  // All points of the target coincide.
+  // All points of a cloud coincide, or those of the target nearly.
   REAGENT_STATUS_NO_EXTENT = 8,
-  // The initial pose is not a finite rigid transform.
+  // The initial pose is not a rigid transform, or its translation is beyond 1e12.
   REAGENT_STATUS_BAD_POSE = 9,
   // The weights are cut, or bytes follow their end.
   REAGENT_STATUS_WEIGHTS_LENGTH = 10,
@@ -79,9 +82,46 @@ typedef enum {
   REAGENT_STATUS_TARGET_TOO_FEW_POINTS = 17,
   // The target has more than 4096 points.
   REAGENT_STATUS_TARGET_TOO_MANY_POINTS = 18,
-  // A coordinate of the target is NaN or infinite.
+  // A coordinate of the target is NaN, infinite or beyond 1e12.
   REAGENT_STATUS_TARGET_NOT_FINITE = 19,
+  // A coordinate of the view point is NaN, infinite or beyond 1e12.
+  REAGENT_STATUS_BAD_VIEW_POINT = 20,
+  // A standard deviation of the start is negative or NaN.
+  REAGENT_STATUS_BAD_UNCERTAINTY = 21,
+  // The task's mode is not a ReagentMode.
+  REAGENT_STATUS_NO_SUCH_MODE = 22,
 } ReagentStatus;
+
+// What can be said about a pose.
+typedef enum {
+  // It fits so well that it is probably right; of the policy's steps alone: the policy saw nothing left to correct.
+  REAGENT_VERDICT_CONVERGED = 0,
+  // The steps ran out while the policy still moved, or nothing was done.
+  REAGENT_VERDICT_STEP_LIMIT = 1,
+  // The steps ran out while the policy went back and forth.
+  REAGENT_VERDICT_OSCILLATING = 2,
+  // The steps ran out while the policy still took the largest: the pose is farther than the steps reach.
+  REAGENT_VERDICT_OUT_OF_RANGE = 3,
+  // The clouds do not fit: the pose is probably wrong.
+  REAGENT_VERDICT_POOR_FIT = 4,
+  // One cloud is several times as large as the other, by extents_ratio: inches against millimetres, perhaps.
+  REAGENT_VERDICT_SIZES_DIFFER = 5,
+  // One cloud has too few distinct points for any pose to be trusted.
+  REAGENT_VERDICT_TOO_FEW_POINTS = 6,
+} ReagentVerdict;
+
+// What is done with a start.
+typedef enum {
+  // The policy's steps alone, as the paper has it.
+  REAGENT_MODE_FAST = 0,
+  // The policy's steps, then a few robust steps of closest points.
+  REAGENT_MODE_POLISH = 1,
+  // The same, compared with some four hundred other poses: the best is taken, by how it fits and by how near to the start it is.
+  // That takes some six times as long.
+  REAGENT_MODE_VERIFY = 2,
+  // A few robust steps of closest points from the start, without the policy: for tracking.
+  REAGENT_MODE_REFINE = 3,
+} ReagentMode;
 
 // Where the codes of a cloud lie in space: code c of an axis stands for the coordinate origin + c * step.
 // A cloud of codes takes half the memory of one of floats.
@@ -98,7 +138,7 @@ typedef struct {
   uint64_t words[REAGENT_MEMORY_WORDS];
 } ReagentMemory;
 
-// Memory of reagent_polish and reagent_verify: the caller's, of any content, for as long as the call.
+// Memory of reagent_register and reagent_refine: the caller's, of any content, for as long as the call.
 typedef struct {
   uint64_t words[REAGENT_WORKSPACE_WORDS];
 } ReagentWorkspace;
@@ -108,6 +148,66 @@ typedef struct {
   // Three rows of four.
   float rows[3][4];
 } ReagentPose;
+
+// What to do with two clouds: reagent_task makes one, and what is to be different is set in it.
+typedef struct {
+  // A ReagentMode.
+  int32_t mode;
+  // The policy's steps at most; 10 in the paper.
+  uint32_t steps;
+  // An estimate of the pose to find.
+  ReagentPose start;
+  // Unless 0: any rotation is as probable as that of the estimate.
+  uint32_t anywhere;
+  // Standard deviation of the estimate's rotation about the object's centre, radians.
+  float rotation_rad;
+  // Standard deviation of the object's centre along the viewing axis, target radii.
+  float along;
+  // The same across it. Where no view point is known the larger of both holds everywhere.
+  float across;
+  // Where the sensor stood, x, y and z in the source's frame and unit, if the source is a view from one point; else null.
+  const float *view_point;
+} ReagentTask;
+
+// The pose, and what can be said about it. All but pose, verdict and steps is of a refined pose, and 0 in mode FAST.
+typedef struct {
+  // The pose.
+  ReagentPose target_from_source;
+  // What can be said about it.
+  ReagentVerdict verdict;
+  // The policy's steps that were taken.
+  uint32_t steps;
+  // Whether the pose was refined.
+  bool refined;
+  // How likely the pose is within 5 degrees and .05 target radii of the right one, up to what is undetermined.
+  float probability;
+  // Share of the source's points that lie on the target's surface.
+  float overlap;
+  // Root of the mean squared distance of those from it, in the clouds' unit.
+  float inlier_rmse;
+  // Size of the source over that of the target.
+  float extents_ratio;
+  // Points that differ from all others, in the cloud with fewer of them.
+  uint32_t distinct_points;
+  // Whether the clouds fit as well turned about an axis.
+  bool axis_is_open;
+  // A point of the axis, in the target's frame and unit.
+  float axis_point[3];
+  // Unit vector along it.
+  float axis_direction[3];
+  // Largest angle that fits as well in both senses, radians.
+  float axis_half_angle_rad;
+  // How many other poses fit as well.
+  uint32_t others;
+  // Those.
+  ReagentPose other_poses[REAGENT_OTHERS];
+  // Covariance of the pose's error if it is right: of a rotation vector in radians, then of a translation in the clouds' unit,
+  // both along the target's axes. Where x is where the pose puts a point, the truth puts it at
+  // c + exp(rotation) (x - c) + translation.
+  float covariance[6][6];
+  // The point c: the target's centroid.
+  float covariance_about[3];
+} ReagentAnswer;
 
 // One step of a registration: ids 0 to 10 of the step table for x, y and z; 5 is "stop".
 typedef struct {
@@ -185,33 +285,34 @@ const uint8_t *reagent_pretrained_int8(size_t *length);
 const uint8_t *reagent_pretrained_compact(size_t *length);
 #endif
 
-// Makes a pose better by at most 22 robust steps of closest points, both ways; it fits no worse afterwards. Of
-// more than 2048 points of a cloud so many are used. `probability` is where it is told how likely the pose is
-// within 5 degrees and .05 radii of the right one, or null: below .5 it should not be trusted.
+// A whole registration: the policy's steps and what the task's mode does with the pose that they reach. Of more than
+// 2048 points of a cloud the refinement uses so many. A registration under way in the memory ends.
 //
 // # Safety
-// `workspace` points to a whole ReagentWorkspace; `source` and `target` to 3 * as many floats as they have
-// points; `pose` to a pose, where the better one is put; `probability` is null or points to a float.
-ReagentStatus reagent_polish(ReagentWorkspace *workspace,
-                             const float *source,
-                             size_t source_points,
-                             const float *target,
-                             size_t target_points,
-                             ReagentPose *pose,
-                             float *probability);
+// `memory` is as reagent_init left it; `workspace` points to a whole ReagentWorkspace; `source` and `target` to 3 * as many
+// floats as they have points; `task` to a task; `answer` to where the answer is put.
+ReagentStatus reagent_register(ReagentMemory *memory,
+                               ReagentWorkspace *workspace,
+                               const float *source,
+                               size_t source_points,
+                               const float *target,
+                               size_t target_points,
+                               const ReagentTask *task,
+                               ReagentAnswer *answer);
 
-// As reagent_polish, and compared with some four hundred other poses: the best one is taken, by how it fits and by how near to
-// `pose` it is. That takes some six times as long.
+// What the task's mode does with a pose that was reached, by reagent_step perhaps: no policy is needed. The start counts as
+// evidence, but begins nothing.
 //
 // # Safety
-// As reagent_polish.
-ReagentStatus reagent_verify(ReagentWorkspace *workspace,
+// As reagent_register; `reached` points to a pose.
+ReagentStatus reagent_refine(ReagentWorkspace *workspace,
                              const float *source,
                              size_t source_points,
                              const float *target,
                              size_t target_points,
-                             ReagentPose *pose,
-                             float *probability);
+                             const ReagentPose *reached,
+                             const ReagentTask *task,
+                             ReagentAnswer *answer);
 
 // Sets the target, the model or reference cloud: `points` times x, y, z. It is read again when a
 // source is set, and not after. A registration under way ends.
@@ -299,6 +400,9 @@ ReagentStatus reagent_result(ReagentMemory *memory, ReagentResult *result);
 
 // A sentence that says what a status means and what to do, in English; it lives as long as the program.
 const char *reagent_status_text(int32_t status);
+
+// The best pose within the paper's ten steps, from the identity, as uncertain as an estimator's or an operator's pose.
+ReagentTask reagent_task(void);
 
 // Version of the library that is linked: REAGENT_VERSION of its own header.
 uint32_t reagent_version(void);

@@ -8,6 +8,7 @@
 #![cfg_attr(target_os = "none", no_std)]
 #![allow(unsafe_code, reason = "a C interface is made of pointers")]
 
+mod answer;
 mod cloud;
 mod memory;
 mod pointer;
@@ -15,8 +16,10 @@ mod pretrained;
 mod refine;
 mod register;
 mod status;
+mod task;
 mod version;
 
+pub use answer::{REAGENT_OTHERS, ReagentAnswer, ReagentVerdict};
 pub use cloud::{ReagentGrid, reagent_encode, reagent_grid_of};
 pub use memory::{REAGENT_MEMORY_WORDS, ReagentMemory, reagent_init};
 #[cfg(feature = "pretrained")]
@@ -25,13 +28,14 @@ pub use pretrained::reagent_pretrained;
 pub use pretrained::reagent_pretrained_compact;
 #[cfg(feature = "pretrained-int8")]
 pub use pretrained::reagent_pretrained_int8;
-pub use refine::{REAGENT_WORKSPACE_WORDS, ReagentWorkspace, reagent_polish, reagent_verify};
+pub use refine::{REAGENT_WORKSPACE_WORDS, ReagentWorkspace, reagent_refine, reagent_register};
 pub use register::{
     ReagentPose, ReagentResult, ReagentStep, reagent_advance, reagent_begin, reagent_begin_on_grid,
     reagent_result, reagent_set_source, reagent_set_source_on_grid, reagent_set_target,
     reagent_set_target_on_grid, reagent_step,
 };
 pub use status::{ReagentStatus, reagent_status_text};
+pub use task::{ReagentMode, ReagentTask, reagent_task};
 pub use version::{
     REAGENT_VERSION, REAGENT_VERSION_MAJOR, REAGENT_VERSION_MINOR, REAGENT_VERSION_PATCH,
     reagent_version,

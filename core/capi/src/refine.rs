@@ -1,18 +1,20 @@
-//! A pose made better, and how sure it is: `reagent_core::polish` and `reagent_core::verify`.
+//! Whole registrations, and what follows the policy's steps: `reagent_core::pipeline`.
 
+use crate::answer::ReagentAnswer;
+use crate::memory::{ReagentMemory, state, work};
 use crate::pointer::{aligned, floats, value};
 use crate::register::ReagentPose;
 use crate::status::{ReagentStatus, status};
+use crate::task::ReagentTask;
 use core::mem::{align_of, size_of};
-use reagent_core::evidence::Evidence;
-use reagent_core::polish::{Refiner, Workspace};
-use reagent_core::start::Start;
-use reagent_core::{Cloud, Error, Pose};
+use reagent_core::pipeline::{self, Task};
+use reagent_core::polish::Workspace;
+use reagent_core::{Cloud, Error, Pose, Verdict};
 
 /// Words of a ReagentWorkspace.
 pub const REAGENT_WORKSPACE_WORDS: usize = 24_700;
 
-/// Memory of reagent_polish and reagent_verify: the caller's, of any content, for as long as the call.
+/// Memory of reagent_register and reagent_refine: the caller's, of any content, for as long as the call.
 #[repr(C)]
 pub struct ReagentWorkspace {
     pub(crate) words: [u64; REAGENT_WORKSPACE_WORDS],
@@ -23,76 +25,101 @@ const _: () = assert!(align_of::<Workspace>() <= align_of::<ReagentWorkspace>())
 // No more than a tenth too large.
 const _: () = assert!(size_of::<Workspace>() * 10 >= size_of::<ReagentWorkspace>() * 9);
 
-/// Makes a pose better by at most 22 robust steps of closest points, both ways; it fits no worse afterwards. Of
-/// more than 2048 points of a cloud so many are used. `probability` is where it is told how likely the pose is
-/// within 5 degrees and .05 radii of the right one, or null: below .5 it should not be trusted.
+/// A whole registration: the policy's steps and what the task's mode does with the pose that they reach. Of more than
+/// 2048 points of a cloud the refinement uses so many. A registration under way in the memory ends.
 ///
 /// # Safety
-/// `workspace` points to a whole ReagentWorkspace; `source` and `target` to 3 * as many floats as they have
-/// points; `pose` to a pose, where the better one is put; `probability` is null or points to a float.
+/// `memory` is as reagent_init left it; `workspace` points to a whole ReagentWorkspace; `source` and `target` to 3 * as many
+/// floats as they have points; `task` to a task; `answer` to where the answer is put.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn reagent_polish(
+pub unsafe extern "C" fn reagent_register(
+    memory: *mut ReagentMemory,
     workspace: *mut ReagentWorkspace,
     source: *const f32,
     source_points: usize,
     target: *const f32,
     target_points: usize,
-    pose: *mut ReagentPose,
-    probability: *mut f32,
+    task: *const ReagentTask,
+    answer: *mut ReagentAnswer,
 ) -> ReagentStatus {
     let clouds = [(source, source_points), (target, target_points)];
+    let register = |workspace: &mut Workspace, [source, target]: Clouds<'_>, task: Task| {
+        // SAFETY: the caller's promise.
+        let state = unsafe { state(memory) }?;
+        state.started = false;
+        // SAFETY: initialised as the mark says.
+        let (mut registrar, _) = unsafe { work(state) };
+        let clouds = [source, target];
+        let found = pipeline::register(&mut registrar, workspace, clouds, &task, |_| {
+            Ok::<_, Error>(())
+        })?;
+        Ok(ReagentAnswer::of(
+            found.target_from_source,
+            found.verdict,
+            found.policy.map_or(0, |policy| policy.steps),
+            found.refinement.as_ref(),
+        ))
+    };
     // SAFETY: the caller's promise.
-    status(unsafe {
-        refine(workspace, clouds, pose, probability, |refiner, pose| {
-            let found = refiner.polish(pose)?;
-            Ok((found.target_from_source, Evidence::polished(&found)))
-        })
-    })
+    status(unsafe { answered(workspace, clouds, task, answer, register) })
 }
 
-/// As reagent_polish, and compared with some four hundred other poses: the best one is taken, by how it fits and by how near to
-/// `pose` it is. That takes some six times as long.
+/// What the task's mode does with a pose that was reached, by reagent_step perhaps: no policy is needed. The start counts as
+/// evidence, but begins nothing.
 ///
 /// # Safety
-/// As reagent_polish.
+/// As reagent_register; `reached` points to a pose.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn reagent_verify(
+pub unsafe extern "C" fn reagent_refine(
     workspace: *mut ReagentWorkspace,
     source: *const f32,
     source_points: usize,
     target: *const f32,
     target_points: usize,
-    pose: *mut ReagentPose,
-    probability: *mut f32,
+    reached: *const ReagentPose,
+    task: *const ReagentTask,
+    answer: *mut ReagentAnswer,
 ) -> ReagentStatus {
     let clouds = [(source, source_points), (target, target_points)];
+    let refine = |workspace: &mut Workspace, clouds: Clouds<'_>, task: Task| {
+        // SAFETY: the caller's promise.
+        let reached = Pose::from_rows(unsafe { value(reached) }?.rows).checked()?;
+        let found = pipeline::refine(workspace, clouds, reached, &task, || Ok::<_, Error>(()))?;
+        let (pose, verdict) = match &found {
+            Some(found) => (
+                found.refined.target_from_source.checked()?,
+                Verdict::of_evidence(&found.evidence),
+            ),
+            None => (reached, Verdict::StepLimit),
+        };
+        Ok(ReagentAnswer::of(pose, verdict, 0, found.as_ref()))
+    };
     // SAFETY: the caller's promise.
-    status(unsafe {
-        refine(workspace, clouds, pose, probability, |refiner, pose| {
-            let found = refiner.verify(pose, &Start::at(pose))?;
-            Ok((found.best.target_from_source, Evidence::verified(&found)))
-        })
-    })
+    status(unsafe { answered(workspace, clouds, task, answer, refine) })
 }
 
+/// Source, then target.
+type Clouds<'c> = [&'c [[f32; 3]]; 2];
+
 /// # Safety
-/// As reagent_polish.
-unsafe fn refine(
+/// As reagent_register.
+unsafe fn answered(
     workspace: *mut ReagentWorkspace,
     [source, target]: [(*const f32, usize); 2],
-    pose: *mut ReagentPose,
-    probability: *mut f32,
-    by: impl FnOnce(&mut Refiner<'_>, Pose) -> Result<(Pose, Evidence), Error>,
+    task: *const ReagentTask,
+    answer: *mut ReagentAnswer,
+    by: impl FnOnce(&mut Workspace, Clouds<'_>, Task) -> Result<ReagentAnswer, ReagentStatus>,
 ) -> Result<(), ReagentStatus> {
-    if !aligned(workspace) || !(probability.is_null() || probability.is_aligned()) {
+    if !aligned(workspace) || !aligned(answer) {
         return Err(ReagentStatus::Pointer);
     }
     // SAFETY: the caller's promise.
-    let initial = Pose::from_rows(unsafe { value(pose) }?.rows);
+    let task = unsafe { value(task)?.read() }?;
     // SAFETY: the caller's promise.
     let source = unsafe { floats(source.0, source.1) }?;
     // SAFETY: the caller's promise.
     let target = unsafe { floats(target.0, target.1) }.map_err(ReagentStatus::of_target)?;
+    Cloud::F32(source).check()?;
     let checked = Cloud::F32(target).check().map_err(ReagentStatus::from);
     checked.map_err(ReagentStatus::of_target)?;
     let workspace = workspace.cast::<Workspace>();
@@ -101,15 +128,8 @@ unsafe fn refine(
         workspace.write(Workspace::new());
         &mut *workspace
     };
-    let (found, evidence) = by(&mut Refiner::new(source, target, workspace)?, initial)?;
-    // SAFETY: the caller's promise; the pose was read above.
-    unsafe {
-        pose.write(ReagentPose {
-            rows: found.to_rows(),
-        });
-        if let Some(probability) = probability.as_mut() {
-            *probability = evidence.probability();
-        }
-    }
+    let found = by(workspace, [source, target], task)?;
+    // SAFETY: the caller's promise, and checked above.
+    unsafe { answer.write(found) };
     Ok(())
 }

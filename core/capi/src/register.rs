@@ -14,6 +14,14 @@ pub struct ReagentPose {
     pub rows: [[f32; 4]; 3],
 }
 
+impl From<Pose> for ReagentPose {
+    fn from(pose: Pose) -> Self {
+        ReagentPose {
+            rows: pose.to_rows(),
+        }
+    }
+}
+
 /// One step of a registration: ids 0 to 10 of the step table for x, y and z; 5 is "stop".
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -282,9 +290,7 @@ pub unsafe extern "C" fn reagent_result(
         // SAFETY: initialised as the mark says.
         let registration = unsafe { state.registration.assume_init_ref() };
         let found = ReagentResult {
-            target_from_source: ReagentPose {
-                rows: registration.target_from_source().to_rows(),
-            },
+            target_from_source: registration.target_from_source().into(),
             steps: registration.steps() as u32,
             converged: registration.is_settled(),
         };

@@ -21,11 +21,11 @@ pub enum ReagentStatus {
     TooFewPoints = 5,
     /// The source, or the only cloud of the call, has more than 4096 points.
     TooManyPoints = 6,
-    /// A coordinate of the source, of the only cloud of the call or of a grid is NaN or infinite.
+    /// A coordinate of the source, of the only cloud of the call or of a grid is NaN, infinite or beyond 1e12.
     NotFinite = 7,
-    /// All points of the target coincide.
+    /// All points of a cloud coincide, or those of the target nearly.
     NoExtent = 8,
-    /// The initial pose is not a finite rigid transform.
+    /// The initial pose is not a rigid transform, or its translation is beyond 1e12.
     BadPose = 9,
     /// The weights are cut, or bytes follow their end.
     WeightsLength = 10,
@@ -45,8 +45,14 @@ pub enum ReagentStatus {
     TargetTooFewPoints = 17,
     /// The target has more than 4096 points.
     TargetTooManyPoints = 18,
-    /// A coordinate of the target is NaN or infinite.
+    /// A coordinate of the target is NaN, infinite or beyond 1e12.
     TargetNotFinite = 19,
+    /// A coordinate of the view point is NaN, infinite or beyond 1e12.
+    BadViewPoint = 20,
+    /// A standard deviation of the start is negative or NaN.
+    BadUncertainty = 21,
+    /// The task's mode is not a ReagentMode.
+    NoSuchMode = 22,
 }
 
 impl ReagentStatus {
@@ -63,7 +69,7 @@ impl ReagentStatus {
 }
 
 /// One for each number of a [`ReagentStatus`].
-const TEXTS: [&CStr; 20] = [
+const TEXTS: [&CStr; 23] = [
     c"done",
     c"a pointer is null or not aligned",
     c"the memory is not initialised: call reagent_init first",
@@ -71,9 +77,9 @@ const TEXTS: [&CStr; 20] = [
     c"the source is empty: give at least 3 points",
     c"the source has fewer than 3 points",
     c"the source has more than 4096 points: subsample it",
-    c"the source has a NaN or infinite coordinate: drop invalid points first",
-    c"all points of the cloud coincide: there is no scale",
-    c"the initial pose is not a finite rigid transform",
+    c"the source has a coordinate that is NaN, infinite or beyond 1e12: drop invalid points first",
+    c"all points of a cloud coincide, or nearly: there is nothing to align",
+    c"the initial pose is not a rigid transform, or its translation is beyond 1e12",
     c"the weights are cut, or bytes follow their end: check the length",
     c"the weights are not a policy file (.rgw)",
     c"this library cannot run weights of this version, number format or shape: export them again",
@@ -83,7 +89,10 @@ const TEXTS: [&CStr; 20] = [
     c"the target is empty: give at least 3 points",
     c"the target has fewer than 3 points",
     c"the target has more than 4096 points: subsample it",
-    c"the target has a NaN or infinite coordinate: drop invalid points first",
+    c"the target has a coordinate that is NaN, infinite or beyond 1e12: drop invalid points first",
+    c"the view point has a coordinate that is NaN, infinite or beyond 1e12",
+    c"a standard deviation of the start is negative or NaN",
+    c"the task's mode is none of ReagentMode",
 ];
 
 /// A sentence that says what a status means and what to do, in English; it lives as long as the program.
@@ -103,6 +112,8 @@ impl From<Error> for ReagentStatus {
             Error::NoExtent | Error::TooSmall => ReagentStatus::NoExtent,
             Error::NotStarted => ReagentStatus::NotStarted,
             Error::BadPose => ReagentStatus::BadPose,
+            Error::BadViewPoint => ReagentStatus::BadViewPoint,
+            Error::BadUncertainty => ReagentStatus::BadUncertainty,
             Error::WeightsLength { .. } => ReagentStatus::WeightsLength,
             Error::WeightsMagic => ReagentStatus::WeightsMagic,
             Error::WeightsVersion { .. }

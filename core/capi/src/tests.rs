@@ -1,7 +1,10 @@
 use super::*;
 use core::ptr::{null, null_mut};
-use reagent_core::evidence::Evidence;
-use reagent_core::polish::{Refiner, Workspace};
+#[cfg(feature = "pretrained-compact")]
+use reagent_core::pipeline::Answer;
+use reagent_core::pipeline::{self, Mode, Task};
+use reagent_core::polish::Workspace;
+use reagent_core::start::{Start, Uncertainty};
 use reagent_core::{Error, Pose, grid::Grid};
 
 fn memory() -> Box<ReagentMemory> {
@@ -55,13 +58,14 @@ fn every_status_has_a_sentence_of_its_own() {
         let text = unsafe { core::ffi::CStr::from_ptr(reagent_status_text(status)) };
         text.to_str().expect("English").to_owned()
     };
-    let last = ReagentStatus::TargetNotFinite as i32;
+    let last = ReagentStatus::NoSuchMode as i32;
     let all: std::collections::BTreeSet<_> = (-1..=last).map(text).collect();
     assert_eq!(all.len(), last as usize + 2);
     assert_eq!(text(last + 1), text(-1));
     assert!(text(ReagentStatus::BadPose as i32).contains("pose"));
     assert!(text(ReagentStatus::TooFewPoints as i32).contains("source"));
-    assert!(text(last).contains("target"));
+    assert!(text(last).contains("mode"));
+    assert!(text(ReagentStatus::TargetNotFinite as i32).contains("target"));
 }
 
 #[test]
@@ -178,9 +182,11 @@ unsafe fn after_two_steps(memory: *mut ReagentMemory, sliced: bool) -> ReagentRe
 }
 
 /// Thirty points, codes or coordinates.
+#[cfg(feature = "pretrained-compact")]
 type Thirty<T> = [[T; 3]; 30];
 
 /// Clouds on a grid: codes, and the points that they stand for.
+#[cfg(feature = "pretrained-compact")]
 fn clouds() -> (ReagentGrid, [Thirty<i16>; 2], [Thirty<f32>; 2]) {
     let grid = ReagentGrid {
         origin: [0.5, -0.25, 3.0],
@@ -375,73 +381,433 @@ fn refused_calls_leave_the_registration_under_way() {
     }
 }
 
-#[test]
-fn a_pose_is_polished_and_verified_as_in_rust() {
-    let (_, _, [source, target]) = clouds();
-    let (from, to) = (source.as_flattened(), target.as_flattened());
-    let mut workspace = Box::new(ReagentWorkspace {
-        words: [u64::MAX; REAGENT_WORKSPACE_WORDS],
-    });
-    let mut own = Box::new(Workspace::new());
-    let mut refiner = Refiner::new(&source, &target, &mut own).expect("sound clouds");
-    let polished = refiner.polish(Pose::IDENTITY).expect("a pose");
-    let verified = refiner
-        .verify(
-            Pose::IDENTITY,
-            &reagent_core::start::Start::at(Pose::IDENTITY),
-        )
-        .expect("a pose");
-    let expected = [
-        (
-            polished.target_from_source,
-            Evidence::polished(&polished).probability(),
-        ),
-        (
-            verified.best.target_from_source,
-            Evidence::verified(&verified).probability(),
-        ),
-    ];
-    let identity = ReagentPose {
-        rows: Pose::IDENTITY.to_rows(),
+/// Points of a bracket's surface, in the order of a lattice: two of another offset share none.
+fn bracket(offset: f32) -> Vec<[f32; 3]> {
+    let point = |i: u16| {
+        let [a, b] = [0.754_877_7, 0.569_840_3].map(|step| (f32::from(i) * step + offset).fract());
+        match i % 3 {
+            0 => [100.0 * a, 40.0 * b, 0.0],
+            1 => [100.0 * a, 0.0, 60.0 * b],
+            _ => [30.0 * a, 40.0, 20.0 * b],
+        }
     };
-    for (refine, (expected, sure)) in [reagent_polish, reagent_verify].into_iter().zip(expected) {
-        let (mut pose, mut probability) = (identity, f32::NAN);
-        let mut call = |points: usize, probability: *mut f32| {
-            // SAFETY: pointers to live values.
-            unsafe {
-                let (from, to) = (from.as_ptr(), to.as_ptr());
-                refine(
-                    &mut *workspace,
-                    from,
-                    30,
-                    to,
-                    points,
-                    &mut pose,
-                    probability,
-                )
-            }
+    (0..600).map(point).collect()
+}
+
+fn workspace() -> Box<ReagentWorkspace> {
+    Box::new(ReagentWorkspace {
+        words: [u64::MAX; REAGENT_WORKSPACE_WORDS],
+    })
+}
+
+/// Every kind of task, and the same in Rust.
+fn tasks() -> Vec<(ReagentTask, Task)> {
+    let start = Pose {
+        translation: [1.0, -2.0, 0.5].into(),
+        ..Pose::IDENTITY
+    };
+    let modes = [Mode::Fast, Mode::Polish, Mode::Verify, Mode::Refine];
+    let mut tasks = Vec::new();
+    for (i, mode) in modes.into_iter().enumerate() {
+        let mut task = reagent_task();
+        task.mode = i as i32;
+        task.start = start.into();
+        let expected = Task {
+            mode,
+            ..Task::new(Start::at(start))
         };
-        assert_eq!(call(2, null_mut()), ReagentStatus::TargetTooFewPoints);
-        assert_eq!(call(4097, null_mut()), ReagentStatus::TargetTooManyPoints);
-        let odd = (&raw mut probability).wrapping_byte_add(2);
-        assert_eq!(call(30, odd), ReagentStatus::Pointer);
-        assert_eq!(call(30, &raw mut probability), ReagentStatus::Ok);
-        assert_eq!((pose.rows, probability), (expected.to_rows(), sure));
-        let mut bad = ReagentPose {
-            rows: [[2.0; 4]; 3],
-        };
-        let nothing = null_mut();
-        // SAFETY: pointers to live values, or such as must be refused.
-        unsafe {
+        tasks.push((task, expected));
+    }
+    const EYE: [f32; 3] = [50.0, -300.0, 200.0];
+    let mut view = reagent_task();
+    view.view_point = EYE.as_ptr();
+    (view.steps, view.rotation_rad, view.along, view.across) = (2, 0.1, 0.2, 0.3);
+    let uncertainty = Uncertainty {
+        rotation_rad: 0.1,
+        along: 0.2,
+        across: 0.3,
+    };
+    let expected = Task {
+        steps: 2,
+        view_point: Some(EYE.into()),
+        ..Task::new(Start::Pose(Pose::IDENTITY, uncertainty))
+    };
+    tasks.push((view, expected));
+    let mut anywhere = reagent_task();
+    anywhere.anywhere = 1;
+    tasks.push((anywhere, Task::new(Start::Anywhere)));
+    tasks
+}
+
+/// What C is told of what Rust found.
+#[cfg(feature = "pretrained-compact")]
+fn told(found: &Answer) -> ReagentAnswer {
+    let steps = found.policy.map_or(0, |policy| policy.steps);
+    let refinement = found.refinement.as_ref();
+    ReagentAnswer::of(found.target_from_source, found.verdict, steps, refinement)
+}
+
+#[cfg(feature = "pretrained-compact")]
+#[test]
+fn clouds_are_registered_as_in_rust() {
+    use reagent_core::{Policy, Registrar, net::Scratch};
+    let (source, target) = (bracket(0.0), bracket(0.37));
+    let (from, to) = (source.as_flattened(), target.as_flattened());
+    let mut memory = memory();
+    let memory: *mut ReagentMemory = &raw mut *memory;
+    let mut workspace = workspace();
+    let mut scratch = Box::new(Scratch::new());
+    let policy = Policy::pretrained_compact().expect("a sound policy");
+    let mut registrar = Registrar::new(policy, &mut scratch);
+    let mut own = Box::new(Workspace::new());
+    // SAFETY: pointers to live values.
+    let made = unsafe { reagent_init(memory, compact().as_ptr(), compact().len()) };
+    assert_eq!(made, ReagentStatus::Ok);
+    for (task, expected) in tasks() {
+        let clouds = [&source, &target].map(Vec::as_slice);
+        let found = pipeline::register(&mut registrar, &mut own, clouds, &expected, |_| {
+            Ok::<_, Error>(())
+        });
+        let mut answer = ReagentAnswer::default();
+        // SAFETY: pointers to live values.
+        let status = unsafe {
             let (from, to) = (from.as_ptr(), to.as_ptr());
-            let refused = refine(&mut *workspace, from, 30, to, 30, &mut bad, nothing);
-            assert_eq!(refused, ReagentStatus::BadPose);
-            let refused = refine(null_mut(), from, 30, to, 30, &mut pose, nothing);
-            assert_eq!(refused, ReagentStatus::Pointer);
-            let refused = refine(&mut *workspace, from, 30, to, 30, null_mut(), nothing);
-            assert_eq!(refused, ReagentStatus::Pointer);
+            reagent_register(
+                memory,
+                &mut *workspace,
+                from,
+                600,
+                to,
+                600,
+                &task,
+                &mut answer,
+            )
+        };
+        assert_eq!(status, ReagentStatus::Ok);
+        assert_eq!(answer, told(&found.expect("sound clouds")), "{expected:?}");
+        // It ended what was under way.
+        // SAFETY: pointers to live values.
+        let step = unsafe { reagent_step(memory, null_mut()) };
+        assert_eq!(step, ReagentStatus::NotStarted);
+        assert_eq!(answer.refined, expected.mode != Mode::Fast);
+        if expected.mode.resolved() == Mode::Verify {
+            assert_eq!(answer.verdict, ReagentVerdict::Converged, "{answer:?}");
+            assert!(
+                answer.probability > 0.5 && answer.overlap > 0.9,
+                "{answer:?}"
+            );
         }
     }
+}
+
+#[test]
+fn a_pose_is_refined_as_in_rust() {
+    let (source, target) = (bracket(0.0), bracket(0.37));
+    let (from, to) = (source.as_flattened(), target.as_flattened());
+    let mut workspace = workspace();
+    let mut own = Box::new(Workspace::new());
+    let reached = Pose {
+        translation: [0.5, 0.25, -1.0].into(),
+        ..Pose::IDENTITY
+    };
+    for (task, expected) in tasks() {
+        let clouds = [&source, &target].map(Vec::as_slice);
+        let found = pipeline::refine(&mut own, clouds, reached, &expected, || Ok::<_, Error>(()));
+        let found = found.expect("sound clouds");
+        let mut answer = ReagentAnswer::default();
+        // SAFETY: pointers to live values.
+        let status = unsafe {
+            let (from, to) = (from.as_ptr(), to.as_ptr());
+            let reached = ReagentPose::from(reached);
+            reagent_refine(
+                &mut *workspace,
+                from,
+                600,
+                to,
+                600,
+                &reached,
+                &task,
+                &mut answer,
+            )
+        };
+        assert_eq!(status, ReagentStatus::Ok);
+        let pose = found.map_or(reached, |found| found.refined.target_from_source);
+        assert_eq!(answer.target_from_source, pose.into());
+        let probability = found.map_or(0.0, |found| found.evidence.probability());
+        assert_eq!(answer.probability, probability);
+    }
+}
+
+/// A sphere against itself, turned: any turn about any axis fits; a box: half turns do.
+#[test]
+fn what_is_undetermined_is_told() {
+    let mut workspace = workspace();
+    let mut refined = |points: &[[f32; 3]]| {
+        let xyz = points.as_flattened().as_ptr();
+        let mut task = reagent_task();
+        task.anywhere = 1;
+        let mut answer = ReagentAnswer::default();
+        let n = points.len();
+        // SAFETY: pointers to live values.
+        let status = unsafe {
+            reagent_refine(
+                &mut *workspace,
+                xyz,
+                n,
+                xyz,
+                n,
+                &task.start,
+                &task,
+                &mut answer,
+            )
+        };
+        assert_eq!(status, ReagentStatus::Ok);
+        answer
+    };
+    let turned = |i: u16| {
+        let z = f32::from(i) / 300.0 - 1.0;
+        let (sine, cosine) = (f32::from(i) * 2.399_963).sin_cos();
+        let radius = 0.3 + 0.2 * z * z;
+        [radius * cosine, radius * sine, z]
+    };
+    let vase = refined(&(0..600).map(turned).collect::<Vec<_>>());
+    // The same points fix the angle: turned by a little they fit worse. Without them only the axis would be told.
+    assert!(vase.verdict == ReagentVerdict::Converged, "{vase:?}");
+    let on_box = |i: u16| {
+        let [a, b] = [0.754_877_7, 0.569_840_3].map(|step| (f32::from(i) * step).fract() - 0.5);
+        let side = if i.is_multiple_of(2) { 0.5 } else { -0.5 };
+        match i / 2 % 3 {
+            0 => [a, 2.0 * b, 3.0 * side],
+            1 => [a, 2.0 * side, 3.0 * b],
+            _ => [side, 2.0 * a, 3.0 * b],
+        }
+    };
+    let box_of = refined(&(0..900).map(on_box).collect::<Vec<_>>());
+    assert_eq!(box_of.verdict, ReagentVerdict::Converged, "{box_of:?}");
+    let named = box_of.other_poses.iter().take(box_of.others as usize);
+    for pose in named {
+        assert!(Pose::from_rows(pose.rows).checked().is_ok());
+    }
+}
+
+#[test]
+fn what_cannot_be_registered_is_refused_and_changes_nothing() {
+    let (source, target) = (bracket(0.0), bracket(0.37));
+    let (from, to) = (
+        source.as_flattened().as_ptr(),
+        target.as_flattened().as_ptr(),
+    );
+    let mut unsound = target.clone();
+    unsound[7][1] = 2e12;
+    let unsound = unsound.as_flattened().as_ptr();
+    let one_place = [[1.0f32; 3]; 9];
+    let one_place = one_place.as_flattened().as_ptr();
+    let mut workspace = workspace();
+    let workspace: *mut ReagentWorkspace = &raw mut *workspace;
+    let mut untouched = memory();
+    let untouched: *mut ReagentMemory = &raw mut *untouched;
+    let good = reagent_task();
+    let with = |change: fn(&mut ReagentTask)| {
+        let mut task = good;
+        change(&mut task);
+        task
+    };
+    static NOWHERE: [f32; 3] = [0.0, f32::NAN, 0.0];
+    let bent = ReagentPose {
+        rows: [[2.0; 4]; 3],
+    };
+    let mut answer = ReagentAnswer::default();
+    let into = &raw mut answer;
+    let odd = into.wrapping_byte_add(1);
+    let at = &good.start;
+    use ReagentStatus::*;
+    // SAFETY: pointers to live values, or such as must be refused.
+    let found = unsafe {
+        let refine =
+            |task: ReagentTask| reagent_refine(workspace, from, 600, to, 600, at, &task, into);
+        [
+            (refine(with(|task| task.mode = 4)), NoSuchMode),
+            (refine(with(|task| task.mode = -1)), NoSuchMode),
+            (refine(with(|task| task.along = -1.0)), BadUncertainty),
+            (
+                refine(with(|task| task.rotation_rad = f32::NAN)),
+                BadUncertainty,
+            ),
+            (
+                refine(with(|task| task.view_point = NOWHERE.as_ptr())),
+                BadViewPoint,
+            ),
+            (
+                refine(with(|task| {
+                    task.view_point = NOWHERE.as_ptr().wrapping_byte_add(1)
+                })),
+                Pointer,
+            ),
+            (
+                refine(with(|task| task.start.rows[0][3] = f32::INFINITY)),
+                BadPose,
+            ),
+            (
+                reagent_refine(workspace, from, 600, to, 600, &bent, &good, into),
+                BadPose,
+            ),
+            (
+                reagent_refine(workspace, from, 600, to, 600, null(), &good, into),
+                Pointer,
+            ),
+            (
+                reagent_refine(workspace, from, 600, to, 600, at, null(), into),
+                Pointer,
+            ),
+            (
+                reagent_refine(workspace, from, 600, to, 600, at, &good, odd),
+                Pointer,
+            ),
+            (
+                reagent_refine(null_mut(), from, 600, to, 600, at, &good, into),
+                Pointer,
+            ),
+            (
+                reagent_refine(workspace, null(), 600, to, 600, at, &good, into),
+                Pointer,
+            ),
+            (
+                reagent_refine(workspace, from, 2, to, 600, at, &good, into),
+                TooFewPoints,
+            ),
+            (
+                reagent_refine(workspace, from, 600, to, 0, at, &good, into),
+                TargetEmpty,
+            ),
+            (
+                reagent_refine(workspace, from, 600, to, 4097, at, &good, into),
+                TargetTooManyPoints,
+            ),
+            (
+                reagent_refine(workspace, unsound, 600, to, 600, at, &good, into),
+                NotFinite,
+            ),
+            (
+                reagent_refine(workspace, from, 600, unsound, 600, at, &good, into),
+                TargetNotFinite,
+            ),
+            (
+                reagent_refine(workspace, one_place, 9, to, 600, at, &good, into),
+                NoExtent,
+            ),
+            (
+                reagent_refine(workspace, from, 600, one_place, 9, at, &good, into),
+                NoExtent,
+            ),
+            (
+                reagent_register(untouched, workspace, from, 600, to, 600, &good, into),
+                NotInitialised,
+            ),
+            (
+                reagent_register(null_mut(), workspace, from, 600, to, 600, &good, into),
+                Pointer,
+            ),
+        ]
+    };
+    for (index, (found, expected)) in found.into_iter().enumerate() {
+        assert_eq!(found, expected, "call {index}");
+    }
+    assert_eq!(answer, ReagentAnswer::default());
+}
+
+/// Of any bits, on a border, or ordinary.
+fn number(random: &mut u32) -> f32 {
+    const BORDERS: [f32; 8] = [
+        0.0,
+        -0.0,
+        1e-45,
+        1e12,
+        3.4e38,
+        f32::INFINITY,
+        f32::NAN,
+        -1e-20,
+    ];
+    let mut next = || {
+        *random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        *random >> 8
+    };
+    match next() % 16 {
+        0 => f32::from_bits(next() << 8),
+        1 => BORDERS[next() as usize % BORDERS.len()],
+        _ => next() as f32 / 8_388_608.0 - 1.0,
+    }
+}
+
+#[test]
+fn whatever_comes_in_only_poses_go_out() {
+    let mut workspace = workspace();
+    let mut random = 7;
+    let mut done = 0;
+    for case in 0..400 {
+        let mut cloud = |points: usize| -> Vec<[f32; 3]> {
+            let unit = 10f32.powi(case % 25 - 12);
+            let ordinary = |i: usize| [i % 5, i % 7, i % 3].map(|x| x as f32 * unit);
+            let mut cloud: Vec<_> = (0..points).map(ordinary).collect();
+            if case % 3 == 0 {
+                cloud[1] = core::array::from_fn(|_| number(&mut random));
+            }
+            cloud
+        };
+        let (source, target) = (cloud(40), cloud(60));
+        let mut task = reagent_task();
+        task.mode = case % 4;
+        task.anywhere = u32::from(case % 7 == 0);
+        let mut spoilt = |often: i32, x: &mut f32| {
+            if case % often == 0 {
+                *x = number(&mut random);
+            }
+        };
+        spoilt(5, &mut task.along);
+        spoilt(11, &mut task.rotation_rad);
+        let mut reached = task.start;
+        spoilt(2, &mut reached.rows[1][3]);
+        spoilt(13, &mut reached.rows[0][0]);
+        spoilt(6, &mut task.start.rows[2][3]);
+        let eye: [f32; 3] = core::array::from_fn(|_| number(&mut random));
+        if case % 2 == 0 {
+            task.view_point = eye.as_ptr();
+        }
+        let (from, to) = (source.as_flattened(), target.as_flattened());
+        let mut answer = ReagentAnswer::default();
+        // SAFETY: pointers to live values.
+        let status = unsafe {
+            let (from, to) = (from.as_ptr(), to.as_ptr());
+            reagent_refine(
+                &mut *workspace,
+                from,
+                40,
+                to,
+                60,
+                &reached,
+                &task,
+                &mut answer,
+            )
+        };
+        if status != ReagentStatus::Ok {
+            assert_eq!(answer, ReagentAnswer::default());
+            continue;
+        }
+        done += 1;
+        let others = answer.other_poses.iter().take(answer.others as usize);
+        for pose in [&answer.target_from_source].into_iter().chain(others) {
+            assert!(
+                Pose::from_rows(pose.rows).checked().is_ok(),
+                "{case} {pose:?}"
+            );
+        }
+        assert!((0.0..=1.0).contains(&answer.probability), "{case}");
+        let covariance = answer.covariance.as_flattened();
+        assert!(
+            covariance.iter().all(|x| x.is_finite()),
+            "{case} {covariance:?}"
+        );
+    }
+    assert!(done > 100, "{done}");
 }
 
 #[cfg(all(

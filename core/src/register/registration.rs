@@ -74,7 +74,7 @@ impl<'c> Registration<'c> {
     ) -> Result<(), Error> {
         source.check()?;
         target.check()?;
-        let initial = initial.checked()?;
+        let (frame, initial) = (frame.checked()?, initial.checked()?);
         let centroid = policy.cut.centroid(source, &frame, &initial);
         let initial = initial.to_disentangled(centroid);
         self.source = source;

@@ -1,6 +1,7 @@
 //! Asking for a pose, and what comes back, field by field.
 
 use super::CloudView;
+use crate::covariance::Covariance;
 use crate::error::Error;
 pub use crate::pipeline::Mode;
 use crate::pipeline::{Refinement, Task};
@@ -122,7 +123,13 @@ pub struct Fit {
     pub axis: Option<([f32; 3], [f32; 3], f32)>,
     /// Other poses that fit as well.
     pub others: u8,
+    /// How uncertain the pose is ([`crate::covariance::Covariance`]): the point about which it turns, and the lower triangle
+    /// by rows.
+    pub covariance: ([f32; 3], [f32; TRIANGLE]),
 }
+
+/// Numbers of a symmetric matrix of six rows.
+const TRIANGLE: usize = 21;
 
 impl Fit {
     /// What a refinement found.
@@ -135,6 +142,16 @@ impl Fit {
             ..
         } = found.refined;
         let Undetermined { axis, poses } = found.undetermined;
+        let Covariance { about, matrix } = found.covariance;
+        let mut triangle = [0.0; TRIANGLE];
+        let lower = matrix
+            .iter()
+            .zip(1..)
+            .flat_map(|(row, count)| row.iter().take(count));
+        triangle
+            .iter_mut()
+            .zip(lower)
+            .for_each(|(place, &x)| *place = x);
         Fit {
             overlap,
             inlier_rmse,
@@ -145,6 +162,7 @@ impl Fit {
                 (point, direction, axis.half_angle_rad)
             }),
             others: poses.iter().flatten().count() as u8,
+            covariance: (about.to_array(), triangle),
         }
     }
 }
@@ -224,6 +242,8 @@ pub enum Reason {
     FailedSelfTest,
     /// The request was taken back.
     TakenBack,
+    /// A coordinate of the view point is NaN, infinite or beyond 1e12.
+    BadViewPoint,
 }
 
 impl Reason {
@@ -238,6 +258,7 @@ impl Reason {
             Error::OutOfRange { index } => Reason::NotFinite(cloud, count(index)),
             Error::NoExtent | Error::TooSmall => Reason::BadCloud,
             Error::BadPose => Reason::BadPose,
+            Error::BadViewPoint => Reason::BadViewPoint,
             Error::Frame => Reason::Malformed,
             Error::FrameVersion { .. } => Reason::WrongVersion {
                 spoken: super::VERSION,
@@ -280,7 +301,14 @@ impl fmt::Display for Reason {
                 "point {index} of the {cloud} cloud has a coordinate that was not measured: NaN, infinite or beyond 1e12"
             ),
             Reason::BadCloud => write!(f, "all points of a cloud coincide, or nearly"),
-            Reason::BadPose => write!(f, "the initial pose is not a finite rigid transform"),
+            Reason::BadPose => write!(
+                f,
+                "the initial pose is not a rigid transform, or its translation is beyond 1e12"
+            ),
+            Reason::BadViewPoint => write!(
+                f,
+                "the view point has a coordinate that is NaN, infinite or beyond 1e12"
+            ),
             Reason::Internal => write!(f, "it failed; see its log"),
             Reason::Deadline => write!(
                 f,

@@ -1,0 +1,130 @@
+//! The pose, and what can be said about it.
+
+use crate::register::ReagentPose;
+use reagent_core::pipeline::Refinement;
+use reagent_core::verify::OTHERS;
+use reagent_core::{Pose, Verdict};
+
+/// What can be said about a pose.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ReagentVerdict {
+    /// It fits so well that it is probably right; of the policy's steps alone: the policy saw nothing left to correct.
+    Converged = 0,
+    /// The steps ran out while the policy still moved, or nothing was done.
+    #[default]
+    StepLimit = 1,
+    /// The steps ran out while the policy went back and forth.
+    Oscillating = 2,
+    /// The steps ran out while the policy still took the largest: the pose is farther than the steps reach.
+    OutOfRange = 3,
+    /// The clouds do not fit: the pose is probably wrong.
+    PoorFit = 4,
+    /// One cloud is several times as large as the other, by extents_ratio: inches against millimetres, perhaps.
+    SizesDiffer = 5,
+    /// One cloud has too few distinct points for any pose to be trusted.
+    TooFewPoints = 6,
+}
+
+impl From<Verdict> for ReagentVerdict {
+    fn from(verdict: Verdict) -> Self {
+        match verdict {
+            Verdict::Converged => ReagentVerdict::Converged,
+            Verdict::StepLimit => ReagentVerdict::StepLimit,
+            Verdict::Oscillating => ReagentVerdict::Oscillating,
+            Verdict::OutOfRange => ReagentVerdict::OutOfRange,
+            Verdict::PoorFit => ReagentVerdict::PoorFit,
+            Verdict::SizesDiffer => ReagentVerdict::SizesDiffer,
+            Verdict::TooFewPoints => ReagentVerdict::TooFewPoints,
+        }
+    }
+}
+
+/// Most poses that are named as fitting equally well.
+pub const REAGENT_OTHERS: usize = 5;
+
+const _: () = assert!(REAGENT_OTHERS == OTHERS);
+
+/// The pose, and what can be said about it. All but pose, verdict and steps is of a refined pose, and 0 in mode FAST.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ReagentAnswer {
+    /// The pose.
+    pub target_from_source: ReagentPose,
+    /// What can be said about it.
+    pub verdict: ReagentVerdict,
+    /// The policy's steps that were taken.
+    pub steps: u32,
+    /// Whether the pose was refined.
+    pub refined: bool,
+    /// How likely the pose is within 5 degrees and .05 target radii of the right one, up to what is undetermined.
+    pub probability: f32,
+    /// Share of the source's points that lie on the target's surface.
+    pub overlap: f32,
+    /// Root of the mean squared distance of those from it, in the clouds' unit.
+    pub inlier_rmse: f32,
+    /// Size of the source over that of the target.
+    pub extents_ratio: f32,
+    /// Points that differ from all others, in the cloud with fewer of them.
+    pub distinct_points: u32,
+    /// Whether the clouds fit as well turned about an axis.
+    pub axis_is_open: bool,
+    /// A point of the axis, in the target's frame and unit.
+    pub axis_point: [f32; 3],
+    /// Unit vector along it.
+    pub axis_direction: [f32; 3],
+    /// Largest angle that fits as well in both senses, radians.
+    pub axis_half_angle_rad: f32,
+    /// How many other poses fit as well.
+    pub others: u32,
+    /// Those.
+    pub other_poses: [ReagentPose; REAGENT_OTHERS],
+    /// Covariance of the pose's error if it is right: of a rotation vector in radians, then of a translation in the clouds' unit,
+    /// both along the target's axes. Where x is where the pose puts a point, the truth puts it at
+    /// c + exp(rotation) (x - c) + translation.
+    pub covariance: [[f32; 6]; 6],
+    /// The point c: the target's centroid.
+    pub covariance_about: [f32; 3],
+}
+
+impl ReagentAnswer {
+    pub(crate) fn of(
+        pose: Pose,
+        verdict: Verdict,
+        steps: usize,
+        refinement: Option<&Refinement>,
+    ) -> ReagentAnswer {
+        let mut answer = ReagentAnswer {
+            target_from_source: pose.into(),
+            verdict: verdict.into(),
+            steps: steps as u32,
+            ..ReagentAnswer::default()
+        };
+        if let Some(found) = refinement {
+            answer.fill(found);
+        }
+        answer
+    }
+
+    fn fill(&mut self, found: &Refinement) {
+        self.refined = true;
+        self.probability = found.evidence.probability();
+        self.overlap = found.refined.overlap;
+        self.inlier_rmse = found.refined.inlier_rmse;
+        self.extents_ratio = found.refined.extents_ratio;
+        self.distinct_points = found.refined.distinct_points as u32;
+        if let Some(axis) = found.undetermined.axis {
+            self.axis_is_open = true;
+            self.axis_point = axis.point.to_array();
+            self.axis_direction = axis.direction.to_array();
+            self.axis_half_angle_rad = axis.half_angle_rad;
+        }
+        self.covariance = found.covariance.matrix;
+        self.covariance_about = found.covariance.about.to_array();
+        let others = found.undetermined.poses.into_iter().flatten();
+        for (place, pose) in self.other_poses.iter_mut().zip(others) {
+            *place = pose.into();
+            self.others += 1;
+        }
+    }
+}

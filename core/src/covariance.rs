@@ -1,0 +1,100 @@
+//! How uncertain a refined pose is.
+//!
+//! The distances between planes that are left under the pose are what noise and sampling leave; their normal equations
+//! say how far the pose may move until they grow by as much (the covariance of weighted least squares, `σ² (JᵀWJ)⁻¹`). Where noise
+//! is as large as the distance between neighbours, planes cannot be fitted, and errors are larger than it says.
+
+use crate::error::Error;
+use crate::polish::Refiner;
+use crate::pose::Pose;
+use glam::Vec3;
+
+/// How many residuals say as much as one independent one: each pair of neighbours is seen from both clouds, and the
+/// planes of neighbours are fitted to the same points. Fitted on pairs drawn from built-in shapes.
+const REPEATED: f64 = 3.0;
+/// Noise below which coordinates in f32 do not tell, target radii.
+const LEAST_NOISE: f64 = 1e-5;
+/// Standard deviations of what the clouds leave open: any turn, and a radius of the target.
+const OPEN_TURN: f64 = core::f64::consts::PI;
+const OPEN_SHIFT: f64 = 1.0;
+
+/// Covariance of a pose's error `(ω, v)`, a rotation vector in radians and then a translation in the clouds' units, both along
+/// the target's axes. It perturbs from the left, about the target's centroid: if `x` is where the pose puts a point,
+/// the truth puts it at `about + exp(ω) (x - about) + v`.
+///
+/// What the shape leaves open has a standard deviation of up to π, and of up to one target radius. Other poses that fit as well
+/// ([`crate::verify::Undetermined::poses`]) are not in it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Covariance {
+    /// The target's centroid.
+    pub about: Vec3,
+    /// Symmetric, rotation first.
+    pub matrix: [[f32; 6]; 6],
+}
+
+impl Refiner<'_> {
+    /// How uncertain a pose is that was refined.
+    ///
+    /// # Errors
+    /// [`Error::BadPose`] for a pose that is not rigid.
+    pub fn covariance(&mut self, refined: Pose) -> Result<Covariance, Error> {
+        let at = self.inside(refined.checked()?);
+        let (motion, variance) = self.information(at);
+        let variance = variance.max(LEAST_NOISE * LEAST_NOISE);
+        let [turn, shift] = [OPEN_TURN, OPEN_SHIFT].map(|deviation| 1.0 / (deviation * deviation));
+        let open = [turn, turn, turn, shift, shift, shift];
+        let mut matrix = motion.inverse(1.0 / (REPEATED * variance), open);
+        let scale = self.scale();
+        for (i, row) in matrix.iter_mut().enumerate() {
+            for (j, x) in row.iter_mut().enumerate() {
+                let lengths = u8::from(i >= 3) + u8::from(j >= 3);
+                (0..lengths).for_each(|_| *x *= scale);
+            }
+        }
+        Ok(Covariance {
+            about: self.target_centre(),
+            matrix,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::polish::Workspace;
+    use crate::polish::tests::Numbers;
+
+    fn found(source: &[[f32; 3]], target: &[[f32; 3]]) -> Covariance {
+        let mut workspace = Box::new(Workspace::new());
+        let mut refiner = Refiner::new(source, target, &mut workspace).expect("valid clouds");
+        let refined = refiner.polish(Pose::IDENTITY).expect("rigid");
+        refiner
+            .covariance(refined.target_from_source)
+            .expect("rigid")
+    }
+
+    #[test]
+    fn what_is_open_is_large_and_finite() {
+        // A plane: two shifts and a turn are open.
+        let mut numbers = Numbers(5);
+        let mut plane = || -> Vec<[f32; 3]> {
+            let point = |_| [numbers.next(), numbers.next(), 0.0];
+            (0..600).map(point).collect()
+        };
+        let (source, target) = (plane(), plane());
+        let covariance = found(&source, &target);
+        let deviation = |i: usize| covariance.matrix[i][i].sqrt();
+        let all: Vec<f32> = (0..6).map(deviation).collect();
+        assert!(all[2] > 1.0 && all[3] > 0.5 && all[4] > 0.5, "{all:?}");
+        assert!(all[0] < 0.01 && all[1] < 0.01 && all[5] < 0.01, "{all:?}");
+        assert!(
+            covariance
+                .matrix
+                .as_flattened()
+                .iter()
+                .all(|x| x.is_finite())
+        );
+        let transposed = |i: usize, j: usize| covariance.matrix[j][i];
+        assert!((0..36).all(|k| covariance.matrix[k / 6][k % 6] == transposed(k / 6, k % 6)));
+    }
+}

@@ -86,7 +86,7 @@ pub fn register(
     Ok(Registered { answer, trace })
 }
 
-/// A cloud within the core's capacity: itself, or [`SUBSAMPLE`] of its points ([`thin`]).
+/// A cloud within the core's capacity: itself, or [`SUBSAMPLE`] of its points ([`thin::thin`]).
 pub fn within_capacity(points: &[Point]) -> Vec<Point> {
     match points.len() {
         ..=MAX_POINTS => points.to_vec(),

@@ -4,7 +4,7 @@
 //! | part | model |
 //! |---|---|
 //! | shape | a mesh, deformed as clouds are in training, 60 to 400 mm across |
-//! | scene | a plane below it, a wall behind it, up to two other things beside or before it: [`scene`] |
+//! | scene | a plane below it, a wall behind it, up to two other things beside or before it: `scene` |
 //! | depth | the noise, rounding, missing and flying pixels of a sensor: [`crate::bop::synth::sensor`] |
 //! | mask | what is visible of it, in most cases as an estimator would give it |
 //! | start | the errors of pose estimators, most along the viewing axis: [`start`] |

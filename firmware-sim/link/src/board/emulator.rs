@@ -53,7 +53,7 @@ fn no_thread() -> BoardError {
 /// How the simulator runs.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Simulation<'a> {
-    /// File with the content of the policy's flash at the start ([`flash_content`]).
+    /// File with the content of the policy's flash at the start ([`super::flash_content`]).
     pub flash: Option<&'a Path>,
     /// One nanosecond of the board's time is one instruction, whatever the host's time is.
     pub count_instructions: bool,

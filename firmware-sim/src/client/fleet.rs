@@ -63,6 +63,8 @@ struct Robot {
     /// Requests of this client that it has not answered.
     asked: u16,
     offline_since: Option<SystemTime>,
+    /// How often it has gone.
+    departures: u32,
 }
 
 impl Robots {
@@ -73,6 +75,18 @@ impl Robots {
     fn heard(&self, robot: &str, status: Status) {
         self.hear(robot, status);
         self.changes.send_replace(());
+    }
+
+    /// As [`Self::heard`], of an answer to a question asked when the robot had gone so many times: if it has gone since, the
+    /// answer is late, and says nothing of now.
+    fn answered(&self, robot: &str, status: Status, departures: u32) {
+        if self.departures(robot) == departures {
+            self.heard(robot, status);
+        }
+    }
+
+    fn departures(&self, robot: &str) -> u32 {
+        self.lock().get(robot).map_or(0, |known| known.departures)
     }
 
     fn hear(&self, robot: &str, status: Status) {
@@ -90,9 +104,11 @@ impl Robots {
 
     /// Its liveliness token is gone: it, its link, or the router.
     fn gone(&self, robot: &str) {
-        if let Some(known) = self.lock().get_mut(robot) {
-            known.offline_since.get_or_insert_with(SystemTime::now);
-        }
+        let mut robots = self.lock();
+        let known = robots.entry(robot.into()).or_default();
+        known.departures += 1;
+        known.offline_since.get_or_insert_with(SystemTime::now);
+        drop(robots);
         self.changes.send_replace(());
     }
 
@@ -282,10 +298,12 @@ impl Client {
     /// # Errors
     /// `Zenoh`.
     pub async fn ask_for_statuses(&self) -> Result<(), RefineError> {
+        let robots = self.robots.lock().clone();
         let replies = self.statuses.get().await?;
         while let Ok(reply) = replies.recv_async().await {
             if let Some((robot, status)) = reply.result().ok().and_then(read_status) {
-                self.robots.heard(robot, status);
+                let before = robots.get(robot).map_or(0, |known| known.departures);
+                self.robots.answered(robot, status, before);
             }
         }
         Ok(())
@@ -297,11 +315,12 @@ async fn ask_status(session: Session, fleet: String, robot: String, robots: Arc<
     let Ok(key) = keys::status(&fleet, &robot) else {
         return;
     };
+    let before = robots.departures(&robot);
     let asked = session.get(key.as_str()).timeout(STATUS_TIME).await;
     let Ok(replies) = asked else { return };
     while let Ok(reply) = replies.recv_async().await {
         if let Some((robot, status)) = reply.result().ok().and_then(read_status) {
-            robots.heard(robot, status);
+            robots.answered(robot, status, before);
         }
     }
 }
@@ -368,6 +387,26 @@ impl Drop for Asked<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn an_answer_that_comes_after_a_robot_has_gone_does_not_bring_it_back() {
+        let robots = Robots::default();
+        let is_there = || robots.lock()["r1"].offline_since.is_none();
+        let before = robots.departures("r1");
+        robots.answered("r1", Status::default(), before);
+        assert!(is_there());
+        let before = robots.departures("r1");
+        robots.gone("r1");
+        robots.answered("r1", Status::default(), before);
+        assert!(!is_there());
+        let before = robots.departures("r1");
+        robots.answered("r1", Status::default(), before);
+        assert!(is_there());
+        // Gone before anything was heard of it.
+        robots.gone("r2");
+        robots.answered("r2", Status::default(), 0);
+        assert!(robots.lock()["r2"].status.is_none());
+    }
 
     #[test]
     fn two_of_one_name_are_told_from_one_that_restarts() {

@@ -5,6 +5,7 @@
 
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use reagent_core::{Error, Pose};
+use std::fmt;
 
 /// A point in a file's own units.
 pub type Position = [f64; 3];
@@ -94,6 +95,23 @@ impl Pose64 {
         };
         Pose::from_rows(near.to_rows().map(|row| row.map(|x| x as f32)))
     }
+}
+
+/// Rows of `[R | t]`, with all digits that a translation at 5,000 km needs.
+impl fmt::Display for Pose64 {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (i, [a, b, c, t]) in self.to_rows().into_iter().enumerate() {
+            let end = if i < 2 { "\n" } else { "" };
+            write!(f, "{a:17.14} {b:17.14} {c:17.14} {:>20}{end}", shown(t))?;
+        }
+        Ok(())
+    }
+}
+
+/// Fifteen significant digits, but none beyond a billionth.
+fn shown(length: f64) -> String {
+    let before = length.abs().max(1e-300).log10().floor().max(0.0) as usize;
+    format!("{length:.*}", 15usize.saturating_sub(before).clamp(1, 9))
 }
 
 #[cfg(test)]

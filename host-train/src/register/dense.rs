@@ -1,7 +1,7 @@
 //! The last refinement: closest points over all that the files hold, where the policy saw a part.
 
 use crate::dataset::Point;
-use crate::measure::baselines::{IcpSettings, Residual, icp};
+use crate::measure::baselines::{IcpSettings, IcpTarget, Residual};
 use crate::register::thin::thin;
 use reagent_core::dims::MAX_POINTS;
 use reagent_core::pose::centroid;
@@ -70,19 +70,15 @@ pub fn refine_densely(
         max_iterations,
         ..IcpSettings::PLANE
     };
-    let wide = icp(&source, &target, inward, &settings(0.05, 30))?;
+    let prepared = IcpTarget::new(&target, Residual::Plane)?;
+    let wide = prepared.register(&source, inward, &settings(0.05, 30))?;
     let within = (3.0 * wide.rmse).clamp(1e-3, 0.05);
     let counting = IcpSettings {
         residual: Residual::Point,
         ..settings(within, 0)
     };
-    let before = icp(&source, &target, inward, &counting)?;
-    let fine = icp(
-        &source,
-        &target,
-        wide.target_from_source,
-        &settings(within, 30),
-    )?;
+    let before = prepared.register(&source, inward, &counting)?;
+    let fine = prepared.register(&source, wide.target_from_source, &settings(within, 30))?;
     let found = fine.target_from_source;
     let middle = centroid(&source);
     let turn = found.rotation * inward.rotation.transpose();

@@ -53,6 +53,14 @@ struct Fit {
     /// Points that differ from all others, in the cloud with fewer of them.
     distinct_points: usize,
     undetermined: Open,
+    covariance: Covariance,
+}
+
+/// Of the core's refinement: [`reagent_core::covariance`].
+#[derive(Serialize)]
+struct Covariance {
+    about: [f64; 3],
+    matrix: [[f32; 6]; 6],
 }
 
 #[derive(Serialize)]
@@ -74,6 +82,7 @@ impl Fit {
     fn of(found: &Refinement, rows: impl Fn(Pose) -> [[f64; 4]; 3], origin: Position) -> Fit {
         let refined = &found.refined;
         let Undetermined { axis, poses } = &found.undetermined;
+        let far = |p: glam::Vec3| std::array::from_fn(|k| f64::from(p[k]) + origin[k]);
         Fit {
             overlap: refined.overlap,
             inlier_rmse: refined.inlier_rmse,
@@ -81,11 +90,15 @@ impl Fit {
             distinct_points: refined.distinct_points,
             undetermined: Open {
                 axis: axis.map(|axis| OpenAxis {
-                    point: std::array::from_fn(|k| f64::from(axis.point[k]) + origin[k]),
+                    point: far(axis.point),
                     direction: axis.direction.to_array(),
                     half_angle_deg: axis.half_angle_rad.to_degrees(),
                 }),
                 poses: poses.iter().flatten().map(|&pose| rows(pose)).collect(),
+            },
+            covariance: Covariance {
+                about: far(found.covariance.about),
+                matrix: found.covariance.matrix,
             },
         }
     }

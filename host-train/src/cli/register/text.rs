@@ -3,9 +3,9 @@
 use crate::pose64::Pose64;
 use crate::register::Registered;
 use crate::register::dense::Densely;
-use reagent_core::Verdict;
 use reagent_core::pipeline::Refinement;
 use reagent_core::polish::Refined;
+use reagent_core::verdict::{Percent, Verdict};
 
 /// Pose, stages and verdict.
 pub(super) fn report(
@@ -15,10 +15,7 @@ pub(super) fn report(
     ms: f64,
 ) -> String {
     let mut text = String::from("target_from_source, rows of [R | t] in the clouds' units:\n");
-    for [a, b, c, t] in pose.to_rows() {
-        // All digits of a translation, and of a rotation as many as a translation at 5,000 km needs.
-        text += &format!("{a:17.14} {b:17.14} {c:17.14} {:>20}\n", shown(t));
-    }
+    text += &format!("{pose}\n");
     let answer = &found.answer;
     if let Some(policy) = answer.policy {
         let (verdict, steps) = (policy.verdict, policy.steps);
@@ -41,16 +38,10 @@ pub(super) fn report(
         if answer.verdict == Verdict::SizesDiffer {
             text += &sizes(refinement.refined.extents_ratio);
         }
-        let percent = percent(refinement.evidence.probability());
+        let percent = Percent(refinement.evidence.probability());
         text += &format!("right within 5 degrees and .05 target radii: {percent}\n");
     }
     text + &format!("{}, {ms:.1} ms\n", answer.verdict)
-}
-
-/// Ten significant digits, and at least one of a micrometre at 1,000 km.
-fn shown(length: f64) -> String {
-    let before = length.abs().max(1e-300).log10().floor().max(0.0) as usize;
-    format!("{length:.*}", 15usize.saturating_sub(before).clamp(1, 9))
 }
 
 /// The matrix `[R | t; 0 0 0 1]`, a row a line, in the shortest digits that read back the same.
@@ -91,6 +82,13 @@ fn stages(found: &Refinement) -> String {
         100.0 * found.refined.overlap,
         found.refined.inlier_rmse
     );
+    let matrix = &found.covariance.matrix;
+    let deviation = |i: usize| f64::from(matrix[i][i]).sqrt();
+    let [a, b, c] = [0, 1, 2].map(|i| deviation(i).to_degrees());
+    let [x, y, z] = [3, 4, 5].map(deviation);
+    text += &format!(
+        "if right, off by {a:.2}, {b:.2}, {c:.2} degrees about the target's axes and {x:.1e}, {y:.1e}, {z:.1e} along them (standard deviations)\n"
+    );
     let open = &found.undetermined;
     if let Some(axis) = open.axis {
         let [x, y, z] = axis.direction.to_array();
@@ -104,17 +102,6 @@ fn stages(found: &Refinement) -> String {
         text += &format!("undetermined: {others} other pose(s) fit as well; --json lists them\n");
     }
     text
-}
-
-/// A probability that is not rounded to certainty.
-fn percent(probability: f32) -> String {
-    let percent = 100.0 * probability;
-    match percent {
-        p if p > 99.9 => "over 99.9 %".into(),
-        p if p > 99.0 => format!("{p:.1} %"),
-        p if p < 1.0 => "under 1 %".into(),
-        p => format!("{p:.0} %"),
-    }
 }
 
 /// That one cloud is several times as large as the other.

@@ -87,59 +87,105 @@ pub fn icp(
     initial: Pose,
     settings: &IcpSettings,
 ) -> Result<IcpResult, Error> {
-    if source.is_empty() {
-        return Err(Error::EmptyCloud);
-    }
-    check_finite(source)?;
-    let tree = Neighbours::new(target)?;
-    let (mut rotation, mut translation) = widen(initial.checked()?);
-    let normals = match settings.residual {
-        Residual::Point => Vec::new(),
-        Residual::Plane => {
-            let settings = NormalSettings::DEFAULT;
-            normals(
-                target,
-                &tree.lists(target, settings.radius, settings.most),
-                &settings,
-            )
-        }
-    };
-    let source: Vec<Vector3<f64>> = source.iter().map(|&p| wide(p)).collect();
+    IcpTarget::new(target, settings.residual)?.register(source, initial, settings)
+}
 
-    let mut matches = Matches::find(&source, &tree, &rotation, &translation, settings);
-    let (mut iterations, mut converged) = (0, false);
-    while iterations < settings.max_iterations && !converged && matches.pairs.len() >= 3 {
-        let pairs = matches.pairs.iter();
-        match settings.residual {
-            Residual::Point => {
-                let pairs = pairs.map(|m| (source[m.source], wide(target[m.target]), 1.0));
-                (rotation, translation) = kabsch(pairs);
-            }
+/// A target, prepared once for several runs.
+#[derive(Debug)]
+pub struct IcpTarget<'t> {
+    points: &'t [Point],
+    tree: Neighbours,
+    /// Of every point, where distances to planes are made small.
+    normals: Vec<Vector3<f64>>,
+}
+
+impl<'t> IcpTarget<'t> {
+    /// Prepares `target [M, 3]`; for [`Residual::Plane`] its normals, too.
+    ///
+    /// # Errors
+    /// As [`icp`].
+    pub fn new(target: &'t [Point], residual: Residual) -> Result<Self, Error> {
+        let tree = Neighbours::new(target)?;
+        let normals = match residual {
+            Residual::Point => Vec::new(),
             Residual::Plane => {
-                let moved = |p: Vector3<f64>| rotation * p + translation;
-                let (turn, shift) = plane_step(pairs.map(|m| {
-                    (
-                        moved(source[m.source]),
-                        wide(target[m.target]),
-                        normals[m.target],
-                    )
-                }));
-                (rotation, translation) = (turn * rotation, turn * translation + shift);
+                let settings = NormalSettings::DEFAULT;
+                let lists = tree.lists(target, settings.radius, settings.most);
+                normals(target, &lists, &settings)
             }
-        }
-        iterations += 1;
-        let next = Matches::find(&source, &tree, &rotation, &translation, settings);
-        converged = (next.fitness - matches.fitness).abs() < settings.fitness_change
-            && (next.rmse - matches.rmse).abs() < settings.rmse_change;
-        matches = next;
+        };
+        Ok(IcpTarget {
+            points: target,
+            tree,
+            normals,
+        })
     }
-    Ok(IcpResult {
-        target_from_source: narrow(&rotation, &translation),
-        iterations,
-        fitness: matches.fitness,
-        rmse: matches.rmse,
-        converged,
-    })
+
+    /// As [`icp`]; to planes only where the target was prepared for them.
+    ///
+    /// # Errors
+    /// As [`icp`].
+    pub fn register(
+        &self,
+        source: &[Point],
+        initial: Pose,
+        settings: &IcpSettings,
+    ) -> Result<IcpResult, Error> {
+        if source.is_empty() {
+            return Err(Error::EmptyCloud);
+        }
+        check_finite(source)?;
+        let pose = widen(initial.checked()?);
+        let source: Vec<Vector3<f64>> = source.iter().map(|&p| wide(p)).collect();
+        Ok(self.iterate(&source, pose, settings))
+    }
+
+    fn iterate(
+        &self,
+        source: &[Vector3<f64>],
+        (mut rotation, mut translation): (Matrix3<f64>, Vector3<f64>),
+        settings: &IcpSettings,
+    ) -> IcpResult {
+        let Self {
+            points: target,
+            tree,
+            normals,
+        } = self;
+        let mut matches = Matches::find(source, tree, &rotation, &translation, settings);
+        let (mut iterations, mut converged) = (0, false);
+        while iterations < settings.max_iterations && !converged && matches.pairs.len() >= 3 {
+            let pairs = matches.pairs.iter();
+            match settings.residual {
+                Residual::Point => {
+                    let pairs = pairs.map(|m| (source[m.source], wide(target[m.target]), 1.0));
+                    (rotation, translation) = kabsch(pairs);
+                }
+                Residual::Plane => {
+                    let moved = |p: Vector3<f64>| rotation * p + translation;
+                    let (turn, shift) = plane_step(pairs.map(|m| {
+                        (
+                            moved(source[m.source]),
+                            wide(target[m.target]),
+                            normals[m.target],
+                        )
+                    }));
+                    (rotation, translation) = (turn * rotation, turn * translation + shift);
+                }
+            }
+            iterations += 1;
+            let next = Matches::find(source, tree, &rotation, &translation, settings);
+            converged = (next.fitness - matches.fitness).abs() < settings.fitness_change
+                && (next.rmse - matches.rmse).abs() < settings.rmse_change;
+            matches = next;
+        }
+        IcpResult {
+            target_from_source: narrow(&rotation, &translation),
+            iterations,
+            fitness: matches.fitness,
+            rmse: matches.rmse,
+            converged,
+        }
+    }
 }
 
 /// A source point and its nearest target point, by index, and the SQUARED distance between them.

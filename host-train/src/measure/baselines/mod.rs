@@ -18,7 +18,7 @@ mod normals;
 
 pub use fgr::{FgrResult, FgrSettings, fgr};
 pub use fpfh::{FPFH_BINS, FpfhSettings, fpfh};
-pub use icp::{IcpResult, IcpSettings, Residual, icp};
+pub use icp::{IcpResult, IcpSettings, IcpTarget, Residual, icp};
 pub use normals::{NormalSettings, normals, outward};
 
 use nalgebra::{Matrix3, Vector3};

@@ -13,18 +13,21 @@ use host_train::cli::Initial;
 use host_train::dataset::Point;
 use host_train::dataset::cloud_file::read_cloud;
 use host_train::dataset::pairs::PairSet;
-use host_train::register::within_capacity;
-use reagent_core::Grid;
+use host_train::pose64::{Pose64, Position};
+use host_train::register::{Start, within_capacity};
 use reagent_core::dims::STEPS;
+use reagent_core::verdict::Percent;
 use reagent_core::wire::{CloudView, Mode, RefineReply, RefineRequest};
+use reagent_core::{Grid, Pose};
 use serde_json::json;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use traces::Traces;
 
 /// Ask a robot for the pose that maps a source cloud onto a target cloud
 ///
-/// Poses are in the clouds' own units. Clouds with more points than a robot takes are subsampled.
+/// Poses are in the clouds' own units and coordinates: what lies far from the origin is sent relative to a point of its own,
+/// which is put back in f64. Clouds with more points than a robot takes are thinned.
 #[derive(clap::Args, Clone, Debug)]
 pub struct RefineArgs {
     /// Fleet to ask (a-z A-Z 0-9 _ -)
@@ -36,7 +39,7 @@ pub struct RefineArgs {
     /// Pairs to register, with their true poses
     #[arg(long, value_name = "FILE.h5", conflicts_with_all = ["source", "target"])]
     pub pairs: Option<PathBuf>,
-    /// Cloud to move (.ply .pcd .xyz .off .obj .stl)
+    /// Cloud to move (.ply .pcd .xyz .txt .asc .csv .pts .npy .off .obj .stl)
     #[arg(required_unless_present = "pairs", requires = "target")]
     pub source: Option<PathBuf>,
     /// Cloud that stays
@@ -47,8 +50,8 @@ pub struct RefineArgs {
     /// What follows the steps [default: verify, or the most that the robot can do]
     #[arg(long, value_enum, value_name = "MODE")]
     pub mode: Option<Mode>,
-    /// Estimate of target_from_source to start from: 12 numbers, the rows of [R | t], separated by commas, or a
-    /// file with them [default: identity]
+    /// Where to start: none (turned in any way), identity, 12 numbers separated by commas (rows of [R | t]), or a file
+    /// with them, also what --json wrote [default: identity]
     #[arg(long, value_name = "POSE")]
     pub init: Option<Initial>,
     /// Time that the robot has for each answer, seconds; boards in a simulator need a minute and more
@@ -104,12 +107,33 @@ pub struct Answer {
 }
 
 impl Answer {
-    fn json(&self) -> serde_json::Value {
+    /// In the files' own coordinates, of which what was sent is relative to two origins.
+    fn json(&self, [source, target]: [Position; 2]) -> serde_json::Value {
+        let fit = self.reply.fit.as_ref().map(|fit| {
+            let far = |p: [f32; 3]| -> Position { std::array::from_fn(|k| f64::from(p[k]) + target[k]) };
+            let (about, triangle) = fit.covariance;
+            let row = |i: usize| -> [f32; 6] {
+                std::array::from_fn(|j| triangle[i.max(j) * (i.max(j) + 1) / 2 + i.min(j)])
+            };
+            let matrix: [_; 6] = std::array::from_fn(row);
+            let axis = fit.axis.map(|(point, direction, angle)| {
+                json!({ "point": far(point), "direction": direction, "half_angle_deg": angle.to_degrees() })
+            });
+            json!({
+                "overlap": fit.overlap,
+                "inlier_rmse": fit.inlier_rmse,
+                "extents_ratio": fit.extents_ratio,
+                "distinct_points": fit.distinct_points,
+                "undetermined": { "axis": axis, "others": fit.others },
+                "covariance": { "about": far(about), "matrix": matrix },
+            })
+        });
         json!({
             "robot": self.robot,
-            "target_from_source": self.reply.target_from_source,
+            "target_from_source": self.pose([source, target]).to_rows(),
             "verdict": self.reply.verdict.to_string(),
             "probability": self.reply.probability,
+            "fit": fit,
             "mode": self.reply.mode.to_string(),
             "steps": self.reply.steps,
             "ms_queue": f64::from(self.reply.waited_micros) / 1e3,
@@ -118,13 +142,45 @@ impl Answer {
             "policy_version": self.reply.policy_version,
         })
     }
+
+    /// The pose between the files' own coordinates.
+    fn pose(&self, [source, target]: [Position; 2]) -> Pose64 {
+        Pose64::of(
+            Pose::from_rows(self.reply.target_from_source),
+            source,
+            target,
+        )
+    }
+}
+
+/// A cloud as it is sent.
+struct Sent {
+    /// Relative to the origin.
+    points: Vec<Point>,
+    /// In the file's own coordinates.
+    origin: Position,
+}
+
+impl Sent {
+    /// Reads a file, of a mesh points of its surface, and says what the reader noticed.
+    fn read(path: &Path, seed: u64) -> anyhow::Result<Sent> {
+        let cloud = read_cloud(path, seed)?;
+        for note in &cloud.notes {
+            eprintln!("{}: {note}", path.display());
+        }
+        let origin = cloud.origin();
+        Ok(Sent {
+            points: within_capacity(&cloud.relative_to(origin)),
+            origin,
+        })
+    }
 }
 
 /// A client and what it asks with.
 struct Asking {
     client: Client,
     args: RefineArgs,
-    initial: Option<[[f32; 4]; 3]>,
+    start: Start,
     traces: Option<Traces>,
 }
 
@@ -140,20 +196,20 @@ impl RefineArgs {
                 self.start().await?.refine_pairs(&pairs).await
             }
             (None, Some(source), Some(target)) => {
-                let clouds = [source, target].map(|path| {
-                    let cloud = read_cloud(path, self.seed)?;
-                    anyhow::Ok(within_capacity(&cloud.relative_to([0.0; 3])))
-                });
-                let [source, target] = clouds;
-                let (source, target) = (source?, target?);
-                self.start().await?.refine_one(&source, &target).await
+                // Seeds of their own: a mesh registered to itself must not be sampled at the very same points.
+                let source = Sent::read(source, self.seed)?;
+                let target = Sent::read(target, self.seed.wrapping_add(1))?;
+                self.start().await?.refine_one([source, target]).await
             }
             _ => bail!("give --pairs FILE.h5, or SOURCE and TARGET"),
         }
     }
 
     async fn start(&self) -> anyhow::Result<Asking> {
-        let initial = self.init.clone().map(Initial::load).transpose()?;
+        let start = self
+            .init
+            .clone()
+            .map_or(Ok(Start::Identity), Initial::load)?;
         let client = Client::new(open(&self.session).await?, &self.fleet).await?;
         let traces = match &self.trace {
             Some(path) => Some(Traces::start(&client, &self.fleet, path).await?),
@@ -162,7 +218,7 @@ impl RefineArgs {
         Ok(Asking {
             client,
             args: self.clone(),
-            initial: initial.map(|start| start.near([0.0; 3], [0.0; 3]).to_rows()),
+            start,
             traces,
         })
     }
@@ -178,7 +234,9 @@ impl RefineArgs {
 }
 
 impl Asking {
-    async fn ask(&mut self, id: u64, source: &[Point], target: &[Point]) -> anyhow::Result<Answer> {
+    async fn ask(&mut self, id: u64, [source, target]: [&Sent; 2]) -> anyhow::Result<Answer> {
+        let initial = self.start.near(source.origin, target.origin);
+        let (source, target) = (&source.points, &target.points);
         let codes = |cloud: &[Point]| {
             let grid = Grid::of(cloud)?;
             let codes: Vec<_> = cloud.iter().map(|&point| grid.encode(point)).collect();
@@ -199,7 +257,8 @@ impl Asking {
             mode: self.args.mode.unwrap_or_default(),
             max_steps: self.args.steps,
             trace: self.traces.is_some(),
-            initial: self.initial,
+            initial: (initial != Pose::IDENTITY).then(|| initial.to_rows()),
+            anywhere: self.start == Start::None,
             ..RefineRequest::new(id, source, target)
         };
         let answer = ask(&self.client, &self.args.robot, &request).await?;
@@ -209,15 +268,16 @@ impl Asking {
         Ok(answer)
     }
 
-    async fn refine_one(&mut self, source: &[Point], target: &[Point]) -> anyhow::Result<()> {
-        let answer = self.ask(1, source, target).await?;
-        let reply = &answer.reply;
-        for row in reply.target_from_source {
-            println!("{}", row.map(|x| format!("{x:12.6}")).join(" "));
-        }
+    async fn refine_one(&mut self, clouds: [Sent; 2]) -> anyhow::Result<()> {
+        let answer = self.ask(1, clouds.each_ref()).await?;
+        let (reply, origins) = (&answer.reply, clouds.map(|cloud| cloud.origin));
+        println!("{}", answer.pose(origins));
         let refined = reply.probability.map_or(String::new(), |probability| {
-            let probability = 100.0 * probability;
-            format!(" (right with {probability:.0} %, mode {})", reply.mode)
+            format!(
+                " (right with {}, mode {})",
+                Percent(probability),
+                reply.mode
+            )
         });
         println!(
             "{}{refined} after {} steps, {:.1} ms on robot {} (policy version {}), {:.1} ms with the network",
@@ -228,16 +288,18 @@ impl Asking {
             reply.policy_version,
             answer.round_trip_ms,
         );
-        self.args.write(&answer.json())
+        self.args.write(&answer.json(origins))
     }
 
     async fn refine_pairs(&mut self, pairs: &PairSet) -> anyhow::Result<()> {
         let (mut answers, mut before, mut after) = (Vec::new(), Vec::new(), Vec::new());
         let (mut failed, mut first) = (0, None);
         for index in 0..pairs.source.len() {
-            let [source, target] =
-                [&pairs.source, &pairs.target].map(|clouds| within_capacity(&clouds[index]));
-            let answer = match self.ask(index as u64 + 1, &source, &target).await {
+            let clouds = [&pairs.source, &pairs.target].map(|clouds| Sent {
+                points: within_capacity(&clouds[index]),
+                origin: [0.0; 3],
+            });
+            let answer = match self.ask(index as u64 + 1, clouds.each_ref()).await {
                 Ok(answer) => answer,
                 // The next one may be answered: a robot that restarts, a request that takes long.
                 Err(error) => {
@@ -250,7 +312,7 @@ impl Asking {
             let [initial, refined] = errors(pairs, index, &answer.reply)?;
             before.push(initial);
             after.push(refined);
-            answers.push(answer.json());
+            answers.push(answer.json([[0.0; 3]; 2]));
         }
         if !after.is_empty() {
             println!("{}", Row::HEADER);

@@ -5,7 +5,7 @@ mod support;
 use firmware_sim::refine::{CloudFormat, RefineArgs};
 use firmware_sim::session::SessionArgs;
 use host_train::cli::Initial;
-use host_train::export::WeightFile;
+use host_train::policy::WeightFile;
 use host_train::pose64::Pose64;
 use nalgebra::Vector3;
 use serde_json::Value;

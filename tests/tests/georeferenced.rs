@@ -31,7 +31,9 @@ async fn a_robot_registers_what_lies_far_from_the_origin() {
     let network = Network::start().await;
     let node = network.node(FLEET, "r1").await;
     let policy = WeightFile::pretrained();
-    let published = publisher(&network).await.publish(1, "p", policy).await;
+    // It answers for the policy's chunks.
+    let mut publisher = publisher(&network).await;
+    let published = publisher.publish(1, "p", policy).await;
     published.expect("a good policy");
     until(&node, |view| view.policy.is_some()).await;
 

@@ -23,7 +23,7 @@ use crate::solve::{Motion, Rigid, least};
 use crate::surface::Surface;
 use glam::Vec3;
 
-/// Working memory of a [`Refiner`], [`crate::dims::WORKSPACE_BYTES`]; the caller owns it.
+/// Working memory of a [`Refiner`], [`crate::budget::WORKSPACE_BYTES`]; the caller owns it.
 #[derive(Clone, Debug)]
 pub struct Workspace {
     /// Kernels of the refiners that work in it; the fastest unless told otherwise.

@@ -136,22 +136,15 @@ impl Motion {
             motion.a[k + i] += x;
             k += i + 1;
         }
-        let mut inverse = [[0.0; 6]; 6];
-        for i in 0..6 {
+        let columns: [[f32; 6]; 6] = core::array::from_fn(|i| {
             motion.b = [0.0; 6];
             motion.b[i] = 1.0;
             let (turn, shift) = motion.solve(ROUNDING);
-            for (j, x) in turn
-                .to_array()
-                .into_iter()
-                .chain(shift.to_array())
-                .enumerate()
-                .take(i + 1)
-            {
-                (inverse[i][j], inverse[j][i]) = (x, x);
-            }
-        }
-        inverse
+            let ([a, b, c], [d, e, f]) = (turn.to_array(), shift.to_array());
+            [a, b, c, d, e, f]
+        });
+        // Symmetric to the bit.
+        core::array::from_fn(|i| core::array::from_fn(|j| columns[i.max(j)][i.min(j)]))
     }
 
     /// Turn and shift that solve the equations, damped by a share of their trace: none where nothing asks

@@ -187,7 +187,8 @@ async fn nobody_takes_back_the_request_of_another_session() {
     // Whoever may see liveliness tokens learns the victim's number.
     let tokens = keys::all_clients_alive(FLEET).expect("a good name");
     let tokens = stranger.liveliness().declare_subscriber(tokens.as_str());
-    let tokens = tokens.await.expect("an open session");
+    // The router may hear of the client first.
+    let tokens = tokens.history(true).await.expect("an open session");
     let victim = client(&network).await;
     let token = tokens.recv_async().await.expect("an open session");
     let number = keys::client_of(token.key_expr().as_str()).expect("a client");

@@ -35,7 +35,7 @@ const IMPROBABLE: f32 = 0.1;
 /// Values that the logistic model weighs.
 pub const FEATURES: usize = 6;
 
-/// Weights of [`Evidence::features`], as `host-train calibrate --data DIR --meshes MESHES --count 300 --seed 7` fits them to pairs
+/// Weights of [`Evidence::features`], fitted by `host-train calibrate --data DIR --meshes MESHES --count 300 --seed 7` to pairs
 /// drawn and rendered from training meshes: whole clouds, parts, views, few points, distorted sources and other objects.
 const WEIGHTS: [f32; FEATURES] = [-0.7659, 1.0596, -1.3268, -0.4719, 3.2803, 1.7152];
 
@@ -96,7 +96,7 @@ impl Evidence {
     }
 
     /// Calibrated probability that the pose is within 5 degrees and .05 target radii of the truth, or of what is named
-    /// as fitting as well.
+    /// as fitting as well, or cannot be told from it (ADI below .02 diameters).
     pub fn probability(&self) -> f32 {
         let weighted = self.features().into_iter().zip(WEIGHTS).map(|(x, w)| x * w);
         let probability = 1.0 / (1.0 + libm::expf(-weighted.sum::<f32>()));

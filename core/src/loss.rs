@@ -103,7 +103,7 @@ impl Losses {
 /// See [`Losses::excess`].
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Excess {
-    pub(crate) sum: f32,
+    sum: f32,
     squares: f32,
 }
 

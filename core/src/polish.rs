@@ -414,10 +414,8 @@ impl<'w> Refiner<'w> {
             gate: self.gate(stage),
             tangential: stage.tangential,
         };
-        let Workspace { source, target, .. } = &*self.workspace;
-        let forward = source.matches().map(|found| (found.of, found.to));
-        let backward = target.matches().map(|found| (found.to, found.of));
-        let mut matched = forward.chain(backward);
+        let [source, target] = self.surfaces();
+        let mut matched = self.matched();
         let (pose, mut sums) = (at.pose(), Sums::ZERO);
         loop {
             let mut pairs = Pairs::ZERO;
@@ -430,16 +428,21 @@ impl<'w> Refiner<'w> {
         }
     }
 
+    /// Places in the source and in the target of the points matched last, both ways.
+    fn matched(&self) -> impl Iterator<Item = (usize, usize)> {
+        let [source, target] = self.surfaces();
+        let forward = source.matches().map(|found| (found.of, found.to));
+        forward.chain(target.matches().map(|found| (found.to, found.of)))
+    }
+
     /// Normal equations of planes under a refined pose, summed in f64, and the weighted mean of their squared residuals.
     pub(crate) fn information(&mut self, at: Rigid) -> (Motion, f64) {
         self.match_both(at, usize::MAX);
         let gate = self.gate(&FINE);
-        let Workspace { source, target, .. } = &*self.workspace;
+        let [source, target] = self.surfaces();
         let (pose, mut motion) = (at.pose(), Motion::ZERO);
         let (mut squares, mut weights) = (0.0f64, 0.0f64);
-        let forward = source.matches().map(|found| (found.of, found.to));
-        let backward = target.matches().map(|found| (found.to, found.of));
-        for (i, j) in forward.chain(backward) {
+        for (i, j) in self.matched() {
             let ((p, m), (q, n)) = (source.at(i), target.at(j));
             let (p, m) = (pose.apply(p), pose.rotation * m);
             let (apart, middle) = (p - q, (p + q) * 0.5);
@@ -465,7 +468,6 @@ impl<'w> Refiner<'w> {
             lookup,
             ..
         } = &*self.workspace;
-        let every = (source.points().len() / points.max(1)).max(1);
         let mut at = initial;
         for &gate in gates {
             let by = Weighing {
@@ -473,7 +475,7 @@ impl<'w> Refiner<'w> {
                 tangential: TANGENTIAL,
             };
             let (pose, mut sums) = (at.pose(), Sums::ZERO);
-            let mut places = (0..source.points().len()).step_by(every);
+            let mut places = source.sampled(points);
             loop {
                 let mut pairs = Pairs::ZERO;
                 let count = fill_first(&mut pairs, &mut places, source);
@@ -492,34 +494,21 @@ impl<'w> Refiner<'w> {
 
     /// Mean loss of few of the source's points and about nearest points.
     pub(crate) fn coarse_loss(&self, at: Rigid, points: usize, scale: f32) -> f32 {
-        let radius = self.workspace.target.radius;
-        let (mut sum, mut count) = (0.0f32, 0.0f32);
-        for (p, q, _, n) in self.about_nearest(at.pose(), points) {
-            sum += loss::of_surface(p - q, n, radius, scale);
-            count += 1.0;
-        }
-        sum / count.max(1.0)
-    }
-
-    /// Points of the source as seen, each with a point of the target that is about nearest, and both normals.
-    fn about_nearest(
-        &self,
-        pose: Pose,
-        points: usize,
-    ) -> impl Iterator<Item = (Vec3, Vec3, Vec3, Vec3)> {
         let Workspace {
             source,
             target,
             lookup,
             ..
         } = &*self.workspace;
-        let every = (source.points().len() / points.max(1)).max(1);
-        (0..source.points().len()).step_by(every).map(move |i| {
-            let (p, m) = source.at(i);
-            let p = pose.apply(p);
+        let pose = at.pose();
+        let (mut sum, mut count) = (0.0f32, 0.0f32);
+        for i in source.sampled(points) {
+            let p = pose.apply(source.at(i).0);
             let (q, n) = target.at(lookup.near(p));
-            (p, q, pose.rotation * m, n)
-        })
+            sum += loss::of_surface(p - q, n, target.radius, scale);
+            count += 1.0;
+        }
+        sum / count.max(1.0)
     }
 
     /// A plain pose between the user's clouds as one between those inside.
@@ -634,11 +623,8 @@ fn fill(
 ) -> usize {
     let mut count = 0;
     for (lane, (i, j)) in matched.take(PAIRS).enumerate() {
-        let ((p, m), (q, n)) = (source.at(i), target.at(j));
-        set(&mut pairs.p, lane, p);
-        set(&mut pairs.m, lane, m);
-        set(&mut pairs.q, lane, q);
-        set(&mut pairs.n, lane, n);
+        set(&mut pairs.p, &mut pairs.m, lane, source.at(i));
+        set(&mut pairs.q, &mut pairs.n, lane, target.at(j));
         count += 1;
     }
     count
@@ -652,9 +638,7 @@ fn fill_first(
 ) -> usize {
     let mut count = 0;
     for (lane, i) in places.take(PAIRS).enumerate() {
-        let (p, m) = source.at(i);
-        set(&mut pairs.p, lane, p);
-        set(&mut pairs.m, lane, m);
+        set(&mut pairs.p, &mut pairs.m, lane, source.at(i));
         count += 1;
     }
     count
@@ -664,16 +648,23 @@ fn fill_first(
 fn look_up(pairs: &mut Pairs, lookup: &Lookup, target: &Surface) {
     for lane in 0..PAIRS {
         let p = Vec3::from_array(pairs.p.map(|row| row.get(lane).copied().unwrap_or(0.0)));
-        let (q, n) = target.at(lookup.near(p));
-        set(&mut pairs.q, lane, q);
-        set(&mut pairs.n, lane, n);
+        let second = target.at(lookup.near(p));
+        set(&mut pairs.q, &mut pairs.n, lane, second);
     }
 }
 
-fn set(rows: &mut [[f32; PAIRS]; 3], lane: usize, v: Vec3) {
-    for (row, x) in rows.iter_mut().zip(v.to_array()) {
-        if let Some(place) = row.get_mut(lane) {
-            *place = x;
+/// Sets a lane of rows of points and of their normals.
+fn set(
+    points: &mut [[f32; PAIRS]; 3],
+    normals: &mut [[f32; PAIRS]; 3],
+    lane: usize,
+    (point, normal): (Vec3, Vec3),
+) {
+    for (rows, v) in [(points, point), (normals, normal)] {
+        for (row, x) in rows.iter_mut().zip(v.to_array()) {
+            if let Some(place) = row.get_mut(lane) {
+                *place = x;
+            }
         }
     }
 }

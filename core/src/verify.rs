@@ -300,7 +300,8 @@ impl Search<'_, '_> {
         };
         let [points, compared] = SIFT_POINTS;
         let least = self.refiner.coarse_loss(best.at, points, SIFT_SCALE);
-        let [_, axes] = self.refiner.surfaces().map(axes);
+        let [_, target] = self.refiner.surfaces();
+        let axes = axes(target);
         let mut found = Best::<COPIES>::NONE;
         for at in copies(best.at, axes) {
             if self.refiner.coarse_loss(at, points, SIFT_SCALE) < least + ALIKE {

@@ -106,13 +106,16 @@ async fn a_state_directory_deleted_under_a_robot_is_noticed() {
     let folder = tempfile::tempdir().expect("a temporary directory");
     let state = folder.path().join("state");
     let network = Network::start().await;
-    state_of(&network, &state, &[1]).await;
     let node = start(&network, &state).await.expect("good names");
+    // One publisher: whoever is new is asked for its policy besides announcing it, and refused twice.
+    let mut publisher = publisher(&network).await;
+    let published = publisher.publish(1, "first", int8_policy()).await;
+    published.expect("a good policy");
+    until(&node, |view| view.policy.is_some()).await;
     std::fs::remove_dir_all(&state).expect("deletable");
     until(&node, |view| view.state_lost).await;
 
     // What it could not keep it does not take, and it says so.
-    let mut publisher = publisher(&network).await;
     let published = publisher.publish(2, "second", int8_policy()).await;
     published.expect("a good policy");
     let view = until(&node, |view| view.updates_refused == 1).await;

@@ -2,7 +2,7 @@
 //!
 //! A feature is a maximum over points: one that lies metres away rules it, and with it the centroid about which the
 //! source is turned. The segment of a depth image always has such points, where the mask reaches over the object's edge.
-//! A policy for views ([`Policy::cut`](crate::Policy::cut)) therefore leaves out, in every look, what is seen farther from the model's centre
+//! A policy for views ([`Sight::cut`](crate::sight::Sight::cut)) therefore leaves out, in every look, what is seen farther from the model's centre
 //! than its radius and the start's error can explain. Nothing is stored: points are judged as they are read.
 
 use crate::cloud::Cloud;
@@ -161,6 +161,7 @@ mod tests {
         use crate::golden::{POINTS, clouds};
         use crate::kernels::Isa;
         use crate::net::Scratch;
+        use crate::sight::Sight;
         use crate::{Policy, Registrar, Registration};
         const FAR: usize = POINTS / 4;
         let [source, target] = clouds();
@@ -174,7 +175,7 @@ mod tests {
         for policy in policies.map(|policy| policy.expect("a sound policy")) {
             for (isa, rescan) in Isa::all().flat_map(|isa| [(isa, 1), (isa, 3)]) {
                 let policy = Policy {
-                    cut,
+                    sight: Sight { cut, focus: 0 },
                     rescan,
                     ..policy
                 };

@@ -20,7 +20,7 @@
 //! - layer: cloud, steps, view, kernels
 //! - layer: solve
 //! - layer: decision, order, frame, chamfer, float, quant, surface, search, start
-//! - layer: cut, freespace, nearest, pairs
+//! - layer: cut, focus, freespace, nearest, pairs
 //! - layer: weights
 //! - layer: net, pretrained, polish
 //! - layer: covariance, verify
@@ -54,6 +54,7 @@ pub mod dims;
 pub mod error;
 pub mod evidence;
 pub mod float;
+pub mod focus;
 pub mod frame;
 mod freespace;
 pub mod golden;
@@ -80,6 +81,7 @@ pub mod quant;
 pub mod register;
 mod search;
 pub mod shape;
+pub mod sight;
 mod solve;
 pub mod start;
 pub mod steps;

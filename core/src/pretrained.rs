@@ -76,7 +76,7 @@ impl Policy<'static> {
     }
 
     /// The policy for a source that is one depth view of the target, with a start near it: it leaves out what is far
-    /// from the target ([`Policy::cut`]) (feature `pretrained-views`).
+    /// from the target ([`Sight::cut`](crate::sight::Sight::cut)) (feature `pretrained-views`).
     ///
     /// # Errors
     /// As [`Policy::parse`]; none as long as the linked image is intact.
@@ -103,7 +103,7 @@ mod tests {
         );
         #[cfg(feature = "pretrained-views")]
         assert_eq!(
-            Policy::pretrained_views_int8().map(|p| (p.shape, p.cut.radii())),
+            Policy::pretrained_views_int8().map(|p| (p.shape, p.sight.cut.radii())),
             Ok((Shape::FULL, 1.25))
         );
     }

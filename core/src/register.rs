@@ -5,7 +5,6 @@
 //! - [`Team`] takes the steps of several at a time.
 
 use crate::cloud::Cloud;
-use crate::cut::Reach;
 use crate::dims::LOGITS;
 use crate::error::Error;
 use crate::frame::Frame;
@@ -87,7 +86,7 @@ impl<'w, 's> Registrar<'w, 's> {
     pub fn start<'c>(
         &mut self,
         source: &'c [[f32; 3]],
-        target: &[[f32; 3]],
+        target: &'c [[f32; 3]],
         frame: Frame,
         initial: Pose,
     ) -> Result<Registration<'c>, Error> {
@@ -105,18 +104,15 @@ impl<'w, 's> Registrar<'w, 's> {
         &mut self,
         registration: &mut Registration<'c>,
         source: &'c [[f32; 3]],
-        target: &[[f32; 3]],
+        target: &'c [[f32; 3]],
         frame: Frame,
         initial: Pose,
     ) -> Result<(), Error> {
         let (source, target) = (Cloud::F32(source), Cloud::F32(target));
         registration.reset(&self.policy, source, target, frame, initial)?;
-        let view = registration.target_view();
-        self.put_in_order(target, &mut registration.order);
-        self.scratch.claim(&self.policy.network);
-        let (order, all) = (&registration.order, 0..target.len());
-        self.embed_cloud(target, order, all, Reach::ALL, false, &view);
-        self.finish_target(registration);
+        while registration.is_at_target() {
+            self.advance(registration, usize::MAX)?;
+        }
         Ok(())
     }
 

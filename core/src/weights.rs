@@ -9,7 +9,7 @@
 //! | 6 | u16 | number format: 0 = f32, 1 = int8 |
 //! | 8 | u32 | length of the whole file, check sum included |
 //! | 12 | u32 | layers, 9 |
-//! | 16 | `[u16; 8]` | network shape, in the paper 64, 128, 1024 (embedding), 512, 256 (head), 33 (logits); decision ([`Decision`]: 0 = most likely, 1 = nearest to the mean, 2 = both ways) in the low byte, in the high byte how far from the model points are looked at ([`Cut`], sixteenths of its radius; 0 = anywhere); steps from one look at all points to the next ([`Policy::rescan`]; 0 = 1) |
+//! | 16 | `[u16; 8]` | network shape, in the paper 64, 128, 1024 (embedding), 512, 256 (head), 33 (logits); decision ([`Decision`]: 0 = most likely, 1 = nearest to the mean, 2 = both ways) in the low 4 bits of the low byte, steps from one choice of the target's points to the next ([`Sight::focus`]; 0 = all, always) in its high 4, in the high byte how far from the model points are looked at ([`Cut`], sixteenths of its radius; 0 = anywhere); steps from one look at all points to the next ([`Policy::rescan`]; 0 = 1) |
 //! | 32 | 9 x 16 bytes | layer table: inputs, outputs, weight offset, bias offset, u32 each |
 //! | 192 | | payload; each array starts on a 64-byte boundary, gaps are zero |
 //! | length - 4 | u32 | CRC-32 (ISO-HDLC) of everything before |
@@ -29,6 +29,7 @@ use crate::layer::Dense;
 use crate::numbers::Numbers;
 use crate::quant::{BYTES_AFTER_BIAS, QuantNetwork};
 use crate::shape::Shape;
+use crate::sight::Sight;
 
 /// First bytes of a weight file.
 pub const MAGIC: [u8; 4] = *b"RGNT";
@@ -40,6 +41,8 @@ pub const FORMAT_F32: u16 = 0;
 pub const FORMAT_INT8: u16 = 1;
 /// Where the header says how to decide.
 pub const DECISION_AT: usize = 28;
+/// Above the decision, in the same byte, stands how often the target's points are chosen: from this bit on.
+pub const FOCUS_SHIFT: u32 = 4;
 /// Where the header says how far from the model points are looked at.
 pub const CUT_AT: usize = 29;
 /// Where the header says how often to look at all points.
@@ -101,10 +104,8 @@ pub struct Policy<'a> {
     /// Steps from one look at all points of the source to the next; the steps in between look at its critical points
     /// only, those by which the feature of the last look came about. 1, as in the paper: every step looks at all.
     pub rescan: u16,
-    /// Points of the source that are seen farther from the target's centre are left out in every look at all points: for
-    /// views, whose masks reach over the object. [`Cut::NONE`], as in the paper: everything is looked at. Who knows the
-    /// start's error better than the file may state it here.
-    pub cut: Cut,
+    /// What is looked at of both clouds. Who knows the start's error better than the file may state it here.
+    pub sight: Sight,
     /// The network.
     pub network: Network<'a>,
 }
@@ -193,6 +194,8 @@ impl<'a> Policy<'a> {
         let [low, high] = found.to_le_bytes();
         let cut = Cut::from_header(high);
         let rescan = core::mem::take(rescan).max(1);
+        let focus = low >> FOCUS_SHIFT;
+        let low = low & ((1 << FOCUS_SHIFT) - 1);
         let decision = Decision::from_header(low.into()).ok_or(Error::WeightsDecision { found })?;
         let shape = Shape::from_header(header).ok_or(Error::WeightsShape { layer: 0 })?;
         let (offsets, length) = layout(&shape, format);
@@ -250,7 +253,7 @@ impl<'a> Policy<'a> {
             shape,
             decision,
             rescan,
-            cut,
+            sight: Sight { cut, focus },
             network,
         })
     }

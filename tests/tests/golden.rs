@@ -12,10 +12,10 @@ use host_train::learn::nn::{PackedEmbedding, Search};
 use host_train::learn::optim::{Adam, Schedule};
 use host_train::learn::reward::{chamfer, reward};
 use host_train::policy::WeightFile;
-use reagent_core::cut::Cut;
 use reagent_core::kernels::Isa;
 use reagent_core::net::Scratch;
 use reagent_core::pose::{centroid, euler_from_rotation, rotation_from_euler};
+use reagent_core::sight::Sight;
 use reagent_core::steps::STEPS;
 use reagent_core::view::View;
 use reagent_core::{Action, Frame, Pose, Registrar};
@@ -144,7 +144,8 @@ fn experts_label_as_the_reference() {
                     let problem = Problem {
                         source: Vec::new(),
                         target: Vec::new(),
-                        cut: Cut::NONE,
+                        chosen: Vec::new(),
+                        sight: Sight::ALL,
                         centroid: Vec3::ZERO,
                         registering: targets[i],
                     };

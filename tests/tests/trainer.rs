@@ -1,7 +1,8 @@
 //! The trainer's parts: what roll-outs record, what a step does to the parameters, and roll-outs that decide.
 
 use host_train::augment::{clean_sample, noisy_sample};
-use host_train::dataset::{pairs::PairSet, procedural};
+use host_train::dataset::pairs::{PairSet, Sample};
+use host_train::dataset::procedural;
 use host_train::eval::{EvalSettings, evaluate};
 use host_train::learn::env::{Accumulation, Problem};
 use host_train::learn::nn::{Parameters, Shape};
@@ -11,6 +12,9 @@ use host_train::learn::train::{Follow, Method, RollOut, Trainer, poses_of};
 use host_train::measure::method::{Contestant, Finish, Start};
 use host_train::policy::WeightFile;
 use host_train::random::{Purpose, stream};
+use host_train::views::Views;
+use reagent_core::cut::Cut;
+use reagent_core::sight::Sight;
 use reagent_core::{Action, Decision};
 
 fn problems(count: u64, points: usize) -> Vec<Problem> {
@@ -167,4 +171,47 @@ fn the_trainer_registers_as_the_robot_does() {
         assert!(poses[10].rotation.abs_diff_eq(robot.rotation, 1e-5));
         assert!(poses[10].translation.abs_diff_eq(robot.translation, 1e-5));
     }
+}
+
+/// What a policy for views looks at is chosen alike in training and on robots, at the start and after every few steps.
+#[test]
+fn the_trainer_looks_where_the_robot_does() {
+    let network = WeightFile::pretrained();
+    let parameters = network.parameters(0).expect("a policy in f32");
+    let sight = Sight {
+        cut: Cut::within(1.25).expect("a number of radii"),
+        focus: 3,
+    };
+    let views = Views::procedural(4, 6);
+    let mut pairs = PairSet::default();
+    views.draw(6, 300, 9, &mut pairs);
+    let problems: Vec<Problem> = (0..pairs.source.len())
+        .map(|i| {
+            let sample = Sample {
+                source: pairs.source[i].clone(),
+                target: pairs.target[i].clone(),
+                target_from_source: pairs.target_from_source[i],
+            };
+            Problem::seen(sight, sample)
+        })
+        .collect();
+    let decision = Decision::NearestToMean;
+    let file = network.deciding(decision).seeing(sight);
+    let robot = Contestant {
+        name: "robot".into(),
+        method: Start::Policy(file.policy()).then(Finish::Nothing),
+    };
+    let settings = EvalSettings {
+        steps: 7,
+        threads: 1,
+        per_step: false,
+    };
+    let outcomes = evaluate(&pairs, &[robot], &settings, &|| {}).expect("sound pairs");
+    let found = poses_of(parameters, (Accumulation::Global, decision), &problems, 7);
+    for (poses, robot) in found.iter().zip(&outcomes[0].target_from_source) {
+        assert!(poses[7].rotation.abs_diff_eq(robot.rotation, 1e-4));
+        assert!(poses[7].translation.abs_diff_eq(robot.translation, 1e-4));
+    }
+    let looked_at = problems.iter().filter(|p| p.chosen.len() < p.target.len());
+    assert_eq!(looked_at.count(), problems.len());
 }

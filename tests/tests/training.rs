@@ -8,7 +8,7 @@ use host_train::learn::train::{
 };
 use host_train::policy::checkpoint::{Checkpoint, LAST, PREVIOUS};
 use host_train::policy::parameters_of;
-use reagent_core::cut::Cut;
+use reagent_core::sight::Sight;
 use serde_json::Value;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
@@ -179,7 +179,7 @@ fn a_loss_that_is_no_number_is_saved_and_ruins_nothing() {
     let mut parameters = Parameters::random(Shape::PAPER, 3);
     parameters.layer_mut(5).1[7] = f32::NAN;
     let start = folder.path().join("start.safetensors");
-    let checkpoint = Checkpoint::start(parameters, Accumulation::Global, Cut::NONE);
+    let checkpoint = Checkpoint::start(parameters, Accumulation::Global, Sight::ALL);
     checkpoint.save(&start).expect("written");
     let mut config = config(&folder.path().join("run"), 1);
     config.init = Some(start);
@@ -253,7 +253,7 @@ fn the_average_is_what_is_exported() {
     let mut checkpoint = Checkpoint::start(
         Parameters::random(Shape::PAPER, 1),
         Accumulation::Global,
-        Cut::NONE,
+        Sight::ALL,
     );
     let averaged = Parameters::random(Shape::PAPER, 2);
     checkpoint.averaged = Some(averaged.values.clone());

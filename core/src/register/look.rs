@@ -2,9 +2,9 @@
 
 use super::{Registrar, Registration};
 use crate::cloud::Cloud;
-use crate::cut::Reach;
 use crate::dims::QUANT_TILE;
 use crate::float;
+use crate::focus::Focus;
 use crate::numbers::Numbers;
 use crate::order::Order;
 use crate::quant;
@@ -50,6 +50,34 @@ impl Registrar<'_, '_> {
         self.put_in_order(registration.source, &mut registration.order);
     }
 
+    /// Embeds at most so many more points of the target, of which some were seen; how many are seen then.
+    pub(super) fn look_at_target(
+        &mut self,
+        registration: &mut Registration<'_>,
+        seen: usize,
+        points: usize,
+    ) -> usize {
+        let (target, view) = (registration.whole, registration.target_view());
+        if seen == 0 {
+            self.put_in_order(target, &mut registration.order);
+        }
+        let focus = self.focus(registration, &view);
+        let end = seen.saturating_add(points).min(target.len());
+        let keeps = |p| focus.keeps(&view, p);
+        self.embed_cloud(target, &registration.order, seen..end, keeps, false, &view);
+        end
+    }
+
+    /// Which points of the target are looked at.
+    fn focus(&self, registration: &Registration<'_>, target_view: &View) -> Focus {
+        if self.policy.sight.focus == 0 {
+            return Focus::ALL;
+        }
+        let (source, view) = (registration.source, registration.source_view());
+        let reach = self.policy.sight.cut.of(source, &view);
+        Focus::on((source, &view, reach), (registration.whole, target_view))
+    }
+
     /// Embeds at most so many more points of the source as it is seen now, of which some were seen; how many are seen
     /// then.
     pub(super) fn look(
@@ -62,9 +90,10 @@ impl Registrar<'_, '_> {
         if self.policy.sees_all(registration.steps) {
             let end = seen.saturating_add(points).min(source.len());
             let counted = self.finds_critical(registration.steps);
-            let reach = self.policy.cut.of(source, &view);
+            let reach = self.policy.sight.cut.of(source, &view);
             let order = &registration.order;
-            self.embed_cloud(source, order, seen..end, reach, counted, &view);
+            let keeps = |p| reach.keeps(&view, p);
+            self.embed_cloud(source, order, seen..end, keeps, counted, &view);
             return end;
         }
         let mut seen = seen;
@@ -123,14 +152,14 @@ impl Registrar<'_, '_> {
         }
     }
 
-    /// Embeds the points within reach at some places of an order; where they count, finds the places of the critical ones
+    /// Embeds the points that are kept at some places of an order; where they count, finds the places of the critical ones
     /// among them.
     pub(super) fn embed_cloud(
         &mut self,
         cloud: Cloud<'_>,
         order: &Order,
         places: Range<usize>,
-        reach: Reach,
+        keeps: impl Fn([f32; 3]) -> bool,
         counted: bool,
         view: &View,
     ) {
@@ -144,7 +173,7 @@ impl Registrar<'_, '_> {
                 && place < end
             {
                 let point = cloud.point(order.point(place)).unwrap_or_default();
-                if reach.keeps(view, point) {
+                if keeps(point) {
                     *space = point;
                     filled += 1;
                 } else if counted && filled > 0 {

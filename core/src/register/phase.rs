@@ -21,7 +21,6 @@
 
 use super::{Registrar, Registration, Step, heads};
 use crate::cloud::Cloud;
-use crate::cut::Reach;
 use crate::dims::LOGITS;
 use crate::error::Error;
 use crate::frame::Frame;
@@ -29,31 +28,28 @@ use crate::pose::Pose;
 
 /// What the next slice of a registration does.
 #[derive(Clone, Debug)]
-pub(super) enum Phase<'c> {
+pub(super) enum Phase {
     /// Embeds the target, of which some points were seen.
-    Target { cloud: Cloud<'c>, seen: usize },
+    Target { seen: usize },
     /// Embeds the source, of which some points were seen, and then has the translation head take it in.
     Source { seen: usize },
     /// Has the rotation head take the source in, and acts.
     Head { logits_t: [f32; LOGITS] },
 }
 
-impl Phase<'_> {
+impl Phase {
     /// Of a step.
-    pub(super) const START: Phase<'static> = Phase::Source { seen: 0 };
+    pub(super) const START: Phase = Phase::Source { seen: 0 };
 
     /// Whether nothing is embedded of the cloud under way.
     fn is_at_start(&self) -> bool {
-        matches!(
-            self,
-            Phase::Target { seen: 0, .. } | Phase::Source { seen: 0 }
-        )
+        matches!(self, Phase::Target { seen: 0 } | Phase::Source { seen: 0 })
     }
 
     /// Back to the first point of the cloud under way.
     fn restart(&mut self) {
         match self {
-            Phase::Target { seen, .. } | Phase::Source { seen } => *seen = 0,
+            Phase::Target { seen } | Phase::Source { seen } => *seen = 0,
             Phase::Head { .. } => *self = Phase::START,
         }
     }
@@ -73,13 +69,7 @@ impl Registrar<'_, '_> {
         frame: Frame,
         initial: Pose,
     ) -> Result<(), Error> {
-        registration.reset(&self.policy, source, target, frame, initial)?;
-        registration.phase = Phase::Target {
-            cloud: target,
-            seen: 0,
-        };
-        self.put_in_order(target, &mut registration.order);
-        Ok(())
+        registration.reset(&self.policy, source, target, frame, initial)
     }
 
     /// The next slice of work: embeds at most `points` points (but at least one) of the target and then, in each
@@ -104,12 +94,9 @@ impl Registrar<'_, '_> {
         }
         let points = points.max(1);
         match registration.phase {
-            Phase::Target { cloud, seen } if seen < cloud.len() => {
-                let end = seen.saturating_add(points).min(cloud.len());
-                let view = registration.target_view();
-                let order = &registration.order;
-                self.embed_cloud(cloud, order, seen..end, Reach::ALL, false, &view);
-                registration.phase = Phase::Target { cloud, seen: end };
+            Phase::Target { seen } if seen < registration.whole.len() => {
+                let seen = self.look_at_target(registration, seen, points);
+                registration.phase = Phase::Target { seen };
             }
             Phase::Target { .. } => {
                 self.finish_target(registration);

@@ -20,7 +20,9 @@ use glam::Vec3;
 #[derive(Clone, Debug)]
 pub struct Registration<'c> {
     pub(super) source: Cloud<'c>,
-    pub(super) phase: Phase<'c>,
+    /// The target, for a policy that chooses among its points again.
+    pub(super) whole: Cloud<'c>,
+    pub(super) phase: Phase,
     /// That of the working memory in which the cloud under way is embedded.
     pub(super) generation: u32,
     /// In which order the points of the cloud under way are embedded.
@@ -47,6 +49,7 @@ impl<'c> Registration<'c> {
     pub const fn new() -> Self {
         Registration {
             source: Cloud::EMPTY,
+            whole: Cloud::EMPTY,
             phase: Phase::START,
             generation: 0,
             order: Order::NONE,
@@ -68,17 +71,18 @@ impl<'c> Registration<'c> {
         &mut self,
         policy: &Policy<'_>,
         source: Cloud<'c>,
-        target: Cloud<'_>,
+        target: Cloud<'c>,
         frame: Frame,
         initial: Pose,
     ) -> Result<(), Error> {
         source.check()?;
         target.check()?;
         let (frame, initial) = (frame.checked()?, initial.checked()?);
-        let centroid = policy.cut.centroid(source, &frame, &initial);
+        let centroid = policy.sight.cut.centroid(source, &frame, &initial);
         let initial = initial.to_disentangled(centroid);
         self.source = source;
-        self.phase = Phase::START;
+        self.whole = target;
+        self.phase = Phase::Target { seen: 0 };
         self.order.clear();
         self.policy = policy.checksum;
         self.centroid = centroid;
@@ -203,8 +207,12 @@ impl<'c> Registration<'c> {
         self.accumulated = self.accumulated.accumulate(action.update());
         self.is_settled = action == Action::STOP
             && policy.sees_all(self.steps)
-            && decision.ways(self.steps) == decision.ways(usize::MAX);
+            && decision.ways(self.steps) == decision.ways(usize::MAX)
+            && (policy.sight.focus == 0 || policy.sight.refocuses(self.steps));
         self.steps += 1;
+        if policy.sight.refocuses(self.steps) && !self.is_settled {
+            self.phase = Phase::Target { seen: 0 };
+        }
         self.before = core::mem::replace(&mut self.last, action);
         Step {
             action,

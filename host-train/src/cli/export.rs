@@ -51,18 +51,18 @@ enum Format {
 impl ExportArgs {
     pub(super) fn run(self, seed: u64) -> anyhow::Result<()> {
         let parameters = parameters_of(&self.run)?;
-        let (decision, rescan, cut) = if self.run.extension().is_some_and(|e| e == "rgw") {
+        let (decision, rescan, sight) = if self.run.extension().is_some_and(|e| e == "rgw") {
             let file = WeightFile::load(&self.run)?;
             let Policy {
                 decision,
                 rescan,
-                cut,
+                sight,
                 ..
             } = file.policy();
-            (decision, rescan, cut)
+            (decision, rescan, sight)
         } else {
-            let cut = Checkpoint::load(&Checkpoint::find(&self.run)?)?.cut;
-            (Decision::default(), 1, cut)
+            let sight = Checkpoint::load(&Checkpoint::find(&self.run)?)?.sight;
+            (Decision::default(), 1, sight)
         };
         let decision = self.decide.map_or(decision, Decision::from);
         let rescan = self.rescan.unwrap_or(rescan);
@@ -76,10 +76,10 @@ impl ExportArgs {
                         pairs.source.len()
                     );
                 }
-                WeightFile::from_parameters_int8_within(cut, &parameters, &pairs)?
+                WeightFile::from_parameters_int8_within(sight, &parameters, &pairs)?
             }
         };
-        let file = file.deciding(decision).rescanning(rescan).cutting(cut);
+        let file = file.deciding(decision).rescanning(rescan).seeing(sight);
         file.save(&self.out)?;
         println!("{}", self.out.display());
         Ok(())

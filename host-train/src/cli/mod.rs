@@ -23,6 +23,7 @@ mod source;
 mod sweep;
 mod table;
 mod train;
+mod views;
 
 pub use register::Initial;
 
@@ -55,6 +56,7 @@ enum Command {
     Sweep(sweep::SweepArgs),
     Register(register::RegisterArgs),
     Pairs(pairs::PairsArgs),
+    Views(views::ViewsArgs),
     BopSynth(bop_synth::BopSynthArgs),
     Export(export::ExportArgs),
     Import(import::ImportArgs),
@@ -81,6 +83,7 @@ impl Cli {
             Command::Sweep(args) => args.run(seed),
             Command::Register(args) => args.run(seed),
             Command::Pairs(args) => args.run(seed),
+            Command::Views(args) => args.run(seed),
             Command::BopSynth(args) => args.run(seed),
             Command::Export(args) => args.run(seed),
             Command::Import(args) => args.run(),

@@ -78,6 +78,10 @@ struct DataOptions {
     /// will do everywhere: rounded to sixteenths; 0 for anywhere [default: 1.25 where there are views, else 0]
     #[arg(long, value_name = "RADII", value_parser = cut)]
     cut: Option<Cut>,
+    /// Look at those points of the target that have some of the source near them, chosen anew every so many steps, as the
+    /// policy that is made will do everywhere; 0 for all points, always [default: 3 where there are views, else 0]
+    #[arg(long, value_name = "STEPS", value_parser = focus())]
+    focus: Option<u8>,
     /// Do not deform shapes by scale, shear and mirror (design table; the paper does)
     #[arg(long)]
     no_augmentation: bool,
@@ -211,7 +215,8 @@ impl TrainArgs {
         set(&mut config.categories, given.categories);
         set(&mut config.points, given.points);
         config.augmentation &= !given.no_augmentation;
-        set(&mut config.cut, given.cut);
+        set(&mut config.sight.cut, given.cut);
+        set(&mut config.sight.focus, given.focus);
         set(&mut config.disturbance.min_overlap, given.min_overlap);
         set(&mut config.disturbance.max_outliers, given.max_outliers);
 
@@ -245,8 +250,13 @@ impl TrainArgs {
     }
 }
 
+/// Steps from one choice of the target's points to the next: four bits in a policy file.
+pub(super) fn focus() -> clap::builder::RangedI64ValueParser<u8> {
+    clap::value_parser!(u8).range(..16)
+}
+
 /// Radii, or 0 for anywhere.
-fn cut(text: &str) -> Result<Cut, String> {
+pub(super) fn cut(text: &str) -> Result<Cut, String> {
     match text.parse() {
         Ok(0.0) => Ok(Cut::NONE),
         Ok(radii) => {

@@ -16,7 +16,7 @@
 mod error;
 mod lines;
 mod note;
-mod npy;
+pub(crate) mod npy;
 mod obj;
 mod off;
 mod pcd;

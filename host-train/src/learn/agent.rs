@@ -36,6 +36,14 @@ pub struct Features {
     pub critical: Vec<u32>,
 }
 
+impl Features {
+    /// Adds those of further clouds.
+    pub fn extend(&mut self, further: &Features) {
+        self.values.extend_from_slice(&further.values);
+        self.critical.extend_from_slice(&further.critical);
+    }
+}
+
 /// Embeds clouds with core's kernels, keeping the critical points.
 pub fn embed(packed: &PackedEmbedding, width: usize, clouds: &[Seen<'_>], out: &mut Features) {
     let isa = Isa::best();

@@ -3,7 +3,9 @@
 use crate::dataset::Point;
 use crate::dataset::pairs::Sample;
 use glam::Vec3;
-use reagent_core::cut::{Cut, Reach};
+use reagent_core::cut::Reach;
+use reagent_core::focus::Focus;
+use reagent_core::sight::Sight;
 use reagent_core::view::View;
 use reagent_core::{Action, Cloud, Frame, Pose};
 use serde::{Deserialize, Serialize};
@@ -16,8 +18,10 @@ pub struct Problem {
     pub source: Vec<Point>,
     /// Target, `[N, 3]`.
     pub target: Vec<Point>,
-    /// How far from the target the points of the source are looked at.
-    pub cut: Cut,
+    /// The points of the target that are looked at.
+    pub chosen: Vec<Point>,
+    /// What is looked at of both.
+    pub sight: Sight,
     /// Centroid of the source, without what is cut off under the first estimate, about which disentangled poses turn it.
     pub centroid: Vec3,
     /// The disentangled pose that registers the source.
@@ -38,29 +42,58 @@ impl Problem {
             target,
             target_from_source,
         };
-        Problem::within(Cut::NONE, sample)
+        Problem::seen(Sight::ALL, sample)
     }
 
-    /// The same of a policy that does not look at all of the source.
-    pub fn within(cut: Cut, sample: Sample) -> Self {
+    /// The same of a policy that does not look at everything.
+    pub fn seen(sight: Sight, sample: Sample) -> Self {
         let Sample {
             source,
             target,
             target_from_source,
         } = sample;
-        let centroid = cut.centroid(Cloud::F32(&source), &Frame::IDENTITY, &Pose::IDENTITY);
-        Problem {
-            cut,
+        let centroid = sight
+            .cut
+            .centroid(Cloud::F32(&source), &Frame::IDENTITY, &Pose::IDENTITY);
+        let mut problem = Problem {
+            sight,
             registering: target_from_source.to_disentangled(centroid),
             centroid,
             source,
+            chosen: Vec::new(),
             target,
+        };
+        problem.chosen = problem.focused(Accumulation::Global, &Pose::IDENTITY);
+        problem
+    }
+
+    /// The points of the target that are looked at from this pose on.
+    fn focused(&self, accumulation: Accumulation, pose: &Pose) -> Vec<Point> {
+        if self.sight.focus == 0 {
+            return self.target.clone();
+        }
+        let view = accumulation.view(self.centroid, pose);
+        let (source, target) = (Cloud::F32(&self.source), Cloud::F32(&self.target));
+        let reach = self.sight.cut.of(source, &view);
+        let focus = Focus::on((source, &view, reach), (target, &View::IDENTITY));
+        let kept = self
+            .target
+            .iter()
+            .filter(|&&p| focus.keeps(&View::IDENTITY, p));
+        kept.copied().collect()
+    }
+
+    /// The same problem from this pose on, where the target's points are chosen anew.
+    pub fn refocused(&self, accumulation: Accumulation, pose: &Pose) -> Problem {
+        Problem {
+            chosen: self.focused(accumulation, pose),
+            ..self.clone()
         }
     }
 
     /// The points of the source that are looked at where it is seen so.
     pub fn looked_at(&self, view: &View) -> Cow<'_, [Point]> {
-        match self.cut.of(Cloud::F32(&self.source), view) {
+        match self.sight.cut.of(Cloud::F32(&self.source), view) {
             Reach::ALL => Cow::Borrowed(&self.source),
             reach => {
                 let kept = self.source.iter().filter(|&&p| reach.keeps(view, p));

@@ -7,6 +7,7 @@ use crate::learn::env::Accumulation;
 use crate::learn::nn::{Parameters, Shape};
 use crate::learn::optim::Adam;
 use reagent_core::cut::Cut;
+use reagent_core::sight::Sight;
 use safetensors::{Dtype, SafeTensors, tensor::TensorView};
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
@@ -24,6 +25,7 @@ const AVERAGED: &str = "averaged";
 /// Field of the header that says how actions accumulate.
 const ACCUMULATION: &str = "accumulation";
 const CUT: &str = "cut";
+const FOCUS: &str = "focus";
 
 /// Why a checkpoint could not be used.
 #[derive(Debug, thiserror::Error)]
@@ -98,7 +100,7 @@ pub struct Checkpoint {
     /// How the network's actions accumulate.
     pub accumulation: Accumulation,
     /// How far from the target it looks.
-    pub cut: Cut,
+    pub sight: Sight,
     /// Counters. With the seed they are the state of every random stream, and of the order of the data;
     /// checkpoints are taken between updates, when the replay buffer is empty.
     pub progress: Progress,
@@ -120,13 +122,13 @@ impl Checkpoint {
     }
 
     /// The start of a run from given parameters, with a fresh optimiser.
-    pub fn start(parameters: Parameters, accumulation: Accumulation, cut: Cut) -> Self {
+    pub fn start(parameters: Parameters, accumulation: Accumulation, sight: Sight) -> Self {
         Checkpoint {
             adam: Adam::new(parameters.values.len()),
             parameters,
             averaged: None,
             accumulation,
-            cut,
+            sight,
             progress: Progress::default(),
         }
     }
@@ -215,7 +217,8 @@ impl Checkpoint {
             ("progress".into(), progress),
             ("shape".into(), shape),
             (ACCUMULATION.into(), accumulation),
-            (CUT.into(), self.cut.header().to_string()),
+            (CUT.into(), self.sight.cut.header().to_string()),
+            (FOCUS.into(), self.sight.focus.to_string()),
         ]);
         let bytes = safetensors::serialize(views, Some(metadata))
             .map_err(|e| write(std::io::Error::other(e)))?;
@@ -252,6 +255,11 @@ impl Checkpoint {
             Ok(text) => Cut::from_header(text.parse().map_err(|_| damaged(format!("cut {text}")))?),
             Err(_) => Cut::NONE,
         };
+        let focus = match field(FOCUS) {
+            Ok(text) => text.parse().map_err(|_| damaged(format!("focus {text}")))?,
+            Err(_) => 0,
+        };
+        let sight = Sight { cut, focus };
         let file = SafeTensors::deserialize(&bytes).map_err(|e| damaged(e.to_string()))?;
         let read = |name: &str, into: &mut [f32]| -> Result<(), CheckpointError> {
             let tensor = file.tensor(name).map_err(|e| damaged(e.to_string()))?;
@@ -293,7 +301,7 @@ impl Checkpoint {
             adam,
             averaged,
             accumulation,
-            cut,
+            sight,
             progress,
         })
     }
@@ -335,7 +343,10 @@ mod tests {
             adam,
             averaged: Some(vec![0.5; parameters_len]),
             accumulation: Accumulation::Local,
-            cut: Cut::from_header(24),
+            sight: Sight {
+                cut: Cut::from_header(24),
+                focus: 3,
+            },
             progress: Progress {
                 updates: 5,
                 optimiser_steps: 7,

@@ -7,9 +7,9 @@ use super::quantise::{self, Ranges};
 use crate::dataset::pairs::PairSet;
 use crate::learn::env::Accumulation;
 use crate::learn::nn::Parameters;
-use reagent_core::cut::Cut;
 use reagent_core::dims::{LAYERS, LOGITS, padded};
 use reagent_core::layer::pack_panels;
+use reagent_core::sight::Sight;
 use reagent_core::weights::{
     FORMAT_F32, FORMAT_INT8, HEADER, MAGIC, TABLE_ROW, VERSION, file_len, offsets,
 };
@@ -29,9 +29,9 @@ impl WeightFile {
 
     /// The policy of a checkpoint, deciding as exported ones do unless they are told otherwise.
     pub fn from_checkpoint(checkpoint: Checkpoint) -> Result<Self, ExportError> {
-        let cut = checkpoint.cut;
+        let sight = checkpoint.sight;
         let file = Self::from_parameters(&deployable(checkpoint)?)?;
-        Ok(file.deciding(Decision::default()).cutting(cut))
+        Ok(file.deciding(Decision::default()).seeing(sight))
     }
 
     /// Serialises parameters as [`reagent_core::weights`] describes; the value head stays out. The most likely steps
@@ -58,23 +58,23 @@ impl WeightFile {
         parameters: &Parameters,
         pairs: &PairSet,
     ) -> Result<Self, ExportError> {
-        Self::from_parameters_int8_within(Cut::NONE, parameters, pairs)
+        Self::from_parameters_int8_within(Sight::ALL, parameters, pairs)
     }
 
-    /// The same of a policy that looks no farther than `cut` from the target.
+    /// The same of a policy that looks at `sight` of both clouds.
     ///
     /// # Errors
     /// As [`Self::from_parameters_int8`].
     pub fn from_parameters_int8_within(
-        cut: Cut,
+        sight: Sight,
         parameters: &Parameters,
         pairs: &PairSet,
     ) -> Result<Self, ExportError> {
-        let ranges = Ranges::calibrate(parameters, pairs, cut);
-        let draft = Self::with_ranges(parameters, &ranges, &[[0.0; LOGITS]; 2])?.cutting(cut);
-        let exact = Self::from_parameters(parameters)?.cutting(cut);
+        let ranges = Ranges::calibrate(parameters, pairs, sight);
+        let draft = Self::with_ranges(parameters, &ranges, &[[0.0; LOGITS]; 2])?.seeing(sight);
+        let exact = Self::from_parameters(parameters)?.seeing(sight);
         let errors = quantise::logit_errors(&exact, &draft, pairs);
-        Ok(Self::with_ranges(parameters, &ranges, &errors)?.cutting(cut))
+        Ok(Self::with_ranges(parameters, &ranges, &errors)?.seeing(sight))
     }
 
     fn with_ranges(

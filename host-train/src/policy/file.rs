@@ -2,9 +2,11 @@
 
 use super::ExportError;
 use crate::files;
-use reagent_core::cut::Cut;
 use reagent_core::kernels::Tile;
-use reagent_core::weights::{CUT_AT, DECISION_AT, FORMAT_F32, RESCAN_AT, checksum, file_len};
+use reagent_core::sight::Sight;
+use reagent_core::weights::{
+    CUT_AT, DECISION_AT, FOCUS_SHIFT, FORMAT_F32, RESCAN_AT, checksum, file_len,
+};
 use reagent_core::{Decision, Error, Policy};
 use sha2::{Digest, Sha256};
 use std::io::Read;
@@ -17,6 +19,11 @@ pub struct WeightFile {
     len: usize,
     /// See [`Policy::with_packed`].
     packed: Vec<Tile>,
+}
+
+/// The byte of the header that says how to decide, and when the target's points are chosen.
+fn how(decision: Decision, sight: Sight) -> u8 {
+    decision.header() as u8 | sight.focus << FOCUS_SHIFT
 }
 
 impl WeightFile {
@@ -41,7 +48,8 @@ impl WeightFile {
 
     /// The same policy, deciding in this way.
     pub fn deciding(self, decision: Decision) -> Self {
-        self.with_header(DECISION_AT, &[decision.header() as u8])
+        let sight = self.policy().sight;
+        self.with_header(DECISION_AT, &[how(decision, sight)])
     }
 
     /// The same policy, looking at all points of the source every so many steps ([`Policy::rescan`]).
@@ -49,16 +57,18 @@ impl WeightFile {
         self.with_header(RESCAN_AT, &steps.to_le_bytes())
     }
 
-    /// The same policy, looking no farther than this from the target ([`Policy::cut`]).
-    pub fn cutting(self, cut: Cut) -> Self {
-        self.with_header(CUT_AT, &[cut.header()])
+    /// The same policy, looking at this of both clouds.
+    pub fn seeing(self, sight: Sight) -> Self {
+        let decision = self.policy().decision;
+        self.with_header(CUT_AT, &[sight.cut.header()])
+            .with_header(DECISION_AT, &[how(decision, sight)])
     }
 
     /// The same network, run as that policy is.
     pub fn run_like(self, policy: &Policy<'_>) -> Self {
         self.deciding(policy.decision)
             .rescanning(policy.rescan)
-            .cutting(policy.cut)
+            .seeing(policy.sight)
     }
 
     fn with_header(mut self, at: usize, field: &[u8]) -> Self {

@@ -88,10 +88,16 @@ pub const NAMES: [(&str, &str); 11] = [
     ("actor_critic.value", "value.fc2"),
 ];
 
-/// The network in a checkpoint of the authors' code, value head included.
+/// The network in a checkpoint of the authors' code, value head included: the paper's, or a compact one.
 pub fn pytorch(path: &Path) -> Result<Parameters, ImportError> {
     let tensors = read_pytorch(path)?;
-    let mut parameters = Parameters::zeros(Shape::PAPER);
+    let features = tensors["embed.conv3.bias"].data.len();
+    let is_compact = features == Shape::COMPACT.embed[2];
+    let mut parameters = Parameters::zeros(if is_compact {
+        Shape::COMPACT
+    } else {
+        Shape::PAPER
+    });
     for i in 0..parameters.layers.len() {
         let layer = parameters.layers[i].clone();
         let (weight, bias) = parameters.layer_mut(i);

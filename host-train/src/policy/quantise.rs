@@ -8,12 +8,12 @@ use crate::learn::env::{Accumulation, Problem};
 use crate::learn::heads::Activations;
 use crate::learn::nn::{PackedEmbedding, Parameters, Search};
 use rayon::prelude::*;
-use reagent_core::cut::Cut;
 use reagent_core::dims::{LAYERS, LOGITS, PANEL, STEPS, padded};
 use reagent_core::kernels::Isa;
 use reagent_core::layer::{Requantise, pack_panels};
 use reagent_core::net::Scratch;
 use reagent_core::quant::{CODE_MAX, WIDE_MAX};
+use reagent_core::sight::Sight;
 use reagent_core::view::View;
 use reagent_core::weights::{FORMAT_INT8, Offsets, offsets};
 use reagent_core::{Action, Decision, Frame, Pose, Registrar, Shape};
@@ -42,7 +42,7 @@ pub(crate) struct Ranges {
 impl Ranges {
     /// What the network's activations reach while it registers pairs, each for the usual steps, the most likely ones:
     /// they roam farther than those that policies take.
-    pub(crate) fn calibrate(parameters: &Parameters, pairs: &PairSet, cut: Cut) -> Ranges {
+    pub(crate) fn calibrate(parameters: &Parameters, pairs: &PairSet, sight: Sight) -> Ranges {
         let width = parameters.shape.features();
         let packed = PackedEmbedding::with_search(parameters, Search::F32);
         let [w1, w2, _] = parameters.shape.embed;
@@ -61,13 +61,13 @@ impl Ranges {
                     target: target.clone(),
                     target_from_source,
                 };
-                Problem::within(cut, sample)
+                Problem::seen(sight, sample)
             })
             .collect();
         let targets: Vec<Seen<'_>> = problems
             .iter()
             .map(|problem| Seen {
-                points: Cow::Borrowed(&problem.target),
+                points: Cow::Borrowed(&problem.chosen),
                 view: View::IDENTITY,
             })
             .collect();

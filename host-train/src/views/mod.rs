@@ -18,7 +18,7 @@ use crate::augment::{affine, random_affine};
 use crate::bop::sample::placed;
 use crate::bop::synth::sensor::{Sensor, estimated_mask};
 use crate::dataset::camera::random_rotation;
-use crate::dataset::cloud_file::{CloudError, read_file};
+use crate::dataset::cloud_file::{CloudError, npy, read_file};
 use crate::dataset::mesh::Mesh;
 use crate::dataset::pairs::{PairSet, Sample};
 use crate::dataset::raster::Pinhole;
@@ -28,7 +28,7 @@ use crate::random::resample;
 use crate::random::{Purpose, Rng, stream};
 use glam::{Affine3A, Mat3, Vec2, Vec3};
 use rand::RngExt;
-use rand::seq::index;
+use rand::seq::{SliceRandom, index};
 use rayon::prelude::*;
 use reagent_core::Pose;
 use scene::Scene;
@@ -224,6 +224,36 @@ impl Views {
         let from = self.objects.iter().cycle().skip(index);
         let mut tried = from.take(self.objects.len());
         tried.find_map(|object| object.view(rng, points, deform))
+    }
+
+    /// `count` training views of the meshes in turn, as [`Views::sample`] draws them, in NumPy's format:
+    /// `[count, 2 points + 4, 3]`, source, target, and the columns of the pose that maps one onto the other.
+    /// `None` where nothing is seen of any mesh.
+    pub fn npy(&self, count: usize, points: usize, deform: bool, seed: u64) -> Option<Vec<u8>> {
+        let mut bytes = npy::header("<f4", &[count, 2 * points + 4, 3]);
+        let head = bytes.len();
+        let size = (2 * points + 4) * size_of::<Point>();
+        bytes.resize(head + count * size, 0);
+        let mut order: Vec<usize> = (0..self.objects.len()).collect();
+        order.shuffle(&mut stream(seed, Purpose::Order, 0));
+        let places = bytes[head..].par_chunks_exact_mut(size);
+        places.enumerate().try_for_each(|(k, place)| {
+            let rng = &mut stream(seed, Purpose::Augment, k as u64);
+            let index = order[k % order.len().max(1)];
+            let sample = self.sample(index, rng, points, deform)?;
+            let pose = sample.target_from_source;
+            let columns = pose.rotation.to_cols_array_2d();
+            let numbers = sample.source.iter().chain(&sample.target).chain(&columns);
+            let numbers = numbers
+                .flatten()
+                .copied()
+                .chain(pose.translation.to_array());
+            for (to, number) in place.chunks_exact_mut(4).zip(numbers) {
+                to.copy_from_slice(&number.to_le_bytes());
+            }
+            Some(())
+        })?;
+        Some(bytes)
     }
 
     /// Adds `count` pairs to a set, of the meshes in turn, as they are.

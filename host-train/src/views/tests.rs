@@ -76,3 +76,39 @@ fn a_mesh_without_a_surface_is_refused() {
     };
     assert!(Object::new(flat, 0, rng).is_none());
 }
+
+/// A file for trainers elsewhere holds the views that training draws.
+#[test]
+fn views_are_written_as_they_are_drawn() {
+    let views = views();
+    let bytes = views.npy(5, 64, true, 9).expect("something is seen");
+    let numbers = 5 * (2 * 64 + 4) * 3;
+    let (header, array) = bytes.split_at(bytes.len() - 4 * numbers);
+    let header = String::from_utf8_lossy(header);
+    assert!(header.contains("'<f4'") && header.contains("(5, 132, 3)"));
+    let values: Vec<f32> = array
+        .as_chunks::<4>()
+        .0
+        .iter()
+        .map(|&x| f32::from_le_bytes(x))
+        .collect();
+    for (k, view) in values.chunks_exact(132 * 3).enumerate() {
+        let (points, _) = view.as_chunks::<3>();
+        let drawn = (0..12).find(|&index| {
+            let rng = &mut stream(9, Purpose::Augment, k as u64);
+            let sample = views.sample(index, rng, 64, true);
+            sample.expect("something is seen").source == points[..64]
+        });
+        let rng = &mut stream(9, Purpose::Augment, k as u64);
+        let sample = views.sample(drawn.expect("a mesh of the set"), rng, 64, true);
+        let Sample {
+            target,
+            target_from_source,
+            ..
+        } = sample.expect("something is seen");
+        assert_eq!(points[64..128], target);
+        let [x, y, z, translation] = [128, 129, 130, 131].map(|i| Vec3::from_array(points[i]));
+        assert_eq!(Mat3::from_cols(x, y, z), target_from_source.rotation);
+        assert_eq!(translation, target_from_source.translation);
+    }
+}

@@ -159,18 +159,7 @@ fn value<'a>(header: &'a str, key: &str) -> Result<&'a str, String> {
 pub(super) fn emit(file: &CloudFile) -> Vec<u8> {
     let columns = if file.normals.is_some() { 6 } else { 3 };
     let count = file.points.len();
-    let dictionary =
-        format!("{{'descr': '<f8', 'fortran_order': False, 'shape': ({count}, {columns}), }}");
-    // Magic, version, length and dictionary take a multiple of 64 bytes and end with a line break.
-    let length = (dictionary.len() + 11).next_multiple_of(64) - 10;
-    let header = format!("{dictionary:<width$}\n", width = length - 1);
-    let mut bytes = [
-        MAGIC,
-        &[1, 0],
-        &(length as u16).to_le_bytes(),
-        header.as_bytes(),
-    ]
-    .concat();
+    let mut bytes = header("<f8", &[count, columns]);
     for (i, point) in file.points.iter().enumerate() {
         let normal = file
             .normals
@@ -181,4 +170,23 @@ pub(super) fn emit(file: &CloudFile) -> Vec<u8> {
         }
     }
     bytes
+}
+
+/// What stands before the numbers of an array in C order.
+pub(crate) fn header(kind: &str, shape: &[usize]) -> Vec<u8> {
+    let shape: Vec<String> = shape.iter().map(usize::to_string).collect();
+    let dictionary = format!(
+        "{{'descr': '{kind}', 'fortran_order': False, 'shape': ({}), }}",
+        shape.join(", ")
+    );
+    // Magic, version, length and dictionary take a multiple of 64 bytes and end with a line break.
+    let length = (dictionary.len() + 11).next_multiple_of(64) - 10;
+    let header = format!("{dictionary:<width$}\n", width = length - 1);
+    [
+        MAGIC,
+        &[1, 0],
+        &(length as u16).to_le_bytes(),
+        header.as_bytes(),
+    ]
+    .concat()
 }

@@ -8,6 +8,7 @@ use crate::dataset::bop::is_bop;
 use crate::learn::env::Accumulation;
 use crate::learn::nn::Shape;
 use reagent_core::cut::Cut;
+use reagent_core::sight::Sight;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::path::PathBuf;
@@ -37,9 +38,12 @@ pub enum Meshes {
     Procedural(usize),
 }
 
-/// Radii from the target within which views are looked at: most starts err by less than a quarter of one, and
-/// in each step the cut is made anew.
-const VIEWS_CUT: Cut = Cut::from_header(20);
+/// What is looked at of views: what lies within 1.25 radii of the target, since most starts err by less than a quarter of
+/// one, and what the target has near it, chosen anew every three steps.
+const VIEWS: Sight = Sight {
+    cut: Cut::from_header(20),
+    focus: 3,
+};
 
 impl FromStr for DataSource {
     type Err = String;
@@ -164,9 +168,10 @@ pub struct TrainConfig {
     /// Whether shapes are deformed by scale, shear and mirror (paper: yes; design table, column
     /// "augm.").
     pub augmentation: bool,
-    /// How far from the target sources are looked at, sixteenths of its radius; 0 for anywhere (paper).
-    #[serde(default)]
-    pub cut: Cut,
+    /// What is looked at of both clouds: keys `cut`, sixteenths of the target's radius, and `focus`; 0 for everything
+    /// (paper).
+    #[serde(flatten)]
+    pub sight: Sight,
     /// Partial views and outliers in sources.
     #[serde(default)]
     pub disturbance: Disturbance,
@@ -214,7 +219,7 @@ impl TrainConfig {
             network: Network::Wide,
             points: 1024,
             augmentation: true,
-            cut: if views { VIEWS_CUT } else { Cut::NONE },
+            sight: if views { VIEWS } else { Sight::ALL },
             disturbance: Disturbance::NONE,
             learning_rate: LearningRate {
                 initial,

@@ -139,7 +139,7 @@ pub(super) fn problems(
         .map(|(position, pick)| {
             let mut rng = stream(config.seed, Purpose::Augment, position);
             let sample = draw(config, data, pick, &mut rng)?;
-            Ok(Problem::within(config.cut, sample))
+            Ok(Problem::seen(config.sight, sample))
         })
         .collect()
 }

@@ -47,6 +47,33 @@ impl Agent {
         embed(&self.packed, width, &seen, &mut self.targets);
     }
 
+    /// Where runs choose their target's points anew after so many steps, gives each a problem of its own, after all those
+    /// that there are.
+    pub(super) fn refocus(
+        &mut self,
+        problems: &mut Vec<Problem>,
+        accumulation: Accumulation,
+        (runs, poses): (&mut [usize], &[Pose]),
+        steps: usize,
+    ) {
+        if steps == 0 || problems.first().is_none_or(|p| !p.sight.refocuses(steps)) {
+            return;
+        }
+        let of_runs = runs.par_iter().zip(poses);
+        let anew: Vec<Problem> = of_runs
+            .map(|(&run, pose)| problems[run].refocused(accumulation, pose))
+            .collect();
+        for (i, run) in runs.iter_mut().enumerate() {
+            *run = problems.len() + i;
+        }
+        let width = self.parameters.shape.features();
+        let seen: Vec<Seen<'_>> = anew.iter().map(target).collect();
+        let mut features = Features::default();
+        embed(&self.packed, width, &seen, &mut features);
+        self.targets.extend(&features);
+        problems.extend(anew);
+    }
+
     /// Evaluates both policy heads for the source of problem `runs[i]` under `poses[i]`.
     pub(super) fn act(
         &mut self,
@@ -117,7 +144,7 @@ pub(super) fn source<'a>(
 /// The target of a problem.
 pub(super) fn target(problem: &Problem) -> Seen<'_> {
     Seen {
-        points: Cow::Borrowed(&problem.target),
+        points: Cow::Borrowed(&problem.chosen),
         view: View::IDENTITY,
     }
 }
@@ -134,7 +161,7 @@ pub(super) struct Gathered {
 /// Rolls N trajectories of n steps out from each problem.
 pub(super) fn gather(
     agent: &mut Agent,
-    problems: Vec<Problem>,
+    mut problems: Vec<Problem>,
     roll_out: &RollOut,
     method: &Method,
     rng: &mut Rng,
@@ -143,12 +170,13 @@ pub(super) fn gather(
         accumulation, ppo, ..
     } = *method;
     agent.embed_targets(&problems);
-    let runs: Vec<usize> = (0..roll_out.trajectories)
+    let mut runs: Vec<usize> = (0..roll_out.trajectories)
         .flat_map(|_| 0..problems.len())
         .collect();
     let mut poses = vec![Pose::IDENTITY; runs.len()];
     let mut observations = Vec::with_capacity(runs.len() * roll_out.steps);
-    for _ in 0..roll_out.steps {
+    for step in 0..roll_out.steps {
+        agent.refocus(&mut problems, accumulation, (&mut runs, &poses), step);
         agent.act(&problems, accumulation, &runs, &poses);
         if ppo.on() {
             agent.activations.estimate(&agent.parameters);

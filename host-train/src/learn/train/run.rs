@@ -116,7 +116,7 @@ fn run_here(
             let samples_per_s = display.samples_per_s(trainer.updates);
             let errors = validate(config, trainer.result(), &validation)?;
             // A source of which a part is cut off is not near the target even where it belongs.
-            let error = match config.cut {
+            let error = match config.sight.cut {
                 Cut::NONE => errors.chamfer_mod,
                 _ => 100.0 - errors.adi_auc_pct,
             };

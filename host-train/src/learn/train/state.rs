@@ -21,7 +21,7 @@ pub(super) fn start(
         (None, None) => {
             let parameters = Parameters::random(wanted, config.seed);
             (
-                Checkpoint::start(parameters, accumulation, config.cut),
+                Checkpoint::start(parameters, accumulation, config.sight),
                 PathBuf::new(),
             )
         }
@@ -42,7 +42,7 @@ pub(super) fn start(
                 });
             }
             (
-                Checkpoint::start(parameters, accumulation, config.cut),
+                Checkpoint::start(parameters, accumulation, config.sight),
                 path.clone(),
             )
         }
@@ -60,7 +60,7 @@ pub(super) fn start(
         adam,
         averaged,
         accumulation: _,
-        cut: _,
+        sight: _,
         progress,
     } = checkpoint;
     let mut trainer = Trainer::new(
@@ -88,7 +88,7 @@ pub(super) fn checkpoint(
         adam: trainer.adam.clone(),
         averaged: trainer.averaged.clone(),
         accumulation: config.method.accumulation,
-        cut: config.cut,
+        sight: config.sight,
         progress: Progress {
             updates: trainer.updates,
             optimiser_steps: trainer.adam.steps,

@@ -33,7 +33,7 @@ pub(super) fn validate(
                     target: pairs.target[i].clone(),
                     target_from_source: pairs.target_from_source[i],
                 };
-                Problem::within(config.cut, sample)
+                Problem::seen(config.sight, sample)
             })
             .collect();
         let rules = (accumulation, Decision::default());
@@ -42,7 +42,7 @@ pub(super) fn validate(
     }
     let file = WeightFile::from_parameters(&parameters)?
         .deciding(Decision::default())
-        .cutting(config.cut);
+        .seeing(config.sight);
     let contestant = Contestant {
         name: "policy".into(),
         method: Start::Policy(file.policy()).then(Finish::Nothing),
@@ -68,11 +68,14 @@ pub fn poses_of(
     let mut found = Vec::with_capacity(problems.len());
     for problems in problems.chunks(BATCH) {
         agent.embed_targets(problems);
-        let runs: Vec<usize> = (0..problems.len()).collect();
+        let mut runs: Vec<usize> = (0..problems.len()).collect();
+        let mut problems = problems.to_vec();
         let mut poses = vec![Pose::IDENTITY; problems.len()];
         let mut plain = vec![vec![Pose::IDENTITY]; problems.len()];
-        for _ in 0..steps {
-            agent.act(problems, accumulation, &runs, &poses);
+        for step in 0..steps {
+            let so_far = (runs.as_mut_slice(), poses.as_slice());
+            agent.refocus(&mut problems, accumulation, so_far, step);
+            agent.act(&problems, accumulation, &runs, &poses);
             for (row, pose) in poses.iter_mut().enumerate() {
                 *pose = accumulation.step(pose, agent.decide(row, decision));
                 plain[row].push(accumulation.target_from_source(problems[row].centroid, pose));

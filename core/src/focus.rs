@@ -1,0 +1,225 @@
+//! Which points of the target are looked at: those that lie near the source, as it is seen.
+//!
+//! A view shows one side of an object. What the target has on its other sides makes its feature unlike the source's even
+//! where the pose is right. A policy for views ([`Sight::focus`](crate::sight::Sight::focus)) therefore chooses, every few
+//! steps, the points of the target that have some of the source near them. No view point is needed for it, and nothing is
+//! stored: as [`crate::cut`] does with the source, points are judged as they are read.
+
+use crate::cloud::Cloud;
+use crate::cut::Reach;
+use crate::view::View;
+
+/// Cells along an edge of the cube about the target.
+const SIDE: usize = 16;
+/// Fewer points than this say nothing of a shape.
+const FEWEST: usize = 32;
+/// Half an edge of the cube, in radii of the target: all of it lies inside.
+const HALF: f32 = 1.28;
+
+/// The cells about the target that hold a point of the source, or touch one that does.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Focus {
+    /// A row of cells along x for each y and z; `None` where everything is looked at.
+    rows: Option<[[u16; SIDE]; SIDE]>,
+}
+
+impl Focus {
+    /// Everything is looked at.
+    pub const ALL: Focus = Focus { rows: None };
+
+    /// The cells near a source that is seen so. Where fewer than [`FEWEST`] of the target's points would be left, the
+    /// pose says nothing on what is seen of it, and everything is looked at.
+    #[inline(never)]
+    pub fn on(
+        (source, source_view, reach): (Cloud<'_>, &View, Reach),
+        (target, target_view): (Cloud<'_>, &View),
+    ) -> Focus {
+        let mut filled = [[0u16; SIDE]; SIDE];
+        for point in source.points().filter(|&p| reach.keeps(source_view, p)) {
+            if let Some([x, y, z]) = cell(source_view.see(point))
+                && let Some(row) = filled.get_mut(z).and_then(|plane| plane.get_mut(y))
+            {
+                *row |= 1 << x;
+            }
+        }
+        let focus = Focus {
+            rows: Some(grown(&filled)),
+        };
+        let kept = |&p: &[f32; 3]| focus.keeps(target_view, p);
+        match target.points().filter(kept).nth(FEWEST - 1) {
+            Some(_) => focus,
+            None => Focus::ALL,
+        }
+    }
+
+    /// Whether a stored point of the target, as it is seen, is looked at.
+    #[inline]
+    pub fn keeps(&self, view: &View, point: [f32; 3]) -> bool {
+        let Some(rows) = &self.rows else {
+            return true;
+        };
+        let Some([x, y, z]) = cell(view.see(point)) else {
+            return false;
+        };
+        let row = rows.get(z).and_then(|plane| plane.get(y));
+        row.is_some_and(|row| row >> x & 1 == 1)
+    }
+}
+
+/// The cell in which a normalised point lies.
+fn cell(point: [f32; 3]) -> Option<[usize; 3]> {
+    let place = point.map(|x| libm::floorf((x + HALF) * (SIDE as f32 / (2.0 * HALF))));
+    let inside = |x: f32| (0.0..SIDE as f32).contains(&x);
+    place
+        .into_iter()
+        .all(inside)
+        .then_some(place.map(|x| x as usize))
+}
+
+/// Cells that are filled, and all that touch one of them.
+fn grown(filled: &[[u16; SIDE]; SIDE]) -> [[u16; SIDE]; SIDE] {
+    let mut grown = [[0u16; SIDE]; SIDE];
+    for (z, plane) in filled.iter().enumerate() {
+        for (y, row) in plane.iter().enumerate() {
+            let wide = row | row << 1 | row >> 1;
+            for plane in grown
+                .iter_mut()
+                .skip(z.saturating_sub(1))
+                .take(z.min(1) + 2)
+            {
+                for near in plane
+                    .iter_mut()
+                    .skip(y.saturating_sub(1))
+                    .take(y.min(1) + 2)
+                {
+                    *near |= wide;
+                }
+            }
+        }
+    }
+    grown
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::pose::Pose;
+    use glam::Vec3;
+
+    /// Points all over a sphere of radius 1.
+    fn sphere() -> [[f32; 3]; 500] {
+        core::array::from_fn(|i| {
+            let z = (2 * i + 1) as f32 / 500.0 - 1.0;
+            let (sin, cos) = libm::sincosf(2.399_963 * i as f32);
+            let r = libm::sqrtf(1.0 - z * z);
+            [r * cos, r * sin, z]
+        })
+    }
+
+    #[test]
+    fn what_has_some_of_the_source_near_it_is_looked_at() {
+        let target = sphere();
+        let (seen, rest) = target.split_at(250); // the half below z = 0
+        let view = View::IDENTITY;
+        let on = |source| Focus::on((source, &view, Reach::ALL), (Cloud::F32(&target), &view));
+        let focus = on(Cloud::F32(seen));
+        assert!(seen.iter().all(|&p| focus.keeps(&view, p)));
+        let kept = |&&p: &&[f32; 3]| focus.keeps(&view, p);
+        assert!(rest.iter().filter(kept).all(|p| p[2] < 0.33));
+        assert_eq!(on(Cloud::F32(&target)).rows.map(|_| ()), Some(()));
+    }
+
+    #[test]
+    fn a_source_out_of_place_leaves_everything() {
+        let target = sphere();
+        let view = View::IDENTITY;
+        let away = View {
+            origin: Vec3::ZERO,
+            map: Pose {
+                translation: Vec3::X * 2.6,
+                ..Pose::IDENTITY
+            },
+        };
+        let target_seen = (Cloud::F32(&target), &view);
+        let source = Cloud::F32(&target);
+        assert_eq!(
+            Focus::on((source, &away, Reach::ALL), target_seen),
+            Focus::ALL
+        );
+        assert!(Focus::ALL.keeps(&view, [9.0; 3]));
+        // What is cut off of the source does not count.
+        let none = crate::cut::Cut::within(0.0625).expect("a number of radii");
+        let reach = none.of(Cloud::F32(&[[0.0; 3]; 3]), &view);
+        assert_eq!(Focus::on((source, &view, reach), target_seen), Focus::ALL);
+    }
+
+    #[test]
+    fn cells_touch_across_faces_edges_and_corners() {
+        let mut filled = [[0u16; SIDE]; SIDE];
+        filled[0][15] = 1 << 15;
+        filled[7][7] = 1 << 7;
+        let grown = grown(&filled);
+        let count: u32 = grown.iter().flatten().map(|row| row.count_ones()).sum();
+        assert_eq!(count, 8 + 27);
+        assert_eq!(grown[1][14], 0b11 << 14);
+        assert_eq!(grown[8][6], 0b111 << 6);
+    }
+
+    /// However steps are sliced, and in either number format, the same steps are taken, and the target is looked at anew.
+    #[cfg(all(feature = "pretrained", feature = "pretrained-int8"))]
+    #[test]
+    fn slices_take_the_same_steps() {
+        use crate::golden::{POINTS, clouds};
+        use crate::kernels::Isa;
+        use crate::net::Scratch;
+        use crate::sight::Sight;
+        use crate::{Frame, Policy, Registrar, Registration};
+        let [source, target] = clouds();
+        let part = &source[..POINTS / 2];
+        let frame = Frame::of(&target).expect("a cloud");
+        let policies = [Policy::pretrained(), Policy::pretrained_int8()];
+        for policy in policies.map(|policy| policy.expect("a sound policy")) {
+            let focused = Policy {
+                sight: Sight {
+                    focus: 2,
+                    ..Sight::ALL
+                },
+                ..policy
+            };
+            for isa in Isa::all() {
+                let mut scratch = Scratch::new();
+                let mut registrar = Registrar::with_isa(isa, focused, &mut scratch);
+                let mut whole = registrar
+                    .start(part, &target, frame, Pose::IDENTITY)
+                    .expect("two clouds");
+                let expected = [(); 5].map(|()| registrar.step(&mut whole).expect("a step"));
+                let mut sliced = Registration::new();
+                registrar
+                    .begin(
+                        &mut sliced,
+                        Cloud::F32(part),
+                        Cloud::F32(&target),
+                        frame,
+                        Pose::IDENTITY,
+                    )
+                    .expect("two clouds");
+                for step in expected {
+                    let found = loop {
+                        if let Some(step) = registrar.advance(&mut sliced, 37).expect("a slice") {
+                            break step;
+                        }
+                    };
+                    assert_eq!(found, step, "{}", isa.name());
+                }
+                assert_eq!(sliced.target_from_source(), whole.target_from_source());
+                // A policy that looks at all of the target acts otherwise.
+                let mut registrar = Registrar::with_isa(isa, policy, &mut scratch);
+                let mut all = registrar
+                    .start(part, &target, frame, Pose::IDENTITY)
+                    .expect("two clouds");
+                let step = registrar.step(&mut all).expect("a step");
+                assert_ne!(step.logits_t, expected[0].logits_t, "{}", isa.name());
+            }
+        }
+    }
+}

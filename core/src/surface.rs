@@ -98,8 +98,8 @@ pub(crate) struct Surface {
     pub(crate) radius: f32,
     /// Sort keys while the surface is filled, then what a median is selected from.
     keys: [u32; SURFACE_POINTS],
-    /// Points between two that are matched.
-    skipped: usize,
+    /// Every how many-th point was matched last; 0 where none was yet.
+    every: usize,
     place: [u16; SURFACE_POINTS],
     squared: [f32; SURFACE_POINTS],
 }
@@ -113,7 +113,7 @@ impl Surface {
         boxes: Boxes::ZERO,
         radius: 0.0,
         keys: [0; SURFACE_POINTS],
-        skipped: 0,
+        every: 0,
         place: [0; SURFACE_POINTS],
         squared: [0.0; SURFACE_POINTS],
     };
@@ -142,7 +142,7 @@ impl Surface {
             let p = cloud.get(i * cloud.len() / n.max(1)).copied();
             (Vec3::from_array(p.unwrap_or_default()) - centre) * factor
         };
-        self.skipped = 0;
+        self.every = 0;
         let mut around = Bounds::EMPTY;
         (0..n).for_each(|i| around.add(seen(i).to_array()));
         let low = Vec3::from_array(around.low);
@@ -187,7 +187,9 @@ impl Surface {
     /// Finds the nearest point of `other` to every `every`-th point, seen under `pose`.
     pub(crate) fn match_to(&mut self, isa: Isa, other: &Surface, pose: Pose, every: usize) {
         let every = every.max(1);
-        self.skipped = every - 1;
+        // What was nearest under the last pose is near now.
+        let is_known = self.every == every;
+        self.every = every;
         let sampled = self.points.iter().take(self.len).step_by(every);
         let mut seen = sampled.map(|&p| pose.apply(Vec3::from_array(p)));
         let (places, _) = self.place.as_chunks_mut::<BATCH>();
@@ -197,6 +199,10 @@ impl Surface {
             if load(&mut batch, &mut seen) == 0 {
                 return;
             }
+            batch.nearest = [f32::INFINITY; BATCH];
+            if is_known {
+                other.show_known(&mut batch, places);
+            }
             other.nearest(isa, &mut batch);
             *places = batch.place.map(|place| place as u16);
             *squared = batch.nearest;
@@ -205,17 +211,17 @@ impl Surface {
 
     /// What [`Self::match_to`] found.
     pub(crate) fn matches(&self) -> impl Iterator<Item = Match> {
-        let count = self.len.div_ceil(1 + self.skipped);
+        let count = self.len.div_ceil(self.every.max(1));
         let found = self.place.iter().enumerate().take(count);
         found.map(|(k, &to)| Match {
-            of: k * (1 + self.skipped),
+            of: k * self.every,
             to: usize::from(to),
         })
     }
 
     /// Median squared distance of the matches.
     pub(crate) fn median_squared(&mut self) -> f32 {
-        let count = self.len.div_ceil(1 + self.skipped);
+        let count = self.len.div_ceil(self.every.max(1));
         for (key, squared) in self.keys.iter_mut().zip(&self.squared).take(count) {
             *key = squared.to_bits(); // in the order of the distances: they are not negative
         }
@@ -244,24 +250,37 @@ impl Surface {
         (0..).step_by(BLOCK).zip(self.points().chunks(BLOCK))
     }
 
-    /// Nearest points to a batch, all of whose lanes are set.
-    pub(crate) fn nearest(&self, isa: Isa, batch: &mut Batch) {
-        batch.nearest = [f32::INFINITY; BATCH];
-        let gaps = self.boxes.gaps(&bounds_of(batch), self.len.div_ceil(BLOCK));
-        let mut first = (f32::INFINITY, 0);
-        for (&gap, (start, _)) in gaps.iter().zip(self.blocks()) {
-            if gap < first.0 {
-                first = (gap, start);
+    /// Shows each lane of a batch one point that may be near.
+    fn show_known(&self, batch: &mut Batch, places: &[u16; BATCH]) {
+        let Batch { at, nearest, place } = batch;
+        let [x, y, z] = at;
+        let lanes = x.iter().zip(y).zip(z).zip(nearest).zip(place).zip(places);
+        for (((((x, y), z), nearest), place), &known) in lanes {
+            if let Some(&[a, b, c]) = self.points().get(usize::from(known)) {
+                let (dx, dy, dz) = (*x - a, *y - b, *z - c);
+                (*nearest, *place) = (dx * dx + dy * dy + dz * dz, known.into());
             }
         }
-        let nearest_block = first.1;
-        if let Some(points) = self.points().get(nearest_block..) {
-            let points = points.get(..BLOCK).unwrap_or(points);
-            isa.show(batch, points, nearest_block as u32);
-        }
+    }
+
+    /// Nearest points to a batch, all of whose lanes are set, by distances that are known already or infinite.
+    pub(crate) fn nearest(&self, isa: Isa, batch: &mut Batch) {
+        let gaps = self.boxes.gaps(&bounds_of(batch), self.len.div_ceil(BLOCK));
         let mut worst = largest(&batch.nearest);
+        let mut shown = usize::MAX;
+        if worst == f32::INFINITY {
+            let nearer = |a: &(f32, usize), b: (f32, usize)| if b.0 < a.0 { b } else { *a };
+            let starts = gaps.iter().zip(self.blocks()).map(|(&gap, (start, _))| (gap, start));
+            let (_, start) = starts.fold((f32::INFINITY, 0), |a, b| nearer(&a, b));
+            if let Some(points) = self.points().get(start..) {
+                let points = points.get(..BLOCK).unwrap_or(points);
+                isa.show(batch, points, start as u32);
+                worst = largest(&batch.nearest);
+            }
+            shown = start;
+        }
         for (&gap, (start, points)) in gaps.iter().zip(self.blocks()) {
-            if gap < worst && start != nearest_block {
+            if gap < worst && start != shown {
                 isa.show(batch, points, start as u32);
                 worst = largest(&batch.nearest);
             }

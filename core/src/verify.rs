@@ -26,6 +26,11 @@ use glam::{Mat3, Vec3};
 const SCREEN: [f32; 6] = [0.5, 0.4, 0.3, 0.2, 0.15, 0.12];
 /// The same of further steps.
 const SIFT: [f32; 6] = [0.2, 0.15, 0.12, 0.1, 0.08, 0.08];
+/// First steps after which a hypothesis that is far behind is given up, by how many points that is judged, and how much more
+/// loss it may have then than the worst that is kept.
+const EARLY: usize = 2;
+const EARLY_POINTS: usize = 64;
+const EARLY_SLACK: f32 = 0.1;
 /// Points of the source in each of the stages' steps, and those by which their results are compared.
 const SCREEN_POINTS: [usize; 2] = [96, 128];
 const SIFT_POINTS: [usize; 2] = [256, 512];
@@ -389,10 +394,15 @@ impl Search<'_, '_> {
     }
 
     fn offer<const N: usize>(&mut self, at: Rigid, screened: &mut Best<N>) {
-        let [points, compared] = SCREEN_POINTS;
-        let at = self.refiner.coarse(at, points, &SCREEN);
-        screened.offer(self.refiner.coarse_loss(at, compared, SCREEN_SCALE), at);
         self.hypotheses += 1;
+        let [points, compared] = SCREEN_POINTS;
+        let (early, late) = SCREEN.split_at(EARLY);
+        let at = self.refiner.coarse(at, points, early);
+        let early = self.refiner.coarse_loss(at, EARLY_POINTS, SCREEN_SCALE);
+        if screened.takes(early - EARLY_SLACK) {
+            let at = self.refiner.coarse(at, points, late);
+            screened.offer(self.refiner.coarse_loss(at, compared, SCREEN_SCALE), at);
+        }
     }
 
     fn sift(&mut self, at: Rigid, sifted: &mut Best<POLISHED>) {

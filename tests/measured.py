@@ -24,6 +24,7 @@ ROOT = Path(__file__).resolve().parent.parent
 FIRST, MEASURED, TRIED_PAGE = ROOT / "README.md", ROOT / "tests/MEASURED.md", ROOT / "tests/TRIED.md"
 HOST = ROOT / "target/release/host-train"
 WEIGHTS = [ROOT / "core/weights" / f"{name}.rgw" for name in ("reagent", "reagent-int8", "reagent-compact-int8")]
+VIEW_WEIGHTS = [*WEIGHTS, "views", "views-compact"]
 SEEDS = range(1, 6)
 # 97.5 % quantile of Student's t for n - 1 degrees of freedom.
 STUDENT = {2: 12.706, 3: 4.303, 4: 3.182, 5: 2.776, 6: 2.571, 7: 2.447, 8: 2.365}
@@ -42,6 +43,8 @@ POLICIES = {
     "reagent": "bundled policy",
     "reagent-int8": "the same in int8",
     "reagent-compact-int8": "compact, int8",
+    "views": "policy for views, int8",
+    "views-compact": "policy for views, compact, int8",
 }
 ENDS = {"": "", "+icp": ", then ICP to planes", "+polish": ", polished", "+verify": ", verified"}
 
@@ -360,7 +363,7 @@ VIEW_METHODS = ["--methods", "init,icp-trimmed,icp-plane,fgr+icp-plane,init+veri
 def views(args):
     """Real views and scans that overlap in part."""
     names = ("ycbv", "ycbv_far", "bunny")
-    found = [measure("eval", "--pairs", args.views / f"{name}.h5", "--weights", *WEIGHTS, *VIEW_METHODS)["methods"] for name in names]
+    found = [measure("eval", "--pairs", args.views / f"{name}.h5", "--weights", *VIEW_WEIGHTS, *VIEW_METHODS)["methods"] for name in names]
     rows = [[label(name), *(deviations(of[name]) for of in found), milliseconds(found[0][name])] for name in ordered(found[0])]
     return table(["method, % below .10 / .05 / .02 d", *names, "ms"], rows)
 
@@ -370,7 +373,7 @@ def heldout(args):
     scenes = args.runs / "heldout"
     if not scenes.exists():
         run("bop-synth", "--models", args.meshes, "--objects", 30, "--scenes", 20, "--train-scenes", 1, "--seed", 11, "--out", scenes)
-    words = ["--data", scenes, "--protocol", "bop", "--estimates", scenes / "estimates.csv", "--weights", *WEIGHTS, *VIEW_METHODS]
+    words = ["--data", scenes, "--protocol", "bop", "--estimates", scenes / "estimates.csv", "--weights", *VIEW_WEIGHTS, *VIEW_METHODS]
     found = measure("eval", *words)["methods"]
     rows = [[label(name), deviations(m), milliseconds(m)] for name, m in ordered(found).items()]
     return table(["method", "% below .10 / .05 / .02 d", "ms"], rows)

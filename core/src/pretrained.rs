@@ -16,6 +16,9 @@ static COMPACT: &Aligned<[u8]> = &Aligned(*include_bytes!("../weights/reagent-co
 
 #[cfg(feature = "pretrained-views")]
 static VIEWS: &Aligned<[u8]> = &Aligned(*include_bytes!("../weights/views-int8.rgw"));
+#[cfg(feature = "pretrained-views-compact")]
+static VIEWS_COMPACT: &Aligned<[u8]> =
+    &Aligned(*include_bytes!("../weights/views-compact-int8.rgw"));
 
 #[cfg(feature = "pretrained")]
 impl Policy<'static> {
@@ -75,13 +78,30 @@ impl Policy<'static> {
         &VIEWS.0
     }
 
-    /// The policy for a source that is one depth view of the target, with a start near it: it leaves out what is far
-    /// from the target ([`Sight::cut`](crate::sight::Sight::cut)) (feature `pretrained-views`).
+    /// The policy for a source that is one depth view of the target, with a start near it: it looks at what may belong
+    /// together ([`Sight`](crate::sight::Sight)) (feature `pretrained-views`).
     ///
     /// # Errors
     /// As [`Policy::parse`]; none as long as the linked image is intact.
     pub fn pretrained_views_int8() -> Result<Self, Error> {
         Policy::parse(Self::pretrained_views_int8_bytes())
+    }
+}
+
+#[cfg(feature = "pretrained-views-compact")]
+impl Policy<'static> {
+    /// The bytes of the policy for single depth views on small microcontrollers, in 8-bit integers, 64-byte aligned
+    /// (feature `pretrained-views-compact`, 251 KiB).
+    pub const fn pretrained_views_compact_bytes() -> &'static [u8] {
+        &VIEWS_COMPACT.0
+    }
+
+    /// The policy for single depth views on small microcontrollers (feature `pretrained-views-compact`).
+    ///
+    /// # Errors
+    /// As [`Policy::parse`]; none as long as the linked image is intact.
+    pub fn pretrained_views_compact() -> Result<Self, Error> {
+        Policy::parse(Self::pretrained_views_compact_bytes())
     }
 }
 
@@ -103,8 +123,13 @@ mod tests {
         );
         #[cfg(feature = "pretrained-views")]
         assert_eq!(
-            Policy::pretrained_views_int8().map(|p| (p.shape, p.sight.cut.radii())),
-            Ok((Shape::FULL, 1.25))
+            Policy::pretrained_views_int8().map(|p| (p.shape, p.sight.cut.radii(), p.sight.focus)),
+            Ok((Shape::FULL, 1.25, 3))
+        );
+        #[cfg(feature = "pretrained-views-compact")]
+        assert_eq!(
+            Policy::pretrained_views_compact().map(|p| (p.shape, p.sight.focus)),
+            Ok((Shape::COMPACT, 3))
         );
     }
 }

@@ -270,7 +270,10 @@ impl Surface {
         let mut shown = usize::MAX;
         if worst == f32::INFINITY {
             let nearer = |a: &(f32, usize), b: (f32, usize)| if b.0 < a.0 { b } else { *a };
-            let starts = gaps.iter().zip(self.blocks()).map(|(&gap, (start, _))| (gap, start));
+            let starts = gaps
+                .iter()
+                .zip(self.blocks())
+                .map(|(&gap, (start, _))| (gap, start));
             let (_, start) = starts.fold((f32::INFINITY, 0), |a, b| nearer(&a, b));
             if let Some(points) = self.points().get(start..) {
                 let points = points.get(..BLOCK).unwrap_or(points);

@@ -285,6 +285,24 @@ const uint8_t *reagent_pretrained_int8(size_t *length);
 const uint8_t *reagent_pretrained_compact(size_t *length);
 #endif
 
+#if defined(REAGENT_PRETRAINED_VIEWS)
+// The policy for single depth views in 8-bit integers, for reagent_init; its bytes into `length`. Of a library built
+// with the feature pretrained-views: define REAGENT_PRETRAINED_VIEWS.
+//
+// # Safety
+// `length` points to a size, or is null.
+const uint8_t *reagent_pretrained_views_int8(size_t *length);
+#endif
+
+#if defined(REAGENT_PRETRAINED_VIEWS_COMPACT)
+// The policy for single depth views on small microcontrollers, for reagent_init; its bytes into `length`. Of a library
+// built with the feature pretrained-views-compact: define REAGENT_PRETRAINED_VIEWS_COMPACT.
+//
+// # Safety
+// `length` points to a size, or is null.
+const uint8_t *reagent_pretrained_views_compact(size_t *length);
+#endif
+
 // A whole registration: the policy's steps and what the task's mode does with the pose that they reach. Of more than
 // 2048 points of a cloud the refinement uses so many. A registration under way in the memory ends.
 //

@@ -40,6 +40,30 @@ pub unsafe extern "C" fn reagent_pretrained_compact(length: *mut usize) -> *cons
     unsafe { linked(Policy::pretrained_compact_bytes(), length) }
 }
 
+/// The policy for single depth views in 8-bit integers, for reagent_init; its bytes into `length`. Of a library built
+/// with the feature pretrained-views: define REAGENT_PRETRAINED_VIEWS.
+///
+/// # Safety
+/// `length` points to a size, or is null.
+#[cfg(feature = "pretrained-views")]
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn reagent_pretrained_views_int8(length: *mut usize) -> *const u8 {
+    // SAFETY: the caller's promise.
+    unsafe { linked(Policy::pretrained_views_int8_bytes(), length) }
+}
+
+/// The policy for single depth views on small microcontrollers, for reagent_init; its bytes into `length`. Of a library
+/// built with the feature pretrained-views-compact: define REAGENT_PRETRAINED_VIEWS_COMPACT.
+///
+/// # Safety
+/// `length` points to a size, or is null.
+#[cfg(feature = "pretrained-views-compact")]
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn reagent_pretrained_views_compact(length: *mut usize) -> *const u8 {
+    // SAFETY: the caller's promise.
+    unsafe { linked(Policy::pretrained_views_compact_bytes(), length) }
+}
+
 /// # Safety
 /// `length` points to a size, or is null.
 unsafe fn linked(file: &'static [u8], length: *mut usize) -> *const u8 {

@@ -16,8 +16,6 @@ use std::path::{Path, PathBuf};
 
 /// Name under which the bundled policy is reported.
 const BUNDLED: &str = "reagent";
-/// Name that stands for the bundled policy for single depth views.
-const VIEWS: &str = "views";
 /// Point-to-plane ICP.
 const PLANE: Finish = Finish::Icp(IcpSettings::PLANE);
 /// Core's refinement.
@@ -27,9 +25,8 @@ const VERIFY: Finish = Finish::Core(Mode::Verify);
 
 #[derive(Debug, Args)]
 pub(super) struct MethodArgs {
-    /// Policies, run directories (their best) or checkpoints to evaluate, or "views" for the bundled policy for single
-    /// depth views, each reported under its file stem [default:
-    /// the bundled policy, as "reagent"]
+    /// Policies, run directories (their best) or checkpoints to evaluate, or bundled policies: "reagent", "compact", and
+    /// for single depth views "views", "views-compact"; each reported under its file stem [default: "reagent"]
     #[arg(long, value_name = "FILE.rgw|RUN_DIR", num_args = 1..)]
     weights: Vec<PathBuf>,
     /// What to run, separated by commas; "policy" stands for every file of --weights [default: policy]
@@ -145,9 +142,6 @@ enum Weights {
 
 impl Weights {
     fn load(path: &Path, run: Run) -> Result<Self, ExportError> {
-        if path.as_os_str() == VIEWS {
-            return Ok(run.apply(WeightFile::pretrained_views()));
-        }
         let checkpoint = path.is_dir() || path.extension().is_some_and(|e| e == "safetensors");
         if !checkpoint {
             return Ok(run.apply(WeightFile::load(path)?));

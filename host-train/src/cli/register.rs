@@ -11,10 +11,10 @@ pub use initial::Initial;
 use super::output::{write_json, write_text};
 use super::{BelowProbability, bad_usage, source};
 use crate::dataset::cloud_file::{STANDARD, check_output, write_cloud};
-use crate::policy::WeightFile;
+use crate::policy::{VIEWS, WeightFile};
 use crate::pose64::Pose64;
 use crate::register::dense::{Dense, Densely, refine_densely};
-use crate::register::trace::{self, Header, Traced};
+use crate::register::trace::{self, Given, Header, Traced};
 use crate::register::{Registered, Start, register};
 use anyhow::{Context, bail};
 use clap::Args;
@@ -43,8 +43,9 @@ use std::time::Instant;
 /// Exit status: 0 with a pose, 1 without, 2 on bad usage, 3 where --fail-below was not reached.
 #[derive(Debug, Args)]
 pub(super) struct RegisterArgs {
-    /// Policy [default: the bundled one]
-    #[arg(long, value_name = "FILE.rgw")]
+    /// Policy: a file, or a bundled one: "reagent", "compact", and for single depth views "views", "views-compact"
+    /// [default: "views" where --view is given, else "reagent"]
+    #[arg(long, value_name = "FILE.rgw|NAME")]
     weights: Option<PathBuf>,
     /// Cloud to move
     #[arg(required_unless_present = "pairs")]
@@ -140,13 +141,23 @@ struct Done {
     ms: f64,
 }
 
+impl Done {
+    /// The pose given out, near the origin.
+    fn near(&self) -> reagent_core::Pose {
+        self.dense
+            .map_or(self.found.answer.target_from_source, |dense| {
+                dense.target_from_source
+            })
+    }
+}
+
 impl RegisterArgs {
     pub(super) fn run(self, seed: u64) -> anyhow::Result<()> {
         self.check();
         if let Some(path) = &self.out {
             check_output(path)?;
         }
-        let weights = WeightFile::load_or_pretrained(self.weights.as_deref())?;
+        let weights = WeightFile::load(self.policy())?;
         let start = self
             .init
             .clone()
@@ -185,6 +196,16 @@ impl RegisterArgs {
                 "mode fast gives no probability for --fail-below",
             );
         }
+    }
+
+    /// The policy's file or name.
+    fn policy(&self) -> &Path {
+        let fitting = if self.view.is_some() {
+            VIEWS
+        } else {
+            "reagent"
+        };
+        self.weights.as_deref().unwrap_or(Path::new(fitting))
     }
 
     fn scale(&self) -> f64 {
@@ -324,13 +345,17 @@ impl RegisterArgs {
         Traced {
             header: Header {
                 name: format!("{} to {}", file_name(&pair.source), file_name(&pair.target)),
-                policy: self.weights.as_deref().map_or("reagent".into(), stem),
+                policy: stem(self.policy()),
                 source: source.points.clone(),
                 target: target.points.clone(),
                 truth: None,
                 initial: done.initial.to_rows(),
             },
             steps: done.found.trace.clone(),
+            answer: Given::of(&done.found.answer, self.mode).map(|answer| Given {
+                target_from_source: done.near().to_rows(),
+                ..answer
+            }),
         }
     }
 

@@ -1,6 +1,6 @@
 //! `host-train replay`: what a robot did, once more.
 
-use crate::policy::WeightFile;
+use crate::policy::{BUNDLED, WeightFile};
 use crate::register::replay::{ReplayError, replay};
 use anyhow::bail;
 use std::path::PathBuf;
@@ -13,14 +13,17 @@ use std::path::PathBuf;
 pub(super) struct ReplayArgs {
     /// Traces, as `firmware-sim refine --trace` writes them
     file: PathBuf,
-    /// Policies that the robots had, found by their SHA-256 [default: the bundled one]
+    /// Policies that the robots had, found by their SHA-256, beside the bundled ones
     #[arg(long, value_name = "FILE.rgw", num_args = 1..)]
     weights: Vec<PathBuf>,
 }
 
 impl ReplayArgs {
     pub(super) fn run(self) -> anyhow::Result<()> {
-        let mut policies = vec![WeightFile::load_or_pretrained(None)?];
+        let mut policies: Vec<WeightFile> = BUNDLED
+            .iter()
+            .filter_map(|(name, _)| WeightFile::bundled(name.as_ref()))
+            .collect();
         for path in &self.weights {
             policies.push(WeightFile::load(path)?);
         }

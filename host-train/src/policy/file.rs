@@ -21,6 +21,16 @@ pub struct WeightFile {
     packed: Vec<Tile>,
 }
 
+/// Policies that are linked in, by name.
+pub static BUNDLED: [(&str, &[u8]); 4] = [
+    ("reagent", Policy::pretrained_bytes()),
+    ("compact", Policy::pretrained_compact_bytes()),
+    (VIEWS, Policy::pretrained_views_int8_bytes()),
+    ("views-compact", Policy::pretrained_views_compact_bytes()),
+];
+/// The bundled policy for a source that is a single depth view.
+pub const VIEWS: &str = "views";
+
 /// The byte of the header that says how to decide, and when the target's points are chosen.
 fn how(decision: Decision, sight: Sight) -> u8 {
     decision.header() as u8 | sight.focus << FOCUS_SHIFT
@@ -78,8 +88,19 @@ impl WeightFile {
         self
     }
 
-    /// Reads and checks a policy file.
+    /// The bundled policy of that name ([`BUNDLED`]).
+    pub fn bundled(name: &Path) -> Option<Self> {
+        let (_, bytes) = BUNDLED
+            .iter()
+            .find(|(known, _)| name.as_os_str() == *known)?;
+        Some(Self::from_bytes(bytes).expect("a test checks the linked policies"))
+    }
+
+    /// Reads and checks a policy file; the name of a bundled policy stands for that.
     pub fn load(path: &Path) -> Result<Self, ExportError> {
+        if let Some(bundled) = Self::bundled(path) {
+            return Ok(bundled);
+        }
         let mut bytes = Vec::new();
         // One byte more than any policy has: enough to see that a file is too long.
         let most = file_len(&reagent_core::Shape::FULL, FORMAT_F32) as u64 + 1;
@@ -98,12 +119,6 @@ impl WeightFile {
     /// The policy that ships with the core.
     pub fn pretrained() -> Self {
         Self::from_bytes(Policy::pretrained_bytes()).expect("a test checks the linked policy")
-    }
-
-    /// The policy for single depth views that ships with the core.
-    pub fn pretrained_views() -> Self {
-        Self::from_bytes(Policy::pretrained_views_int8_bytes())
-            .expect("a test checks the linked policy")
     }
 
     /// Reads a policy file, or takes the bundled one where none is named.
@@ -149,4 +164,20 @@ impl WeightFile {
 pub(super) fn seal(file: &mut [u8]) {
     let (body, sum) = file.split_at_mut(file.len() - 4);
     sum.copy_from_slice(&checksum(body).to_le_bytes());
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bundled_policies_go_by_their_names() {
+        for (name, bytes) in BUNDLED {
+            let file = WeightFile::load(Path::new(name)).expect("linked in");
+            assert_eq!(file.bytes(), bytes, "{name}");
+            let policy = file.policy();
+            assert_eq!(policy.sight.focus > 0, name.starts_with(VIEWS), "{name}");
+        }
+        assert!(WeightFile::bundled(Path::new("views.rgw")).is_none());
+    }
 }

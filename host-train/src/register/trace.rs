@@ -1,7 +1,8 @@
 //! Trace files: registrations step by step, one JSON object a line.
 //!
-//! A registration begins with a header line, `{"registration": {…}}` ([`Header`]), and goes on with one line a
-//! step ([`Step`]) in the order taken. A file holds any number of registrations, one after another.
+//! A registration begins with a header line, `{"registration": {…}}` ([`Header`]), goes on with one line a step ([`Step`]) in
+//! the order taken, and ends with `{"answer": {…}}` ([`Given`]), the pose that was given out, where something followed the
+//! steps. A file holds any number of registrations, one after another.
 
 mod pairs;
 
@@ -9,6 +10,7 @@ pub use pairs::pairs;
 
 use crate::dataset::Point;
 use reagent_core::dims::{AXES, LOGITS, STEP_SIZES};
+use reagent_core::pipeline::{Answer, Mode};
 use reagent_core::{Frame, Pose, register, steps::STEPS};
 use serde::{Deserialize, Serialize};
 use std::fs::File;
@@ -94,6 +96,31 @@ pub fn probabilities(logits: &[f32; LOGITS]) -> Probabilities {
     of_axes
 }
 
+/// The pose that was given out after refinement and comparison with others.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Given {
+    /// What followed the steps: a mode's name.
+    pub mode: String,
+    /// The verdict in words.
+    pub verdict: String,
+    /// That the pose is right.
+    pub probability: Option<f32>,
+    /// Rows of `[R | t]`, in the clouds' units.
+    pub target_from_source: [[f32; 4]; 3],
+}
+
+impl Given {
+    /// The answer of a registration, unless nothing followed the policy's steps.
+    pub fn of(answer: &Answer, mode: Mode) -> Option<Given> {
+        answer.refinement.is_some().then(|| Given {
+            mode: mode.resolved().to_string(),
+            verdict: answer.verdict.to_string(),
+            probability: answer.probability,
+            target_from_source: answer.target_from_source.to_rows(),
+        })
+    }
+}
+
 /// A registration with its steps.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Traced {
@@ -101,6 +128,8 @@ pub struct Traced {
     pub header: Header,
     /// The steps taken.
     pub steps: Vec<Step>,
+    /// What followed them.
+    pub answer: Option<Given>,
 }
 
 /// Registrations as the text of a trace file.
@@ -114,6 +143,10 @@ pub fn to_text(traced: &[Traced]) -> Result<String, serde_json::Error> {
         text.push('\n');
         for step in &one.steps {
             text += &serde_json::to_string(step)?;
+            text.push('\n');
+        }
+        if let Some(answer) = &one.answer {
+            text += &serde_json::to_string(&serde_json::json!({"answer": answer}))?;
             text.push('\n');
         }
     }
@@ -155,6 +188,7 @@ pub enum TraceError {
 enum Line {
     Registration { registration: Header },
     Step(Box<Step>),
+    Answer { answer: Given },
 }
 
 /// Reads the first `limit` registrations of a trace file, and checks what follows them too. The second
@@ -198,6 +232,7 @@ pub fn read(path: &Path, limit: usize) -> Result<(Vec<Traced>, usize), TraceErro
                 let begun = Traced {
                     header: registration,
                     steps: Vec::new(),
+                    answer: None,
                 };
                 if let Some(done) = current.replace(begun)
                     && kept.len() < limit
@@ -212,6 +247,9 @@ pub fn read(path: &Path, limit: usize) -> Result<(Vec<Traced>, usize), TraceErro
                     ));
                 };
                 let expected = current.steps.len() + 1;
+                if current.answer.is_some() {
+                    return Err(wrong("a step after the answer".into()));
+                }
                 if step.step != expected {
                     return Err(wrong(format!(
                         "step {} where step {expected} should be",
@@ -219,6 +257,13 @@ pub fn read(path: &Path, limit: usize) -> Result<(Vec<Traced>, usize), TraceErro
                     )));
                 }
                 current.steps.push(*step);
+            }
+            Line::Answer { answer } => {
+                let free = current.as_mut().map(|current| &mut current.answer);
+                let Some(place @ None) = free else {
+                    return Err(wrong("an answer where no registration is open".into()));
+                };
+                *place = Some(answer);
             }
         }
     }
@@ -243,6 +288,11 @@ fn parse(bytes: &[u8]) -> Result<Line, String> {
             registration: serde_json::from_value(value["registration"].clone())
                 .map_err(|error| format!("not a registration's header ({error})"))?,
         }
+    } else if value.get("answer").is_some() {
+        Line::Answer {
+            answer: serde_json::from_value(value["answer"].clone())
+                .map_err(|error| format!("not an answer ({error})"))?,
+        }
     } else {
         Line::Step(
             serde_json::from_value(value)
@@ -253,6 +303,7 @@ fn parse(bytes: &[u8]) -> Result<Line, String> {
     match &line {
         Line::Registration { registration } => check_header(registration)?,
         Line::Step(step) => check_step(step)?,
+        Line::Answer { answer } => check_answer(answer)?,
     }
     Ok(line)
 }
@@ -272,6 +323,14 @@ fn check_header(header: &Header) -> Result<(), String> {
     header
         .truth
         .map_or(Ok(()), |pose| check_pose("truth", pose))
+}
+
+fn check_answer(answer: &Given) -> Result<(), String> {
+    check_pose("target_from_source", answer.target_from_source)?;
+    match answer.probability {
+        Some(p) if !(0.0..=1.0).contains(&p) => Err(format!("{p} is not a probability")),
+        _ => Ok(()),
+    }
 }
 
 fn check_step(step: &Step) -> Result<(), String> {

@@ -5,6 +5,7 @@ use super::section::{Block, Section};
 use crate::dataset::Point;
 use crate::register::trace::{Probabilities, Traced};
 use glam::Vec3;
+use reagent_core::verdict::Percent;
 use reagent_core::{Frame, Pose};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -28,11 +29,14 @@ struct View<'a> {
     target: Vec<i32>,
     /// The target's radius in the clouds' units.
     radius: f32,
-    /// The pose before each step and after the last, rows of `[R | t]`, in the target's frame.
+    /// The pose before each step and after the last, then the one given out where something followed; rows of `[R | t]`, in
+    /// the target's frame.
     poses: Vec<Vec<f64>>,
     /// Isotropic errors of each pose: degrees, clouds' units.
     errors: Option<Vec<[f64; 2]>>,
     steps: Vec<StepView>,
+    /// What followed the steps, and the verdict.
+    answer: Option<String>,
 }
 
 /// One step, translation axes first.
@@ -82,12 +86,23 @@ fn view(traced: &Traced) -> View<'_> {
     let frame = Frame::of(&header.target).unwrap_or(Frame::IDENTITY);
     let rows =
         std::iter::once(header.initial).chain(traced.steps.iter().map(|s| s.target_from_source));
+    let rows = rows.chain(traced.answer.iter().map(|answer| answer.target_from_source));
     let poses: Vec<Pose> = rows.map(Pose::from_rows).collect();
     let errors = header.truth.map(|truth| {
         let truth = Pose::from_rows(truth);
         poses.iter().map(|pose| errors(pose, &truth)).collect()
     });
+    let answer = traced.answer.as_ref().map(|answer| {
+        let probability = answer.probability.map(|p| format!(", {}", Percent(p)));
+        format!(
+            "{}: {}{}",
+            answer.mode,
+            answer.verdict,
+            probability.unwrap_or_default()
+        )
+    });
     View {
+        answer,
         name: &header.name,
         policy: &header.policy,
         points: [header.source.len(), header.target.len()],

@@ -1,11 +1,13 @@
 //! Traces of evaluated pairs.
 
-use super::{Header, Step, Traced};
+use super::{Given, Header, Traced};
 use crate::dataset::pairs::PairSet;
 use crate::eval::EvalError;
 use crate::measure::method::{Contestant, Finish, Method, Start};
-use reagent_core::net::Scratch;
-use reagent_core::{Error, Frame, Pose, Registrar};
+use crate::register::register;
+use reagent_core::pipeline::{Mode, Task};
+use reagent_core::start as core_start;
+use reagent_core::{Frame, Pose};
 
 /// The first `count` pairs of a set as every policy among the contestants registers them in `steps` steps:
 /// clouds as they are, from the identity, as [`crate::eval::evaluate`] does.
@@ -18,28 +20,29 @@ pub fn pairs(
     steps: usize,
     count: usize,
 ) -> Result<Vec<Traced>, EvalError> {
-    let mut scratch = Box::new(Scratch::new());
     let mut all = Vec::new();
     for contestant in contestants {
-        let Method {
-            start: Start::Policy(policy),
-            finish: Finish::Nothing,
-        } = contestant.method
-        else {
-            continue;
+        let (policy, mode) = match contestant.method {
+            Method {
+                start: Start::Policy(policy),
+                finish: Finish::Nothing,
+            } => (policy, Mode::Fast),
+            Method {
+                start: Start::Policy(policy),
+                finish: Finish::Core(mode),
+            } => (policy, mode),
+            _ => continue,
         };
-        let mut registrar = Registrar::new(policy, &mut scratch);
+        let task = Task {
+            mode,
+            steps,
+            frame: Some(Frame::IDENTITY),
+            ..Task::new(core_start::Start::at(Pose::IDENTITY))
+        };
         for index in 0..count.min(set.source.len()) {
             let (source, target) = (&set.source[index], &set.target[index]);
-            let mut registration = registrar
-                .start(source, target, Frame::IDENTITY, Pose::IDENTITY)
+            let found = register(policy, source, target, &task)
                 .map_err(|source| EvalError::Pair { index, source })?;
-            let step = |number| {
-                let taken = registrar.step(&mut registration)?;
-                let pose = registration.target_from_source();
-                Ok(Step::new(number, &taken, Frame::IDENTITY, pose))
-            };
-            let taken: Result<_, Error> = (1..=steps).map(step).collect();
             all.push(Traced {
                 header: Header {
                     name: format!("pair {index}"),
@@ -49,7 +52,8 @@ pub fn pairs(
                     truth: Some(set.target_from_source[index].to_rows()),
                     initial: Pose::IDENTITY.to_rows(),
                 },
-                steps: taken.map_err(|source| EvalError::Pair { index, source })?,
+                answer: Given::of(&found.answer, mode),
+                steps: found.trace,
             });
         }
     }

@@ -34,6 +34,7 @@ fn traced(name: &str) -> Traced {
             initial: Pose::IDENTITY.to_rows(),
         },
         steps: found.trace,
+        answer: None,
     }
 }
 
@@ -45,7 +46,13 @@ fn write(text: &[u8]) -> tempfile::NamedTempFile {
 
 #[test]
 fn what_is_written_is_read() {
-    let two = [traced("a"), traced("b")];
+    let mut two = [traced("a"), traced("b")];
+    two[0].answer = Some(Given {
+        mode: "verify".into(),
+        verdict: "converged".into(),
+        probability: Some(0.75),
+        target_from_source: Pose::IDENTITY.to_rows(),
+    });
     let file = write(to_text(&two).expect("encoded").as_bytes());
     assert_eq!(read(file.path(), 9).expect("valid"), (two.to_vec(), 2));
     let (first, count) = read(file.path(), 1).expect("valid");

@@ -165,7 +165,9 @@
     const taken = registration.steps[step];
     at('decision').textContent = taken
       ? `Step ${step + 1}: what the policy chooses here`
-      : 'Final pose: no further step';
+      : registration.answer && step === registration.steps.length
+        ? 'After the last step: the pose is refined and compared with others'
+        : 'Final pose: no further step';
     charts.forEach(({ name, title, svg, bars }, axis) => {
       const chosen = taken ? taken.ids[axis] : -1;
       const probabilities = taken && taken.probabilities ? taken.probabilities[axis] : null;
@@ -189,8 +191,9 @@
     });
   }
   function showWhere(step) {
-    const last = registration.poses.length - 1;
+    const last = registration.steps.length;
     let text = step === 0 ? `initial pose (of ${last} steps)` : `after step ${step} of ${last}`;
+    if (step > last) text = `answer \u00b7 ${registration.answer}`;
     const errors = registration.errors && registration.errors[step];
     if (errors) text += ` \u00b7 ISO R ${errors[0].toFixed(2)} deg \u00b7 ISO t ${errors[1].toFixed(4)}`;
     at('where').textContent = text;
@@ -219,7 +222,7 @@
       const row = body.insertRow();
       const taken = registration.steps[i - 1];
       const errors = registration.errors && registration.errors[i];
-      const cells = [i === 0 ? 'init' : i];
+      const cells = [i === 0 ? 'init' : taken ? i : 'answer'];
       for (let axis = 0; axis < 6; axis++) {
         if (!taken) cells.push('');
         else cells.push(axis < 3 ? length(taken.signed[axis]) : signed(SIZES[taken.ids[axis]]));

@@ -35,7 +35,7 @@ impl<'c> Cloud<'c> {
     }
 
     /// The points.
-    pub fn points(self) -> impl Iterator<Item = [f32; 3]> {
+    pub fn points(self) -> impl Iterator<Item = [f32; 3]> + Clone {
         let (points, grid, codes) = match self {
             Cloud::F32(points) => (points, Grid::UNIT, &[][..]),
             Cloud::Grid(grid, codes) => (&[][..], grid, codes),

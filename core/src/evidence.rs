@@ -17,6 +17,8 @@ pub struct Evidence {
     pub distinct_points: usize,
     /// [`Refined::extents_ratio`].
     pub extents_ratio: f32,
+    /// [`Verified::mirror_score`]; 0 where it was not looked for.
+    pub mirror_score: f32,
     /// Whether other poses were tried.
     pub verified: bool,
 }
@@ -27,6 +29,9 @@ pub const FEWEST_DISTINCT: usize = 48;
 pub const LARGEST_RATIO: f32 = 3.0;
 /// A source smaller than this share of the target is in another unit, or too small a part to place.
 pub const SMALLEST_RATIO: f32 = 0.11;
+/// Standard errors from which on it is no chance that the mirror image fits better: more than of independent points, since
+/// errors of neighbours are alike. Of right poses of training models, none had as many.
+const MIRRORED: f32 = 5.0;
 /// Residuals from which on a side has nothing in common with the other.
 const SATURATED: [f32; 2] = [0.95, 0.992];
 /// Most that is said of a pose against which one of these speaks.
@@ -48,6 +53,7 @@ impl Evidence {
             within: found.within,
             distinct_points: found.distinct_points,
             extents_ratio: found.extents_ratio,
+            mirror_score: 0.0,
             verified: false,
         }
     }
@@ -55,6 +61,7 @@ impl Evidence {
     /// Of a pose that was compared with others.
     pub fn verified(found: &Verified) -> Evidence {
         Evidence {
+            mirror_score: found.mirror_score,
             verified: true,
             ..Evidence::polished(&found.best)
         }
@@ -68,6 +75,11 @@ impl Evidence {
     /// Whether a cloud has fewer than [`FEWEST_DISTINCT`] distinct points.
     pub fn has_too_few_points(&self) -> bool {
         self.distinct_points < FEWEST_DISTINCT
+    }
+
+    /// Whether the source fits better as its mirror image.
+    pub fn is_mirrored(&self) -> bool {
+        self.mirror_score > MIRRORED
     }
 
     /// Whether one cloud has nothing in common with the other, or a residual is no number.
@@ -100,8 +112,10 @@ impl Evidence {
     pub fn probability(&self) -> f32 {
         let weighted = self.features().into_iter().zip(WEIGHTS).map(|(x, w)| x * w);
         let probability = 1.0 / (1.0 + libm::expf(-weighted.sum::<f32>()));
-        let speaks_against =
-            self.sizes_differ() || self.has_too_few_points() || self.is_saturated();
+        let speaks_against = self.sizes_differ()
+            || self.has_too_few_points()
+            || self.is_mirrored()
+            || self.is_saturated();
         if speaks_against || probability.is_nan() {
             probability.min(IMPROBABLE)
         } else {

@@ -39,9 +39,18 @@ impl Frame {
     /// As [`Frame::of`].
     pub fn of_cloud(target: Cloud<'_>) -> Result<Frame, Error> {
         target.check()?;
-        let centre = mean(target.points());
-        let scale = target
-            .points()
+        Frame::of_points(target.points())
+    }
+
+    /// The same of points that were checked.
+    ///
+    /// # Errors
+    /// [`Error::TooSmall`].
+    pub(crate) fn of_points(
+        points: impl Iterator<Item = [f32; 3]> + Clone,
+    ) -> Result<Frame, Error> {
+        let centre = mean(points.clone());
+        let scale = points
             .map(|p| (Vec3::from_array(p) - centre).length())
             .fold(0.0, f32::max);
         if scale >= SMALLEST_SCALE {

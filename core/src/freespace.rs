@@ -85,6 +85,12 @@ impl DepthGrid {
         self.known = true;
     }
 
+    /// Takes the mirror image, x the other way around.
+    pub(crate) fn mirror(&mut self) {
+        self.eye.x = -self.eye.x;
+        self.camera.x_axis = -self.camera.x_axis;
+    }
+
     /// Whether a point would have hidden what was seen.
     pub(crate) fn hides(&self, point: Vec3) -> bool {
         let Some((at, depth)) = self.image(point) else {

@@ -16,14 +16,15 @@
 //! Modules stand in layers, and import from layers before theirs only (`tests/tests/layers.rs`):
 //!
 //! - layer: numbers, error, dims, turn
-//! - layer: shape, grid, critical, layer, pose, loss
+//! - layer: shape, grid, critical, layer, pose, loss, outliers
 //! - layer: cloud, steps, view, kernels
 //! - layer: solve
 //! - layer: decision, order, frame, chamfer, float, quant, surface, search, start
 //! - layer: cut, focus, freespace, nearest, pairs
 //! - layer: weights
 //! - layer: net, pretrained, polish
-//! - layer: covariance, verify
+//! - layer: covariance, mirror
+//! - layer: verify
 //! - layer: evidence
 //! - layer: verdict
 //! - layer: register
@@ -62,10 +63,12 @@ pub mod grid;
 pub mod kernels;
 pub mod layer;
 mod loss;
+mod mirror;
 mod nearest;
 pub mod net;
 pub mod numbers;
 mod order;
+mod outliers;
 mod pairs;
 pub mod pipeline;
 pub mod polish;

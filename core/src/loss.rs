@@ -11,6 +11,8 @@ const POINT: f32 = 0.1;
 /// Share of the loss that is of the distance between points: small, but clouds that share points tell by it which turn
 /// of a surface of revolution is meant.
 const POINT_SHARE: f32 = 0.25;
+/// Loss of a point from which on it has no counterpart: half a neighbourhood's radius from it.
+const UNMATCHED: f32 = 0.96;
 
 /// Points of a cloud by which poses are compared, at most.
 pub(crate) const COMPARED: usize = 1024;
@@ -87,8 +89,25 @@ impl Losses {
     /// Sum over all points of how much more one pose loses than another, and of the squares of that: their ratio
     /// (the sum over the root) is a score in standard errors.
     pub(crate) fn excess(&self, of: usize, over: usize) -> Excess {
+        self.excess_where(of, over, u8::MAX)
+    }
+
+    /// The same over the points that are matched under the first pose: where it says that the clouds overlap.
+    pub(crate) fn excess_where_matched(&self, of: usize, over: usize) -> Excess {
+        self.excess_where(of, over, (255.0 * UNMATCHED) as u8)
+    }
+
+    /// Share of all points that are matched under a pose.
+    pub(crate) fn matched(&self, of: usize) -> f32 {
+        let row = self.row(of);
+        let matched = row.iter().filter(|&&a| a <= (255.0 * UNMATCHED) as u8);
+        matched.count() as f32 / row.len().max(1) as f32
+    }
+
+    fn excess_where(&self, of: usize, over: usize, most: u8) -> Excess {
         let (mut sum, mut squares) = (0i64, 0i64);
-        for (&a, &b) in self.row(of).iter().zip(self.row(over)) {
+        let pairs = self.row(of).iter().zip(self.row(over));
+        for (&a, &b) in pairs.filter(|&(&a, _)| a <= most) {
             let d = i64::from(a) - i64::from(b);
             sum += d;
             squares += d * d;

@@ -112,11 +112,12 @@ fn drawn(surface: &Surface, seed: u32) -> impl Iterator<Item = Pair> {
 mod tests {
     use super::*;
     use crate::kernels::Isa;
+    use crate::outliers::Bulk;
     use crate::polish::tests::{Numbers, error, pose};
 
     fn surface(points: &[[f32; 3]]) -> Box<Surface> {
         let mut surface = Box::new(Surface::EMPTY);
-        surface.fill(Isa::PORTABLE, points, Vec3::ZERO, 1.0);
+        surface.fill(Isa::PORTABLE, points, Bulk::ALL, Vec3::ZERO, 1.0);
         surface
     }
 

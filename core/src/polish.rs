@@ -18,7 +18,7 @@ use crate::freespace::DepthGrid;
 use crate::kernels::{Isa, PAIRS, Pairs, Sums, Weighing};
 use crate::loss::{self, Losses};
 use crate::nearest::Lookup;
-use crate::pose::{Pose, centroid};
+use crate::pose::{Pose, mean};
 use crate::solve::{Motion, Rigid, least};
 use crate::surface::Surface;
 use glam::Vec3;
@@ -103,6 +103,8 @@ pub struct Refined {
     pub distinct_points: usize,
     /// Size of the source over that of the target, each the distance from the centroid that nine in ten points keep.
     pub extents_ratio: f32,
+    /// Shares of the source's and of the target's points that were left out, since they lie far from all others.
+    pub left_out: [f32; 2],
     /// Steps made.
     pub iterations: usize,
 }
@@ -229,11 +231,19 @@ impl<'w> Refiner<'w> {
         workspace: &'w mut Workspace,
     ) -> Result<Self, Error> {
         check_cloud(source)?;
-        let frame = Frame::of(target)?;
-        let source_centre = centroid(source);
+        check_cloud(target)?;
+        let bulk_of_source = workspace.source.bulk(source);
+        let bulk_of_target = workspace.target.bulk(target);
+        let frame = Frame::of_points(bulk_of_target.kept(target))?;
+        let source_centre = mean(bulk_of_source.kept(source));
         let factor = 1.0 / frame.scale;
-        workspace.source.fill(isa, source, source_centre, factor);
-        workspace.target.fill(isa, target, frame.centre, factor);
+        let Workspace {
+            source: seen,
+            target: model,
+            ..
+        } = &mut *workspace;
+        seen.fill(isa, source, bulk_of_source, source_centre, factor);
+        model.fill(isa, target, bulk_of_target, frame.centre, factor);
         workspace.lookup.fill(isa, &workspace.target);
         workspace.seen = DepthGrid::EMPTY;
         Ok(Refiner {
@@ -313,6 +323,7 @@ impl<'w> Refiner<'w> {
             inlier_rmse: candidate.overlap.inlier_rmse * self.target.scale,
             distinct_points: self.distinct_points(),
             extents_ratio: self.extents_ratio(),
+            left_out: self.surfaces().map(|surface| surface.left_out),
             iterations: candidate.iterations,
         }
     }
@@ -554,6 +565,12 @@ impl<'w> Refiner<'w> {
         let eye = (view_point - self.source_centre) * (1.0 / self.target.scale);
         let Workspace { source, seen, .. } = &mut *self.workspace;
         seen.fill(source, eye);
+    }
+
+    /// Takes the source's mirror image in its place; twice is the same again.
+    pub(crate) fn mirror_source(&mut self) {
+        self.workspace.source.mirror();
+        self.workspace.seen.mirror();
     }
 
     /// Towards which the sensor looks, in the source's frame.

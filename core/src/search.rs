@@ -4,6 +4,16 @@ use crate::solve::Rigid;
 use crate::turn::Turn;
 use glam::{Mat3, Vec3};
 
+/// Gates of a hypothesis' first steps, normalised units: wide, then narrow.
+pub(crate) const SCREEN: [f32; 6] = [0.5, 0.4, 0.3, 0.2, 0.15, 0.12];
+/// The same of further steps.
+pub(crate) const SIFT: [f32; 6] = [0.2, 0.15, 0.12, 0.1, 0.08, 0.08];
+/// Points of the source in each of the stages' steps, and those by which their results are compared.
+pub(crate) const SCREEN_POINTS: [usize; 2] = [96, 128];
+pub(crate) const SIFT_POINTS: [usize; 2] = [256, 512];
+/// Scale of the loss by which their results are compared, radii of a neighbourhood.
+pub(crate) const SCREEN_SCALE: f32 = 0.3;
+pub(crate) const SIFT_SCALE: f32 = 0.15;
 /// Cosine of half the angle below which two rotations are one hypothesis: 8 degrees.
 pub(crate) const SAME: f32 = 0.997_564;
 /// Distance below which two poses of the same rotation are one hypothesis, target radii.
@@ -98,6 +108,19 @@ pub(crate) fn aligned(source: Mat3, target: Mat3, shift: Vec3) -> impl Iterator<
     alignments().map(move |signed| Rigid {
         turn: Turn::of(&(target * signed * source.transpose())),
         shift,
+    })
+}
+
+/// Poses of the source's mirror image, x the other way around, that are mirror images of a pose: in planes through the target's
+/// centre and through the source's.
+pub(crate) fn mirrored(seed: Rigid, axes: Mat3) -> impl Iterator<Item = Rigid> {
+    // A reflection is a half turn and an inversion; two of them are a rotation.
+    let half_turn = |normal| Turn::new(normal, 0.0);
+    let normals = [axes.x_axis, axes.y_axis, axes.z_axis];
+    normals.into_iter().flat_map(move |normal| {
+        let turn = half_turn(normal).after(seed.turn).after(half_turn(Vec3::X));
+        let reflected = seed.shift - normal * (2.0 * normal.dot(seed.shift));
+        [reflected, seed.shift].map(|shift| Rigid { turn, shift })
     })
 }
 

@@ -2,9 +2,10 @@
 
 use crate::dims::SURFACE_POINTS;
 use crate::kernels::{BATCH, Batch, Isa, Moments};
+use crate::outliers::Bulk;
 use crate::pose::Pose;
-use crate::solve::smallest_direction;
-use glam::Vec3;
+use crate::solve::{principal_axes, smallest_direction};
+use glam::{Mat3, Vec3};
 
 /// Points of one box.
 const BLOCK: usize = 32;
@@ -94,6 +95,8 @@ pub(crate) struct Surface {
     points: [[f32; 3]; SURFACE_POINTS],
     normals: [[f32; 3]; SURFACE_POINTS],
     boxes: Boxes,
+    /// Share of the cloud's points that were left out as outliers.
+    pub(crate) left_out: f32,
     /// Radius about a point that holds [`NEIGHBOURS`] others, in the median.
     pub(crate) radius: f32,
     /// Sort keys while the surface is filled, then what a median is selected from.
@@ -111,6 +114,7 @@ impl Surface {
         points: [[0.0; 3]; SURFACE_POINTS],
         normals: [[0.0; 3]; SURFACE_POINTS],
         boxes: Boxes::ZERO,
+        left_out: 0.0,
         radius: 0.0,
         keys: [0; SURFACE_POINTS],
         every: 0,
@@ -135,31 +139,49 @@ impl Surface {
         (get(&self.points), get(&self.normals))
     }
 
-    /// Takes the distinct points of `(cloud - centre) * factor`, evenly thinned to the capacity, and estimates normals.
-    pub(crate) fn fill(&mut self, isa: Isa, cloud: &[[f32; 3]], centre: Vec3, factor: f32) {
+    /// Where a cloud's points are that [`Self::fill`] is to take.
+    pub(crate) fn bulk(&mut self, cloud: &[[f32; 3]]) -> Bulk {
+        Bulk::of(cloud, &mut self.keys)
+    }
+
+    /// Takes the distinct points of the bulk of a cloud, `(point - centre) * factor`, evenly thinned to the capacity, and
+    /// estimates normals.
+    pub(crate) fn fill(
+        &mut self,
+        isa: Isa,
+        cloud: &[[f32; 3]],
+        bulk: Bulk,
+        centre: Vec3,
+        factor: f32,
+    ) {
         let n = cloud.len().min(SURFACE_POINTS);
-        let seen = |i: usize| {
-            let p = cloud.get(i * cloud.len() / n.max(1)).copied();
-            (Vec3::from_array(p.unwrap_or_default()) - centre) * factor
-        };
+        let at = |i: usize| cloud.get(i * cloud.len() / n.max(1)).copied();
+        let at = |i: usize| at(i).unwrap_or_default();
+        let seen = |i: usize| (Vec3::from_array(at(i)) - centre) * factor;
+        let kept = (0..n).filter(|&i| bulk.holds(at(i)));
         self.every = 0;
         let mut around = Bounds::EMPTY;
-        (0..n).for_each(|i| around.add(seen(i).to_array()));
+        let mut count = 0;
+        for i in kept.clone() {
+            around.add(seen(i).to_array());
+            count += 1;
+        }
+        self.left_out = (n - count) as f32 / n.max(1) as f32;
         let low = Vec3::from_array(around.low);
         let extent = (Vec3::from_array(around.high) - low).max_element();
         let cells = if extent > 0.0 { 63.999 / extent } else { 0.0 };
-        for (i, key) in self.keys.iter_mut().enumerate().take(n) {
+        for (key, i) in self.keys.iter_mut().zip(kept) {
             let cell = ((seen(i) - low) * cells).to_array();
             let [x, y, z] = cell.map(|x| spread(x as u32 & 63));
             *key = (x | y << 1 | z << 2) << INDEX_BITS | i as u32;
         }
-        if let Some(keys) = self.keys.get_mut(..n) {
+        if let Some(keys) = self.keys.get_mut(..count) {
             keys.sort_unstable();
         }
         let mut bounds = Bounds::EMPTY;
         // A point that comes again says nothing new; equal points are in one cell, and so in one run of keys.
         let (mut len, mut run, mut cell) = (0, 0, u32::MAX);
-        for k in 0..n {
+        for k in 0..count {
             let key = self.keys.get(k).copied().unwrap_or_default();
             let point = seen((key & ((1 << INDEX_BITS) - 1)) as usize).to_array();
             if key >> INDEX_BITS != cell {
@@ -182,6 +204,28 @@ impl Surface {
         self.len = len;
         self.radius = self.neighbourhood();
         self.estimate_normals(isa);
+    }
+
+    /// Takes the mirror image, x the other way around; twice is the same again, to the bit.
+    pub(crate) fn mirror(&mut self) {
+        let vectors = self.points.iter_mut().chain(&mut self.normals);
+        vectors.for_each(|[x, _, _]| *x = -*x);
+        let ([low, _, _], [high, _, _]) = (&mut self.boxes.low, &mut self.boxes.high);
+        for (low, high) in low.iter_mut().zip(high) {
+            (*low, *high) = (-*high, -*low);
+        }
+    }
+
+    /// Principal axes of the points.
+    pub(crate) fn axes(&self) -> Mat3 {
+        let mut sums = [0.0f32; 6];
+        for &[x, y, z] in self.points() {
+            let products = [x * x, y * y, z * z, x * y, x * z, y * z];
+            sums.iter_mut()
+                .zip(products)
+                .for_each(|(sum, product)| *sum += product);
+        }
+        principal_axes(sums)
     }
 
     /// Finds the nearest point of `other` to every `every`-th point, seen under `pose`.

@@ -6,7 +6,7 @@ use crate::steps::{Action, STOP};
 use core::fmt;
 
 /// How many kinds of [`Verdict`] there are.
-pub const VERDICTS: usize = Verdict::TooFewPoints as usize + 1;
+pub const VERDICTS: usize = Verdict::Mirrored as usize + 1;
 
 /// What can be said about a pose.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -27,6 +27,9 @@ pub enum Verdict {
     SizesDiffer,
     /// One cloud has too few distinct points for any pose to be trusted.
     TooFewPoints,
+    /// The mirror image of the source fits better: a left-hand part for a right-hand one, an axis the other way around, or a wrong
+    /// pose of a symmetric shape.
+    Mirrored,
 }
 
 impl fmt::Display for Verdict {
@@ -39,6 +42,7 @@ impl fmt::Display for Verdict {
             Verdict::PoorFit => "poor fit",
             Verdict::SizesDiffer => "sizes differ",
             Verdict::TooFewPoints => "too few points",
+            Verdict::Mirrored => "mirrored",
         })
     }
 }
@@ -53,6 +57,7 @@ impl Verdict {
         Verdict::PoorFit,
         Verdict::SizesDiffer,
         Verdict::TooFewPoints,
+        Verdict::Mirrored,
     ];
 
     /// Of a policy, from its last two actions.
@@ -76,6 +81,8 @@ impl Verdict {
             Verdict::SizesDiffer
         } else if evidence.has_too_few_points() {
             Verdict::TooFewPoints
+        } else if evidence.is_mirrored() {
+            Verdict::Mirrored
         } else if evidence.probability() >= 0.5 {
             Verdict::Converged
         } else {

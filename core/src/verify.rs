@@ -15,28 +15,21 @@ use crate::loss::{COMPARED, CONTENDERS};
 use crate::pairs::matching_pairs;
 use crate::polish::{Candidate, Refined, Refiner};
 use crate::pose::Pose;
-use crate::search::{Best, aligned, anywhere, around, confused, copies, is_same};
-use crate::solve::{Rigid, principal_axes};
+use crate::search::{
+    Best, SCREEN, SCREEN_POINTS, SCREEN_SCALE, SIFT, SIFT_POINTS, SIFT_SCALE, aligned, anywhere,
+    around, confused, copies, is_same,
+};
+use crate::solve::Rigid;
 use crate::start::{Prior, Start};
 use crate::surface::Surface;
 use crate::turn::Turn;
-use glam::{Mat3, Vec3};
+use glam::Vec3;
 
-/// Gates of a hypothesis' first steps, normalised units: wide, then narrow.
-const SCREEN: [f32; 6] = [0.5, 0.4, 0.3, 0.2, 0.15, 0.12];
-/// The same of further steps.
-const SIFT: [f32; 6] = [0.2, 0.15, 0.12, 0.1, 0.08, 0.08];
 /// First steps after which a hypothesis that is far behind is given up, by how many points that is judged, and how much more
 /// loss it may have then than the worst that is kept.
 const EARLY: usize = 2;
 const EARLY_POINTS: usize = 64;
 const EARLY_SLACK: f32 = 0.1;
-/// Points of the source in each of the stages' steps, and those by which their results are compared.
-const SCREEN_POINTS: [usize; 2] = [96, 128];
-const SIFT_POINTS: [usize; 2] = [256, 512];
-/// Scale of the loss by which their results are compared, radii of a neighbourhood.
-const SCREEN_SCALE: f32 = 0.3;
-const SIFT_SCALE: f32 = 0.15;
 /// Hypotheses that are sifted, and the same of the second round.
 const SIFTED: usize = 24;
 const SIFTED_AGAIN: usize = 6;
@@ -112,6 +105,9 @@ pub struct Verified {
     pub hypotheses: usize,
     /// What the shape leaves open.
     pub undetermined: Undetermined,
+    /// By how much better the source's mirror image fits where the best pose matches points, in standard errors; 0 if it
+    /// does not.
+    pub mirror_score: f32,
 }
 
 /// A polished hypothesis in the comparison.
@@ -170,11 +166,13 @@ impl Refiner<'_> {
             _ => polished,
         };
         let undetermined = self.undetermined(best, &found, &contenders);
+        let mirror_score = self.mirror_score(found.at);
         Ok(Verified {
             best: self.refined(&found, pose),
             polished: self.refined(&polished, pose),
             hypotheses,
             undetermined,
+            mirror_score,
         })
     }
 
@@ -245,7 +243,7 @@ impl Refiner<'_> {
     }
 
     /// Keeps the losses under a pose, point by point; their sum.
-    fn keep_losses(&mut self, contender: usize, at: Rigid) -> f32 {
+    pub(crate) fn keep_losses(&mut self, contender: usize, at: Rigid) -> f32 {
         self.match_both(at, COMPARED);
         self.keep_matched_losses(contender, at)
     }
@@ -306,7 +304,7 @@ impl Search<'_, '_> {
         let [points, compared] = SIFT_POINTS;
         let least = self.refiner.coarse_loss(best.at, points, SIFT_SCALE);
         let [_, target] = self.refiner.surfaces();
-        let axes = axes(target);
+        let axes = target.axes();
         let mut found = Best::<COPIES>::NONE;
         for at in copies(best.at, axes) {
             if self.refiner.coarse_loss(at, points, SIFT_SCALE) < least + ALIKE {
@@ -339,7 +337,7 @@ impl Search<'_, '_> {
         prior: Option<&Prior>,
         go_on: &mut impl FnMut() -> Result<(), E>,
     ) -> Result<(), E> {
-        let [source_axes, target_axes] = self.refiner.surfaces().map(axes);
+        let [source_axes, target_axes] = self.refiner.surfaces().map(Surface::axes);
         let mut screened = Best::<SIFTED>::NONE;
         let hypotheses = around(polished)
             .chain(around(begun))
@@ -453,20 +451,6 @@ fn differ_by_turn(a: Rigid, b: Rigid, axis: Vec3) -> bool {
     along(a).dot(along(b)) > 0.99 && (a.centre() - b.centre()).length_squared() < 0.15 * 0.15
 }
 
-/// Principal axes of a surface's points.
-fn axes(surface: &Surface) -> Mat3 {
-    let mut sums = [0.0f32; 6];
-    for &[x, y, z] in surface.points() {
-        for (sum, product) in sums
-            .iter_mut()
-            .zip([x * x, y * y, z * z, x * y, x * z, y * z])
-        {
-            *sum += product;
-        }
-    }
-    principal_axes(sums)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -548,6 +532,58 @@ mod tests {
         };
         let failed = refiner.verify_while(bad, &Start::Anywhere, || Err(Ended::Told));
         assert!(matches!(failed, Err(Ended::Failed(Error::BadPose))));
+    }
+
+    #[test]
+    fn a_mirrored_part_is_told_unless_it_is_its_own_mirror_image() {
+        let truth = pose([0.2, -0.1, 0.3], [0.1, -0.1, 0.05]);
+        let mirrored = |[x, y, z]: [f32; 3]| [x, -y, z];
+        // A box with a knob off both of its planes of symmetry, and one with two such knobs.
+        let left = |seed| part(900, seed);
+        let right = |seed| -> Vec<_> { part(900, seed).into_iter().map(mirrored).collect() };
+        let both = |seed| -> Vec<_> {
+            let knobs = part(900, seed).into_iter().enumerate();
+            let even = |(i, p)| if i % 2 == 0 { p } else { mirrored(p) };
+            knobs.map(even).collect()
+        };
+        let of = |source: Vec<[f32; 3]>, target: &[[f32; 3]]| {
+            let found = verify(&moved(&source, truth.inverse()), target, Pose::IDENTITY);
+            let evidence = Evidence::verified(&found);
+            (
+                Verdict::of_evidence(&evidence),
+                evidence.probability() > 0.2,
+            )
+        };
+        assert_eq!(of(left(1), &left(2)), (Verdict::Converged, true));
+        assert_eq!(of(right(1), &left(2)), (Verdict::Mirrored, false));
+        assert_eq!(of(left(1), &right(2)), (Verdict::Mirrored, false));
+        let twice: Vec<_> = both(1).into_iter().map(mirrored).collect();
+        assert_eq!(of(twice, &both(2)), (Verdict::Converged, true));
+    }
+
+    #[test]
+    fn marks_of_what_is_invalid_change_nothing_but_what_is_left_out() {
+        let truth = pose([0.2, -0.1, 0.3], [0.1, -0.1, 0.05]);
+        let clean = [moved(&part(800, 1), truth.inverse()), part(900, 2)];
+        for (of, mark) in [(0, -9999.0), (1, -9999.0), (0, 1e9), (1, 20.0)] {
+            let mut clouds = clean.clone();
+            clouds[of]
+                .iter_mut()
+                .step_by(10)
+                .for_each(|p| *p = [mark; 3]);
+            let found = verify(&clouds[0], &clouds[1], Pose::IDENTITY);
+            let (angle, distance) = error(found.best.target_from_source, truth);
+            assert!(angle < 1.0 && distance < 0.02, "{mark} {found:?}");
+            let evidence = Evidence::verified(&found);
+            assert_eq!(
+                Verdict::of_evidence(&evidence),
+                Verdict::Converged,
+                "{mark}"
+            );
+            let mut left_out = [0.0; 2];
+            left_out[of] = 0.1;
+            assert_eq!(found.best.left_out, left_out, "{mark}");
+        }
     }
 
     #[test]

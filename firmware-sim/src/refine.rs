@@ -123,6 +123,7 @@ impl Answer {
                 "overlap": fit.overlap,
                 "inlier_rmse": fit.inlier_rmse,
                 "extents_ratio": fit.extents_ratio,
+                "left_out": fit.left_out,
                 "distinct_points": fit.distinct_points,
                 "undetermined": { "axis": axis, "others": fit.others },
                 "covariance": { "about": far(about), "matrix": matrix },

@@ -108,6 +108,9 @@ typedef enum {
   REAGENT_VERDICT_SIZES_DIFFER = 5,
   // One cloud has too few distinct points for any pose to be trusted.
   REAGENT_VERDICT_TOO_FEW_POINTS = 6,
+  // The mirror image of the source fits better: a left-hand part for a right-hand one, an axis the other way around, or a
+  // wrong pose of a symmetric shape.
+  REAGENT_VERDICT_MIRRORED = 7,
 } ReagentVerdict;
 
 // What is done with a start.
@@ -189,6 +192,8 @@ typedef struct {
   float extents_ratio;
   // Points that differ from all others, in the cloud with fewer of them.
   uint32_t distinct_points;
+  // Shares of the source's and of the target's points that were left out, since they lie far from all others.
+  float left_out[2];
   // Whether the clouds fit as well turned about an axis.
   bool axis_is_open;
   // A point of the axis, in the target's frame and unit.

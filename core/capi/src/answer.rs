@@ -24,6 +24,9 @@ pub enum ReagentVerdict {
     SizesDiffer = 5,
     /// One cloud has too few distinct points for any pose to be trusted.
     TooFewPoints = 6,
+    /// The mirror image of the source fits better: a left-hand part for a right-hand one, an axis the other way around, or a
+    /// wrong pose of a symmetric shape.
+    Mirrored = 7,
 }
 
 impl From<Verdict> for ReagentVerdict {
@@ -36,6 +39,7 @@ impl From<Verdict> for ReagentVerdict {
             Verdict::PoorFit => ReagentVerdict::PoorFit,
             Verdict::SizesDiffer => ReagentVerdict::SizesDiffer,
             Verdict::TooFewPoints => ReagentVerdict::TooFewPoints,
+            Verdict::Mirrored => ReagentVerdict::Mirrored,
         }
     }
 }
@@ -67,6 +71,8 @@ pub struct ReagentAnswer {
     pub extents_ratio: f32,
     /// Points that differ from all others, in the cloud with fewer of them.
     pub distinct_points: u32,
+    /// Shares of the source's and of the target's points that were left out, since they lie far from all others.
+    pub left_out: [f32; 2],
     /// Whether the clouds fit as well turned about an axis.
     pub axis_is_open: bool,
     /// A point of the axis, in the target's frame and unit.
@@ -113,6 +119,7 @@ impl ReagentAnswer {
         self.inlier_rmse = found.refined.inlier_rmse;
         self.extents_ratio = found.refined.extents_ratio;
         self.distinct_points = found.refined.distinct_points as u32;
+        self.left_out = found.refined.left_out;
         if let Some(axis) = found.undetermined.axis {
             self.axis_is_open = true;
             self.axis_point = axis.point.to_array();

@@ -118,6 +118,8 @@ pub struct Fit {
     pub extents_ratio: f32,
     /// Points that differ from all others, in the cloud with fewer of them.
     pub distinct_points: u16,
+    /// Shares of the source's and of the target's points that were left out, since they lie far from all others.
+    pub left_out: [f32; 2],
     /// Axis about which a turn fits as well: a point on it, its direction, both in the target's frame and units, and the largest angle,
     /// radians.
     pub axis: Option<([f32; 3], [f32; 3], f32)>,
@@ -139,6 +141,7 @@ impl Fit {
             inlier_rmse,
             extents_ratio,
             distinct_points,
+            left_out,
             ..
         } = found.refined;
         let Undetermined { axis, poses } = found.undetermined;
@@ -157,6 +160,7 @@ impl Fit {
             inlier_rmse,
             extents_ratio,
             distinct_points: u16::try_from(distinct_points).unwrap_or(u16::MAX),
+            left_out,
             axis: axis.map(|axis| {
                 let [point, direction] = [axis.point, axis.direction].map(|v| v.to_array());
                 (point, direction, axis.half_angle_rad)

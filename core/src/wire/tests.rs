@@ -71,7 +71,7 @@ fn signed_manifest_is_these_bytes() {
 fn request_is_these_bytes() {
     let (source, target) = ([[1.0, -2.0, 0.5]], []);
     let mut request = RefineRequest::new(5, CloudView::of(&source), CloudView::of(&target));
-    let mut expected = vec![5, 2, 5, 0, 0x90, 0x4e, 3, 10, 0, 0, 0, 0];
+    let mut expected = vec![6, 2, 5, 0, 0x90, 0x4e, 3, 10, 0, 0, 0, 0];
     let cloud = [0, 12, 0, 0, 0x80, 0x3f, 0, 0, 0, 0xc0, 0, 0, 0, 0x3f];
     expected.extend(cloud);
     expected.extend([0, 0]);
@@ -89,7 +89,7 @@ fn request_is_these_bytes() {
         step: 0.125,
     };
     request.target = CloudView::on_grid(grid, &[[1, -2, 300]]);
-    let mut expected = vec![5, 2, 5, 0xac, 2, 20, 2, 10, 1, 1];
+    let mut expected = vec![6, 2, 5, 0xac, 2, 20, 2, 10, 1, 1];
     expected.extend([0, 0, 0x80, 0x3f].repeat(12));
     expected.extend([1, 1]);
     expected.extend([0, 0, 0x80, 0x3f].repeat(3));
@@ -115,7 +115,7 @@ fn reply_is_these_bytes() {
         target_from_source: [[1.0; 4]; 3],
         ..reply()
     };
-    let mut expected = vec![5, 3, 1];
+    let mut expected = vec![6, 3, 1];
     expected.extend([0, 0, 0x80, 0x3f].repeat(12));
     expected.extend([10, 2, 1, 1, 0, 0, 0, 0x3f]);
     expected.extend(fit_bytes());
@@ -123,11 +123,12 @@ fn reply_is_these_bytes() {
     assert_eq!(bytes_of(&Message::RefineReply(reply)), expected);
 }
 
-/// Of [`reply`]'s fit: that it is there, overlap, distance, ratio, points, axis, others, covariance.
+/// Of [`reply`]'s fit: that it is there, overlap, distance, ratio, points, left out, axis, others, covariance.
 fn fit_bytes() -> Vec<u8> {
     let mut bytes = vec![
-        1, 0, 0, 0, 0x3f, 0, 0, 0x80, 0x3e, 0, 0, 0x80, 0x3f, 0x80, 8, 1,
+        1, 0, 0, 0, 0x3f, 0, 0, 0x80, 0x3e, 0, 0, 0x80, 0x3f, 0x80, 8,
     ];
+    bytes.extend([0, 0, 0, 0x3e, 0, 0, 0, 0, 1]);
     bytes.extend([0; 20]);
     bytes.extend([0, 0, 0x80, 0x3f, 0, 0, 0x40, 0x40, 1]);
     bytes.extend([0, 0, 0x80, 0x3f].repeat(3));
@@ -147,6 +148,7 @@ fn reply() -> RefineReply {
             overlap: 0.5,
             inlier_rmse: 0.25,
             extents_ratio: 1.0,
+            left_out: [0.125, 0.0],
             distinct_points: 1024,
             axis: Some(([0.0; 3], [0.0, 0.0, 1.0], 3.0)),
             others: 1,
@@ -169,14 +171,14 @@ fn a_trace_and_a_cancellation_are_these_bytes() {
             sha256: [1; 32],
         },
         kernels: KernelName::try_from("avx2").expect("fits"),
-        request: &[5, 2],
+        request: &[6, 2],
         steps: StepsView::of(&steps),
         reply: reply(),
     };
     let bytes = bytes_of(&Message::Trace(trace.clone()));
-    let mut expected = vec![5, 10, 6, 9];
+    let mut expected = vec![6, 10, 6, 9];
     expected.extend([1; 32]);
-    expected.extend([4, b'a', b'v', b'x', b'2', 2, 5, 2, 108, 0, 1, 2, 8, 9, 10]);
+    expected.extend([4, b'a', b'v', b'x', b'2', 2, 6, 2, 108, 0, 1, 2, 8, 9, 10]);
     expected.extend([0, 0, 0x80, 0x3f].repeat(12));
     expected.extend([5; 6]);
     expected.extend([0, 0, 0, 0xc0].repeat(12));
@@ -192,7 +194,7 @@ fn a_trace_and_a_cancellation_are_these_bytes() {
     assert_eq!(decode(&short), Err(Error::Frame));
 
     let cancel = Cancel { client: 300, id: 5 };
-    assert_eq!(bytes_of(&Message::Cancel(cancel)), [5, 11, 0xac, 0x02, 5]);
+    assert_eq!(bytes_of(&Message::Cancel(cancel)), [6, 11, 0xac, 0x02, 5]);
 }
 
 #[test]
@@ -203,7 +205,7 @@ fn refusal_and_status_are_these_bytes() {
     };
     assert_eq!(
         bytes_of(&Message::Refusal(refusal)),
-        [5, 4, 4, 6, 1, 0x88, 0x27]
+        [6, 4, 4, 6, 1, 0x88, 0x27]
     );
     let status = Status {
         policy: None,
@@ -211,7 +213,7 @@ fn refusal_and_status_are_these_bytes() {
         refused: 1,
         in_hand: 2,
         instance: 300,
-        verdicts: [1, 2, 3, 4, 5, 6, 7],
+        verdicts: [1, 2, 3, 4, 5, 6, 7, 8],
         not_taken: Some(NotTaken {
             policy: PolicyId {
                 epoch: 1,
@@ -224,25 +226,27 @@ fn refusal_and_status_are_these_bytes() {
             }),
         }),
         tally: Tally {
-            verdicts: [5, 4, 3, 2, 1, 0, 0],
+            verdicts: [5, 4, 3, 2, 1, 0, 0, 0],
             judged: 6,
             probability_millionths: 300,
             micros: 8,
         },
     };
-    let mut expected = vec![5, 5, 0, 3, 1, 2, 0xac, 0x02, 1, 2, 3, 4, 5, 6, 7, 1, 1, 9];
+    let mut expected = vec![
+        6, 5, 0, 3, 1, 2, 0xac, 0x02, 1, 2, 3, 4, 5, 6, 7, 8, 1, 1, 9,
+    ];
     expected.extend([7; 32]);
-    expected.extend([3, 2, 5, 5, 4, 3, 2, 1, 0, 0, 6, 0xac, 0x02, 8]);
+    expected.extend([3, 2, 5, 5, 4, 3, 2, 1, 0, 0, 0, 6, 0xac, 0x02, 8]);
     assert_eq!(bytes_of(&Message::Status(status)), expected);
     let refusal = |reason| bytes_of(&Message::Refusal(Refusal { id: 4, reason }));
-    assert_eq!(refusal(Reason::Deadline), [5, 4, 4, 11]);
+    assert_eq!(refusal(Reason::Deadline), [6, 4, 4, 11]);
     let no_such_mode = Reason::NoSuchMode(Mode::Verify);
-    assert_eq!(refusal(no_such_mode), [5, 4, 4, 12, 2]);
+    assert_eq!(refusal(no_such_mode), [6, 4, 4, 12, 2]);
 }
 
 #[test]
 fn frames_of_boards_are_these_bytes() {
-    assert_eq!(bytes_of(&Message::Ask), [5, 6]);
+    assert_eq!(bytes_of(&Message::Ask), [6, 6]);
     let board = Board {
         program_bytes: 300,
         points: 2,
@@ -251,7 +255,7 @@ fn frames_of_boards_are_these_bytes() {
         flash: FlashCheck::FailedSelfTest,
         ..Board::default()
     };
-    let expected = [5, 7, 0xac, 0x02, 0, 0, 0, 2, 0, 0, 4, 1, 3];
+    let expected = [6, 7, 0xac, 0x02, 0, 0, 0, 2, 0, 0, 4, 1, 3];
     assert_eq!(bytes_of(&Message::Board(board)), expected);
     let step = StepTaken {
         id: 9,
@@ -261,14 +265,14 @@ fn frames_of_boards_are_these_bytes() {
         },
         target_from_source: [[1.0; 4]; 3],
     };
-    let mut expected = vec![5, 8, 9, 0, 1, 2, 3, 4, 5];
+    let mut expected = vec![6, 8, 9, 0, 1, 2, 3, 4, 5];
     expected.extend([0, 0, 0x80, 0x3f].repeat(12));
     assert_eq!(bytes_of(&Message::StepTaken(step)), expected);
     let chunk = Chunk {
         index: 3,
         bytes: &[7, 8],
     };
-    assert_eq!(bytes_of(&Message::Chunk(chunk)), [5, 9, 3, 2, 7, 8]);
+    assert_eq!(bytes_of(&Message::Chunk(chunk)), [6, 9, 3, 2, 7, 8]);
 }
 
 #[test]
@@ -343,7 +347,7 @@ fn another_version_and_damage_are_told_apart() {
     assert_eq!(decode(&longer), Err(Error::Frame));
     // A cloud of 13 bytes is no whole number of points.
     let ragged = [
-        &[5, 2, 5, 0, 1, 0, 10, 0, 0, 0, 0, 0, 13][..],
+        &[6, 2, 5, 0, 1, 0, 10, 0, 0, 0, 0, 0, 13][..],
         &[0; 13],
         &[0, 0],
     ]

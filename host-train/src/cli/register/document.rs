@@ -52,6 +52,8 @@ struct Fit {
     extents_ratio: f32,
     /// Points that differ from all others, in the cloud with fewer of them.
     distinct_points: usize,
+    /// Shares of the source's and of the target's points that were left out, since they lie far from all others.
+    left_out: [f32; 2],
     undetermined: Open,
     covariance: Covariance,
 }
@@ -88,6 +90,7 @@ impl Fit {
             inlier_rmse: refined.inlier_rmse,
             extents_ratio: refined.extents_ratio,
             distinct_points: refined.distinct_points,
+            left_out: refined.left_out,
             undetermined: Open {
                 axis: axis.map(|axis| OpenAxis {
                     point: far(axis.point),

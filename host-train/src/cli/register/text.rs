@@ -35,8 +35,12 @@ pub(super) fn report(
         );
     }
     if let Some(refinement) = &answer.refinement {
+        text += &left_out(&refinement.refined);
         if answer.verdict == Verdict::SizesDiffer {
             text += &sizes(refinement.refined.extents_ratio);
+        }
+        if answer.verdict == Verdict::Mirrored {
+            text += "the mirror image of the source fits better: a left-hand part for a right-hand one, an axis the other way around, or a wrong pose of a symmetric shape\n";
         }
         let percent = Percent(refinement.evidence.probability());
         text += &format!("right within 5 degrees and .05 target radii: {percent}\n");
@@ -102,6 +106,17 @@ fn stages(found: &Refinement) -> String {
         text += &format!("undetermined: {others} other pose(s) fit as well; --json lists them\n");
     }
     text
+}
+
+/// That some points were not looked at.
+fn left_out(refined: &Refined) -> String {
+    let clouds = ["source", "target"].into_iter().zip(refined.left_out);
+    let some = clouds.filter(|&(_, share)| share > 0.0);
+    let line = |(of, share)| {
+        let percent = 100.0 * share;
+        format!("left out: {percent:.1} % of the {of}'s points, far from all others\n")
+    };
+    some.map(line).collect()
 }
 
 /// That one cloud is several times as large as the other.

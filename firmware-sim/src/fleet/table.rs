@@ -190,7 +190,7 @@ mod tests {
             refused: 1,
             in_hand,
             instance: 5,
-            verdicts: [4, 3, 2, 1, 0, 0, 0],
+            verdicts: [4, 3, 2, 1, 0, 0, 0, 0],
             ..Status::default()
         };
         let heard = |robot: String, status| Heard {
@@ -205,7 +205,7 @@ mod tests {
         robots.push(heard("z".into(), status(None, 3)));
         let text = text(&robots, ROWS);
         let lines: Vec<_> = text.lines().collect();
-        assert!(lines[0].contains("converged") && lines[0].ends_with("too few points"));
+        assert!(lines[0].contains("converged") && lines[0].ends_with("mirrored"));
         assert!(
             lines[1].starts_with('z') && lines[1].contains(" - "),
             "{text}"
@@ -216,7 +216,7 @@ mod tests {
         assert_eq!(
             words,
             [
-                "31", "robots", "-", "3", "310", "31", "124", "93", "62", "31", "0", "0", "0"
+                "31", "robots", "-", "3", "310", "31", "124", "93", "62", "31", "0", "0", "0", "0"
             ]
         );
         assert_eq!(lines[ROWS + 3], "policies in use: none: 1, version 7: 30");

@@ -5,7 +5,7 @@ use glam::Vec3;
 /// Distance along the surface that the sampling explains, in radii of a neighbourhood.
 const GAP: f32 = 0.3;
 /// Distance from a surface at which half of a point's loss is reached, in radii of a neighbourhood.
-const SURFACE: f32 = 0.1;
+pub(crate) const SURFACE: f32 = 0.1;
 /// The same for the distance between points.
 const POINT: f32 = 0.1;
 /// Share of the loss that is of the distance between points: small, but clouds that share points tell by it which turn

@@ -5,7 +5,7 @@
 //! target's principal axes. Points that the pose at hand matches are compared: a part of a symmetric thing, mirrored, may overlap
 //! with more of the target than it should. Where nearly all points are matched, all are compared, and count less.
 
-use crate::loss::CONTENDERS;
+use crate::loss::{COMPARED, CONTENDERS};
 use crate::polish::Refiner;
 use crate::search::{
     Best, SCREEN, SCREEN_POINTS, SCREEN_SCALE, SIFT, SIFT_POINTS, SIFT_SCALE, aligned, mirrored,
@@ -28,7 +28,7 @@ impl Refiner<'_> {
         const HERE: usize = CONTENDERS - 1;
         const MIRRORED: usize = CONTENDERS - 2;
         let ([screened_by, screened_on], [sifted_by, sifted_on]) = (SCREEN_POINTS, SIFT_POINTS);
-        self.keep_losses(HERE, found);
+        self.keep_surface_losses(HERE, found);
         let least = self.coarse_loss(found, sifted_on, SIFT_SCALE);
         self.mirror_source();
         let [source, target] = self.surfaces().map(Surface::axes);
@@ -48,7 +48,7 @@ impl Refiner<'_> {
         let mut most = 0.0f32;
         for (_, at) in sifted.held() {
             let at = self.polish_briefly(at);
-            self.keep_losses(MIRRORED, at);
+            self.keep_surface_losses(MIRRORED, at);
             let losses = self.losses();
             most = most.max(losses.excess_where_matched(HERE, MIRRORED).score());
             if losses.matched(HERE) > WHOLE {
@@ -57,5 +57,10 @@ impl Refiner<'_> {
         }
         self.mirror_source();
         most
+    }
+
+    fn keep_surface_losses(&mut self, contender: usize, at: Rigid) {
+        self.match_both(at, COMPARED);
+        self.keep_matched_surface_losses(contender, at);
     }
 }

@@ -86,7 +86,7 @@ impl Residual {
 pub struct Refined {
     /// Plain rigid transform, in the clouds' own units.
     pub target_from_source: Pose,
-    /// Distance between the clouds under it.
+    /// Distance between the clouds under it. A view point changes nothing in it: what it tells chooses between poses.
     pub residual: Residual,
     /// How well the planes matched fix a turn about the axis about which they fix it least, as a share of all axes:
     /// up to a third, near 0 for a surface of revolution.
@@ -290,16 +290,16 @@ impl<'w> Refiner<'w> {
         let residual = self.matched_residual(at);
         let iterations = steps + more;
         let better = residual.mean() <= before.mean();
-        let (at, residual) = if better {
-            (at, residual)
+        let at = if better {
+            at
         } else {
             self.match_both(initial, usize::MAX);
-            (initial, before)
+            initial
         };
         let overlap = self.matched_overlap(at);
         Candidate {
             at,
-            residual,
+            residual: self.matched_residual_of(at, &DepthGrid::EMPTY),
             overlap,
             rotation_constraint: self.least_constraint(at).1,
             iterations,
@@ -360,22 +360,22 @@ impl<'w> Refiner<'w> {
         target.match_to(self.isa, source, pose.inverse(), every_t);
     }
 
-    /// Residual under the pose for which points were matched last.
+    /// Residual under the pose for which points were matched last, by what the view point tells.
     pub(crate) fn matched_residual(&self, at: Rigid) -> Residual {
-        let Workspace {
-            source,
-            target,
-            seen,
-            ..
-        } = &*self.workspace;
-        let [source, target] = matched_losses(source, target, seen, at).map(|losses| {
-            let (mut sum, mut count) = (0.0f64, 0u32);
-            for loss in losses {
-                sum += f64::from(loss);
-                count += 1;
-            }
-            (sum / f64::from(count.max(1))) as f32
-        });
+        self.matched_residual_of(at, &self.workspace.seen)
+    }
+
+    fn matched_residual_of(&self, at: Rigid, seen: &DepthGrid) -> Residual {
+        let Workspace { source, target, .. } = &*self.workspace;
+        let [source, target] =
+            matched_losses(source, target, seen, at, loss::of_match).map(|losses| {
+                let (mut sum, mut count) = (0.0f64, 0u32);
+                for loss in losses {
+                    sum += f64::from(loss);
+                    count += 1;
+                }
+                (sum / f64::from(count.max(1))) as f32
+            });
         Residual { source, target }
     }
 
@@ -592,10 +592,24 @@ impl<'w> Refiner<'w> {
             losses,
             ..
         } = &mut *self.workspace;
-        let [of_source, of_target] = matched_losses(source, target, seen, at);
+        let [of_source, of_target] = matched_losses(source, target, seen, at, loss::of_match);
         losses.keep(contender, of_source.chain(of_target));
         let Residual { source, target } = self.matched_residual(at);
         (SOURCE_SHARE * source + (1.0 - SOURCE_SHARE) * target) * 2.0 * loss::COMPARED as f32
+    }
+
+    /// Keeps how far the points matched last are from surfaces, and not from points: where those lie is chance.
+    pub(crate) fn keep_matched_surface_losses(&mut self, contender: usize, at: Rigid) {
+        let Workspace {
+            source,
+            target,
+            seen,
+            losses,
+            ..
+        } = &mut *self.workspace;
+        let by = |apart, normal, radius| loss::of_surface(apart, normal, radius, loss::SURFACE);
+        let [of_source, of_target] = matched_losses(source, target, seen, at, by);
+        losses.keep(contender, of_source.chain(of_target));
     }
 
     /// Both surfaces, source first.
@@ -611,6 +625,7 @@ fn matched_losses<'a>(
     target: &'a Surface,
     seen: &'a DepthGrid,
     at: Rigid,
+    by: impl Fn(Vec3, Vec3, f32) -> f32 + Copy + 'a,
 ) -> [impl Iterator<Item = f32> + 'a; 2] {
     let there = at.pose();
     [
@@ -621,7 +636,7 @@ fn matched_losses<'a>(
         surface.matches().map(move |found| {
             let ((p, _), (q, n)) = (surface.at(found.of), other.at(found.to));
             let p = pose.apply(p);
-            let loss = loss::of_match(p - q, n, other.radius);
+            let loss = by(p - q, n, other.radius);
             match sees {
                 true if seen.hides(p) => 1.0,
                 true => UNSEEN * loss,

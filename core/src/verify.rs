@@ -243,7 +243,7 @@ impl Refiner<'_> {
     }
 
     /// Keeps the losses under a pose, point by point; their sum.
-    pub(crate) fn keep_losses(&mut self, contender: usize, at: Rigid) -> f32 {
+    fn keep_losses(&mut self, contender: usize, at: Rigid) -> f32 {
         self.match_both(at, COMPARED);
         self.keep_matched_losses(contender, at)
     }

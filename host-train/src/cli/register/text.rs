@@ -44,6 +44,8 @@ pub(super) fn report(
         }
         let percent = Percent(refinement.evidence.probability());
         text += &format!("right within 5 degrees and .05 target radii: {percent}\n");
+    } else {
+        text += "how probably it is right is not known of the policy alone: see --mode verify\n";
     }
     text + &format!("{}, {ms:.1} ms\n", answer.verdict)
 }

@@ -1,0 +1,151 @@
+//! A policy in stages through a fleet of 200: one that is worse and says nothing of it is caught at the first one.
+
+mod support;
+
+use firmware_sim::client::Client;
+use firmware_sim::node::{Node, NodeConfig};
+use firmware_sim::policy::Trust;
+use host_train::dataset::pairs::PairSet;
+use host_train::dataset::procedural;
+use host_train::policy::WeightFile;
+use host_train::protocol::{self, Protocol};
+use host_train::publish::{Gate, Halt, Stages};
+use reagent_core::weights::{FORMAT_INT8, checksum, offsets};
+use reagent_core::wire::{CloudView, Mode, RefineRequest};
+use std::path::Path;
+use std::time::Duration;
+use support::{FLEET, Network, publisher, until};
+
+const ROBOTS: usize = 200;
+/// Robots that share a session.
+const TOGETHER: usize = 25;
+/// Poses by which a stage is judged.
+const POSES: u64 = 100;
+/// Points of each cloud of a request.
+const POINTS: usize = 256;
+
+/// The bundled policy for small memories.
+fn good_policy() -> WeightFile {
+    let weights = Path::new(env!("CARGO_MANIFEST_DIR")).join("../core/weights");
+    WeightFile::load(&weights.join("reagent-compact-int8.rgw")).expect("it is bundled")
+}
+
+/// The same with every seventh weight negated: a file without a fault that does what its manifest says.
+fn worse_policy() -> WeightFile {
+    let good = good_policy();
+    let mut bytes = good.bytes().to_vec();
+    let shape = good.policy().shape;
+    for ((inputs, outputs), (weights, _)) in
+        shape.layers().into_iter().zip(offsets(&shape, FORMAT_INT8))
+    {
+        let weights = &mut bytes[weights..][..inputs * outputs];
+        for weight in weights.iter_mut().step_by(7) {
+            *weight = (*weight as i8).saturating_neg() as u8;
+        }
+    }
+    let (body, sum) = bytes.split_last_chunk_mut().expect("it ends with a sum");
+    *sum = checksum(body).to_le_bytes();
+    WeightFile::from_bytes(&bytes).expect("a sound file")
+}
+
+/// Asks robots for poses, every other time one that has the newest policy, without end.
+async fn ask_on_and_on(client: Client, pairs: PairSet) {
+    client.follow_robots().await.expect("an open session");
+    for id in 0.. {
+        let heard = client.heard();
+        let version = |i: usize| heard[i].status.policy.map(|policy| policy.version);
+        let newest = (0..heard.len()).filter_map(version).max();
+        let (new, old): (Vec<_>, Vec<_>) =
+            (0..heard.len()).partition(|&i| version(i).is_some() && version(i) == newest);
+        let group = match id % 2 {
+            0 if !old.is_empty() => old,
+            _ => new,
+        };
+        let Some(&robot) = group.get(id as usize / 2 % group.len().max(1)) else {
+            tokio::task::yield_now().await;
+            continue;
+        };
+        let pair = id as usize % pairs.source.len();
+        let clouds = [&pairs.source[pair], &pairs.target[pair]];
+        let clouds = clouds.map(|cloud| CloudView::of(&cloud[..POINTS]));
+        let request = RefineRequest {
+            mode: Mode::Polish,
+            budget_ms: 60_000,
+            ..RefineRequest::new(id, clouds[0], clouds[1])
+        };
+        let answer = client.refine(&heard[robot].robot, &request).await;
+        answer.expect("a pose");
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_policy_that_is_silently_worse_is_caught_at_the_first_stage_of_a_fleet_of_200() {
+    let network = Network::start().await;
+    let mut nodes = Vec::new();
+    for first in (0..ROBOTS).step_by(TOGETHER) {
+        let session = network.join().await;
+        for robot in first..first + TOGETHER {
+            let config = NodeConfig {
+                fleet: FLEET.into(),
+                robot: format!("r{robot:03}"),
+                trust: Trust::AnyKey,
+                state: None,
+            };
+            let node = Node::start(session.clone(), config).await;
+            nodes.push(node.expect("good names"));
+        }
+    }
+    let all_run = async |version: u64| {
+        for node in &nodes {
+            let runs = |v: u64| {
+                move |view: &firmware_sim::view::View| {
+                    view.policy
+                        .as_ref()
+                        .is_some_and(|policy| policy.version == v)
+                }
+            };
+            until(node, runs(version)).await;
+        }
+    };
+    let mut publisher = publisher(&network).await;
+    let shipped = publisher.publish(1, "good", good_policy()).await;
+    shipped.expect("a good policy");
+    all_run(1).await;
+
+    let models = procedural::models(3, 16);
+    let pairs = protocol::draw(&models, Protocol::M40Models, 32, 3);
+    let client = Client::new(network.join().await, FLEET).await;
+    let load = tokio::spawn(ask_on_and_on(client.expect("a good name"), pairs));
+    let stages: Stages = "1,10%,100%".parse().expect("stages");
+    let gate = Gate {
+        poses: POSES,
+        wait: Duration::from_secs(60),
+    };
+    let worse = worse_policy();
+    let manifest = publisher.prepare(2, "worse", &worse).await;
+    let manifest = manifest.expect("a sound policy");
+    let told = |line| println!("{line}");
+    let outcome = publisher
+        .roll_out(&manifest, &worse, &stages, gate, told)
+        .await;
+    let halt = outcome.expect("an open session");
+    let halt = halt.expect_err("it is worse");
+    assert!(matches!(halt, Halt::Worse(_)), "{halt}");
+    let have_it = nodes.iter().filter(|node| {
+        let policy = node.watch().borrow().policy.clone();
+        policy.is_some_and(|policy| policy.version == 2)
+    });
+    assert_eq!(have_it.count(), 1, "of {ROBOTS} robots");
+
+    // One that is no worse goes through all stages, and those that took the other one take it, too.
+    let manifest = publisher.prepare(3, "as good", &good_policy()).await;
+    let manifest = manifest.expect("a sound policy");
+    let outcome = publisher
+        .roll_out(&manifest, &good_policy(), &stages, gate, told)
+        .await;
+    let outcome = outcome.expect("an open session");
+    assert_eq!(outcome, Ok(()));
+    all_run(3).await;
+    assert!(!load.is_finished(), "requests were answered all the time");
+    load.abort();
+}

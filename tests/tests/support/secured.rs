@@ -35,25 +35,66 @@ pub(crate) fn make_ca(folder: &Path, port: u16) -> bool {
     true
 }
 
+/// A router beside the first, for others.
+pub(crate) struct Second {
+    pub(crate) port: u16,
+    _router: Session,
+}
+
+fn free_port() -> u16 {
+    let socket = UdpSocket::bind("127.0.0.1:0").expect("a free port");
+    socket.local_addr().expect("it is bound").port()
+}
+
+async fn router(config: PathBuf, port: u16, connect: Vec<String>) -> Session {
+    let args = SessionArgs {
+        zenoh: Some(config),
+        listen: vec![format!("quic/127.0.0.1:{port}?multistream=0")],
+        connect,
+    };
+    open(&args).await.expect("the port is free")
+}
+
 impl Secured {
     pub(crate) async fn start() -> Option<Secured> {
+        Secured::with(|_| {}).await
+    }
+
+    /// With a router that takes so many sessions.
+    pub(crate) async fn with_sessions(most: usize) -> Option<Secured> {
+        let limit = |folder: &Path| {
+            let path = folder.join("router.json5");
+            let text = std::fs::read_to_string(&path).expect("readable");
+            let limited = text.replace("max_sessions: 1000", &format!("max_sessions: {most}"));
+            assert_ne!(text, limited);
+            std::fs::write(path, limited).expect("writable");
+        };
+        Secured::with(limit).await
+    }
+
+    async fn with(change: impl FnOnce(&Path)) -> Option<Secured> {
         let folder = tempfile::tempdir().expect("a temporary directory");
-        let socket = UdpSocket::bind("127.0.0.1:0").expect("a free port");
-        let port = socket.local_addr().expect("it is bound").port();
-        drop(socket);
+        let port = free_port();
         if !make_ca(folder.path(), port) {
             return None;
         }
-        let args = SessionArgs {
-            zenoh: Some(folder.path().join("router.json5")),
-            listen: vec![format!("quic/127.0.0.1:{port}?multistream=0")],
-            ..SessionArgs::default()
-        };
+        change(folder.path());
+        let config = folder.path().join("router.json5");
         Some(Secured {
-            _router: open(&args).await.expect("the port is free"),
+            _router: router(config, port, vec![]).await,
             folder,
             port,
         })
+    }
+
+    /// One more router of the network, connected to the first.
+    pub(crate) async fn second_router(&self) -> Second {
+        let port = free_port();
+        let first = vec![format!("quic/localhost:{}?multistream=0", self.port)];
+        Second {
+            port,
+            _router: router(self.config("router"), port, first).await,
+        }
     }
 
     pub(crate) fn config(&self, name: &str) -> PathBuf {

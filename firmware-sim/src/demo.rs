@@ -9,6 +9,7 @@ use crate::refine::{Row, ask, errors};
 use crate::session::{SessionArgs, open};
 use anyhow::{Context, bail};
 use ed25519_dalek::SigningKey;
+use host_train::cli::{check_writable, write_json};
 use host_train::learn::train::fine_tune;
 use host_train::measure::metrics::PairMetrics;
 use host_train::policy::WeightFile;
@@ -70,6 +71,9 @@ impl DemoArgs {
     /// Anything that fails, a robot's refusal included.
     pub async fn run(self) -> anyhow::Result<()> {
         let started = Instant::now();
+        if let Some(path) = &self.json {
+            check_writable(path)?;
+        }
         let first = WeightFile::load_or_pretrained(self.weights.as_deref())?;
         let scene = Scene::of(&self)?;
         println!("{}", scene.description);
@@ -114,9 +118,7 @@ impl DemoArgs {
         let document = table(&before, after.as_deref());
         println!("done in {:.0} s", started.elapsed().as_secs_f32());
         if let Some(path) = &self.json {
-            let text = serde_json::to_string_pretty(&document)?;
-            std::fs::write(path, text + "\n")
-                .with_context(|| format!("cannot write {}", path.display()))?;
+            write_json(path, &document)?;
         }
         Ok(())
     }

@@ -15,6 +15,7 @@ use crate::session::{SessionArgs, open};
 use anyhow::Context;
 use ed25519_dalek::SigningKey;
 use figures::Times;
+use host_train::cli::{check_writable, write_json};
 use host_train::dataset::pairs::PairSet;
 use host_train::dataset::procedural;
 use host_train::policy::WeightFile;
@@ -85,6 +86,9 @@ impl FleetArgs {
         if let Some(Command::Watch(args)) = self.command.take() {
             return args.run().await;
         }
+        if let Some(path) = &self.json {
+            check_writable(path)?;
+        }
         let policy = self.policy()?;
         let models = procedural::models(self.seed, PAIRS);
         let pairs = Arc::new(protocol::draw(
@@ -140,9 +144,7 @@ impl FleetArgs {
                 "alone": alone.json(),
                 "loaded": loaded.json(),
             });
-            let text = serde_json::to_string_pretty(&document)?;
-            std::fs::write(path, text + "\n")
-                .with_context(|| format!("cannot write {}", path.display()))?;
+            write_json(path, &document)?;
         }
         Ok(())
     }

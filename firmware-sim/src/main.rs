@@ -5,16 +5,19 @@ use ed25519_dalek::VerifyingKey;
 use firmware_sim::board::{Board, Clouds, Kind, Simulation, build_image, check_simulator};
 use firmware_sim::node::{Node, NodeConfig};
 use firmware_sim::policy::Trust;
-use firmware_sim::session::{SessionArgs, has_certificate, open};
-use std::io::{IsTerminal, Write};
+use firmware_sim::session::{SessionArgs, certificates, has_certificate, open};
+use reagent_link::log::LogArgs;
+use reagent_link::metrics::{Figures, MetricsArgs};
+use reagent_link::stop::stop_requested;
 use std::path::PathBuf;
 use std::process::ExitCode;
-use tracing_subscriber::EnvFilter;
 
 /// Simulated robots that fetch policies and answer refinement requests over Zenoh.
 #[derive(Debug, Parser)]
 #[command(version, propagate_version = true)]
 struct Cli {
+    #[command(flatten)]
+    log: LogArgs,
     #[command(subcommand)]
     command: Command,
 }
@@ -63,6 +66,8 @@ struct NodeArgs {
     )]
     board_clouds: Clouds,
     #[command(flatten)]
+    metrics: MetricsArgs,
+    #[command(flatten)]
     session: SessionArgs,
 }
 
@@ -77,7 +82,7 @@ impl RouterArgs {
     async fn run(self) -> anyhow::Result<()> {
         let router = open(&self.session).await?;
         tracing::info!("router {} is up", router.zid());
-        Ok(tokio::signal::ctrl_c().await?)
+        Ok(stop_requested().await?)
     }
 }
 
@@ -101,7 +106,18 @@ impl NodeArgs {
         if has_certificate(&self.session)? {
             node.check_heard(&open(&self.session).await?).await?;
         }
-        Ok(tokio::signal::ctrl_c().await?)
+        let (view, robot) = (node.watch(), node.name().to_owned());
+        let certificates = certificates(&self.session)?;
+        let figures = move || {
+            let view = view.borrow();
+            Figures {
+                robots: vec![view.figures(&robot)],
+                certificates: certificates.clone(),
+                wrong: view.wrong(),
+            }
+        };
+        let _metrics = self.metrics.serve(figures).await?;
+        Ok(stop_requested().await?)
     }
 }
 
@@ -136,13 +152,7 @@ fn main() -> ExitCode {
         #[cfg(feature = "demo")]
         _ => "warn,zenoh=off,firmware_sim=error",
     };
-    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(level));
-    tracing_subscriber::fmt()
-        .with_env_filter(filter)
-        .with_writer(std::io::stderr)
-        .with_ansi(std::io::stderr().is_terminal())
-        .log_internal_errors(false)
-        .init();
+    cli.log.start(level);
     let outcome = tokio::runtime::Runtime::new()
         .map_err(anyhow::Error::from)
         .and_then(|runtime| runtime.block_on(run(cli.command)));
@@ -153,8 +163,7 @@ fn main() -> ExitCode {
                 .split_whitespace()
                 .collect::<Vec<_>>()
                 .join(" ");
-            // Whoever closed the other end of stderr does not want to know.
-            let _ = writeln!(std::io::stderr(), "error: {text}");
+            cli.log.failed(&text);
             ExitCode::FAILURE
         }
     }

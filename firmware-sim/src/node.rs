@@ -141,13 +141,13 @@ impl Node {
             return Err(duplicate());
         }
 
-        let routers = follow_routers(&session).await?;
         let instance = draw_instance();
         let (view, seen) = watch::channel(View {
             instance,
             ..View::default()
         });
         let view = Arc::new(view);
+        let routers = follow_routers(&session, view.clone()).await?;
         let (answered, reply_key) = (seen.clone(), status_key.clone());
         let status = session
             .declare_queryable(status_key.as_str())
@@ -239,6 +239,11 @@ impl Node {
             true => Ok(()),
             false => Err(NodeError::Unheard { fleet, robot }),
         }
+    }
+
+    /// The robot's name.
+    pub fn name(&self) -> &str {
+        &self.config.robot
     }
 
     /// Watches the node's state.

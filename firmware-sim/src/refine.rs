@@ -8,8 +8,8 @@ pub(crate) use table::{Row, errors};
 use crate::client::{Client, RefineError};
 use crate::node::ANY;
 use crate::session::{SessionArgs, open};
-use anyhow::{Context, bail};
-use host_train::cli::Initial;
+use anyhow::bail;
+use host_train::cli::{Initial, check_writable, write_json};
 use host_train::dataset::Point;
 use host_train::dataset::cloud_file::read_cloud;
 use host_train::dataset::pairs::PairSet;
@@ -191,6 +191,10 @@ impl RefineArgs {
     /// # Errors
     /// Files that cannot be read, no session, and the first request without a pose.
     pub async fn run(self) -> anyhow::Result<()> {
+        // A file that cannot be written is known before anybody is asked.
+        for path in [&self.trace, &self.json].into_iter().flatten() {
+            check_writable(path)?;
+        }
         match (&self.pairs, &self.source, &self.target) {
             (Some(path), ..) => {
                 let pairs = PairSet::load(path)?;
@@ -223,18 +227,20 @@ impl RefineArgs {
             traces,
         })
     }
-
-    fn write(&self, document: &serde_json::Value) -> anyhow::Result<()> {
-        if let Some(path) = &self.json {
-            let text = serde_json::to_string_pretty(document)?;
-            std::fs::write(path, text + "\n")
-                .with_context(|| format!("cannot write {}", path.display()))?;
-        }
-        Ok(())
-    }
 }
 
 impl Asking {
+    /// Writes the files that were asked for.
+    fn write(&self, document: &serde_json::Value) -> anyhow::Result<()> {
+        if let Some(traces) = &self.traces {
+            traces.write()?;
+        }
+        match &self.args.json {
+            Some(path) => write_json(path, document),
+            None => Ok(()),
+        }
+    }
+
     async fn ask(&mut self, id: u64, [source, target]: [&Sent; 2]) -> anyhow::Result<Answer> {
         let initial = self.start.near(source.origin, target.origin);
         let (source, target) = (&source.points, &target.points);
@@ -289,7 +295,7 @@ impl Asking {
             reply.policy_version,
             answer.round_trip_ms,
         );
-        self.args.write(&answer.json(origins))
+        self.write(&answer.json(origins))
     }
 
     async fn refine_pairs(&mut self, pairs: &PairSet) -> anyhow::Result<()> {
@@ -320,7 +326,7 @@ impl Asking {
             println!("{}", Row::new("initial", &before));
             println!("{}", Row::new("refined", &after));
         }
-        self.args.write(&json!({ "pairs": answers }))?;
+        self.write(&json!({ "pairs": answers }))?;
         match first {
             None => Ok(()),
             Some(error) => Err(error.context(format!(

@@ -1,26 +1,32 @@
 //! Routers that come and go, in the log: what else a robot says then is heard by nobody.
 
+use crate::view::View;
+use std::sync::Arc;
+use tokio::sync::watch;
 use zenoh::Session;
 use zenoh::config::WhatAmI;
 use zenoh::sample::SampleKind;
 use zenoh::session::TransportEventsListener;
 
-/// Logs every router that this session finds and loses.
+/// Logs every router that this session finds and loses, and keeps count of them.
 pub(crate) async fn follow_routers(
     session: &Session,
+    view: Arc<watch::Sender<View>>,
 ) -> zenoh::Result<TransportEventsListener<()>> {
     let info = session.info();
     let listener = info.transport_events_listener().history(true);
-    let listener = listener.callback(|event| {
+    let listener = listener.callback(move |event| {
         let transport = event.transport();
         if transport.whatami() != WhatAmI::Router {
             return;
         }
         let router = transport.zid();
-        match event.kind() {
-            SampleKind::Put => tracing::info!("connected to router {router}"),
-            SampleKind::Delete => tracing::warn!("lost router {router}; looking for it"),
+        let found = event.kind() == SampleKind::Put;
+        match found {
+            true => tracing::info!("connected to router {router}"),
+            false => tracing::warn!("lost router {router}; looking for it"),
         }
+        view.send_modify(|view| view.count_router(found));
     });
     listener.await
 }

@@ -5,7 +5,7 @@ use crate::node::NodeConfig;
 use crate::policy::{LoadedPolicy, UpdateError, claimed, verified_manifest};
 use crate::store::Store;
 use crate::view::View;
-use reagent_core::wire::{Manifest, PolicyId, keys};
+use reagent_core::wire::{Manifest, PolicyId, WhyNot, keys};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::watch;
@@ -25,6 +25,8 @@ pub(crate) struct Updates {
     jitter: Jitter,
     policies: watch::Sender<Option<Arc<LoadedPolicy>>>,
     view: Arc<watch::Sender<View>>,
+    /// The announcement refused last, and why.
+    refused: Option<(Vec<u8>, WhyNot)>,
 }
 
 impl Updates {
@@ -41,11 +43,12 @@ impl Updates {
             policies: watch::Sender::new(None),
             view,
             config,
+            refused: None,
         };
         match updates.store.boot(&updates.config.trust).await {
             Ok(Some(kept)) => updates.swap(kept),
             Ok(None) => {}
-            Err(error) => updates.refused(PolicyId::default(), error),
+            Err(error) => updates.refuse(PolicyId::default(), error),
         }
         Ok(updates)
     }
@@ -115,9 +118,19 @@ impl Updates {
     /// Takes the announced policy if it is trusted, newer and whole.
     async fn consider(&mut self, signed_manifest: &[u8]) {
         match self.update(signed_manifest).await {
-            Ok(Some(policy)) => self.swap(policy),
+            Ok(Some(policy)) => {
+                self.refused = None;
+                self.swap(policy);
+            }
             Ok(None) => {}
-            Err(error) => self.refused(claimed(signed_manifest), error),
+            // What was announced and then asked for, too, is refused once.
+            Err(error) => {
+                let now = Some((signed_manifest.to_vec(), error.why()));
+                if self.refused != now {
+                    self.refused = now;
+                    self.refuse(claimed(signed_manifest), error);
+                }
+            }
         }
     }
 
@@ -168,7 +181,7 @@ impl Updates {
         self.view.send_modify(|view| view.use_policy(manifest));
     }
 
-    fn refused(&self, policy: PolicyId, error: UpdateError) {
+    fn refuse(&self, policy: PolicyId, error: UpdateError) {
         // What two publishers say in turns is no fault of the robot.
         match &error {
             UpdateError::NotNewer { .. } | UpdateError::NotYet(_) => {

@@ -3,6 +3,7 @@
 use crate::policy::UpdateError;
 use reagent_core::verdict::VERDICTS;
 use reagent_core::wire::{Manifest, NotTaken, PolicyId, RefineReply, Status, Tally};
+use reagent_link::metrics::Robot;
 use std::sync::Arc;
 
 /// A node's state; changes are watched with [`crate::node::Node::watch`].
@@ -20,6 +21,8 @@ pub struct View {
     pub tally: Tally,
     /// Whether the state directory was deleted or replaced.
     pub state_lost: bool,
+    /// Routers that it is connected to; `None` before the first.
+    pub routers: Option<usize>,
     /// Requests answered with a pose.
     pub served: u64,
     /// Requests refused.
@@ -49,6 +52,40 @@ impl View {
             not_taken: self.not_taken,
             tally: self.tally,
         }
+    }
+
+    /// The same as figures of the robot of this name.
+    pub fn figures(&self, robot: &str) -> Robot {
+        Robot {
+            name: robot.into(),
+            status: self.status(),
+            online: true,
+            duplicate: self.duplicate,
+        }
+    }
+
+    /// What is wrong with the robot, if anything is.
+    pub fn wrong(&self) -> Option<String> {
+        let faults = [
+            (self.policy.is_none(), "no policy"),
+            (self.state_lost, "the state directory is gone"),
+            (self.duplicate, "another robot has this name"),
+            (self.routers == Some(0), "no router"),
+        ];
+        let wrong: Vec<_> = faults
+            .iter()
+            .filter(|(is, _)| *is)
+            .map(|(_, what)| *what)
+            .collect();
+        (!wrong.is_empty()).then(|| wrong.join(", "))
+    }
+
+    pub(crate) fn count_router(&mut self, found: bool) {
+        let routers = self.routers.unwrap_or(0);
+        self.routers = Some(match found {
+            true => routers + 1,
+            false => routers.saturating_sub(1),
+        });
     }
 
     pub(crate) fn use_policy(&mut self, manifest: Manifest) {
@@ -81,5 +118,23 @@ impl View {
     pub(crate) fn count_refused(&mut self) {
         self.refused += 1;
         self.in_hand = self.in_hand.saturating_sub(1);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_robot_is_well_with_a_policy_a_router_and_its_state() {
+        let mut view = View::default();
+        let wrong = |view: &View| view.wrong().unwrap_or_default();
+        assert_eq!(wrong(&view), "no policy");
+        view.count_router(true);
+        assert_eq!(wrong(&view), "no policy");
+        view.count_router(false);
+        view.state_lost = true;
+        let all = "no policy, the state directory is gone, no router";
+        assert_eq!(wrong(&view), all);
     }
 }

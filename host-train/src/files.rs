@@ -15,6 +15,18 @@ pub fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
     replace(path, bytes).map_err(plain)
 }
 
+/// Whether [`write`] would find a place for its file; what is there is left as it is.
+///
+/// # Errors
+/// The system's.
+pub fn check(path: &Path) -> io::Result<()> {
+    if path == Path::new("-") || is_special(path) {
+        return Ok(());
+    }
+    let prepared = target(path).and_then(|target| prepare(&target));
+    prepared.map(drop).map_err(plain)
+}
+
 fn replace(path: &Path, bytes: &[u8]) -> io::Result<()> {
     if path == Path::new("-") {
         let mut output = io::stdout().lock();
@@ -24,13 +36,17 @@ fn replace(path: &Path, bytes: &[u8]) -> io::Result<()> {
         return OpenOptions::new().write(true).open(path)?.write_all(bytes);
     }
     let target = target(path)?;
-    let before = match OpenOptions::new().write(true).open(&target) {
+    commit(prepare(&target)?, bytes, |file| file.persist(&target))
+}
+
+/// The temporary file that is to take a target's place.
+fn prepare(target: &Path) -> io::Result<tempfile::NamedTempFile> {
+    let before = match OpenOptions::new().write(true).open(target) {
         Ok(file) => Some(file.metadata()?),
         Err(error) if error.kind() == io::ErrorKind::NotFound => None,
         Err(error) => return Err(error),
     };
-    let file = temporary(&target, before.as_ref())?;
-    commit(file, bytes, |file| file.persist(&target))
+    temporary(target, before.as_ref())
 }
 
 /// Writes a file that only its owner may read, and that must not exist.
@@ -210,6 +226,21 @@ mod tests {
                 .file_type()
                 .is_fifo()
         );
+    }
+
+    #[test]
+    fn whether_a_file_can_be_written_is_known_before_and_changes_nothing() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let at = |name: &str| folder.path().join(name);
+        fs::write(at("old"), "old").expect("written");
+        for path in [at("old"), at("new"), "/dev/full".into(), "-".into()] {
+            check(&path).expect("it can");
+        }
+        assert_eq!(fs::read_to_string(at("old")).expect("read"), "old");
+        for path in [at("no/such"), folder.path().into()] {
+            check(&path).expect_err("it cannot");
+        }
+        assert_eq!(names(folder.path()), ["old"]);
     }
 
     #[test]

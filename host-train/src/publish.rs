@@ -2,11 +2,13 @@
 
 mod command;
 mod comparison;
+mod history;
 mod key;
 mod robots;
 mod stages;
 mod statistics;
 mod stored;
+mod witness;
 
 pub use crate::policy::manifest::{chunk_table, manifest};
 pub use command::{PublishArgs, run};
@@ -41,6 +43,9 @@ pub enum PublishError {
     /// There is no session.
     #[error(transparent)]
     Session(#[from] SessionError),
+    /// The figures cannot be served.
+    #[error(transparent)]
+    Metrics(#[from] reagent_link::metrics::MetricsError),
     /// The policy file cannot be read or is none.
     #[error(transparent)]
     Weights(#[from] ExportError),
@@ -125,7 +130,7 @@ pub enum PublishError {
     /// The run that the policy came from has no record.
     #[error(transparent)]
     Run(#[from] TrainError),
-    /// The record of the evaluation, or the hash in a run's record, cannot be read.
+    /// The record of the evaluation, the hash in a run's record or the history cannot be read.
     #[error("{path}: {reason}")]
     Record {
         /// The file.

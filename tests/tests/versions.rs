@@ -4,7 +4,7 @@ mod support;
 
 use firmware_sim::node::{Node, NodeConfig};
 use firmware_sim::policy::{Trust, UpdateError};
-use host_train::publish::{PublishError, manifest};
+use host_train::publish::{PublishError, Publisher, manifest};
 use reagent_core::wire::{Manifest, Release, WhyNot};
 use std::time::Duration;
 use support::{FLEET, Host, Network, int8_policy, key, publisher, until};
@@ -123,4 +123,32 @@ async fn publishers_are_told_who_took_a_policy_and_who_did_not_and_why() {
     assert_eq!(told.taken, ["a", "c"]);
     assert_eq!(told.refused, [("b".to_owned(), WhyNot::Untrusted)]);
     assert_eq!(told.silent, []);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_policy_that_is_announced_and_asked_for_is_refused_once() {
+    let network = Network::start().await;
+    let config = NodeConfig {
+        fleet: FLEET.into(),
+        robot: "r1".into(),
+        trust: Trust::Keys(vec![key(1).verifying_key()]),
+        state: None,
+    };
+    let node = Node::start(network.join().await, config).await;
+    let node = node.expect("good names");
+    let policy = int8_policy();
+    for version in 1..=4 {
+        // Whoever is new is heard, and then asked.
+        let mut stranger = Publisher::new(network.join().await, FLEET, key(2));
+        let stranger = stranger.as_mut().expect("a good name");
+        let published = stranger.publish(version, "foreign", policy.clone()).await;
+        published.expect("a good policy");
+        until(&node, |view| view.updates_refused == version).await;
+    }
+    // Taken when all that came before has been considered.
+    let mut publisher = publisher(&network).await;
+    let published = publisher.publish(5, "own", policy).await;
+    published.expect("a good policy");
+    let view = until(&node, |view| view.policy.is_some()).await;
+    assert_eq!(view.updates_refused, 4);
 }

@@ -2,6 +2,13 @@
 //! trainer, and the trainer never links a robot.
 
 pub mod board;
+#[cfg(feature = "session")]
+pub mod certificate;
+pub mod log;
+#[cfg(feature = "session")]
+pub mod metrics;
 pub mod print;
 #[cfg(feature = "session")]
 pub mod session;
+#[cfg(feature = "session")]
+pub mod stop;

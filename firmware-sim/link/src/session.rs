@@ -1,5 +1,6 @@
 //! Opening a Zenoh session that says at once what is wrong: the one definition for both ends.
 
+use crate::certificate::{self, Certificate};
 use std::ops::Range;
 use std::path::PathBuf;
 use thiserror::Error;
@@ -32,30 +33,59 @@ pub enum SessionError {
         reason: zenoh::Error,
     },
     /// Nothing answers at the endpoint, or it cannot be listened on.
-    #[error("no zenoh session ({endpoints}): {}; is the router running there?", plain(.reason))]
+    #[error("no zenoh session ({endpoints}): {}; {hint}", plain(.reason))]
     Open {
         /// The endpoints given.
         endpoints: String,
         /// What Zenoh says.
         reason: zenoh::Error,
+        /// What the cause may be.
+        hint: String,
     },
 }
 
 /// How long an endpoint may take to answer, unless the configuration file says otherwise.
 const CONNECT_MS: &str = "3000";
 
-/// Opens a session; an endpoint that does not answer is an error within a few seconds.
+/// So many may connect and say nothing for so long before others are turned away, where Zenoh's default is 100 for
+/// 10 s; as in the configurations of `make-ca`.
+const AGAINST_SILENCE: [(&str, &str); 2] = [
+    ("transport/unicast/accept_pending", "1000"),
+    ("transport/unicast/accept_timeout", "3000"),
+];
+
+/// Opens a session; an endpoint that does not answer is an error within a few seconds. Certificates that have expired
+/// or will soon are told in the log.
 ///
 /// # Errors
 /// See [`SessionError`].
 pub async fn open(args: &SessionArgs) -> Result<Session, SessionError> {
     let config = config(args)?;
-    zenoh::open(config)
-        .await
-        .map_err(|reason| SessionError::Open {
-            endpoints: endpoints(args),
-            reason,
-        })
+    let (certificates, now) = (certificate::named_in(&config), certificate::now());
+    let mut hint = "is the router running there?".to_owned();
+    for certificate in &certificates {
+        let Some(notice) = certificate.notice(now) else {
+            continue;
+        };
+        tracing::warn!("{notice}");
+        if !certificate.holds(now) {
+            hint = notice;
+        }
+    }
+    let opened = zenoh::open(config).await;
+    opened.map_err(|reason| SessionError::Open {
+        endpoints: endpoints(args),
+        reason,
+        hint,
+    })
+}
+
+/// The certificates of a session.
+///
+/// # Errors
+/// `Config`.
+pub fn certificates(args: &SessionArgs) -> Result<Vec<Certificate>, SessionError> {
+    Ok(certificate::named_in(&config(args)?))
 }
 
 /// Whether the session proves who it is.
@@ -92,6 +122,9 @@ fn config(args: &SessionArgs) -> Result<Config, SessionError> {
         };
         set("mode", mode)?;
         set("scouting/multicast/enabled", "false")?;
+        for (key, value) in AGAINST_SILENCE {
+            set(key, value)?;
+        }
     }
     for (key, value) in [
         ("connect/timeout_ms", CONNECT_MS),

@@ -6,12 +6,15 @@
 
 use super::table::Table;
 use crate::client::{Client, Heard};
-use crate::session::{SessionArgs, open};
+use crate::session::{SessionArgs, certificates, open};
 use anyhow::bail;
 use reagent_core::verdict::Verdict;
 use reagent_core::wire::{PolicyId, Status, WhyNot};
+use reagent_link::metrics::{Figures, MetricsArgs, Robot};
+use reagent_link::stop::stop_requested;
 use serde_json::{Map, Value, json};
 use std::collections::BTreeSet;
+use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
 /// Time between two drawings in place, and between two lines of JSON at least.
@@ -33,6 +36,9 @@ pub struct WatchArgs {
     /// have one name
     #[arg(long, requires = "once")]
     pub check: bool,
+    /// Where its figures are served.
+    #[command(flatten)]
+    pub metrics: MetricsArgs,
     /// The network.
     #[command(flatten)]
     pub session: SessionArgs,
@@ -46,6 +52,14 @@ impl WatchArgs {
     pub async fn run(self) -> anyhow::Result<()> {
         let client = Client::new(open(&self.session).await?, &self.fleet).await?;
         client.follow_robots().await?;
+        let client = Arc::new(client);
+        let (watched, certificates) = (client.clone(), certificates(&self.session)?);
+        let figures = move || Figures {
+            robots: watched.heard().iter().map(figures).collect(),
+            certificates: certificates.clone(),
+            wrong: check(&watched.heard()).err().map(|error| error.to_string()),
+        };
+        let _metrics = self.metrics.serve(figures).await?;
         let mut changes = client.changes();
         let mut table = Table::new();
         let pause = if table.is_live() || self.json {
@@ -75,7 +89,7 @@ impl WatchArgs {
             };
             tokio::select! {
                 () = next => {}
-                ended = tokio::signal::ctrl_c() => return Ok(ended?),
+                ended = stop_requested() => return Ok(ended?),
             }
         }
     }
@@ -85,6 +99,15 @@ impl WatchArgs {
 fn document(robots: &[Heard]) -> Value {
     let robots: Vec<_> = robots.iter().map(robot).collect();
     json!({ "time": seconds(SystemTime::now()), "robots": robots })
+}
+
+fn figures(heard: &Heard) -> Robot {
+    Robot {
+        name: heard.robot.clone(),
+        status: heard.status,
+        online: heard.offline_since.is_none(),
+        duplicate: heard.duplicate,
+    }
 }
 
 fn robot(heard: &Heard) -> Value {

@@ -2,6 +2,7 @@
 
 use crate::client::{Client, MARGIN, RefineError};
 use anyhow::Context;
+use host_train::files;
 use reagent_core::wire::{self, Message, keys, serial};
 use std::path::{Path, PathBuf};
 use zenoh::handlers::FifoChannelHandler;
@@ -19,17 +20,14 @@ impl Traces {
     pub(super) async fn start(client: &Client, fleet: &str, path: &Path) -> anyhow::Result<Traces> {
         let key = keys::all_traces(fleet).map_err(RefineError::Request)?;
         let published = client.session().declare_subscriber(key.as_str()).await;
-        let mut traces = Traces {
+        Ok(Traces {
             published: published.map_err(RefineError::Zenoh)?,
             path: path.into(),
             lines: Vec::new(),
-        };
-        // A file that cannot be written is known before anybody is asked.
-        traces.write()?;
-        Ok(traces)
+        })
     }
 
-    /// Waits for the trace of an answer, and adds it to the file.
+    /// Waits for the trace of an answer.
     pub(super) async fn take(&mut self, robot: &str, id: u64) -> anyhow::Result<()> {
         let published = async {
             loop {
@@ -49,11 +47,12 @@ impl Traces {
         let frame = tokio::time::timeout(MARGIN, published).await;
         let frame = frame.with_context(|| format!("robot {robot} published no trace"))??;
         serial::write(&frame, |byte| self.lines.push(byte));
-        self.write()
+        Ok(())
     }
 
-    fn write(&mut self) -> anyhow::Result<()> {
-        std::fs::write(&self.path, &self.lines)
+    /// Writes the file, with what has come.
+    pub(super) fn write(&self) -> anyhow::Result<()> {
+        files::write(&self.path, &self.lines)
             .with_context(|| format!("cannot write {}", self.path.display()))
     }
 }

@@ -25,11 +25,13 @@ mod table;
 mod train;
 mod views;
 
+pub use output::{check_writable, write_json};
 pub use register::Initial;
 
 #[cfg(feature = "publish")]
 use crate::publish::{self, PublishArgs};
 use clap::{Parser, Subcommand};
+use reagent_link::log::LogArgs;
 
 /// The seed where none is given.
 const DEFAULT_SEED: u64 = 42;
@@ -41,9 +43,12 @@ const DEFAULT_SEED: u64 = 42;
 #[derive(Debug, Parser)]
 #[command(version, propagate_version = true)]
 pub struct Cli {
-    /// Seed of every random draw; the same seed gives the same result on any number of threads
-    #[arg(long, global = true, default_value_t = DEFAULT_SEED, value_name = "S")]
-    seed: u64,
+    /// Seed of every random draw [default: 42]; the same seed gives the same result on any number of threads
+    #[arg(long, global = true, value_name = "S")]
+    seed: Option<u64>,
+    /// How it logs.
+    #[command(flatten)]
+    pub log: LogArgs,
     #[command(subcommand)]
     command: Command,
 }
@@ -69,13 +74,35 @@ enum Command {
     Replay(replay::ReplayArgs),
 }
 
+impl Command {
+    /// Its name, if nothing that it does depends on a seed; keys come from the system's random source.
+    fn without_seed(&self) -> Option<&'static str> {
+        match self {
+            Command::Import(_) => Some("import"),
+            #[cfg(feature = "publish")]
+            Command::Keygen(_) => Some("keygen"),
+            #[cfg(feature = "publish")]
+            Command::Publish(_) => Some("publish"),
+            Command::Report(_) => Some("report"),
+            Command::Replay(_) => Some("replay"),
+            _ => None,
+        }
+    }
+}
+
 impl Cli {
     /// Runs the command.
     ///
     /// # Errors
     /// Whatever went wrong, as a chain from the general to the particular.
     pub fn run(self) -> anyhow::Result<()> {
-        let seed = self.seed;
+        if let (Some(_), Some(command)) = (self.seed, self.command.without_seed()) {
+            bad_usage(
+                command,
+                "--seed changes nothing here: nothing is drawn from it",
+            );
+        }
+        let seed = self.seed.unwrap_or(DEFAULT_SEED);
         match self.command {
             Command::Train(args) => args.run(seed),
             Command::Bench(args) => args.run(seed),

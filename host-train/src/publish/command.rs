@@ -1,5 +1,6 @@
 //! `host-train publish`
 
+use super::witness::Witness;
 use super::{
     Comparison, Gate, Halt, Provenance, PublishError, Publisher, SessionArgs, Stages, open_session,
     read_key,
@@ -7,6 +8,8 @@ use super::{
 use crate::dataset::pairs::PairSet;
 use crate::policy::WeightFile;
 use reagent_core::wire::{Manifest, PolicyName};
+use reagent_link::metrics::MetricsArgs;
+use reagent_link::stop::stop_requested;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
@@ -71,6 +74,13 @@ pub struct PublishArgs {
     /// Publish a policy that is worse, too; without it a terminal is asked.
     #[arg(long, requires = "evaluate")]
     pub anyway: bool,
+    /// File that grows by a line of JSON whenever a policy is published and whenever a robot runs or refuses another one:
+    /// who ran what when.
+    #[arg(long, value_name = "FILE.jsonl")]
+    pub history: Option<PathBuf>,
+    /// Where its figures are served.
+    #[command(flatten)]
+    pub metrics: MetricsArgs,
     /// The network.
     #[command(flatten)]
     pub session: SessionArgs,
@@ -83,8 +93,6 @@ pub struct PublishArgs {
 pub async fn run(args: PublishArgs) -> Result<(), PublishError> {
     let key = read_key(&args.key)?;
     let file = WeightFile::load(&args.weights)?;
-    let stem = args.weights.file_stem().unwrap_or_default();
-    let name = fitting(&stem.to_string_lossy());
     let version = args.policy_version.unwrap_or_else(|| {
         let since_1970 = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
         since_1970.map_or(1, |time| time.as_secs())
@@ -94,49 +102,70 @@ pub async fn run(args: PublishArgs) -> Result<(), PublishError> {
         compare(pairs, old, &file, args.anyway)?;
     }
     let session = open_session(&args.session).await?;
-    let public_key = key.verifying_key().to_bytes();
     let mut publisher = Publisher::new(session, &args.fleet, key)?;
     publisher.provenance = provenance;
     publisher.epoch = args.epoch;
-    let stored = args.store;
-    let manifest = match (stored, &args.stages) {
+    let witness = Witness::start(&publisher, &args).await?;
+    let shipped = tokio::select! {
+        Err(failed) = witness.follow() => Err(failed),
+        shipped = ship(&mut publisher, &witness, &args, version, file) => shipped,
+    };
+    if args.store || shipped.is_err() {
+        witness.ask().await?;
+        return shipped;
+    }
+    tokio::select! {
+        Err(failed) = witness.follow() => Err(failed),
+        stopped = stop_requested() => Ok(stopped.map_err(zenoh::Error::from)?),
+    }
+}
+
+/// Publishes the policy as the arguments say, and tells what became of it.
+async fn ship(
+    publisher: &mut Publisher,
+    witness: &Witness,
+    args: &PublishArgs,
+    version: u64,
+    file: WeightFile,
+) -> Result<(), PublishError> {
+    let stem = args.weights.file_stem().unwrap_or_default();
+    let name = fitting(&stem.to_string_lossy());
+    let manifest = match (args.store, &args.stages) {
         (true, _) => publisher.store(version, &name, &file).await?,
         (false, None) => publisher.publish(version, &name, file).await?,
         (false, Some(stages)) => {
             let manifest = publisher.prepare(version, &name, &file).await?;
-            roll_out(&mut publisher, &manifest, &file, stages, &args).await?;
+            witness.published(&manifest);
+            roll_out(publisher, witness, &manifest, &file, stages, args).await?;
             manifest
         }
     };
+    if args.stages.is_none() {
+        witness.published(&manifest);
+    }
+    let (verb, preposition, end) = match args.store {
+        true => ("stored", "for", ""),
+        false => ("serving", "to", "; Ctrl-C ends it"),
+    };
     println!(
-        "{} policy {name:?} version {} ({} bytes, SHA-256 {}) {} fleet {:?}{}",
-        if stored { "stored" } else { "serving" },
+        "{verb} policy {name:?} version {} ({} bytes, SHA-256 {}) {preposition} fleet {:?}{end}",
         manifest.release(),
         manifest.length,
         const_hex::encode(manifest.sha256),
-        if stored { "for" } else { "to" },
         args.fleet,
-        if stored { "" } else { "; Ctrl-C ends it" },
     );
+    let public_key = publisher.key.verifying_key();
     println!(
         "robots that trust only this key: --trust {}",
-        const_hex::encode(public_key)
+        const_hex::encode(public_key.as_bytes())
     );
-    let interrupted = tokio::signal::ctrl_c();
-    tokio::pin!(interrupted);
-    tokio::select! {
-        ended = &mut interrupted => return Ok(ended.map_err(zenoh::Error::from)?),
-        told = tell_reception(&publisher, &manifest, &args) => told?,
-    }
-    if !stored {
-        interrupted.await.map_err(zenoh::Error::from)?;
-    }
-    Ok(())
+    tell_reception(publisher, &manifest, args).await
 }
 
 /// Ships to one part of the fleet after the other, and takes back what does worse.
 async fn roll_out(
     publisher: &mut Publisher,
+    witness: &Witness,
     manifest: &Manifest,
     file: &WeightFile,
     stages: &Stages,
@@ -156,6 +185,7 @@ async fn roll_out(
             let old = WeightFile::load(old)?;
             let version = manifest.version + 1;
             let back = publisher.publish(version, "taken-back", old).await?;
+            witness.published(&back);
             let wait = Duration::from_secs(args.wait);
             let reception = publisher.reception(&back, wait).await?;
             format!("version {version} is the old policy again, {reception}")

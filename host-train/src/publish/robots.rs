@@ -6,6 +6,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::time::Duration;
 use tokio::time::Instant;
+use zenoh::Session;
 use zenoh::handlers::FifoChannelHandler;
 use zenoh::pubsub::Subscriber;
 use zenoh::query::QueryTarget;
@@ -97,25 +98,26 @@ impl fmt::Display for Reception {
     }
 }
 
+/// The robots of a fleet that answer now, in the order of their names.
+pub(super) async fn there(session: &Session, fleet: &str) -> Result<Vec<Heard>, PublishError> {
+    let key = keys::all_status(fleet).map_err(refused(fleet))?;
+    let asked = session.get(key.as_str()).target(QueryTarget::All);
+    let replies = asked.timeout(ANSWER_TIME).await?;
+    let mut robots = Vec::new();
+    while let Ok(reply) = replies.recv_async().await {
+        robots.extend(reply.result().ok().and_then(Heard::read));
+    }
+    robots.sort_by(|a, b| a.robot.cmp(&b.robot));
+    Ok(robots)
+}
+
 impl Publisher {
     /// The robots that answer now, in the order of their names.
     ///
     /// # Errors
     /// `Zenoh`.
     pub async fn robots(&self) -> Result<Vec<Heard>, PublishError> {
-        let key = keys::all_status(&self.fleet).map_err(refused(&self.fleet))?;
-        let replies = self
-            .session
-            .get(key.as_str())
-            .target(QueryTarget::All)
-            .timeout(ANSWER_TIME)
-            .await?;
-        let mut robots = Vec::new();
-        while let Ok(reply) = replies.recv_async().await {
-            robots.extend(reply.result().ok().and_then(Heard::read));
-        }
-        robots.sort_by(|a, b| a.robot.cmp(&b.robot));
-        Ok(robots)
+        there(&self.session, &self.fleet).await
     }
 
     /// Hears what robots say of themselves from here on.

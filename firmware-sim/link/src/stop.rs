@@ -1,0 +1,23 @@
+//! How a program that runs for long is asked to end.
+
+use std::io;
+use tokio::signal::ctrl_c;
+
+/// Waits for Ctrl-C, or for SIGTERM as service managers and containers send it: whoever ends then says farewell to
+/// the network, and is not missed until a lease has passed.
+///
+/// # Errors
+/// The system's.
+pub async fn stop_requested() -> io::Result<()> {
+    #[cfg(unix)]
+    {
+        use tokio::signal::unix::{SignalKind, signal};
+        let mut terminated = signal(SignalKind::terminate())?;
+        tokio::select! {
+            interrupted = ctrl_c() => interrupted,
+            _ = terminated.recv() => Ok(()),
+        }
+    }
+    #[cfg(not(unix))]
+    ctrl_c().await
+}

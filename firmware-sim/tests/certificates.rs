@@ -1,0 +1,105 @@
+//! Certificates that expire soon, that have expired, and that do not hold yet, as the program tells of them.
+#![cfg(all(feature = "demo", unix))]
+
+use std::io::{BufRead, BufReader};
+use std::net::UdpSocket;
+use std::path::Path;
+use std::process::{Child, Command, Output, Stdio};
+
+/// A child process that does not outlive the test.
+struct Running(Child);
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        self.0.kill().ok();
+        self.0.wait().ok();
+    }
+}
+
+fn program() -> Command {
+    let mut program = Command::new(env!("CARGO_BIN_EXE_firmware-sim"));
+    program.env_remove("RUST_LOG");
+    program
+}
+
+/// Makes the client's certificate anew, with other times.
+fn renew(folder: &Path, times: &[&str]) -> bool {
+    let script = "openssl req -new -key client.key -subj /CN=client | \
+        openssl x509 -req -CA ca.pem -CAkey ca.key -CAcreateserial -sha256 \
+        -extfile <(echo extendedKeyUsage=clientAuth; echo subjectAltName=DNS:client) -out client.pem \"$@\"";
+    let made = Command::new("bash")
+        .args(["-euo", "pipefail", "-c", script, "renew"])
+        .args(times)
+        .current_dir(folder)
+        .output()
+        .expect("bash runs");
+    made.status.success()
+}
+
+#[test]
+fn a_certificate_that_has_expired_or_will_soon_is_told() {
+    if Command::new("openssl").arg("version").output().is_err() {
+        return eprintln!("skipped: openssl is not installed");
+    }
+    let folder = tempfile::tempdir().expect("a temporary directory");
+    let socket = UdpSocket::bind("127.0.0.1:0").expect("a free port");
+    let port = socket.local_addr().expect("it is bound").port();
+    drop(socket);
+    let deploy = Path::new(env!("CARGO_MANIFEST_DIR")).join("deploy/make-ca");
+    let made = Command::new(deploy)
+        .arg(folder.path())
+        .args(["lab", &format!("localhost:{port}"), "arm1"])
+        .output();
+    assert!(made.expect("bash runs").status.success());
+    let config = |name: &str| folder.path().join(name);
+
+    let mut router = program();
+    router.args(["router", "--log", "json", "--zenoh"]);
+    router.arg(config("router.json5")).stderr(Stdio::piped());
+    let mut router = Running(router.spawn().expect("the program runs"));
+    let mut log = BufReader::new(router.0.stderr.take().expect("piped")).lines();
+    let up = log.find_map(|line| {
+        let line: serde_json::Value = serde_json::from_str(&line.expect("text")).expect("JSON");
+        let message = line["fields"]["message"].as_str().unwrap_or_default();
+        message.contains("is up").then(|| line.clone())
+    });
+    assert_eq!(up.expect("it is up")["level"], "INFO");
+
+    let watch = |options: &[&str]| -> (Output, String) {
+        let mut watch = program();
+        watch.args(["fleet", "watch", "--fleet", "lab", "--once", "--zenoh"]);
+        let output = watch.arg(config("client.json5")).args(options).output();
+        let output = output.expect("the program runs");
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        (output, said)
+    };
+    let (output, said) = watch(&[]);
+    assert!(
+        output.status.success() && !said.contains("expire"),
+        "{said}"
+    );
+    assert!(renew(folder.path(), &["-days", "1"]));
+    let (output, said) = watch(&[]);
+    assert!(output.status.success(), "{said}");
+    assert!(said.contains("client.pem expires in"), "{said}");
+
+    if !renew(folder.path(), &["-days", "-1"]) {
+        return eprintln!("skipped: this openssl makes no certificates that have expired");
+    }
+    let (output, said) = watch(&[]);
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    let error = said.lines().last().unwrap_or_default();
+    assert!(
+        error.starts_with("error: ") && error.contains("has expired on"),
+        "{said}"
+    );
+    let (output, said) = watch(&["--log", "json"]);
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    for line in said.lines() {
+        let line: serde_json::Value = serde_json::from_str(line).expect("JSON");
+        assert!(
+            line["level"].is_string() && line["fields"]["message"].is_string(),
+            "{line}"
+        );
+    }
+}

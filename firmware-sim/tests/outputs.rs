@@ -1,0 +1,245 @@
+//! Files that commands write, and what a robot keeps: through links and devices, and on a full disk.
+#![cfg(all(feature = "demo", unix))]
+
+use ed25519_dalek::SigningKey;
+use firmware_sim::node::{Node, NodeConfig};
+use firmware_sim::policy::Trust;
+use firmware_sim::session::{SessionArgs, open};
+use firmware_sim::view::View;
+use host_train::learn::nn::{Parameters, Shape};
+use host_train::policy::WeightFile;
+use host_train::publish::Publisher;
+use reagent_core::wire::WhyNot;
+use std::fs::{self, Permissions};
+use std::net::TcpListener;
+use std::os::unix::fs::{FileTypeExt, PermissionsExt, symlink};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use std::time::Duration;
+use zenoh::Session;
+
+/// A router, a robot with a policy, and two clouds to ask it about.
+struct Fleet {
+    endpoint: String,
+    publisher: Publisher,
+    node: Node,
+    router: Session,
+    clouds: [PathBuf; 2],
+    folder: tempfile::TempDir,
+}
+
+fn policy(seed: u64) -> WeightFile {
+    WeightFile::from_parameters(&Parameters::random(Shape::COMPACT, seed)).expect("deployable")
+}
+
+async fn until(node: &Node, wanted: impl FnMut(&View) -> bool) -> View {
+    let mut view = node.watch();
+    let reached = tokio::time::timeout(Duration::from_secs(60), view.wait_for(wanted));
+    let reached = reached.await.expect("the node gets there within a minute");
+    reached.expect("the node runs").clone()
+}
+
+impl Fleet {
+    async fn start(state: Option<&Path>) -> Fleet {
+        let listener = TcpListener::bind("127.0.0.1:0").expect("a free port");
+        let endpoint = format!("tcp/{}", listener.local_addr().expect("it is bound"));
+        drop(listener);
+        let args = SessionArgs {
+            listen: vec![endpoint.clone()],
+            ..SessionArgs::default()
+        };
+        let router = open(&args).await.expect("the port is free");
+        let config = NodeConfig {
+            fleet: "f".into(),
+            robot: "r1".into(),
+            trust: Trust::AnyKey,
+            state: state.map(Path::to_owned),
+        };
+        let node = Node::start(router.clone(), config).await;
+        let node = node.expect("good names");
+        let publisher = Publisher::new(router.clone(), "f", SigningKey::from_bytes(&[1; 32]));
+        let folder = tempfile::tempdir().expect("a temporary directory");
+        let cloud = |name: &str, shift: usize| {
+            let point = |i: usize| format!("{} {} {}\n", i % 7, i % 11 + shift, i % 13);
+            let path = folder.path().join(name);
+            fs::write(&path, (0..900).map(point).collect::<String>()).expect("written");
+            path
+        };
+        Fleet {
+            clouds: [cloud("a.xyz", 0), cloud("b.xyz", 1)],
+            endpoint,
+            publisher: publisher.expect("a good name"),
+            node,
+            router,
+            folder,
+        }
+    }
+
+    async fn give_policy(&mut self, version: u64) {
+        let shipped = self.publisher.publish(version, "p", policy(version)).await;
+        shipped.expect("a good policy");
+    }
+
+    /// Asks the robot, with these options besides.
+    async fn refine(&self, options: &[&Path]) -> Output {
+        let mut program = Command::new(env!("CARGO_BIN_EXE_firmware-sim"));
+        program.args(["refine", "--fleet", "f", "--robot", "r1", "--mode", "fast"]);
+        program.args(["--deadline", "60", "--connect", &self.endpoint]);
+        program.args(&self.clouds).args(options);
+        let asked = tokio::task::spawn_blocking(move || program.output());
+        let output = asked.await.expect("it does not panic");
+        output.expect("the program runs")
+    }
+}
+
+fn mode(path: &Path) -> u32 {
+    fs::metadata(path).expect("a file").permissions().mode() & 0o7777
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn links_are_followed_modes_kept_and_devices_written_through() {
+    let mut fleet = Fleet::start(None).await;
+    fleet.give_policy(1).await;
+    until(&fleet.node, |view| view.policy.is_some()).await;
+    let at = |name: &str| fleet.folder.path().join(name);
+    fs::write(at("kept.json"), "old").expect("written");
+    fs::set_permissions(at("kept.json"), Permissions::from_mode(0o640)).expect("its owner");
+    symlink("kept.json", at("link.json")).expect("linked");
+    let (json, trace) = (at("link.json"), at("run.trace"));
+    let options = [
+        Path::new("--json"),
+        &json,
+        Path::new("--trace"),
+        trace.as_path(),
+    ];
+    let output = fleet.refine(&options).await;
+    assert!(output.status.success(), "{output:?}");
+    assert!(json.is_symlink());
+    assert_eq!(mode(&at("kept.json")), 0o640);
+    let text = fs::read_to_string(&json).expect("readable");
+    let answer: serde_json::Value = serde_json::from_str(&text).expect("JSON");
+    assert_eq!(answer["robot"], "r1");
+    assert!(fs::read(&trace).expect("readable").len() > 2 * 900 * 12);
+
+    let null = Path::new("/dev/null");
+    let options = [Path::new("--json"), null, Path::new("--trace"), null];
+    let output = fleet.refine(&options).await;
+    assert!(output.status.success(), "{output:?}");
+    let null = fs::symlink_metadata(null).expect("there");
+    assert!(null.file_type().is_char_device());
+
+    // What cannot be written is known before anybody is asked, and leaves what was there.
+    let before = fleet.node.watch().borrow().served;
+    for option in ["--json", "--trace"] {
+        let missing = at("no/such/file");
+        let output = fleet.refine(&[Path::new(option), &missing]).await;
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(1), "{said}");
+        assert!(
+            said.contains("cannot write") && said.contains("no/such/file"),
+            "{said}"
+        );
+    }
+    assert_eq!(fleet.node.watch().borrow().served, before);
+    fleet.router.close().await.expect("it was open");
+}
+
+/// A file system in memory, mounted on a folder.
+struct Disk(tempfile::TempDir);
+
+impl Disk {
+    /// Of so many kilobytes; says why there is none.
+    fn of(kilobytes: usize) -> Option<Disk> {
+        let folder = tempfile::tempdir().expect("a temporary directory");
+        let size = format!("size={kilobytes}k");
+        let mount = Command::new("mount")
+            .args(["-t", "tmpfs", "-o", &size, "none"])
+            .arg(folder.path())
+            .output();
+        if mount.is_ok_and(|output| output.status.success()) {
+            return Some(Disk(folder));
+        }
+        eprintln!("skipped: no file system may be mounted here");
+        None
+    }
+
+    fn at(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    /// Leaves no room.
+    fn fill(&self) {
+        let mut bytes = 1 << 20;
+        while bytes > 0 {
+            let path = self.at(&format!("filler-{bytes}"));
+            if fs::write(&path, vec![1; bytes]).is_err() {
+                fs::remove_file(&path).ok();
+                bytes /= 2;
+                continue;
+            }
+            bytes = bytes.min(1 << 12) / 2;
+        }
+    }
+}
+
+impl Drop for Disk {
+    fn drop(&mut self) {
+        Command::new("umount").arg(self.0.path()).output().ok();
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn on_a_full_disk_old_answers_and_traces_stay() {
+    let Some(disk) = Disk::of(64) else { return };
+    let mut fleet = Fleet::start(None).await;
+    fleet.give_policy(1).await;
+    until(&fleet.node, |view| view.policy.is_some()).await;
+    fs::write(disk.at("old"), "old content").expect("written");
+    disk.fill();
+    for option in ["--json", "--trace"] {
+        for (name, kept) in [("old", Some("old content")), ("new", None)] {
+            let output = fleet.refine(&[Path::new(option), &disk.at(name)]).await;
+            let said = String::from_utf8_lossy(&output.stderr);
+            assert_eq!(output.status.code(), Some(1), "{said}");
+            assert!(said.contains("No space left"), "{said}");
+            let found = fs::read_to_string(disk.at(name)).ok();
+            assert_eq!(found.as_deref(), kept, "{option} {name}");
+        }
+    }
+    let entries = fs::read_dir(disk.0.path()).expect("a folder");
+    let names = entries.map(|entry| entry.expect("an entry").file_name());
+    let strange = names
+        .map(|name| name.to_string_lossy().into_owned())
+        .find(|name| name != "old" && !name.starts_with("filler"));
+    assert_eq!(strange, None);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_robot_with_a_full_disk_keeps_its_policy_and_says_that_it_cannot_take_another() {
+    // Room for one policy, and not for two.
+    let Some(disk) = Disk::of(1600) else { return };
+    let state = disk.at("state");
+    let mut fleet = Fleet::start(Some(&state)).await;
+    fleet.give_policy(1).await;
+    until(&fleet.node, |view| view.policy.is_some()).await;
+    disk.fill();
+    fleet.give_policy(2).await;
+    let view = until(&fleet.node, |view| view.updates_refused == 1).await;
+    assert_eq!(view.not_taken.map(|not| not.reason), Some(WhyNot::NotKept));
+    let error = view.last_refusal.expect("it is said").to_string();
+    assert!(error.contains("No space left"), "{error}");
+    assert_eq!(view.policy.map(|policy| policy.version), Some(1));
+    fleet.node.stop().await;
+
+    // It starts on the old one.
+    let config = NodeConfig {
+        fleet: "f".into(),
+        robot: "r2".into(),
+        trust: Trust::AnyKey,
+        state: Some(state),
+    };
+    drop(fleet.publisher);
+    let node = Node::start(fleet.router, config).await.expect("it starts");
+    let view = until(&node, |view| view.policy.is_some()).await;
+    assert_eq!(view.policy.map(|policy| policy.version), Some(1));
+}

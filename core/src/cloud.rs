@@ -36,15 +36,11 @@ impl<'c> Cloud<'c> {
 
     /// The points.
     pub fn points(self) -> impl Iterator<Item = [f32; 3]> + Clone {
-        let (points, grid, codes) = match self {
-            Cloud::F32(points) => (points, Grid::UNIT, &[][..]),
-            Cloud::Grid(grid, codes) => (&[][..], grid, codes),
-        };
-        let decoded = codes.iter().map(move |&code| grid.decode(code));
-        points.iter().copied().chain(decoded)
+        (0..self.len()).filter_map(move |i| self.point(i))
     }
 
     /// One of them.
+    #[cfg_attr(target_os = "none", inline(never))] // code is scarcer than calls there
     pub fn point(&self, index: usize) -> Option<[f32; 3]> {
         match self {
             Cloud::F32(points) => points.get(index).copied(),

@@ -45,11 +45,16 @@ impl Focus {
         let focus = Focus {
             rows: Some(grown(&filled)),
         };
-        let kept = |&p: &[f32; 3]| focus.keeps(target_view, p);
-        match target.points().filter(kept).nth(FEWEST - 1) {
-            Some(_) => focus,
-            None => Focus::ALL,
+        let points = (0..target.len()).filter_map(|i| target.point(i));
+        if points
+            .filter(|&p| focus.keeps(target_view, p))
+            .take(FEWEST)
+            .count()
+            < FEWEST
+        {
+            return Focus::ALL;
         }
+        focus
     }
 
     /// Whether a stored point of the target, as it is seen, is looked at.
@@ -67,6 +72,7 @@ impl Focus {
 }
 
 /// The cell in which a normalised point lies.
+#[inline(never)]
 fn cell(point: [f32; 3]) -> Option<[usize; 3]> {
     let place = point.map(|x| libm::floorf((x + HALF) * (SIDE as f32 / (2.0 * HALF))));
     let inside = |x: f32| (0.0..SIDE as f32).contains(&x);
@@ -76,26 +82,27 @@ fn cell(point: [f32; 3]) -> Option<[usize; 3]> {
         .then_some(place.map(|x| x as usize))
 }
 
-/// Cells that are filled, and all that touch one of them.
+/// Cells that are filled, and all that touch one of them: spread along one axis after the other.
 fn grown(filled: &[[u16; SIDE]; SIDE]) -> [[u16; SIDE]; SIDE] {
-    let mut grown = [[0u16; SIDE]; SIDE];
-    for (z, plane) in filled.iter().enumerate() {
-        for (y, row) in plane.iter().enumerate() {
-            let wide = row | row << 1 | row >> 1;
-            for plane in grown
-                .iter_mut()
-                .skip(z.saturating_sub(1))
-                .take(z.min(1) + 2)
+    let mut grown = *filled;
+    for along in [1, SIDE] {
+        let before = grown;
+        let rows = before.as_flattened();
+        for (i, row) in grown.as_flattened_mut().iter_mut().enumerate() {
+            // The first and the last row of a plane have one neighbour in it.
+            let is_beside = |k: usize| along == SIDE || k / SIDE == i / SIDE;
+            let beside = [i.wrapping_sub(along), i + along];
+            for &near in beside
+                .iter()
+                .filter(|&&k| is_beside(k))
+                .filter_map(|&k| rows.get(k))
             {
-                for near in plane
-                    .iter_mut()
-                    .skip(y.saturating_sub(1))
-                    .take(y.min(1) + 2)
-                {
-                    *near |= wide;
-                }
+                *row |= near;
             }
         }
+    }
+    for row in grown.as_flattened_mut() {
+        *row |= *row << 1 | *row >> 1;
     }
     grown
 }

@@ -2,6 +2,7 @@
 
 use super::{Registrar, Registration};
 use crate::cloud::Cloud;
+use crate::cut::Reach;
 use crate::dims::QUANT_TILE;
 use crate::float;
 use crate::focus::Focus;
@@ -10,6 +11,24 @@ use crate::order::Order;
 use crate::quant;
 use crate::view::View;
 use core::ops::Range;
+
+/// Which points of a cloud are embedded.
+#[derive(Clone, Copy)]
+enum Kept<'f> {
+    /// Of the source, those within reach.
+    Within(Reach),
+    /// Of the target, those near the source.
+    Near(&'f Focus),
+}
+
+impl Kept<'_> {
+    fn keeps(self, view: &View, point: [f32; 3]) -> bool {
+        match self {
+            Kept::Within(reach) => reach.keeps(view, point),
+            Kept::Near(focus) => focus.keeps(view, point),
+        }
+    }
+}
 
 impl Registrar<'_, '_> {
     /// Finds the order in which a cloud's points are embedded fastest, where it is not that in which they come.
@@ -63,8 +82,8 @@ impl Registrar<'_, '_> {
         }
         let focus = self.focus(registration, &view);
         let end = seen.saturating_add(points).min(target.len());
-        let keeps = |p| focus.keeps(&view, p);
-        self.embed_cloud(target, &registration.order, seen..end, keeps, false, &view);
+        let kept = Kept::Near(&focus);
+        self.embed_cloud(target, &registration.order, seen..end, kept, false, &view);
         end
     }
 
@@ -92,8 +111,8 @@ impl Registrar<'_, '_> {
             let counted = self.finds_critical(registration.steps);
             let reach = self.policy.sight.cut.of(source, &view);
             let order = &registration.order;
-            let keeps = |p| reach.keeps(&view, p);
-            self.embed_cloud(source, order, seen..end, keeps, counted, &view);
+            let kept = Kept::Within(reach);
+            self.embed_cloud(source, order, seen..end, kept, counted, &view);
             return end;
         }
         let mut seen = seen;
@@ -159,7 +178,7 @@ impl Registrar<'_, '_> {
         cloud: Cloud<'_>,
         order: &Order,
         places: Range<usize>,
-        keeps: impl Fn([f32; 3]) -> bool,
+        kept: Kept<'_>,
         counted: bool,
         view: &View,
     ) {
@@ -173,7 +192,7 @@ impl Registrar<'_, '_> {
                 && place < end
             {
                 let point = cloud.point(order.point(place)).unwrap_or_default();
-                if keeps(point) {
+                if kept.keeps(view, point) {
                     *space = point;
                     filled += 1;
                 } else if counted && filled > 0 {

@@ -135,6 +135,12 @@ typedef struct {
   float step;
 } ReagentGrid;
 
+// A rigid transform that maps the source onto the target, as rows of [R | t], in the clouds' units.
+typedef struct {
+  // Three rows of four.
+  float rows[3][4];
+} ReagentPose;
+
 // Memory of one registrar: the caller's, of any content, where it likes. It must not be moved or
 // copied between calls.
 typedef struct {
@@ -145,12 +151,6 @@ typedef struct {
 typedef struct {
   uint64_t words[REAGENT_WORKSPACE_WORDS];
 } ReagentWorkspace;
-
-// A rigid transform that maps the source onto the target, as rows of [R | t], in the clouds' units.
-typedef struct {
-  // Three rows of four.
-  float rows[3][4];
-} ReagentPose;
 
 // What to do with two clouds: reagent_task makes one, and what is to be different is set in it.
 typedef struct {
@@ -253,6 +253,35 @@ ReagentStatus reagent_encode(const ReagentGrid *grid,
                              const float *xyz,
                              size_t points,
                              int16_t *codes);
+
+// Takes an origin off a cloud of doubles, so that floats keep its digits: the origin is the median of some points, `near`
+// becomes `points` times x, y and z relative to it. Each cloud has its own; poses between such clouds are brought back by
+// reagent_far_pose.
+//
+// # Safety
+// `xyz` points to 3 * `points` doubles, `origin` to where three are to be put, `near` to where 3 * `points` floats are.
+ReagentStatus reagent_take_origin_off(const double *xyz,
+                                      size_t points,
+                                      double *origin,
+                                      float *near);
+
+// The pose between the doubles' own coordinates, rows of [R | t], from that between clouds whose origins were taken off.
+//
+// # Safety
+// `near` points to a pose, each origin to three doubles, `rows` to where twelve are to be put.
+ReagentStatus reagent_far_pose(const ReagentPose *near,
+                               const double *source_origin,
+                               const double *target_origin,
+                               double *rows);
+
+// The other way around: a start for ReagentTask from a pose between the doubles' own coordinates.
+//
+// # Safety
+// `rows` points to twelve doubles, each origin to three, `near` to where the pose is to be put.
+ReagentStatus reagent_near_pose(const double *rows,
+                                const double *source_origin,
+                                const double *target_origin,
+                                ReagentPose *near);
 
 // Checks a policy file (.rgw), which is read in place from then on, and makes the memory ready.
 //

@@ -10,6 +10,7 @@
 
 mod answer;
 mod cloud;
+mod far;
 mod memory;
 mod pointer;
 mod pretrained;
@@ -21,6 +22,7 @@ mod version;
 
 pub use answer::{REAGENT_OTHERS, ReagentAnswer, ReagentVerdict};
 pub use cloud::{ReagentGrid, reagent_encode, reagent_grid_of};
+pub use far::{reagent_far_pose, reagent_near_pose, reagent_take_origin_off};
 pub use memory::{REAGENT_MEMORY_WORDS, ReagentMemory, reagent_init};
 #[cfg(feature = "pretrained")]
 pub use pretrained::reagent_pretrained;

@@ -1,0 +1,224 @@
+//! What a user's clouds may be: in other units, of few points, repeated, with marks of what is invalid, of another object,
+//! mirrored, far from the origin. Nothing wrong is called right, and what is right is.
+
+use glam::Vec3;
+use host_train::augment::random_rigid_within;
+use host_train::dataset::Point;
+use host_train::dataset::cloud_file::read_cloud;
+use host_train::dataset::procedural;
+use host_train::policy::WeightFile;
+use host_train::pose64::{Pose64, Position};
+use host_train::random::{Purpose, stream};
+use host_train::register::register;
+use rand::RngExt;
+use rayon::prelude::*;
+use reagent_core::pipeline::Task;
+use reagent_core::start::Start;
+use reagent_core::{Error, Verdict};
+use std::fmt::Write;
+use std::path::Path;
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Kind {
+    Plain,
+    Units,
+    Few,
+    Repeated,
+    Marked,
+    Other,
+    OtherMarked,
+    Mirrored,
+    Georeferenced,
+}
+
+const KINDS: [Kind; 9] = [
+    Kind::Plain,
+    Kind::Units,
+    Kind::Few,
+    Kind::Repeated,
+    Kind::Marked,
+    Kind::Other,
+    Kind::OtherMarked,
+    Kind::Mirrored,
+    Kind::Georeferenced,
+];
+/// Points of a surface from which distances are measured.
+const SURFACE: usize = 16_384;
+/// Cases of each kind.
+const CASES: u64 = 24;
+const SEED: u64 = 2024;
+/// Shares of wrong poses called right, at most, and of right ones, at least. What is called right today are mirror images that
+/// differ from the thing in a detail.
+const MOST_WRONG: f64 = 0.06;
+const LEAST_RIGHT: f64 = 0.97;
+
+/// Two clouds as in files, and where they come from.
+struct Case {
+    source: Vec<Position>,
+    target: Vec<Position>,
+    /// Points of the thing in the source's frame: the thing as the source shows it.
+    seen: Vec<Point>,
+    /// Many points of the model.
+    surface: Vec<Point>,
+    /// The target's coordinates of the model's origin.
+    origin: Position,
+}
+
+fn case(kind: Kind, number: u64) -> Case {
+    let rng = &mut stream(SEED, Purpose::Pairs, 100 * number + kind as u64);
+    let shape = procedural::shape(SEED, number);
+    let model = shape.model.points;
+    let surface = shape
+        .mesh
+        .sample(SURFACE, &mut stream(SEED, Purpose::Surface, number));
+    let other = procedural::model(SEED, number + CASES).points;
+    let offset = random_rigid_within(rng, 40f32.to_radians(), 0.2);
+    let mut seen = model.clone();
+    match kind {
+        Kind::Other | Kind::OtherMarked => seen = other,
+        Kind::Mirrored => seen.iter_mut().for_each(|[x, _, _]| *x = -*x),
+        _ => {}
+    }
+    let back = offset.inverse();
+    let seen: Vec<Point> = seen
+        .iter()
+        .map(|&p| back.apply(p.into()).to_array())
+        .collect();
+    // Samples that share no point, with a little noise.
+    let count = if kind == Kind::Few { 40 } else { 800 };
+    let mut drawn = |cloud: &[Point], first: usize| -> Vec<Position> {
+        let points = cloud.iter().skip(first).step_by(2).take(count);
+        let mut noise = |x: f32| f64::from(x + rng.random_range(-0.003..0.003f32));
+        points.map(|p| p.map(&mut noise)).collect()
+    };
+    let (mut source, mut target) = (drawn(&seen, 0), drawn(&model, 1));
+    let rng = &mut stream(SEED, Purpose::Augment, 100 * number + kind as u64);
+    match kind {
+        Kind::Units => {
+            let factor = [25.4, 39.37, 100.0, 304.8, 1000.0, 10.0][rng.random_range(0..6)];
+            let factor = if rng.random_bool(0.5) {
+                factor
+            } else {
+                1.0 / factor
+            };
+            source
+                .as_flattened_mut()
+                .iter_mut()
+                .for_each(|x| *x *= factor);
+        }
+        Kind::Repeated => {
+            let few = rng.random_range(4..32);
+            source = (0..800).map(|i| source[i % few]).collect();
+        }
+        Kind::Marked | Kind::OtherMarked => {
+            let mark = [-9999.0, 1e9, 50.0][rng.random_range(0..3)];
+            let marked = rng.random_range(1..160);
+            source[..marked].fill([mark; 3]);
+        }
+        _ => {}
+    }
+    let origin = if kind == Kind::Georeferenced {
+        [483_221.0, 5_456_871.0, 310.0]
+    } else {
+        [0.0; 3]
+    };
+    for cloud in [&mut source, &mut target] {
+        for p in cloud.iter_mut() {
+            (0..3).for_each(|k| p[k] += origin[k]);
+        }
+    }
+    Case {
+        source,
+        target,
+        seen,
+        surface,
+        origin,
+    }
+}
+
+/// As a file holds it, read back relative to its own origin.
+fn read(folder: &Path, cloud: &[Position]) -> (Vec<Point>, Position) {
+    let path = folder.join("cloud.xyz");
+    let mut text = String::new();
+    for [x, y, z] in cloud {
+        writeln!(text, "{x} {y} {z}").expect("a string takes it");
+    }
+    std::fs::write(&path, text).expect("written");
+    let file = read_cloud(&path, 1).expect("a cloud");
+    (file.relative_to(file.origin()), file.origin())
+}
+
+/// Whether what the source shows lies on the model under a pose: ADI below .02 diameters.
+fn fits(case: &Case, pose: &Pose64) -> bool {
+    let some = case.seen.iter().step_by(8);
+    let distances = some.clone().map(|p| {
+        let p: Position = std::array::from_fn(|k| f64::from(p[k]) + case.origin[k]);
+        let at = pose.apply(p);
+        let at = Vec3::from_array(std::array::from_fn(|k| (at[k] - case.origin[k]) as f32));
+        let squared = |&q: &Point| at.distance_squared(q.into());
+        case.surface
+            .iter()
+            .map(squared)
+            .fold(f32::INFINITY, f32::min)
+            .sqrt()
+    });
+    let mean = distances.sum::<f32>() / some.count() as f32;
+    // Diameters of shapes within a ball of radius 1 are at least 1.
+    mean < 0.02
+}
+
+/// Whether the pose is right, and the verdict.
+fn outcome(kind: Kind, number: u64) -> Result<(bool, Verdict), Error> {
+    let case = case(kind, number);
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let (source, from) = read(folder.path(), &case.source);
+    let (target, to) = read(folder.path(), &case.target);
+    let start = Start::at(Pose64::IDENTITY.near(from, to));
+    let found = register(
+        WeightFile::pretrained().policy(),
+        &source,
+        &target,
+        &Task::new(start),
+    )?;
+    let pose = Pose64::of(found.answer.target_from_source, from, to);
+    let right = kind != Kind::Units && fits(&case, &pose);
+    Ok((right, found.answer.verdict))
+}
+
+#[test]
+fn nothing_wrong_is_called_right_and_what_is_right_is() {
+    let [mut wrong, mut wrong_called, mut right, mut right_called] = [0u32; 4];
+    let mut told = String::new();
+    for kind in KINDS {
+        let outcomes: Vec<_> = (0..CASES)
+            .into_par_iter()
+            .map(|number| outcome(kind, number).expect("a pose"))
+            .collect();
+        let count = |is_right: bool, called: bool| {
+            let like =
+                |o: &&(bool, Verdict)| o.0 == is_right && (o.1 == Verdict::Converged) == called;
+            outcomes.iter().filter(like).count() as u32
+        };
+        let [a, b, c, d] = [(false, true), (false, false), (true, true), (true, false)]
+            .map(|(is_right, called)| count(is_right, called));
+        writeln!(
+            told,
+            "{kind:?}: wrong {}, called right {a}; right {}, called right {c}",
+            a + b,
+            c + d
+        )
+        .expect("a string takes it");
+        (wrong, wrong_called) = (wrong + a + b, wrong_called + a);
+        // Without enough information nothing is called right.
+        if !matches!(kind, Kind::Few | Kind::Repeated) {
+            (right, right_called) = (right + c + d, right_called + c);
+        } else {
+            assert_eq!((a, c), (0, 0), "{told}");
+        }
+    }
+    println!("{told}");
+    let share = |of: u32, all: u32| f64::from(of) / f64::from(all);
+    assert!(wrong > 90 && right > 80, "{told}");
+    assert!(share(wrong_called, wrong) <= MOST_WRONG, "{told}");
+    assert!(share(right_called, right) >= LEAST_RIGHT, "{told}");
+}

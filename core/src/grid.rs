@@ -18,12 +18,6 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// Codes are the coordinates.
-    pub(crate) const UNIT: Grid = Grid {
-        origin: [0.0; 3],
-        step: 1.0,
-    };
-
     /// The finest grid whose codes cover the bounding box of `points [N, 3]`.
     ///
     /// A coordinate `x` of the cloud comes back from [`Grid::encode`] and [`Grid::decode`] within

@@ -173,7 +173,7 @@ impl Registrar<'_, '_> {
 
     /// Embeds the points that are kept at some places of an order; where they count, finds the places of the critical ones
     /// among them.
-    pub(super) fn embed_cloud(
+    fn embed_cloud(
         &mut self,
         cloud: Cloud<'_>,
         order: &Order,

@@ -9,6 +9,7 @@ use super::{bad_usage, source, table};
 use crate::bop::evaluate::Refinements;
 use crate::dataset::pairs::{PairSet, save_poses};
 use crate::eval::{Document, EvalSettings, Row, agreement, evaluate};
+use crate::policy::{REAGENT, VIEWS};
 use crate::register::trace;
 use anyhow::Context;
 use clap::{ArgGroup, Args};
@@ -85,7 +86,11 @@ struct Record<'a> {
 
 impl EvalArgs {
     pub(super) fn run(self, seed: u64) -> anyhow::Result<()> {
-        let policies = self.methods.policies("eval")?;
+        let bundled = match self.protocol {
+            Some(EvalProtocol::Bop) => VIEWS,
+            _ => REAGENT,
+        };
+        let policies = self.methods.policies("eval", bundled)?;
         let contestants = self.methods.contestants(&policies, seed);
         let mut refinements = None;
         let (set, origin) = match (&self.pairs, &self.data, self.protocol) {

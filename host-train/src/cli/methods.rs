@@ -14,8 +14,6 @@ use reagent_core::{Decision, Policy};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// Name under which the bundled policy is reported.
-const BUNDLED: &str = "reagent";
 /// Point-to-plane ICP.
 const PLANE: Finish = Finish::Icp(IcpSettings::PLANE);
 /// Core's refinement.
@@ -26,7 +24,7 @@ const VERIFY: Finish = Finish::Core(Mode::Verify);
 #[derive(Debug, Args)]
 pub(super) struct MethodArgs {
     /// Policies, run directories (their best) or checkpoints to evaluate, or bundled policies: "reagent", "compact", and
-    /// for single depth views "views", "views-compact"; each reported under its file stem [default: "reagent"]
+    /// for single depth views "views", "views-compact"; each reported under its file stem [default: "views" for protocol bop, else "reagent"]
     #[arg(long, value_name = "FILE.rgw|RUN_DIR", num_args = 1..)]
     weights: Vec<PathBuf>,
     /// What to run, separated by commas; "policy" stands for every file of --weights [default: policy]
@@ -188,8 +186,9 @@ impl Policies {
 }
 
 impl MethodArgs {
-    /// Reads the weight files. Ends the process as `command` does on bad usage where they are given in vain.
-    pub(super) fn policies(&self, command: &str) -> Result<Policies, ExportError> {
+    /// Reads the weight files, or takes the bundled policy of that name where none is given. Ends the process as `command`
+    /// does on bad usage where they are given in vain.
+    pub(super) fn policies(&self, command: &str, bundled: &str) -> Result<Policies, ExportError> {
         let uses_policy = |name: &MethodName| {
             use MethodName::*;
             matches!(name, Policy | PolicyIcp | PolicyPolish | PolicyVerify)
@@ -204,16 +203,12 @@ impl MethodArgs {
             decision: self.decide.map(Decision::from),
             rescan: self.rescan,
         };
-        if self.weights.is_empty() {
-            let bundled = run.apply(WeightFile::pretrained());
-            return Ok(Policies(vec![(BUNDLED.into(), bundled)]));
-        }
         let load = |path: &PathBuf| Weights::load(path, run).map(|weights| (stem(path), weights));
-        self.weights
-            .iter()
-            .map(load)
-            .collect::<Result<_, _>>()
-            .map(Policies)
+        let loaded: Result<_, _> = match self.weights.as_slice() {
+            [] => load(&bundled.into()).map(|one| vec![one]),
+            given => given.iter().map(load).collect(),
+        };
+        loaded.map(Policies)
     }
 
     /// Everything that is to run, in the order of `--methods`; `seed` is that of methods that draw.

@@ -11,7 +11,7 @@ pub use initial::Initial;
 use super::output::{write_json, write_text};
 use super::{BelowProbability, bad_usage, source};
 use crate::dataset::cloud_file::{STANDARD, check_output, write_cloud};
-use crate::policy::{VIEWS, WeightFile};
+use crate::policy::{REAGENT, VIEWS, WeightFile};
 use crate::pose64::Pose64;
 use crate::register::dense::{Dense, Densely, refine_densely};
 use crate::register::trace::{self, Given, Header, Traced};
@@ -200,11 +200,7 @@ impl RegisterArgs {
 
     /// The policy's file or name.
     fn policy(&self) -> &Path {
-        let fitting = if self.view.is_some() {
-            VIEWS
-        } else {
-            "reagent"
-        };
+        let fitting = if self.view.is_some() { VIEWS } else { REAGENT };
         self.weights.as_deref().unwrap_or(Path::new(fitting))
     }
 

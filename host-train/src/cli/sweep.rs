@@ -7,6 +7,7 @@ use super::source::DataSource;
 use super::{bad_usage, source, table};
 use crate::eval::EvalSettings;
 use crate::measure::sweep::{Document, Drawing, SweepError, Vary, sweep};
+use crate::policy::REAGENT;
 use crate::protocol::{Conditions, Protocol};
 use anyhow::Context;
 use clap::builder::PossibleValuesParser;
@@ -86,7 +87,7 @@ impl SweepArgs {
             }
         }
 
-        let policies = self.methods.policies("sweep")?;
+        let policies = self.methods.policies("sweep", REAGENT)?;
         let contestants = self.methods.contestants(&policies, seed);
         let models = source::models(&self.data, self.protocol, self.count, seed)?;
         let count = self.count.unwrap_or(models.len());

@@ -23,11 +23,13 @@ pub struct WeightFile {
 
 /// Policies that are linked in, by name.
 pub static BUNDLED: [(&str, &[u8]); 4] = [
-    ("reagent", Policy::pretrained_bytes()),
+    (REAGENT, Policy::pretrained_bytes()),
     ("compact", Policy::pretrained_compact_bytes()),
     (VIEWS, Policy::pretrained_views_int8_bytes()),
     ("views-compact", Policy::pretrained_views_compact_bytes()),
 ];
+/// The bundled policy for whole clouds.
+pub const REAGENT: &str = "reagent";
 /// The bundled policy for a source that is a single depth view.
 pub const VIEWS: &str = "views";
 

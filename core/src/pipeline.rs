@@ -68,7 +68,7 @@ pub struct Task {
     pub mode: Mode,
     /// Where it starts.
     pub start: Start,
-    /// The policy's steps at most.
+    /// The policy's steps at most; where there are none, the policy is left out.
     pub steps: usize,
     /// In which frame the policy sees the clouds; the target's own, unless they are normalised already.
     pub frame: Option<Frame>,
@@ -120,7 +120,7 @@ pub struct Answer {
     pub verdict: Verdict,
     /// Of a refined pose: that it is right, up to what is undetermined.
     pub probability: Option<f32>,
-    /// How the policy's steps ended; none were taken in [`Mode::Refine`].
+    /// How the policy's steps ended, unless it was left out.
     pub policy: Option<Outcome>,
     /// What followed, unless nothing did.
     pub refinement: Option<Refinement>,
@@ -161,7 +161,8 @@ pub fn register<'c, E: From<Error>>(
         .frame
         .map_or_else(|| Frame::of(target), Frame::checked)?;
     let mut registration = Registration::new();
-    if task.mode.has_steps() {
+    let has_steps = task.mode.has_steps() && task.steps > 0;
+    if has_steps {
         registrar.start_in(&mut registration, source, target, frame, start)?;
         while registration.steps() < task.steps && !registration.is_settled() {
             progress(Progress::Next)?;
@@ -169,7 +170,7 @@ pub fn register<'c, E: From<Error>>(
             progress(Progress::Step(&step, &registration))?;
         }
     }
-    let policy = task.mode.has_steps().then(|| registration.outcome());
+    let policy = has_steps.then(|| registration.outcome());
     let reached = policy.map_or(start, |policy| policy.target_from_source);
     let go_on = || progress(Progress::Next);
     let refinement = refine(workspace, [source, target], reached, task, go_on)?;

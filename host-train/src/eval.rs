@@ -5,9 +5,9 @@
 
 use crate::dataset::Point;
 use crate::dataset::pairs::PairSet;
-use crate::measure::method::{Contestant, Finish, Memory, Method, Start, Trajectory};
+use crate::measure::method::{Contestant, Finish, Method, Start, Trajectory};
 use crate::measure::metrics::{Errors, GroundTruth, PairMetrics, Summary, quantile};
-use crate::register::batch;
+use crate::register::{Memory, batch};
 use reagent_core::dims::AXES;
 use reagent_core::net::Scratch;
 use reagent_core::{Action, Error, Frame, Policy, Pose, Registrar};

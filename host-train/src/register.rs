@@ -2,7 +2,10 @@
 
 pub mod batch;
 pub mod dense;
+pub mod document;
+pub mod prepared;
 pub mod replay;
+pub mod request;
 pub mod thin;
 pub mod trace;
 
@@ -58,6 +61,31 @@ pub struct Registered {
     pub trace: Vec<Step>,
 }
 
+/// Working memory of a thread.
+#[derive(Debug)]
+pub struct Memory {
+    /// Of the policy.
+    pub scratch: Scratch,
+    /// Of what follows it.
+    pub workspace: Workspace,
+}
+
+impl Memory {
+    /// Empty working memory.
+    pub const fn new() -> Memory {
+        Memory {
+            scratch: Scratch::new(),
+            workspace: Workspace::new(),
+        }
+    }
+}
+
+impl Default for Memory {
+    fn default() -> Memory {
+        Memory::new()
+    }
+}
+
 /// Registers `source [N, 3]` to `target [M, 3]`, both in the same unit of length ([`reagent_core::pipeline::register`]),
 /// with memory of its own, and keeps every step.
 ///
@@ -69,9 +97,22 @@ pub fn register(
     target: &[Point],
     task: &Task,
 ) -> Result<Registered, Error> {
-    let mut scratch = Box::new(Scratch::new());
-    let mut workspace = Box::new(Workspace::new());
-    let mut registrar = Registrar::new(policy, &mut scratch);
+    register_in(&mut Box::new(Memory::new()), policy, source, target, task)
+}
+
+/// The same in given memory.
+///
+/// # Errors
+/// As [`register`].
+pub fn register_in(
+    memory: &mut Memory,
+    policy: Policy<'_>,
+    source: &[Point],
+    target: &[Point],
+    task: &Task,
+) -> Result<Registered, Error> {
+    let Memory { scratch, workspace } = memory;
+    let mut registrar = Registrar::new(policy, scratch);
     let frame = Frame::of(target)?;
     let mut trace = Vec::with_capacity(task.steps);
     let record = |progress: Progress<'_, '_>| {
@@ -82,7 +123,7 @@ pub fn register(
         Ok::<(), Error>(())
     };
     let clouds = [source, target];
-    let answer = pipeline::register(&mut registrar, &mut workspace, clouds, task, record)?;
+    let answer = pipeline::register(&mut registrar, workspace, clouds, task, record)?;
     Ok(Registered { answer, trace })
 }
 

@@ -1,6 +1,5 @@
 //! `host-train register`
 
-mod document;
 mod initial;
 mod input;
 mod pairs;
@@ -10,23 +9,22 @@ pub use initial::Initial;
 
 use super::output::{write_json, write_text};
 use super::{BelowProbability, bad_usage, source};
-use crate::dataset::cloud_file::{STANDARD, check_output, write_cloud};
+use crate::dataset::Point;
+use crate::dataset::cloud_file::{CloudFile, STANDARD, check_output, write_cloud};
 use crate::policy::{REAGENT, VIEWS, WeightFile};
-use crate::pose64::Pose64;
-use crate::register::dense::{Dense, Densely, refine_densely};
+use crate::register::dense::Dense;
+use crate::register::document::Document;
+use crate::register::request::{Done, Request};
 use crate::register::trace::{self, Given, Header, Traced};
-use crate::register::{Registered, Start, register};
+use crate::register::{Memory, Start};
 use anyhow::{Context, bail};
 use clap::Args;
-use document::Document;
-use glam::Vec3;
 use input::{Input, Units};
 use pairs::Pair;
 use reagent_core::dims::{MAX_POINTS, STEPS};
-use reagent_core::pipeline::{Mode, Task};
+use reagent_core::pipeline::Mode;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
-use std::time::Instant;
 
 /// Register a source cloud to a target cloud and print the pose
 ///
@@ -130,25 +128,9 @@ fn probability(text: &str) -> anyhow::Result<f32> {
 }
 
 /// One pair, registered.
-struct Done {
+struct Pairing {
     inputs: [Input; 2],
-    found: Registered,
-    dense: Option<Densely>,
-    /// Between the files' own coordinates; the source scaled.
-    pose: Pose64,
-    /// Of the first step, near the origin.
-    initial: reagent_core::Pose,
-    ms: f64,
-}
-
-impl Done {
-    /// The pose given out, near the origin.
-    fn near(&self) -> reagent_core::Pose {
-        self.dense
-            .map_or(self.found.answer.target_from_source, |dense| {
-                dense.target_from_source
-            })
-    }
+    done: Done,
 }
 
 impl RegisterArgs {
@@ -215,64 +197,37 @@ impl RegisterArgs {
         start: &Start,
         pair: &Pair,
         seed: u64,
-    ) -> anyhow::Result<Done> {
+    ) -> anyhow::Result<Pairing> {
         let points = self.points.map(|count| count as usize);
         // Seeds of their own: a mesh registered to itself must not be sampled at the very same points.
         let source = Input::read(&pair.source, self.scale(), points, seed)?;
         let target = Input::read(&pair.target, 1.0, points, seed.wrapping_add(1))?;
-        let before = Instant::now();
-        let initial = start.near(source.origin, target.origin);
-        let failed = || {
-            format!(
-                "cannot register {} to {}",
-                pair.source.display(),
-                pair.target.display()
-            )
-        };
-        let relative = |at: [f64; 3]| {
-            let [x, y, z] = [0, 1, 2].map(|k| (at[k] - source.origin[k]) as f32);
-            Vec3::new(x, y, z)
-        };
-        let task = Task {
+        let request = Request {
+            start: *start,
             mode: self.mode,
             steps: self.steps,
-            view_point: self.view.map(relative),
-            ..Task::new(start.start(source.origin, target.origin))
+            view_point: self.view,
+            dense: self.dense,
         };
-        let found = register(weights.policy(), &source.points, &target.points, &task)
-            .with_context(failed)?;
-        let answer = &found.answer;
-        let wanted = match self.dense {
-            Dense::Never => false,
-            Dense::Always => true,
-            Dense::Auto => source.is_thinned() || target.is_thinned(),
-        };
-        let dense = if wanted && self.mode != Mode::Fast {
-            refine_densely(&source.all, &target.all, answer.target_from_source)
-                .with_context(failed)?
-        } else {
-            None
-        };
-        let near = dense.map_or(answer.target_from_source, |d| d.target_from_source);
-        Ok(Done {
-            pose: Pose64::of(near, source.origin, target.origin),
-            ms: before.elapsed().as_secs_f64() * 1e3,
+        let mut memory = Box::new(Memory::new());
+        let done = request
+            .register(weights.policy(), &mut memory, &source.cloud, &target.cloud)
+            .with_context(|| {
+                format!(
+                    "cannot register {} to {}",
+                    pair.source.display(),
+                    pair.target.display()
+                )
+            })?;
+        Ok(Pairing {
             inputs: [source, target],
-            found,
-            dense,
-            initial,
+            done,
         })
     }
 
-    fn document(&self, done: &Done) -> Document {
-        Document::new(
-            &done.inputs,
-            &done.found,
-            done.dense.as_ref(),
-            &done.pose,
-            self.scale(),
-            done.ms,
-        )
+    fn document(&self, pairing: &Pairing) -> Document {
+        let clouds = pairing.inputs.each_ref().map(|input| &input.cloud);
+        Document::new(clouds, &pairing.done, self.scale())
     }
 
     fn run_one(
@@ -282,13 +237,14 @@ impl RegisterArgs {
         pair: &Pair,
         seed: u64,
     ) -> anyhow::Result<()> {
-        let done = self.register(weights, start, pair, seed)?;
-        for (path, input) in [&pair.source, &pair.target].into_iter().zip(&done.inputs) {
-            for note in &input.file.notes {
+        let pairing = self.register(weights, start, pair, seed)?;
+        let Pairing { inputs, done } = &pairing;
+        for (path, input) in [&pair.source, &pair.target].into_iter().zip(inputs) {
+            for note in &input.cloud.notes {
                 eprintln!("{}: {note}", path.display());
             }
         }
-        let text = text::report(&done.found, done.dense.as_ref(), &done.pose, done.ms);
+        let text = text::report(done);
         let outputs = [&self.out, &self.trace, &self.json, &self.matrix];
         if outputs
             .iter()
@@ -299,51 +255,29 @@ impl RegisterArgs {
             print!("{text}");
         }
         if let Some(path) = &self.out {
-            write_cloud(path, &self.aligned(&done, path))?;
+            write_cloud(path, &aligned(&pairing, path))?;
         }
         if let Some(path) = &self.trace {
-            write_text(path, &trace::to_text(&[self.traced(&done, pair)])?)?;
+            write_text(path, &trace::to_text(&[self.traced(&pairing, pair)])?)?;
         }
         if let Some(path) = &self.json {
-            write_json(path, &self.document(&done))?;
+            write_json(path, &self.document(&pairing))?;
         }
         if let Some(path) = &self.matrix {
             write_text(path, &text::matrix(&done.pose))?;
         }
-        self.judge([&done].into_iter())
+        self.judge([done].into_iter())
     }
 
-    /// The source, moved: a mesh as one where the format holds one, else the points of its surface.
-    fn aligned(&self, done: &Done, path: &Path) -> crate::dataset::cloud_file::CloudFile {
-        let [source, _] = &done.inputs;
-        let mut moved = source.file.moved(&done.pose);
-        let extension = path
-            .extension()
-            .and_then(|e| e.to_str())
-            .unwrap_or_default();
-        let cloud_only = ["pcd", "npy", "xyz"].contains(&&*extension.to_ascii_lowercase());
-        if moved.faces.is_some() && cloud_only {
-            let placed = |p: &crate::dataset::Point| {
-                let [x, y, z] = p.map(f64::from);
-                let [a, b, c] = source.origin;
-                done.pose.apply([x + a, y + b, z + c])
-            };
-            moved = crate::dataset::cloud_file::CloudFile {
-                points: source.all.iter().map(placed).collect(),
-                ..Default::default()
-            };
-        }
-        moved
-    }
-
-    fn traced(&self, done: &Done, pair: &Pair) -> Traced {
-        let [source, target] = &done.inputs;
+    fn traced(&self, pairing: &Pairing, pair: &Pair) -> Traced {
+        let Pairing { inputs, done } = pairing;
+        let [source, target] = inputs.each_ref().map(|input| input.cloud.points().to_vec());
         Traced {
             header: Header {
                 name: format!("{} to {}", file_name(&pair.source), file_name(&pair.target)),
                 policy: stem(self.policy()),
-                source: source.points.clone(),
-                target: target.points.clone(),
+                source,
+                target,
                 truth: None,
                 initial: done.initial.to_rows(),
             },
@@ -389,7 +323,7 @@ impl RegisterArgs {
         if failed > 0 {
             bail!("{failed} of {} pairs could not be registered", pairs.len());
         }
-        self.judge(done.iter())
+        self.judge(done.iter().map(|pairing| &pairing.done))
     }
 
     /// Whether all are as probable as `--fail-below` asks.
@@ -412,6 +346,30 @@ impl RegisterArgs {
             .into()),
         }
     }
+}
+
+/// The source, moved: a mesh as one where the format holds one, else the points of its surface.
+fn aligned(pairing: &Pairing, path: &Path) -> CloudFile {
+    let Pairing { inputs, done } = pairing;
+    let [source, _] = inputs;
+    let mut moved = source.file.moved(&done.pose);
+    let extension = path
+        .extension()
+        .and_then(|e| e.to_str())
+        .unwrap_or_default();
+    let cloud_only = ["pcd", "npy", "xyz"].contains(&&*extension.to_ascii_lowercase());
+    if moved.faces.is_some() && cloud_only {
+        let [a, b, c] = source.cloud.origin;
+        let placed = |p: &Point| {
+            let [x, y, z] = p.map(f64::from);
+            done.pose.apply([x + a, y + b, z + c])
+        };
+        moved = CloudFile {
+            points: source.cloud.all.iter().map(placed).collect(),
+            ..Default::default()
+        };
+    }
+    moved
 }
 
 /// Two JSON objects as one.

@@ -43,7 +43,7 @@ use std::path::Path;
 pub const MESH_POINTS: usize = 2048;
 
 /// Coordinates beyond this are marks of what a sensor did not see, as 3.4e38 is.
-const MAX_COORDINATE: f64 = 1e30;
+pub(crate) const MAX_COORDINATE: f64 = 1e30;
 
 /// A cloud farther from the origin than this many times its radius is registered relative to a point of its
 /// own; nearer by, f32 resolves a millionth of the radius.
@@ -181,28 +181,9 @@ impl CloudFile {
         self.points.iter().map(relative).collect()
     }
 
-    /// The point relative to which coordinates are f32: zero, or the middle of a cloud far from it, of whose size
-    /// f32 would round more than a millionth.
+    /// The point relative to which coordinates are f32 ([`origin_of`]).
     pub fn origin(&self) -> Position {
-        let (middle, radius) = self.extent();
-        match Vector3::from(middle).norm() > FAR * radius {
-            true => middle,
-            false => [0.0; 3],
-        }
-    }
-
-    /// Median of each coordinate, and median distance from there: points that a sensor left at zero do not count.
-    fn extent(&self) -> (Position, f64) {
-        let median = |mut values: Vec<f64>| {
-            let half = values.len() / 2;
-            match values.is_empty() {
-                true => 0.0,
-                false => *values.select_nth_unstable_by(half, f64::total_cmp).1,
-            }
-        };
-        let middle = [0, 1, 2].map(|axis| median(self.points.iter().map(|p| p[axis]).collect()));
-        let distance = |&p: &Position| (Vector3::from(p) - Vector3::from(middle)).norm();
-        (middle, median(self.points.iter().map(distance).collect()))
+        origin_of(self.points.iter().copied())
     }
 
     /// The mesh, without a shift, in f32.
@@ -260,7 +241,7 @@ impl CloudFile {
         }
     }
 
-    fn checked(mut self, path: &Path) -> Result<CloudFile, CloudError> {
+    pub(crate) fn checked(mut self, path: &Path) -> Result<CloudFile, CloudError> {
         let vertices = self.points.len();
         for (face, corners) in self.faces.iter().flatten().enumerate() {
             if let Some(&vertex) = corners.iter().find(|&&vertex| vertex as usize >= vertices) {
@@ -333,6 +314,30 @@ impl CloudFile {
         });
         dropped
     }
+}
+
+/// The point relative to which coordinates are f32: zero, or the middle of a cloud far from it, of whose size
+/// f32 would round more than a millionth.
+pub(crate) fn origin_of(points: impl Iterator<Item = Position> + Clone) -> Position {
+    let (middle, radius) = extent(points);
+    match Vector3::from(middle).norm() > FAR * radius {
+        true => middle,
+        false => [0.0; 3],
+    }
+}
+
+/// Median of each coordinate, and median distance from there: points that a sensor left at zero do not count.
+fn extent(points: impl Iterator<Item = Position> + Clone) -> (Position, f64) {
+    let median = |mut values: Vec<f64>| {
+        let half = values.len() / 2;
+        match values.is_empty() {
+            true => 0.0,
+            false => *values.select_nth_unstable_by(half, f64::total_cmp).1,
+        }
+    };
+    let middle = [0, 1, 2].map(|axis| median(points.clone().map(|p| p[axis]).collect()));
+    let distance = |p: Position| (Vector3::from(p) - Vector3::from(middle)).norm();
+    (middle, median(points.map(distance).collect()))
 }
 
 /// Keeps the entries that are marked.

@@ -6,9 +6,8 @@ use crate::learn::nn::Parameters;
 use crate::learn::train::poses_of;
 use crate::measure::baselines::{FgrSettings, IcpSettings, fgr, icp};
 use crate::random::{Purpose, stream};
-use reagent_core::net::Scratch;
+use crate::register::Memory;
 use reagent_core::pipeline::{Mode, Task, refine};
-use reagent_core::polish::Workspace;
 use reagent_core::{Decision, Error, Frame, Policy, Pose, Registrar, start};
 use std::time::Instant;
 
@@ -82,21 +81,6 @@ pub(crate) struct Trajectory {
     pub(crate) poses: Vec<Pose>,
     pub(crate) ms: Vec<f64>,
     pub(crate) probability: Option<f32>,
-}
-
-/// Working memory of a thread.
-pub(crate) struct Memory {
-    pub(crate) scratch: Scratch,
-    workspace: Workspace,
-}
-
-impl Memory {
-    pub(crate) fn new() -> Self {
-        Memory {
-            scratch: Scratch::new(),
-            workspace: Workspace::new(),
-        }
-    }
 }
 
 impl Method<'_> {

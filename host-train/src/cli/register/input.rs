@@ -1,28 +1,17 @@
-//! A cloud as it is registered: scaled, near the origin, and within the policy's capacity.
+//! A file as it is registered.
 
-use crate::dataset::Point;
-use crate::dataset::cloud_file::{CloudError, CloudFile, MESH_POINTS, Note, read_file};
-use crate::pose64::Position;
-use crate::random::{Purpose, stream};
-use crate::register::thin::thin;
-use crate::register::within_capacity;
+use crate::dataset::cloud_file::{CloudError, CloudFile, read_file};
+use crate::register::prepared::Prepared;
 use anyhow::bail;
 use std::path::Path;
 use std::str::FromStr;
-
-/// Points drawn from a mesh for the last refinement; the policy sees a part of them.
-const SURFACE_POINTS: usize = 20_000;
 
 /// One of the two clouds.
 pub(super) struct Input {
     /// What the file holds, scaled; all of it is written by `--out`.
     pub(super) file: CloudFile,
-    /// The point that coordinates below are relative to.
-    pub(super) origin: Position,
-    /// All points, or many of the mesh's surface.
-    pub(super) all: Vec<Point>,
-    /// Those that the policy sees.
-    pub(super) points: Vec<Point>,
+    /// What is registered.
+    pub(super) cloud: Prepared<'static>,
 }
 
 impl Input {
@@ -37,39 +26,8 @@ impl Input {
         for x in file.points.iter_mut().flatten() {
             *x *= scale;
         }
-        let origin = file.origin();
-        let rng = &mut stream(seed, Purpose::Surface, 0);
-        let surface = file.clone().sampled(SURFACE_POINTS, rng);
-        let surface = surface.ok_or_else(|| CloudError::NoArea { path: path.into() })?;
-        let all = surface.relative_to(origin);
-        if all.len() > 1 && all.iter().all(|point| point == &all[0]) {
-            return Err(CloudError::NoExtent { path: path.into() });
-        }
-        let used = match points {
-            Some(count) => thin(&all, count),
-            None if file.faces.is_some() => thin(&all, MESH_POINTS),
-            None => within_capacity(&all),
-        };
-        if origin != [0.0; 3] {
-            file.notes.push(Note::Shifted { origin });
-        }
-        if file.faces.is_none() && used.len() < all.len() {
-            file.notes.push(Note::Thinned {
-                from: all.len(),
-                to: used.len(),
-            });
-        }
-        Ok(Input {
-            file,
-            origin,
-            all,
-            points: used,
-        })
-    }
-
-    /// Whether the policy sees a part of the points only.
-    pub(super) fn is_thinned(&self) -> bool {
-        self.points.len() < self.all.len()
+        let cloud = Prepared::of_file(&file, path, points, seed)?;
+        Ok(Input { file, cloud })
     }
 }
 
@@ -104,6 +62,7 @@ impl FromStr for Units {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::dataset::cloud_file::Note;
 
     #[test]
     fn units_name_a_scale() {
@@ -123,21 +82,23 @@ mod tests {
         let row = |i: usize| format!("{} {} 7\n", 5e6 + i as f64 * 1e-3, i % 7);
         std::fs::write(&path, (0..5000).map(row).collect::<String>()).expect("written");
         let input = Input::read(&path, 1.0, None, 1).expect("read");
-        assert_eq!((input.points.len(), input.all.len()), (2048, 5000));
-        assert!((input.origin[0] - 5e6 - 2.5).abs() < 1e-9);
+        assert_eq!(
+            (input.cloud.points().len(), input.cloud.all.len()),
+            (2048, 5000)
+        );
+        let origin = input.cloud.origin;
+        assert!((origin[0] - 5e6 - 2.5).abs() < 1e-9);
         let notes = [
-            Note::Shifted {
-                origin: input.origin,
-            },
+            Note::Shifted { origin },
             Note::Thinned {
                 from: 5000,
                 to: 2048,
             },
         ];
-        assert_eq!(input.file.notes, notes);
+        assert_eq!(input.cloud.notes, notes);
         let scaled = Input::read(&path, 0.5, Some(100), 1).expect("read");
         assert_eq!(
-            (scaled.points.len(), scaled.file.points[0]),
+            (scaled.cloud.points().len(), scaled.file.points[0]),
             (100, [2.5e6, 0.0, 3.5])
         );
     }

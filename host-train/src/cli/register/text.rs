@@ -1,19 +1,20 @@
 //! What is printed.
 
 use crate::pose64::Pose64;
-use crate::register::Registered;
-use crate::register::dense::Densely;
+use crate::register::request::Done;
 use reagent_core::pipeline::Refinement;
 use reagent_core::polish::Refined;
 use reagent_core::verdict::{Percent, Verdict};
 
 /// Pose, stages and verdict.
-pub(super) fn report(
-    found: &Registered,
-    dense: Option<&Densely>,
-    pose: &Pose64,
-    ms: f64,
-) -> String {
+pub(super) fn report(done: &Done) -> String {
+    let Done {
+        found,
+        dense,
+        pose,
+        ms,
+        ..
+    } = done;
     let mut text = String::from("target_from_source, rows of [R | t] in the clouds' units:\n");
     text += &format!("{pose}\n");
     let answer = &found.answer;

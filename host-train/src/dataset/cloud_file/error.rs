@@ -71,6 +71,14 @@ pub enum CloudError {
         /// File concerned.
         path: PathBuf,
     },
+    /// The core refuses the points.
+    #[error("{}: {source}", path.display())]
+    Refused {
+        /// File concerned.
+        path: PathBuf,
+        /// Why.
+        source: reagent_core::Error,
+    },
     /// All faces of the mesh are degenerate.
     #[error("{}: the mesh has no area to sample points from", path.display())]
     NoArea {

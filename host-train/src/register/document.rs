@@ -1,10 +1,10 @@
-//! What `--json` writes.
+//! A registration as `--json` writes it.
 
-use super::input::Input;
 use crate::dataset::cloud_file::Note;
 use crate::pose64::{Pose64, Position};
-use crate::register::Registered;
 use crate::register::dense::Densely;
+use crate::register::prepared::Prepared;
+use crate::register::request::Done;
 use reagent_core::Pose;
 use reagent_core::pipeline::Refinement;
 use reagent_core::polish::Refined;
@@ -12,72 +12,92 @@ use reagent_core::verify::Undetermined;
 use serde::Serialize;
 
 /// A registration: poses in the files' own coordinates, rows of `[R | t]`.
-#[derive(Serialize)]
-pub(super) struct Document {
-    target_from_source: [[f64; 4]; 3],
-    verdict: String,
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Document {
+    /// The pose given out.
+    pub target_from_source: [[f64; 4]; 3],
+    /// What can be said about it.
+    pub verdict: String,
     /// That the pose is within 5 degrees and .05 target radii.
     #[serde(skip_serializing_if = "Option::is_none")]
-    probability: Option<f32>,
+    pub probability: Option<f32>,
+    /// What a refinement says, unless there was none.
     #[serde(flatten)]
-    fit: Option<Fit>,
-    steps: usize,
+    pub fit: Option<Fit>,
+    /// Steps that the policy took.
+    pub steps: usize,
+    /// Where the policy's steps led, unless none were taken.
     #[serde(skip_serializing_if = "Option::is_none")]
-    policy: Option<PolicyStage>,
+    pub policy: Option<PolicyStage>,
+    /// The same, refined.
     #[serde(skip_serializing_if = "Option::is_none")]
-    polish: Option<RefinedStage>,
+    pub polish: Option<RefinedStage>,
+    /// The best of the poses that were compared.
     #[serde(skip_serializing_if = "Option::is_none")]
-    verify: Option<RefinedStage>,
+    pub verify: Option<RefinedStage>,
     /// The last refinement, on all points.
     #[serde(skip_serializing_if = "Option::is_none")]
-    dense: Option<DenseStage>,
-    ms: f64,
-    source_points: usize,
-    target_points: usize,
+    pub dense: Option<DenseStage>,
+    /// Time, milliseconds.
+    pub ms: f64,
+    /// Points of the source that the policy saw.
+    pub source_points: usize,
+    /// Points of the target that the policy saw.
+    pub target_points: usize,
     /// By which the source was multiplied before.
     #[serde(skip_serializing_if = "Option::is_none")]
-    source_scale: Option<f64>,
+    pub source_scale: Option<f64>,
     /// What the readers noticed.
-    notes: Vec<Noticed>,
+    pub notes: Vec<Noticed>,
 }
 
 /// How the clouds fit under the pose given out, and what their shape leaves open.
-#[derive(Serialize)]
-struct Fit {
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Fit {
     /// Share of the source's points that lie on the target's surface.
-    overlap: f32,
+    pub overlap: f32,
     /// Root of the mean squared distance of those from it, in the clouds' units.
-    inlier_rmse: f32,
+    pub inlier_rmse: f32,
     /// Size of the source over that of the target.
-    extents_ratio: f32,
+    pub extents_ratio: f32,
     /// Points that differ from all others, in the cloud with fewer of them.
-    distinct_points: usize,
+    pub distinct_points: usize,
     /// Shares of the source's and of the target's points that were left out, since they lie far from all others.
-    left_out: [f32; 2],
-    undetermined: Open,
-    covariance: Covariance,
+    pub left_out: [f32; 2],
+    /// What the shape leaves open.
+    pub undetermined: Open,
+    /// How uncertain the pose is, if it is right.
+    pub covariance: Covariance,
 }
 
 /// Of the core's refinement: [`reagent_core::covariance`].
-#[derive(Serialize)]
-struct Covariance {
-    about: [f64; 3],
-    matrix: [[f32; 6]; 6],
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Covariance {
+    /// The point about which the pose may be turned, in the target's coordinates.
+    pub about: [f64; 3],
+    /// Of a turn about it, radians, and of a shift, the clouds' units.
+    pub matrix: [[f32; 6]; 6],
 }
 
-#[derive(Serialize)]
-struct Open {
+/// What the shape leaves open.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Open {
+    /// The axis about which the turn is open.
     #[serde(skip_serializing_if = "Option::is_none")]
-    axis: Option<OpenAxis>,
+    pub axis: Option<OpenAxis>,
     /// Other poses that fit as well.
-    poses: Vec<[[f64; 4]; 3]>,
+    pub poses: Vec<[[f64; 4]; 3]>,
 }
 
-#[derive(Serialize)]
-struct OpenAxis {
-    point: [f64; 3],
-    direction: [f32; 3],
-    half_angle_deg: f32,
+/// An axis of the target about which the turn is open.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct OpenAxis {
+    /// A point of it, in the target's coordinates.
+    pub point: [f64; 3],
+    /// Its unit vector.
+    pub direction: [f32; 3],
+    /// How far the turn may be off, either way.
+    pub half_angle_deg: f32,
 }
 
 impl Fit {
@@ -107,47 +127,54 @@ impl Fit {
     }
 }
 
-#[derive(Serialize)]
-struct PolicyStage {
-    target_from_source: [[f64; 4]; 3],
-    verdict: String,
+/// Where the policy's steps led.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct PolicyStage {
+    /// The pose.
+    pub target_from_source: [[f64; 4]; 3],
+    /// How the steps ended.
+    pub verdict: String,
 }
 
-#[derive(Serialize)]
-struct RefinedStage {
-    target_from_source: [[f64; 4]; 3],
+/// A refined pose.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct RefinedStage {
+    /// The pose.
+    pub target_from_source: [[f64; 4]; 3],
     /// Of the source's points to the target, and of the target's to the source.
-    residual: [f32; 2],
-    iterations: usize,
+    pub residual: [f32; 2],
+    /// Steps of closest points.
+    pub iterations: usize,
+    /// Other poses that were tried.
     #[serde(skip_serializing_if = "Option::is_none")]
-    hypotheses: Option<usize>,
+    pub hypotheses: Option<usize>,
 }
 
-#[derive(Serialize)]
-struct DenseStage {
-    target_from_source: [[f64; 4]; 3],
+/// The last refinement.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct DenseStage {
+    /// The pose.
+    pub target_from_source: [[f64; 4]; 3],
+    /// How it ended.
     #[serde(flatten)]
-    found: Densely,
+    pub found: Densely,
 }
 
-#[derive(Serialize)]
-struct Noticed {
+/// Something about a cloud that its user should know.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Noticed {
     /// `source` or `target`.
-    of: &'static str,
+    pub of: &'static str,
+    /// What.
     #[serde(flatten)]
-    note: Note,
-    text: String,
+    pub note: Note,
+    /// The same in words.
+    pub text: String,
 }
 
 impl Document {
-    pub(super) fn new(
-        [source, target]: &[Input; 2],
-        found: &Registered,
-        dense: Option<&Densely>,
-        pose: &Pose64,
-        scale: f64,
-        ms: f64,
-    ) -> Document {
+    /// Of two clouds, of which the source was multiplied by `scale` before.
+    pub fn new([source, target]: [&Prepared<'_>; 2], done: &Done, scale: f64) -> Document {
         let rows = |near: Pose| Pose64::of(near, source.origin, target.origin).to_rows();
         let stage = |refined: &Refined, hypotheses| RefinedStage {
             target_from_source: rows(refined.target_from_source),
@@ -155,15 +182,22 @@ impl Document {
             iterations: refined.iterations,
             hypotheses,
         };
-        let answer = &found.answer;
+        let answer = &done.found.answer;
         let refinement = answer.refinement.as_ref();
-        let notes = [("source", source), ("target", target)].into_iter();
+        let noticed = |of, cloud: &Prepared<'_>| {
+            let notice = move |note: &Note| Noticed {
+                of,
+                note: note.clone(),
+                text: note.to_string(),
+            };
+            cloud.notes.iter().map(notice).collect::<Vec<_>>()
+        };
         Document {
-            target_from_source: pose.to_rows(),
+            target_from_source: done.pose.to_rows(),
             verdict: answer.verdict.to_string(),
             probability: refinement.map(|r| r.evidence.probability()),
             fit: refinement.map(|found| Fit::of(found, rows, target.origin)),
-            steps: found.trace.len(),
+            steps: done.found.trace.len(),
             policy: answer.policy.map(|policy| PolicyStage {
                 target_from_source: rows(policy.target_from_source),
                 verdict: policy.verdict.to_string(),
@@ -173,23 +207,15 @@ impl Document {
                 r.hypotheses
                     .map(|hypotheses| stage(&r.refined, Some(hypotheses)))
             }),
-            dense: dense.map(|&found| DenseStage {
+            dense: done.dense.map(|found| DenseStage {
                 target_from_source: rows(found.target_from_source),
                 found,
             }),
-            ms,
-            source_points: source.points.len(),
-            target_points: target.points.len(),
+            ms: done.ms,
+            source_points: source.points().len(),
+            target_points: target.points().len(),
             source_scale: Some(scale).filter(|&scale| scale != 1.0),
-            notes: notes
-                .flat_map(|(of, input)| {
-                    input.file.notes.iter().map(move |note| Noticed {
-                        of,
-                        note: note.clone(),
-                        text: note.to_string(),
-                    })
-                })
-                .collect(),
+            notes: [noticed("source", source), noticed("target", target)].concat(),
         }
     }
 }

@@ -1,0 +1,202 @@
+"""Registers an observed point cloud to a model, and says how likely the pose is right."""
+
+from collections.abc import Iterable
+from os import PathLike
+from typing import Any, Literal, Union, final
+
+from numpy import float32, float64
+from numpy.typing import ArrayLike, NDArray
+
+__version__: str
+__all__: list[str]
+
+_Mode = Literal["fast", "polish", "verify", "refine", "best"]
+_Dense = Literal["auto", "always", "never"]
+_Verdict = Literal[
+    "converged", "step limit", "oscillating", "out of range", "poor fit", "sizes differ", "too few points", "mirrored"
+]
+_Start = Union[ArrayLike, Literal["identity", "anywhere"], None]
+
+class Error(ValueError): ...
+class CloudError(Error): ...
+class PolicyError(Error): ...
+
+@final
+class Policy:
+    @staticmethod
+    def pretrained(name: Literal["reagent", "int8", "compact", "views", "views-compact"] = "reagent") -> Policy: ...
+    @staticmethod
+    def load(path: str | PathLike[str]) -> Policy: ...
+    @property
+    def name(self) -> str: ...
+    @property
+    def format(self) -> Literal["f32", "int8"]: ...
+    @property
+    def sha256(self) -> str: ...
+
+@final
+class Registration:
+    @property
+    def target_from_source(self) -> NDArray[float64]: ...
+    @property
+    def verdict(self) -> _Verdict: ...
+    @property
+    def converged(self) -> bool: ...
+    @property
+    def probability(self) -> float | None: ...
+    @property
+    def overlap(self) -> float | None: ...
+    @property
+    def rmse(self) -> float | None: ...
+    @property
+    def extents_ratio(self) -> float | None: ...
+    @property
+    def undetermined(self) -> Undetermined | None: ...
+    @property
+    def covariance(self) -> NDArray[float64] | None: ...
+    @property
+    def covariance_about(self) -> NDArray[float64] | None: ...
+    @property
+    def steps(self) -> list[Step]: ...
+    @property
+    def notes(self) -> list[str]: ...
+    @property
+    def ms(self) -> float: ...
+    def to_dict(self) -> dict[str, Any]: ...
+
+@final
+class Undetermined:
+    @property
+    def axis(self) -> Axis | None: ...
+    @property
+    def poses(self) -> NDArray[float64]: ...
+    def __bool__(self) -> bool: ...
+
+@final
+class Axis:
+    @property
+    def point(self) -> NDArray[float64]: ...
+    @property
+    def direction(self) -> NDArray[float64]: ...
+    @property
+    def half_angle_deg(self) -> float: ...
+
+@final
+class Step:
+    @property
+    def number(self) -> int: ...
+    @property
+    def translation(self) -> NDArray[float64]: ...
+    @property
+    def rotation_rad(self) -> NDArray[float64]: ...
+    @property
+    def translation_id(self) -> tuple[int, int, int]: ...
+    @property
+    def rotation_id(self) -> tuple[int, int, int]: ...
+    @property
+    def translation_probability(self) -> NDArray[float32] | None: ...
+    @property
+    def rotation_probability(self) -> NDArray[float32] | None: ...
+    @property
+    def target_from_source(self) -> NDArray[float64]: ...
+
+@final
+class Registrar:
+    def __new__(cls, policy: Policy | None = None, *, threads: int | None = None) -> Registrar: ...
+    @property
+    def policy(self) -> Policy | None: ...
+    def register(
+        self,
+        source: ArrayLike,
+        target: ArrayLike,
+        init: _Start = None,
+        mode: _Mode = "verify",
+        viewpoint: ArrayLike | None = None,
+        *,
+        steps: int = 10,
+        points: int | None = None,
+        dense: _Dense = "auto",
+    ) -> Registration: ...
+    def refine(
+        self,
+        source: ArrayLike,
+        target: ArrayLike,
+        init: _Start = None,
+        viewpoint: ArrayLike | None = None,
+        *,
+        points: int | None = None,
+        dense: _Dense = "auto",
+    ) -> Registration: ...
+    def verify(
+        self,
+        source: ArrayLike,
+        target: ArrayLike,
+        init: _Start = None,
+        viewpoint: ArrayLike | None = None,
+        *,
+        points: int | None = None,
+        dense: _Dense = "auto",
+    ) -> Registration: ...
+    def register_batch(
+        self,
+        sources: Iterable[ArrayLike] | NDArray[Any],
+        targets: Iterable[ArrayLike] | NDArray[Any],
+        init: _Start = None,
+        mode: _Mode = "verify",
+        viewpoint: ArrayLike | None = None,
+        *,
+        steps: int = 10,
+        points: int | None = None,
+        dense: _Dense = "auto",
+        return_exceptions: bool = False,
+    ) -> list[Any]: ...
+
+def register(
+    source: ArrayLike,
+    target: ArrayLike,
+    init: _Start = None,
+    mode: _Mode = "verify",
+    viewpoint: ArrayLike | None = None,
+    *,
+    steps: int = 10,
+    points: int | None = None,
+    dense: _Dense = "auto",
+) -> Registration: ...
+def refine(
+    source: ArrayLike,
+    target: ArrayLike,
+    init: _Start = None,
+    viewpoint: ArrayLike | None = None,
+    *,
+    points: int | None = None,
+    dense: _Dense = "auto",
+) -> Registration: ...
+def verify(
+    source: ArrayLike,
+    target: ArrayLike,
+    init: _Start = None,
+    viewpoint: ArrayLike | None = None,
+    *,
+    points: int | None = None,
+    dense: _Dense = "auto",
+) -> Registration: ...
+def register_batch(
+    sources: Iterable[ArrayLike] | NDArray[Any],
+    targets: Iterable[ArrayLike] | NDArray[Any],
+    init: _Start = None,
+    mode: _Mode = "verify",
+    viewpoint: ArrayLike | None = None,
+    *,
+    steps: int = 10,
+    points: int | None = None,
+    dense: _Dense = "auto",
+    return_exceptions: bool = False,
+) -> list[Any]: ...
+def evaluate(
+    found: ArrayLike,
+    truth: ArrayLike,
+    sources: Iterable[ArrayLike] | NDArray[Any],
+    targets: Iterable[ArrayLike] | NDArray[Any],
+    *,
+    raw: Iterable[ArrayLike] | NDArray[Any] | None = None,
+) -> dict[str, Any]: ...

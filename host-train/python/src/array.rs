@@ -1,0 +1,274 @@
+//! Arrays of Python as clouds, poses and points.
+
+use crate::error::{CloudError, bad};
+use host_train::dataset::Point;
+use host_train::dataset::cloud_file;
+use host_train::pose64::{Pose64, Position};
+use host_train::register::prepared::Prepared;
+use numpy::ndarray::{ArrayView2, arr2};
+use numpy::{
+    PyArray2, PyArrayDescrMethods, PyArrayMethods, PyReadonlyArray2, PyReadonlyArrayDyn,
+    PyUntypedArray, PyUntypedArrayMethods,
+};
+use pyo3::prelude::*;
+use pyo3::{PyTypeInfo, intern};
+use std::path::Path;
+
+/// A cloud where Python holds it.
+pub(crate) struct Cloud<'py> {
+    /// The argument's.
+    name: String,
+    numbers: Numbers<'py>,
+}
+
+enum Numbers<'py> {
+    F32(PyReadonlyArray2<'py, f32>),
+    F64(PyReadonlyArray2<'py, f64>),
+}
+
+/// The same, for use while Python goes on.
+#[derive(Clone, Copy)]
+pub(crate) struct View<'a> {
+    name: &'a str,
+    rows: Rows<'a>,
+}
+
+#[derive(Clone, Copy)]
+enum Rows<'a> {
+    /// As Rust has them.
+    Points(&'a [Point]),
+    F32(ArrayView2<'a, f32>),
+    F64(ArrayView2<'a, f64>),
+}
+
+impl<'py> Cloud<'py> {
+    /// Of an array (N, 3) of f32 or f64 in any order, or of what `numpy.asarray` makes one of. Nothing is copied unless NumPy
+    /// has to; masked points become NaN, and are left out later.
+    pub(crate) fn new(name: impl Into<String>, given: &Bound<'py, PyAny>) -> PyResult<Cloud<'py>> {
+        let name = name.into();
+        let numbers = Numbers::of(&name, given)?;
+        Ok(Cloud { name, numbers })
+    }
+
+    pub(crate) fn view(&self) -> View<'_> {
+        let rows = match &self.numbers {
+            Numbers::F32(array) => match array.as_array().to_slice() {
+                Some(slice) => Rows::Points(slice.as_chunks().0),
+                None => Rows::F32(array.as_array()),
+            },
+            Numbers::F64(array) => Rows::F64(array.as_array()),
+        };
+        View {
+            name: &self.name,
+            rows,
+        }
+    }
+}
+
+impl<'a> View<'a> {
+    pub(crate) fn name(self) -> &'a str {
+        self.name
+    }
+
+    /// The cloud, ready to be registered, of which the policy sees so many points at most.
+    pub(crate) fn prepared(
+        self,
+        points: Option<usize>,
+    ) -> Result<Prepared<'a>, cloud_file::CloudError> {
+        let name = Path::new(self.name);
+        match self.rows {
+            Rows::Points(rows) => Prepared::of_points(rows, name, points),
+            Rows::F32(_) | Rows::F64(_) => Prepared::of_positions(self.positions(), name, points),
+        }
+    }
+
+    /// A copy in f32, as it is.
+    pub(crate) fn points(self) -> Vec<Point> {
+        match self.rows {
+            Rows::Points(rows) => rows.to_vec(),
+            _ => (self.positions().iter())
+                .map(|p| p.map(|x| x as f32))
+                .collect(),
+        }
+    }
+
+    fn positions(self) -> Vec<Position> {
+        fn of<T: Copy + Into<f64>>(rows: ArrayView2<'_, T>) -> Vec<Position> {
+            rows.outer_iter()
+                .map(|row| [0, 1, 2].map(|axis| row[axis].into()))
+                .collect()
+        }
+        match self.rows {
+            Rows::Points(rows) => rows.iter().map(|p| p.map(f64::from)).collect(),
+            Rows::F32(rows) => of(rows),
+            Rows::F64(rows) => of(rows),
+        }
+    }
+}
+
+impl<'py> Numbers<'py> {
+    fn of(name: &str, given: &Bound<'py, PyAny>) -> PyResult<Numbers<'py>> {
+        let array = as_array(name, given)?;
+        let wrong = |what: String| {
+            CloudError::new_err(format!(
+                "{name}: expected an array of float32 or float64 of shape (N, 3), found {what}"
+            ))
+        };
+        match *array.shape() {
+            [_, 3] => {}
+            [3, n] => {
+                return Err(wrong(format!("shape (3, {n}); transpose it")));
+            }
+            _ => {
+                let shape = array.getattr(intern!(given.py(), "shape"))?;
+                return Err(wrong(format!("shape {shape} of {}", array.dtype())));
+            }
+        }
+        let dtype = array.dtype();
+        let (kind, size) = (dtype.kind(), dtype.itemsize());
+        if kind != b'f' || ![4, 8].contains(&size) {
+            return Err(wrong(format!("{dtype}; convert it with .astype(float)")));
+        }
+        let array = if is_plain(&array)? {
+            array.into_any()
+        } else {
+            // Another byte order, or addresses that are no multiples of a number's size.
+            let plain = if size == 4 { "float32" } else { "float64" };
+            array.call_method1(intern!(given.py(), "astype"), (plain,))?
+        };
+        Ok(match size {
+            4 => Numbers::F32(array.cast_into::<PyArray2<f32>>()?.try_readonly()?),
+            _ => Numbers::F64(array.cast_into::<PyArray2<f64>>()?.try_readonly()?),
+        })
+    }
+}
+
+/// Whether the processor can read the numbers where they lie.
+fn is_plain(array: &Bound<'_, PyUntypedArray>) -> PyResult<bool> {
+    let py = array.py();
+    let flags = array.getattr(intern!(py, "flags"))?;
+    let aligned: bool = flags.getattr(intern!(py, "aligned"))?.extract()?;
+    Ok(aligned && array.dtype().is_native_byteorder() == Some(true))
+}
+
+/// What NumPy makes of it.
+fn as_array<'py>(name: &str, given: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyUntypedArray>> {
+    let py = given.py();
+    if given.is_exact_instance(&PyUntypedArray::type_object(py)) {
+        return Ok(given.cast::<PyUntypedArray>()?.clone());
+    }
+    let numpy = py.import(intern!(py, "numpy"))?;
+    let masked = numpy.getattr(intern!(py, "ma"))?;
+    let is_masked = masked.call_method1(intern!(py, "isMaskedArray"), (given,))?;
+    let made = if is_masked.is_truthy()? {
+        given
+            .call_method1(intern!(py, "astype"), ("float64",))
+            .and_then(|wide| wide.call_method1(intern!(py, "filled"), (f64::NAN,)))
+    } else {
+        numpy.call_method1(intern!(py, "asarray"), (given,))
+    };
+    let array = made.map_err(|cause| {
+        let error = CloudError::new_err(format!(
+            "{name}: expected an array of float32 or float64 of shape (N, 3); numpy.asarray says: {}",
+            cause.value(py)
+        ));
+        error.set_cause(py, Some(cause));
+        error
+    })?;
+    Ok(array.cast_into::<PyUntypedArray>()?)
+}
+
+/// Numbers of any shape in f64.
+fn numbers<'py>(
+    name: &str,
+    given: &Bound<'py, PyAny>,
+    expected: &str,
+) -> PyResult<PyReadonlyArrayDyn<'py, f64>> {
+    let py = given.py();
+    let numpy = py.import(intern!(py, "numpy"))?;
+    let array = numpy
+        .call_method1(intern!(py, "asarray"), (given, "float64"))
+        .map_err(|cause| {
+            let said = cause.value(py).to_string();
+            let error = bad(
+                name,
+                format!("expected {expected}; numpy.asarray says: {said}"),
+            );
+            error.set_cause(py, Some(cause));
+            error
+        })?;
+    array.extract().map_err(PyErr::from)
+}
+
+/// Poses: one, 4x4 or the 3x4 `[R | t]` of it, or one for each of several pairs.
+pub(crate) enum Poses {
+    One(Pose64),
+    Each(Vec<Pose64>),
+}
+
+pub(crate) fn poses(name: &str, given: &Bound<'_, PyAny>) -> PyResult<Poses> {
+    let expected = "a pose, 4x4 or the rows of [R | t]";
+    let array = numbers(name, given, expected)?;
+    let shape = array.shape().to_vec();
+    let (rows, several) = match *shape.as_slice() {
+        [rows, 4] => (rows, false),
+        [_, rows, 4] => (rows, true),
+        _ => (0, false),
+    };
+    if ![3, 4].contains(&rows) {
+        return Err(bad(
+            name,
+            format!("expected {expected}, found shape {shape:?}"),
+        ));
+    }
+    let values: Vec<f64> = array.as_array().iter().copied().collect();
+    let poses = values.as_chunks::<4>().0.chunks(rows).map(|rows| {
+        if rows
+            .get(3)
+            .is_some_and(|last| *last != [0.0, 0.0, 0.0, 1.0])
+        {
+            return Err(bad(name, "the last row of a pose is 0 0 0 1"));
+        }
+        let [a, b, c, ..] = *rows else {
+            unreachable!("three rows or four");
+        };
+        let pose = Pose64::from_rows([a, b, c]).checked();
+        pose.map_err(|error| bad(name, error))
+    });
+    let poses = poses.collect::<PyResult<Vec<Pose64>>>()?;
+    Ok(match *poses.as_slice() {
+        [pose] if !several => Poses::One(pose),
+        _ => Poses::Each(poses),
+    })
+}
+
+/// Points: one, or one for each of several pairs.
+pub(crate) enum Positions {
+    One(Position),
+    Each(Vec<Position>),
+}
+
+pub(crate) fn positions(name: &str, given: &Bound<'_, PyAny>) -> PyResult<Positions> {
+    let expected = "three numbers";
+    let array = numbers(name, given, expected)?;
+    let values: Vec<f64> = array.as_array().iter().copied().collect();
+    if let Some(x) = values.iter().find(|x| !x.is_finite()) {
+        return Err(bad(
+            name,
+            format!("expected three finite numbers, found {x}"),
+        ));
+    }
+    match (array.shape(), values.as_slice()) {
+        ([3], &[x, y, z]) => Ok(Positions::One([x, y, z])),
+        ([_, 3], _) => Ok(Positions::Each(values.as_chunks::<3>().0.to_vec())),
+        (shape, _) => Err(bad(
+            name,
+            format!("expected {expected}, found shape {shape:?}"),
+        )),
+    }
+}
+
+/// A pose as an array of four rows.
+pub(crate) fn matrix<'py>(py: Python<'py>, [a, b, c]: [[f64; 4]; 3]) -> Bound<'py, PyArray2<f64>> {
+    PyArray2::from_owned_array(py, arr2(&[a, b, c, [0.0, 0.0, 0.0, 1.0]]))
+}

@@ -1,0 +1,11 @@
+//! What Rust writes as JSON, as Python reads JSON.
+
+use pyo3::prelude::*;
+use pythonize::pythonize;
+use serde::Serialize;
+
+/// Dicts, lists, words and numbers.
+pub(crate) fn as_json<'py>(py: Python<'py>, of: &impl Serialize) -> PyResult<Bound<'py, PyAny>> {
+    let value = serde_json::to_value(of).expect("plain numbers and words");
+    Ok(pythonize(py, &value)?)
+}

@@ -1,0 +1,44 @@
+//! The Python package `reagent`: what `host-train register` does, on arrays.
+
+mod array;
+mod error;
+mod evaluate;
+mod json;
+mod options;
+mod policy;
+mod registrar;
+mod registration;
+
+use pyo3::pymodule;
+
+/// Registers an observed point cloud to a model in about ten discrete, interpretable steps, and says how likely the pose is
+/// right.
+///
+/// >>> import numpy, reagent
+/// >>> rng = numpy.random.default_rng(1)
+/// >>> target = rng.normal(size=(1000, 3)) * [3, 2, 1]
+/// >>> turn = numpy.array([[0.8, -0.6, 0], [0.6, 0.8, 0], [0, 0, 1]])
+/// >>> found = reagent.register(target @ turn + [0.1, 0, 0], target)
+/// >>> found.converged and found.probability > 0.9
+/// True
+/// >>> numpy.allclose(found.target_from_source[:3, :3], turn, atol=1e-4)
+/// True
+#[pymodule(name = "reagent")]
+mod module {
+    #[pymodule_export]
+    use crate::error::{CloudError, Error, PolicyError};
+    #[pymodule_export]
+    use crate::evaluate::evaluate;
+    #[pymodule_export]
+    use crate::policy::Policy;
+    #[pymodule_export]
+    use crate::registrar::{Registrar, refine, register, register_batch, verify};
+    #[pymodule_export]
+    use crate::registration::{Axis, Registration, Step, Undetermined};
+    use pyo3::prelude::*;
+
+    #[pymodule_init]
+    fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        module.add("__version__", env!("CARGO_PKG_VERSION"))
+    }
+}

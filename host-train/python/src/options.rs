@@ -1,0 +1,136 @@
+//! Options of a registration.
+
+use crate::array::{Poses, Positions, poses, positions};
+use crate::error::bad;
+use host_train::register::Start;
+use host_train::register::dense::Dense;
+use host_train::register::request::Request;
+use pyo3::prelude::*;
+use pyo3::pybacked::PyBackedStr;
+use reagent_core::dims::MAX_POINTS;
+use std::ops::RangeInclusive;
+
+/// Points that the policy may be told to see.
+const POINTS: RangeInclusive<usize> = 16..=MAX_POINTS;
+
+/// What is to be done with one pair, or with each of several.
+pub(crate) struct Options {
+    common: Request,
+    starts: Option<Vec<Start>>,
+    view_points: Option<Vec<[f64; 3]>>,
+    /// Points of each cloud that the policy sees at most.
+    pub(crate) points: Option<usize>,
+}
+
+impl Options {
+    pub(crate) fn new(
+        init: Option<&Bound<'_, PyAny>>,
+        mode: &str,
+        viewpoint: Option<&Bound<'_, PyAny>>,
+        (steps, points, dense): (usize, Option<usize>, &str),
+    ) -> PyResult<Options> {
+        let mut options = Options {
+            common: Request {
+                mode: mode.parse().map_err(|error| bad("mode", error))?,
+                steps,
+                dense: match dense {
+                    "auto" => Dense::Auto,
+                    "always" => Dense::Always,
+                    "never" => Dense::Never,
+                    _ => return Err(bad("dense", "expected auto, always or never")),
+                },
+                ..Request::default()
+            },
+            starts: None,
+            view_points: None,
+            points,
+        };
+        if steps == 0 {
+            return Err(bad("steps", "expected a number from 1"));
+        }
+        if points.is_some_and(|count| !POINTS.contains(&count)) {
+            let (least, most) = (POINTS.start(), POINTS.end());
+            return Err(bad(
+                "points",
+                format!("expected a number from {least} to {most}"),
+            ));
+        }
+        match init.map(start).transpose()? {
+            None => {}
+            Some(Starts::One(start)) => options.common.start = start,
+            Some(Starts::Each(starts)) => options.starts = Some(starts),
+        }
+        match viewpoint
+            .map(|given| positions("viewpoint", given))
+            .transpose()?
+        {
+            None => {}
+            Some(Positions::One(point)) => options.common.view_point = Some(point),
+            Some(Positions::Each(points)) => options.view_points = Some(points),
+        }
+        Ok(options)
+    }
+
+    /// The same without the policy: the start is refined and compared with other poses.
+    pub(crate) fn without_policy(mut self) -> Options {
+        self.common.steps = 0;
+        self
+    }
+
+    /// For one pair.
+    pub(crate) fn one(&self) -> PyResult<Request> {
+        let wrong = |name| Err(bad(name, "expected one, for one pair of clouds"));
+        match (&self.starts, &self.view_points) {
+            (Some(_), _) => wrong("init"),
+            (_, Some(_)) => wrong("viewpoint"),
+            (None, None) => Ok(self.common),
+        }
+    }
+
+    /// For each of so many pairs.
+    pub(crate) fn each(&self, pairs: usize) -> PyResult<Vec<Request>> {
+        let starts = each("init", &self.starts, self.common.start, pairs)?;
+        let points = self.view_points.as_ref();
+        let points = points.map(|points| points.iter().copied().map(Some).collect());
+        let points = each("viewpoint", &points, self.common.view_point, pairs)?;
+        let request = |(start, view_point)| Request {
+            start,
+            view_point,
+            ..self.common
+        };
+        Ok(starts.into_iter().zip(points).map(request).collect())
+    }
+}
+
+/// What is given for each of so many pairs, or the same for all.
+fn each<T: Clone>(name: &str, given: &Option<Vec<T>>, common: T, pairs: usize) -> PyResult<Vec<T>> {
+    match given {
+        None => Ok(vec![common; pairs]),
+        Some(given) if given.len() == pairs => Ok(given.clone()),
+        Some(given) => {
+            let found = given.len();
+            let what = format!("expected one, or one for each of {pairs} pairs, found {found}");
+            Err(bad(name, what))
+        }
+    }
+}
+
+/// Starts: one, or one for each of several pairs.
+enum Starts {
+    One(Start),
+    Each(Vec<Start>),
+}
+
+fn start(given: &Bound<'_, PyAny>) -> PyResult<Starts> {
+    if let Ok(word) = given.extract::<PyBackedStr>() {
+        return match &*word {
+            "identity" => Ok(Starts::One(Start::Identity)),
+            "anywhere" => Ok(Starts::One(Start::None)),
+            _ => Err(bad("init", "expected a pose, \"identity\" or \"anywhere\"")),
+        };
+    }
+    Ok(match poses("init", given)? {
+        Poses::One(pose) => Starts::One(Start::Pose(pose)),
+        Poses::Each(poses) => Starts::Each(poses.into_iter().map(Start::Pose).collect()),
+    })
+}

@@ -1,0 +1,430 @@
+//! Registrations: one, or many over threads.
+
+use crate::array::{Cloud, View};
+use crate::error::{Error, bad, bad_cloud, no_threads};
+use crate::options::Options;
+use crate::policy::Policy;
+use crate::registration::Registration;
+use host_train::register::Memory;
+use host_train::register::batch::for_each;
+use host_train::register::request::Request;
+use numpy::{PyUntypedArray, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+use pyo3::types::PyList;
+use reagent_core::weights;
+use std::sync::Mutex;
+
+/// Pairs that a thread does between two looks at whether the user wants to stop.
+const BETWEEN_LOOKS: usize = 64;
+
+/// Working memory that no registration uses at the moment.
+static IDLE: Mutex<Vec<Box<Memory>>> = Mutex::new(Vec::new());
+
+/// Registers with a policy of its own, packed once. One object may be used by several threads at a time.
+///
+/// Where no `policy` is given, it is the bundled "reagent", or "views" of a source seen from a `viewpoint`; `threads` are those of `register_batch`, all that there
+/// are where none are given.
+///
+/// >>> import numpy, reagent
+/// >>> registrar = reagent.Registrar(reagent.Policy.pretrained("int8"))
+/// >>> cloud = numpy.random.default_rng(1).normal(size=(500, 3)) * [3, 2, 1]
+/// >>> registrar.register(cloud + [0.2, 0, 0], cloud).target_from_source[:3, 3].round(3) + 0.0
+/// array([-0.2,  0. ,  0. ])
+#[pyclass(module = "reagent", frozen)]
+pub struct Registrar {
+    policy: Option<Policy>,
+    threads: usize,
+}
+
+#[pymethods]
+impl Registrar {
+    #[new]
+    #[pyo3(signature = (policy = None, *, threads = None))]
+    fn new(policy: Option<Policy>, threads: Option<usize>) -> PyResult<Registrar> {
+        if threads == Some(0) {
+            return Err(bad("threads", "expected a number from 1"));
+        }
+        Ok(Registrar {
+            policy,
+            threads: threads.unwrap_or(0),
+        })
+    }
+
+    /// The policy, unless none was given.
+    #[getter]
+    fn policy(&self) -> Option<Policy> {
+        self.policy.clone()
+    }
+
+    /// As the function `register`, with this policy.
+    #[pyo3(signature = (source, target, init = None, mode = "verify", viewpoint = None, *, steps = 10, points = None,
+        dense = "auto"))]
+    #[allow(clippy::too_many_arguments, reason = "keywords in Python")]
+    fn register(
+        &self,
+        py: Python<'_>,
+        source: &Bound<'_, PyAny>,
+        target: &Bound<'_, PyAny>,
+        init: Option<&Bound<'_, PyAny>>,
+        mode: &str,
+        viewpoint: Option<&Bound<'_, PyAny>>,
+        steps: usize,
+        points: Option<usize>,
+        dense: &str,
+    ) -> PyResult<Registration> {
+        let options = Options::new(init, mode, viewpoint, (steps, points, dense))?;
+        self.run(py, [source, target], &options)
+    }
+
+    /// As the function `refine`.
+    #[pyo3(signature = (source, target, init = None, viewpoint = None, *, points = None, dense = "auto"))]
+    #[allow(clippy::too_many_arguments, reason = "keywords in Python")]
+    fn refine(
+        &self,
+        py: Python<'_>,
+        source: &Bound<'_, PyAny>,
+        target: &Bound<'_, PyAny>,
+        init: Option<&Bound<'_, PyAny>>,
+        viewpoint: Option<&Bound<'_, PyAny>>,
+        points: Option<usize>,
+        dense: &str,
+    ) -> PyResult<Registration> {
+        let options = Options::new(init, "refine", viewpoint, (1, points, dense))?;
+        self.run(py, [source, target], &options)
+    }
+
+    /// As the function `verify`.
+    #[pyo3(signature = (source, target, init = None, viewpoint = None, *, points = None, dense = "auto"))]
+    #[allow(clippy::too_many_arguments, reason = "keywords in Python")]
+    fn verify(
+        &self,
+        py: Python<'_>,
+        source: &Bound<'_, PyAny>,
+        target: &Bound<'_, PyAny>,
+        init: Option<&Bound<'_, PyAny>>,
+        viewpoint: Option<&Bound<'_, PyAny>>,
+        points: Option<usize>,
+        dense: &str,
+    ) -> PyResult<Registration> {
+        let options = Options::new(init, "verify", viewpoint, (1, points, dense))?;
+        self.run(py, [source, target], &options.without_policy())
+    }
+
+    /// As the function `register_batch`, with this policy and these threads.
+    #[pyo3(signature = (sources, targets, init = None, mode = "verify", viewpoint = None, *, steps = 10, points = None,
+        dense = "auto", return_exceptions = false))]
+    #[allow(clippy::too_many_arguments, reason = "keywords in Python")]
+    fn register_batch<'py>(
+        &self,
+        py: Python<'py>,
+        sources: &Bound<'py, PyAny>,
+        targets: &Bound<'py, PyAny>,
+        init: Option<&Bound<'py, PyAny>>,
+        mode: &str,
+        viewpoint: Option<&Bound<'py, PyAny>>,
+        steps: usize,
+        points: Option<usize>,
+        dense: &str,
+        return_exceptions: bool,
+    ) -> PyResult<Bound<'py, PyList>> {
+        let options = Options::new(init, mode, viewpoint, (steps, points, dense))?;
+        let clouds = [
+            Clouds::new("sources", sources)?,
+            Clouds::new("targets", targets)?,
+        ];
+        let list = PyList::empty(py);
+        for result in self.run_all(py, &clouds, &options)? {
+            match result {
+                Ok(registration) => list.append(registration)?,
+                Err(error) if return_exceptions => list.append(error)?,
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(list)
+    }
+
+    fn __repr__(&self) -> String {
+        let threads = match self.threads {
+            0 => "None".into(),
+            threads => threads.to_string(),
+        };
+        let policy = self.policy.as_ref().map_or("None".into(), Policy::__repr__);
+        format!("Registrar({policy}, threads={threads})")
+    }
+}
+
+impl Registrar {
+    fn bundled() -> Registrar {
+        Registrar {
+            policy: None,
+            threads: 0,
+        }
+    }
+
+    fn policy_for(&self, request: &Request) -> weights::Policy<'_> {
+        let given = self.policy.as_ref();
+        given.unwrap_or_else(|| Policy::fitting(request)).view()
+    }
+
+    fn run(
+        &self,
+        py: Python<'_>,
+        [source, target]: [&Bound<'_, PyAny>; 2],
+        options: &Options,
+    ) -> PyResult<Registration> {
+        let request = options.one()?;
+        let clouds = [Cloud::new("source", source)?, Cloud::new("target", target)?];
+        let views = clouds.each_ref().map(Cloud::view);
+        let policy = self.policy_for(&request);
+        py.detach(|| {
+            let idle = IDLE.try_lock().ok().and_then(|mut idle| idle.pop());
+            let mut memory = idle.unwrap_or_else(|| Box::new(Memory::new()));
+            let found = register_views(policy, &mut memory, views, &request, options.points);
+            // A lock that is held, as it may be in a forked process, costs new memory and no more.
+            if let Ok(mut idle) = IDLE.try_lock() {
+                idle.push(memory);
+            }
+            found
+        })
+    }
+
+    fn run_all(
+        &self,
+        py: Python<'_>,
+        [sources, targets]: &[Clouds<'_>; 2],
+        options: &Options,
+    ) -> PyResult<Vec<PyResult<Registration>>> {
+        let pairs = match (sources, targets) {
+            (Clouds::Each(sources), Clouds::Each(targets)) if sources.len() != targets.len() => {
+                let (sources, targets) = (sources.len(), targets.len());
+                return Err(Error::new_err(format!(
+                    "expected as many sources as targets, or one of either for all, found {sources} and {targets}"
+                )));
+            }
+            (Clouds::Each(each), _) | (_, Clouds::Each(each)) => each.len(),
+            (Clouds::One(_), Clouds::One(_)) => 1,
+        };
+        let requests = options.each(pairs)?;
+        let jobs: Vec<PyResult<[View<'_>; 2]>> = (0..pairs)
+            .map(|pair| Ok([sources.view(py, pair)?, targets.view(py, pair)?]))
+            .collect();
+        let results = py.detach(|| {
+            let pool = rayon::ThreadPoolBuilder::new()
+                .num_threads(self.threads)
+                .build()
+                .map_err(|error| no_threads(&error))?;
+            let mut results = Vec::with_capacity(pairs);
+            while results.len() < pairs {
+                let done = results.len();
+                let count = (pairs - done).min(BETWEEN_LOOKS * pool.current_num_threads());
+                let register = |memory: &mut Memory, i: usize| {
+                    let (request, job) = (&requests[done + i], jobs[done + i].as_ref().ok()?);
+                    Some(register_views(
+                        self.policy_for(request),
+                        memory,
+                        *job,
+                        request,
+                        options.points,
+                    ))
+                };
+                results.extend(pool.install(|| for_each(count, Memory::new, register)));
+                Python::attach(|py| py.check_signals())?;
+            }
+            Ok::<_, PyErr>(results)
+        })?;
+        let joined = jobs.into_iter().zip(results);
+        Ok(joined
+            .map(|(job, result)| job.and_then(|_| result.expect("there are clouds")))
+            .collect())
+    }
+}
+
+/// Registers what was checked to be arrays of points.
+fn register_views(
+    policy: weights::Policy<'_>,
+    memory: &mut Memory,
+    views: [View<'_>; 2],
+    request: &Request,
+    points: Option<usize>,
+) -> PyResult<Registration> {
+    let [source, target] = views.map(|view| view.prepared(points));
+    let source = source.map_err(|error| bad_cloud(&error))?;
+    let target = target.map_err(|error| bad_cloud(&error))?;
+    let done = request.register(policy, memory, &source, &target);
+    let done = done.map_err(|error| {
+        let [source, target] = views.map(View::name);
+        Error::new_err(format!("cannot register {source} to {target}: {error}"))
+    })?;
+    Ok(Registration::new(&source, &target, done))
+}
+
+/// Clouds of several pairs.
+enum Clouds<'py> {
+    /// The same for all.
+    One(Cloud<'py>),
+    /// One each.
+    Each(Vec<PyResult<Cloud<'py>>>),
+}
+
+impl<'py> Clouds<'py> {
+    /// An array (N, 3) is one cloud; anything else is a sequence of clouds.
+    fn new(name: &str, given: &Bound<'py, PyAny>) -> PyResult<Clouds<'py>> {
+        if given
+            .cast::<PyUntypedArray>()
+            .is_ok_and(|array| array.ndim() == 2)
+        {
+            return Ok(Clouds::One(Cloud::new(name, given)?));
+        }
+        let items = given.try_iter().map_err(|_| {
+            let found = given.get_type();
+            bad(
+                name,
+                format!("expected a sequence of clouds, or one for all, found {found}"),
+            )
+        })?;
+        let cloud = |(i, item): (usize, PyResult<Bound<'py, PyAny>>)| {
+            Ok(Cloud::new(format!("{name}[{i}]"), &item?))
+        };
+        Ok(Clouds::Each(
+            items.enumerate().map(cloud).collect::<PyResult<_>>()?,
+        ))
+    }
+
+    fn view(&self, py: Python<'_>, pair: usize) -> PyResult<View<'_>> {
+        match self {
+            Clouds::One(cloud) => Ok(cloud.view()),
+            Clouds::Each(clouds) => match &clouds[pair] {
+                Ok(cloud) => Ok(cloud.view()),
+                Err(error) => Err(error.clone_ref(py)),
+            },
+        }
+    }
+}
+
+/// Registers `source` to `target`: finds the rigid transform that maps the source onto the target.
+///
+/// Clouds are arrays of float32 or float64 of shape (N, 3), both in one unit of length, or whatever `numpy.asarray` makes
+/// such arrays of. They are read where they lie, and must not be written to meanwhile. Points that are NaN, infinite or
+/// beyond 1e30, and masked points, are left out. A cloud of more than 4096 points is thinned to 2048 for the policy, and a
+/// last refinement uses all of them.
+///
+/// init: where to start: a pose (4x4, or the 3x4 of it), "identity" (as the clouds lie; the default) or "anywhere" (the
+///     source may be turned in any way; the command line's `--init none`).
+/// mode: "fast" (the policy's steps alone), "polish" (then closest points), "verify" (then compared with other poses) or
+///     "refine" (closest points from the start, without the policy).
+/// viewpoint: where the sensor stood in the source's coordinates, if the source is a view from one point.
+/// steps: the policy's steps at most.
+/// points: points of each cloud that the policy sees at most.
+/// dense: whether the pose is refined on all points at last: "auto" (where a cloud was thinned), "always" or "never".
+///
+/// Raises CloudError or Error, which are ValueErrors. The numbers are those of `host-train register`.
+///
+/// >>> import numpy, reagent
+/// >>> cloud = numpy.random.default_rng(1).normal(size=(500, 3)) * [3, 2, 1]
+/// >>> reagent.register(cloud + [0.2, 0, 0], cloud).verdict
+/// 'converged'
+/// >>> reagent.register(cloud[:, :2], cloud)
+/// Traceback (most recent call last):
+/// reagent.CloudError: source: expected an array of float32 or float64 of shape (N, 3), found shape (500, 2) of float64
+#[pyfunction]
+#[pyo3(signature = (source, target, init = None, mode = "verify", viewpoint = None, *, steps = 10, points = None,
+    dense = "auto"))]
+#[allow(clippy::too_many_arguments, reason = "keywords in Python")]
+pub(crate) fn register(
+    py: Python<'_>,
+    source: &Bound<'_, PyAny>,
+    target: &Bound<'_, PyAny>,
+    init: Option<&Bound<'_, PyAny>>,
+    mode: &str,
+    viewpoint: Option<&Bound<'_, PyAny>>,
+    steps: usize,
+    points: Option<usize>,
+    dense: &str,
+) -> PyResult<Registration> {
+    Registrar::bundled().register(
+        py, source, target, init, mode, viewpoint, steps, points, dense,
+    )
+}
+
+/// Refines a pose by closest points, without the policy: for tracking. Arguments are as of `register`.
+///
+/// >>> import numpy, reagent
+/// >>> cloud = numpy.random.default_rng(1).normal(size=(500, 3)) * [3, 2, 1]
+/// >>> reagent.refine(cloud + [0.02, 0, 0], cloud).steps
+/// []
+#[pyfunction]
+#[pyo3(signature = (source, target, init = None, viewpoint = None, *, points = None, dense = "auto"))]
+pub(crate) fn refine(
+    py: Python<'_>,
+    source: &Bound<'_, PyAny>,
+    target: &Bound<'_, PyAny>,
+    init: Option<&Bound<'_, PyAny>>,
+    viewpoint: Option<&Bound<'_, PyAny>>,
+    points: Option<usize>,
+    dense: &str,
+) -> PyResult<Registration> {
+    Registrar::bundled().refine(py, source, target, init, viewpoint, points, dense)
+}
+
+/// Refines a pose that something else found and compares it with others, without the policy: says how likely it is right,
+/// or gives a better one. Arguments are as of `register`.
+///
+/// >>> import numpy, reagent
+/// >>> cloud = numpy.random.default_rng(1).normal(size=(500, 3)) * [3, 2, 1]
+/// >>> reagent.verify(cloud, cloud, numpy.eye(4)).converged
+/// True
+#[pyfunction]
+#[pyo3(signature = (source, target, init = None, viewpoint = None, *, points = None, dense = "auto"))]
+pub(crate) fn verify(
+    py: Python<'_>,
+    source: &Bound<'_, PyAny>,
+    target: &Bound<'_, PyAny>,
+    init: Option<&Bound<'_, PyAny>>,
+    viewpoint: Option<&Bound<'_, PyAny>>,
+    points: Option<usize>,
+    dense: &str,
+) -> PyResult<Registration> {
+    Registrar::bundled().verify(py, source, target, init, viewpoint, points, dense)
+}
+
+/// Registers many pairs over threads: a list of Registrations in the order of the pairs.
+///
+/// `sources` and `targets` are sequences of as many clouds, or one array of shape (N, 3) for all pairs; `init` and
+/// `viewpoint` are one, or an array with one for each pair. Other arguments are as of `register`. The first pair that cannot
+/// be registered raises its exception, or has it in its place in the list with `return_exceptions`. Results depend on
+/// neither the order nor the number of threads.
+///
+/// >>> import numpy, reagent
+/// >>> cloud = numpy.random.default_rng(1).normal(size=(500, 3)) * [3, 2, 1]
+/// >>> moved = [cloud + [0.1, 0, 0], cloud + [0, 0.1, 0]]
+/// >>> [found.verdict for found in reagent.register_batch(moved, cloud)]
+/// ['converged', 'converged']
+#[pyfunction]
+#[pyo3(signature = (sources, targets, init = None, mode = "verify", viewpoint = None, *, steps = 10, points = None,
+    dense = "auto", return_exceptions = false))]
+#[allow(clippy::too_many_arguments, reason = "keywords in Python")]
+pub(crate) fn register_batch<'py>(
+    py: Python<'py>,
+    sources: &Bound<'py, PyAny>,
+    targets: &Bound<'py, PyAny>,
+    init: Option<&Bound<'py, PyAny>>,
+    mode: &str,
+    viewpoint: Option<&Bound<'py, PyAny>>,
+    steps: usize,
+    points: Option<usize>,
+    dense: &str,
+    return_exceptions: bool,
+) -> PyResult<Bound<'py, PyList>> {
+    Registrar::bundled().register_batch(
+        py,
+        sources,
+        targets,
+        init,
+        mode,
+        viewpoint,
+        steps,
+        points,
+        dense,
+        return_exceptions,
+    )
+}

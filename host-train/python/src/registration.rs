@@ -1,0 +1,286 @@
+//! Results as Python reads them.
+
+use crate::array::matrix;
+use crate::json::as_json;
+use host_train::pose64::{Pose64, Position};
+use host_train::register::document::{Document, Fit, Open, OpenAxis};
+use host_train::register::prepared::Prepared;
+use host_train::register::request::Done;
+use host_train::register::trace::{self, Probabilities};
+use numpy::ndarray::{Array3, arr1, arr2};
+use numpy::{PyArray1, PyArray2, PyArray3};
+use pyo3::prelude::*;
+use reagent_core::Pose;
+use reagent_core::verdict::Verdict;
+
+/// A pose, and what can be said about it. Coordinates and lengths are the clouds' own.
+#[pyclass(module = "reagent", frozen)]
+pub struct Registration {
+    document: Document,
+    trace: Vec<trace::Step>,
+    verdict: Verdict,
+    origins: [Position; 2],
+}
+
+impl Registration {
+    pub(crate) fn new(source: &Prepared<'_>, target: &Prepared<'_>, done: Done) -> Registration {
+        Registration {
+            document: Document::new([source, target], &done, 1.0),
+            trace: done.found.trace,
+            verdict: done.found.answer.verdict,
+            origins: [source.origin, target.origin],
+        }
+    }
+
+    fn fit(&self) -> Option<&Fit> {
+        self.document.fit.as_ref()
+    }
+}
+
+#[pymethods]
+impl Registration {
+    /// The rigid transform from the source's coordinates to the target's: (4, 4), float64.
+    #[getter]
+    fn target_from_source<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f64>> {
+        matrix(py, self.document.target_from_source)
+    }
+
+    /// "converged" where the pose may be used; else "poor fit", "sizes differ", "too few points", "mirrored", and of mode fast
+    /// "step limit", "oscillating", "out of range".
+    #[getter]
+    fn verdict(&self) -> &str {
+        &self.document.verdict
+    }
+
+    /// Whether the verdict is "converged".
+    #[getter]
+    fn converged(&self) -> bool {
+        self.verdict == Verdict::Converged
+    }
+
+    /// That the pose is within 5 degrees and .05 target radii of the truth, up to what is undetermined; None in mode fast.
+    #[getter]
+    fn probability(&self) -> Option<f32> {
+        self.document.probability
+    }
+
+    /// Share of the source's points that lie on the target's surface; None in mode fast.
+    #[getter]
+    fn overlap(&self) -> Option<f32> {
+        self.fit().map(|fit| fit.overlap)
+    }
+
+    /// Root of the mean squared distance of those from it; None in mode fast.
+    #[getter]
+    fn rmse(&self) -> Option<f32> {
+        self.fit().map(|fit| fit.inlier_rmse)
+    }
+
+    /// Size of the source over that of the target; None in mode fast.
+    #[getter]
+    fn extents_ratio(&self) -> Option<f32> {
+        self.fit().map(|fit| fit.extents_ratio)
+    }
+
+    /// What the shape leaves open, as far as it was looked for; None in mode fast.
+    #[getter]
+    fn undetermined(&self) -> Option<Undetermined> {
+        self.fit().map(|fit| Undetermined(fit.undetermined.clone()))
+    }
+
+    /// How uncertain the pose is, if it is right: (6, 6), float64, of a turn about `covariance_about` (radians, the target's
+    /// axes) and of a shift. None in mode fast.
+    #[getter]
+    fn covariance<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray2<f64>>> {
+        let matrix = self.fit()?.covariance.matrix;
+        let wide = matrix.map(|row| row.map(f64::from));
+        Some(PyArray2::from_owned_array(py, arr2(&wide)))
+    }
+
+    /// The point of the target about which the covariance turns: (3,), float64; None in mode fast.
+    #[getter]
+    fn covariance_about<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray1<f64>>> {
+        let about = self.fit()?.covariance.about;
+        Some(PyArray1::from_owned_array(py, arr1(&about)))
+    }
+
+    /// The policy's steps, in the order taken.
+    #[getter]
+    fn steps(&self) -> Vec<Step> {
+        let step = |taken: &trace::Step| Step {
+            taken: taken.clone(),
+            origins: self.origins,
+        };
+        self.trace.iter().map(step).collect()
+    }
+
+    /// What was done to the clouds, in words: points that were left out, thinned, shifted.
+    #[getter]
+    fn notes(&self) -> Vec<String> {
+        let notes = self.document.notes.iter();
+        notes
+            .map(|note| format!("{}: {}", note.of, note.text))
+            .collect()
+    }
+
+    /// Time of the computation, milliseconds.
+    #[getter]
+    fn ms(&self) -> f64 {
+        self.document.ms
+    }
+
+    /// What `host-train register --json` writes, with every stage.
+    fn to_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        as_json(py, &self.document)
+    }
+
+    fn __repr__(&self) -> String {
+        let mut text = format!("Registration(verdict='{}'", self.document.verdict);
+        if let Some(probability) = self.document.probability {
+            text += &format!(", probability={probability:.3}");
+        }
+        if let Some(fit) = self.fit() {
+            text += &format!(", overlap={:.2}, rmse={:.3e}", fit.overlap, fit.inlier_rmse);
+        }
+        text + ")"
+    }
+}
+
+/// What the shape leaves open. True where there is anything.
+#[pyclass(module = "reagent", frozen)]
+pub struct Undetermined(Open);
+
+#[pymethods]
+impl Undetermined {
+    /// The axis about which the turn is open, or None.
+    #[getter]
+    fn axis(&self) -> Option<Axis> {
+        self.0.axis.clone().map(Axis)
+    }
+
+    /// Other poses that fit as well: (K, 4, 4), float64.
+    #[getter]
+    fn poses<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray3<f64>> {
+        let rows = self
+            .0
+            .poses
+            .iter()
+            .flat_map(|&[a, b, c]| [a, b, c, [0.0, 0.0, 0.0, 1.0]]);
+        let values: Vec<f64> = rows.flatten().collect();
+        let shape = (self.0.poses.len(), 4, 4);
+        let array = Array3::from_shape_vec(shape, values).expect("sixteen numbers a pose");
+        PyArray3::from_owned_array(py, array)
+    }
+
+    fn __bool__(&self) -> bool {
+        self.0.axis.is_some() || !self.0.poses.is_empty()
+    }
+
+    fn __repr__(&self) -> String {
+        let axis = self.axis().map_or("None".into(), |axis| axis.__repr__());
+        format!("Undetermined(axis={axis}, poses={})", self.0.poses.len())
+    }
+}
+
+/// An axis of the target about which the turn is open.
+#[pyclass(module = "reagent", frozen)]
+pub struct Axis(OpenAxis);
+
+#[pymethods]
+impl Axis {
+    /// A point of it, in the target's coordinates: (3,), float64.
+    #[getter]
+    fn point<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_owned_array(py, arr1(&self.0.point))
+    }
+
+    /// Its unit vector: (3,), float64.
+    #[getter]
+    fn direction<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_owned_array(py, arr1(&self.0.direction.map(f64::from)))
+    }
+
+    /// How far the turn may be off either way, degrees.
+    #[getter]
+    fn half_angle_deg(&self) -> f32 {
+        self.0.half_angle_deg
+    }
+
+    fn __repr__(&self) -> String {
+        let ([x, y, z], angle) = (self.0.direction, self.0.half_angle_deg);
+        format!("Axis(direction=[{x:.3}, {y:.3}, {z:.3}], half_angle_deg={angle:.0})")
+    }
+}
+
+/// One step of the policy: along and about each axis one of eleven step sizes.
+#[pyclass(module = "reagent", frozen)]
+pub struct Step {
+    taken: trace::Step,
+    origins: [Position; 2],
+}
+
+#[pymethods]
+impl Step {
+    /// Number of the step, from 1.
+    #[getter]
+    fn number(&self) -> usize {
+        self.taken.step
+    }
+
+    /// Signed translation along x, y, z: (3,), float64.
+    #[getter]
+    fn translation<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_owned_array(py, arr1(&self.taken.translation.map(f64::from)))
+    }
+
+    /// Signed angles about x, y, z: (3,), float64, radians.
+    #[getter]
+    fn rotation_rad<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_owned_array(py, arr1(&self.taken.rotation_rad.map(f64::from)))
+    }
+
+    /// Which of the eleven translations was taken along x, y, z; 5 is stop.
+    #[getter]
+    fn translation_id(&self) -> (u8, u8, u8) {
+        self.taken.translation_id.into()
+    }
+
+    /// Which of the eleven rotations was taken about x, y, z; 5 is stop.
+    #[getter]
+    fn rotation_id(&self) -> (u8, u8, u8) {
+        self.taken.rotation_id.into()
+    }
+
+    /// How likely the policy held each translation: (3, 11), float32.
+    #[getter]
+    fn translation_probability<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray2<f32>>> {
+        probabilities(py, self.taken.translation_probability.as_ref())
+    }
+
+    /// How likely the policy held each rotation: (3, 11), float32.
+    #[getter]
+    fn rotation_probability<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray2<f32>>> {
+        probabilities(py, self.taken.rotation_probability.as_ref())
+    }
+
+    /// The pose after the step: (4, 4), float64.
+    #[getter]
+    fn target_from_source<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f64>> {
+        let [source, target] = self.origins;
+        let near = Pose::from_rows(self.taken.target_from_source);
+        matrix(py, Pose64::of(near, source, target).to_rows())
+    }
+
+    fn __repr__(&self) -> String {
+        let Step { taken, .. } = self;
+        let (number, translation, rotation) = (taken.step, taken.translation_id, taken.rotation_id);
+        format!("Step(number={number}, translation_id={translation:?}, rotation_id={rotation:?})")
+    }
+}
+
+fn probabilities<'py>(
+    py: Python<'py>,
+    of: Option<&Probabilities>,
+) -> Option<Bound<'py, PyArray2<f32>>> {
+    of.map(|of| PyArray2::from_owned_array(py, arr2(of)))
+}

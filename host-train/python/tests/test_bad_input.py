@@ -1,0 +1,105 @@
+"""Every refusal says which argument, and what was expected."""
+
+import numpy
+import pytest
+from conftest import bracket
+
+import reagent
+
+GOOD = bracket(1, 100)
+
+
+class Broken:
+    def __array__(self, dtype=None, copy=None):
+        raise TypeError("can't convert cuda:0 device type tensor to numpy")
+
+
+@pytest.mark.parametrize(
+    ("cloud", "said"),
+    [
+        (numpy.zeros((0, 3)), r"no points \(0 invalid ones were left out\)"),
+        (numpy.full((5, 3), numpy.nan), r"no points \(5 invalid ones were left out\)"),
+        (numpy.zeros((9, 3)), "all points coincide"),
+        (GOOD[:2], r"the cloud has 2 point\(s\); give at least 3"),
+        (numpy.full((4, 3), 1e20) * [[1], [2], [3], [4]], "beyond 1e12"),
+        (GOOD.T, r"shape \(3, 100\); transpose it"),
+        (GOOD[:, :2], r"float32 or float64 of shape \(N, 3\), found shape \(100, 2\) of float64"),
+        (GOOD[0], r"found shape \(3,\)"),
+        (GOOD[None], r"found shape \(1, 100, 3\)"),
+        (GOOD.astype(int), r"found int64; convert it with .astype\(float\)"),
+        (GOOD.astype(numpy.float16), "found float16"),
+        (GOOD.astype(numpy.longdouble), "found (float128|longdouble)"),
+        (GOOD.astype(complex), "found complex128"),
+        (GOOD.astype(str), "found <U"),
+        (None, r"found shape \(\) of object"),
+        ("part.ply", r"found shape \(\) of"),
+        ([[0.0, 1.0, 2.0], [3.0]], "numpy.asarray says"),
+        (Broken(), "numpy.asarray says: can't convert cuda:0"),
+    ],
+)
+def test_clouds(cloud, said):
+    for arguments, name in [((cloud, GOOD), "source"), ((GOOD, cloud), "target")]:
+        with pytest.raises(reagent.CloudError, match=f"^{name}: .*{said}"):
+            reagent.register(*arguments)
+    with pytest.raises(reagent.CloudError, match=rf"^sources\[1\]: .*{said}"):
+        reagent.register_batch([GOOD, cloud], [GOOD, GOOD])
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"init": "near"}, 'init: expected a pose, "identity" or "anywhere"'),
+        ({"init": numpy.eye(3)}, r"init: expected a pose, 4x4 or the rows of \[R \| t\], found shape \[3, 3\]"),
+        ({"init": numpy.eye(4)[None]}, "init: expected one, for one pair of clouds"),
+        ({"init": 2 * numpy.eye(4)}, "init: the last row of a pose is 0 0 0 1"),
+        ({"init": 2 * numpy.eye(4)[:3]}, "init: the pose is not a rigid transform"),
+        ({"init": numpy.diag([1, 1, -1, 1])}, "init: the pose is not a rigid transform"),
+        ({"init": numpy.full((4, 4), numpy.nan)}, "init: "),
+        ({"init": object()}, "init: expected a pose.*numpy.asarray says"),
+        ({"mode": "slow"}, "mode: not a mode: refine, fast, polish, verify or best"),
+        ({"viewpoint": [0, 0]}, r"viewpoint: expected three numbers, found shape \[2\]"),
+        ({"viewpoint": [0, 0, numpy.inf]}, "viewpoint: expected three finite numbers, found inf"),
+        ({"viewpoint": [0, 0, 1e20]}, "view point has a coordinate"),
+        ({"viewpoint": [[0, 0, 1]]}, "viewpoint: expected one, for one pair of clouds"),
+        ({"viewpoint": "origin"}, "viewpoint: expected three numbers; numpy.asarray says"),
+        ({"steps": 0}, "steps: expected a number from 1"),
+        ({"points": 15}, "points: expected a number from 16 to 4096"),
+        ({"points": 5000}, "points: expected a number from 16 to 4096"),
+        ({"dense": "maybe"}, "dense: expected auto, always or never"),
+    ],
+)
+def test_options(options, said):
+    with pytest.raises(reagent.Error, match=said):
+        reagent.register(GOOD, GOOD, **options)
+
+
+def test_numbers_of_other_kinds_are_type_errors():
+    for options in [{"steps": 1.5}, {"steps": "ten"}, {"mode": 3}]:
+        with pytest.raises(TypeError, match=next(iter(options))):
+            reagent.register(GOOD, GOOD, **options)
+    with pytest.raises(OverflowError):
+        reagent.register(GOOD, GOOD, steps=-1)
+    with pytest.raises(ValueError, match="threads: expected a number from 1"):
+        reagent.Registrar(threads=0)
+
+
+def test_batches():
+    with pytest.raises(reagent.Error, match="as many sources as targets, or one of either for all, found 2 and 3"):
+        reagent.register_batch([GOOD] * 2, [GOOD] * 3)
+    with pytest.raises(reagent.Error, match="init: expected one, or one for each of 2 pairs, found 3"):
+        reagent.register_batch([GOOD] * 2, GOOD, numpy.stack([numpy.eye(4)] * 3))
+    with pytest.raises(reagent.Error, match="sources: expected a sequence of clouds, or one for all"):
+        reagent.register_batch(3, GOOD)
+
+
+def test_poses_to_evaluate():
+    poses, clouds = numpy.stack([numpy.eye(4)] * 2), [GOOD, GOOD]
+    for arguments, said in [
+        ((numpy.eye(4), poses, clouds, clouds), "found: expected poses of several pairs"),
+        ((poses[:0], poses[:0], [], []), "the set holds no pairs"),
+        ((poses, poses[:1], clouds, clouds), "truth: expected one for each of 2 poses, found 1"),
+        ((poses, poses, clouds, clouds[:1]), "targets: expected one for each of 2 poses, found 1"),
+        ((poses, poses, [GOOD, GOOD * numpy.nan], clouds), "pair 1: point 0 has a NaN"),
+    ]:
+        with pytest.raises(reagent.Error, match=said):
+            reagent.evaluate(*arguments)

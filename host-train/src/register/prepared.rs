@@ -1,0 +1,194 @@
+//! A cloud as it is registered: near the origin, and within the policy's capacity.
+
+use crate::dataset::Point;
+use crate::dataset::cloud_file::{
+    CloudError, CloudFile, MAX_COORDINATE, MESH_POINTS, Note, origin_of,
+};
+use crate::pose64::Position;
+use crate::random::{Purpose, stream};
+use crate::register::thin::thin;
+use crate::register::within_capacity;
+use reagent_core::dims::MAX_POINTS;
+use reagent_core::frame::check_cloud;
+use std::borrow::Cow;
+use std::path::Path;
+
+/// Points drawn from a mesh for the last refinement; the policy sees a part of them.
+const SURFACE_POINTS: usize = 20_000;
+
+/// One of the two clouds.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Prepared<'a> {
+    /// The point that coordinates below are relative to.
+    pub origin: Position,
+    /// All points, or many of a mesh's surface.
+    pub all: Cow<'a, [Point]>,
+    /// Those that the policy sees, where it sees a part only.
+    thinned: Option<Vec<Point>>,
+    /// What the reader noticed, and what was done to the points.
+    pub notes: Vec<Note>,
+}
+
+impl<'a> Prepared<'a> {
+    /// Of a checked file, of which the policy sees `count` points, or as many as its capacity suggests. Of a mesh, the seed
+    /// decides which points of the surface are taken. Errors name `path`.
+    ///
+    /// # Errors
+    /// A mesh without area, and clouds that the core refuses.
+    pub fn of_file(
+        file: &CloudFile,
+        path: &Path,
+        count: Option<usize>,
+        seed: u64,
+    ) -> Result<Prepared<'static>, CloudError> {
+        let origin = file.origin();
+        let all = if file.faces.is_some() {
+            let rng = &mut stream(seed, Purpose::Surface, 0);
+            let surface = file.clone().sampled(SURFACE_POINTS, rng);
+            let surface = surface.ok_or_else(|| CloudError::NoArea { path: path.into() })?;
+            surface.relative_to(origin)
+        } else {
+            file.relative_to(origin)
+        };
+        let (all, notes) = (Cow::Owned(all), file.notes.clone());
+        Prepared::new(origin, all, path, count, (file.faces.is_some(), notes))
+    }
+
+    /// Of points in memory: a plain cloud as a file holds it. Errors name `path`.
+    ///
+    /// # Errors
+    /// No valid points, and clouds that the core refuses.
+    pub fn of_positions(
+        points: Vec<Position>,
+        path: &Path,
+        count: Option<usize>,
+    ) -> Result<Prepared<'static>, CloudError> {
+        let file = CloudFile {
+            points,
+            ..CloudFile::default()
+        };
+        Prepared::of_file(&file.checked(path)?, path, count, 0)
+    }
+
+    /// The same of f32 points, which are used where they lie if all are valid and they are near the origin.
+    ///
+    /// # Errors
+    /// As [`Prepared::of_positions`].
+    pub fn of_points(
+        points: &'a [Point],
+        path: &Path,
+        count: Option<usize>,
+    ) -> Result<Prepared<'a>, CloudError> {
+        let wide = || points.iter().map(|p| p.map(f64::from));
+        let valid = |p: Position| p.iter().all(|x| x.abs() <= MAX_COORDINATE);
+        let as_they_lie = !points.is_empty() && wide().all(valid) && origin_of(wide()) == [0.0; 3];
+        if as_they_lie {
+            let all = Cow::Borrowed(points);
+            Prepared::new([0.0; 3], all, path, count, (false, Vec::new()))
+        } else {
+            Prepared::of_positions(wide().collect(), path, count)
+        }
+    }
+
+    fn new(
+        origin: Position,
+        all: Cow<'a, [Point]>,
+        path: &Path,
+        count: Option<usize>,
+        (is_surface, mut notes): (bool, Vec<Note>),
+    ) -> Result<Prepared<'a>, CloudError> {
+        if all.len() > 1 && all.iter().all(|point| point == &all[0]) {
+            return Err(CloudError::NoExtent { path: path.into() });
+        }
+        let thinned = match count.or(is_surface.then_some(MESH_POINTS)) {
+            Some(count) if count < all.len() => Some(thin(&all, count)),
+            None if all.len() > MAX_POINTS => Some(within_capacity(&all)),
+            _ => None,
+        };
+        if origin != [0.0; 3] {
+            notes.push(Note::Shifted { origin });
+        }
+        if let Some(thinned) = thinned.as_ref().filter(|_| !is_surface) {
+            notes.push(Note::Thinned {
+                from: all.len(),
+                to: thinned.len(),
+            });
+        }
+        let prepared = Prepared {
+            origin,
+            all,
+            thinned,
+            notes,
+        };
+        check_cloud(prepared.points()).map_err(|source| CloudError::Refused {
+            path: path.into(),
+            source,
+        })?;
+        Ok(prepared)
+    }
+
+    /// The points that the policy sees.
+    pub fn points(&self) -> &[Point] {
+        self.thinned.as_deref().unwrap_or(&self.all)
+    }
+
+    /// Whether it sees a part of them only.
+    pub fn is_thinned(&self) -> bool {
+        self.thinned.is_some()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn cloud(count: usize, shift: f32) -> Vec<Point> {
+        let point = |i: usize| [shift + i as f32 * 1e-3, (i % 7) as f32, (i % 11) as f32];
+        (0..count).map(point).collect()
+    }
+
+    fn name() -> &'static Path {
+        Path::new("source")
+    }
+
+    #[test]
+    fn points_in_memory_are_as_those_of_a_file() {
+        for (points, borrowed) in [
+            (cloud(300, 0.0), true),
+            (cloud(300, 9e3), false),
+            (cloud(5000, 0.0), true),
+            (
+                [cloud(300, 0.0), vec![[f32::NAN; 3], [2e30; 3]]].concat(),
+                false,
+            ),
+        ] {
+            let prepared = Prepared::of_points(&points, name(), None).expect("a cloud");
+            assert_eq!(matches!(prepared.all, Cow::Borrowed(_)), borrowed);
+            let file = CloudFile::of(&points).checked(name()).expect("a cloud");
+            assert_eq!(
+                Ok(prepared),
+                Prepared::of_file(&file, name(), None, 1).map_err(|_| ())
+            );
+        }
+    }
+
+    #[test]
+    fn what_cannot_be_registered_is_refused_by_name() {
+        let said = |points: &[Point]| {
+            let refused = Prepared::of_points(points, name(), None).expect_err("refused");
+            refused.to_string()
+        };
+        assert_eq!(
+            said(&[]),
+            "source: no points (0 invalid ones were left out)"
+        );
+        assert_eq!(
+            said(&[[f32::NAN; 3]; 4]),
+            "source: no points (4 invalid ones were left out)"
+        );
+        assert!(said(&[[1.0; 3]; 9]).starts_with("source: all points coincide"));
+        assert!(said(&cloud(2, 0.0)).starts_with("source: the cloud has 2 point(s)"));
+        let far = [[0.0; 3], [1e20; 3], [1.0; 3]];
+        assert!(said(&far).starts_with("source: point 1 has a coordinate beyond"));
+    }
+}

@@ -1,0 +1,147 @@
+//! What users ask for: a registration in the clouds' own coordinates, in f64.
+
+use crate::pose64::{Pose64, Position};
+use crate::register::dense::{Dense, Densely, refine_densely};
+use crate::register::prepared::Prepared;
+use crate::register::{Memory, Registered, Start, register_in};
+use glam::Vec3;
+use reagent_core::dims::STEPS;
+use reagent_core::pipeline::{Mode, Task};
+use reagent_core::{Error, Policy, Pose};
+use std::time::Instant;
+
+/// What to do with two clouds, in their own coordinates.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Request {
+    /// Where it starts.
+    pub start: Start,
+    /// What is done.
+    pub mode: Mode,
+    /// The policy's steps at most; none leave the policy out.
+    pub steps: usize,
+    /// Where the sensor stood in the source's coordinates, if the source is a view from one point.
+    pub view_point: Option<Position>,
+    /// When the pose is refined on all points at last; not in [`Mode::Fast`].
+    pub dense: Dense,
+}
+
+impl Default for Request {
+    fn default() -> Request {
+        Request {
+            start: Start::Identity,
+            mode: Mode::Verify,
+            steps: STEPS,
+            view_point: None,
+            dense: Dense::Auto,
+        }
+    }
+}
+
+/// One pair, registered.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Done {
+    /// Answer and steps, between coordinates relative to the clouds' origins.
+    pub found: Registered,
+    /// The last refinement, if there was one.
+    pub dense: Option<Densely>,
+    /// Between the clouds' own coordinates.
+    pub pose: Pose64,
+    /// Of the first step, relative to the clouds' origins.
+    pub initial: Pose,
+    /// Time, milliseconds.
+    pub ms: f64,
+}
+
+impl Done {
+    /// The pose given out, relative to the clouds' origins.
+    pub fn near(&self) -> Pose {
+        let reached = self.found.answer.target_from_source;
+        self.dense.map_or(reached, |dense| dense.target_from_source)
+    }
+}
+
+impl Request {
+    /// Registers `source` to `target`.
+    ///
+    /// # Errors
+    /// Clouds, a start or a view point that the core refuses.
+    pub fn register(
+        &self,
+        policy: Policy<'_>,
+        memory: &mut Memory,
+        source: &Prepared<'_>,
+        target: &Prepared<'_>,
+    ) -> Result<Done, Error> {
+        let before = Instant::now();
+        let relative = |at: Position| {
+            let [x, y, z] = [0, 1, 2].map(|k| (at[k] - source.origin[k]) as f32);
+            Vec3::new(x, y, z)
+        };
+        let task = Task {
+            mode: self.mode,
+            steps: self.steps,
+            view_point: self.view_point.map(relative),
+            ..Task::new(self.start.start(source.origin, target.origin))
+        };
+        let found = register_in(memory, policy, source.points(), target.points(), &task)?;
+        let reached = found.answer.target_from_source;
+        let wanted = match self.dense {
+            Dense::Never => false,
+            Dense::Always => true,
+            Dense::Auto => source.is_thinned() || target.is_thinned(),
+        };
+        let dense = if wanted && self.mode != Mode::Fast {
+            refine_densely(&source.all, &target.all, reached)?
+        } else {
+            None
+        };
+        let near = dense.map_or(reached, |d| d.target_from_source);
+        Ok(Done {
+            pose: Pose64::of(near, source.origin, target.origin),
+            initial: self.start.near(source.origin, target.origin),
+            ms: before.elapsed().as_secs_f64() * 1e3,
+            found,
+            dense,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dataset::procedural;
+    use crate::policy::WeightFile;
+    use crate::random::{Purpose, stream};
+    use std::path::Path;
+
+    #[test]
+    fn without_steps_the_start_is_verified() {
+        let mesh = procedural::shape(1, 1).mesh;
+        let clouds = [1, 2].map(|i| mesh.sample(400, &mut stream(3, Purpose::Surface, i)));
+        let [source, target] = clouds
+            .each_ref()
+            .map(|cloud| Prepared::of_points(cloud, Path::new("cloud"), None).expect("a cloud"));
+        let file = WeightFile::pretrained();
+        let memory = &mut Box::new(Memory::new());
+        let mut register = |request: Request| {
+            let done = request.register(file.policy(), memory, &source, &target);
+            done.expect("two clouds").found
+        };
+        let verified = register(Request {
+            steps: 0,
+            ..Request::default()
+        });
+        assert!(verified.trace.is_empty() && verified.answer.policy.is_none());
+        let refinement = verified.answer.refinement.expect("a refinement");
+        assert!(refinement.hypotheses.is_some());
+        // What is refined alone is where verification begins.
+        let refined = register(Request {
+            mode: Mode::Refine,
+            ..Request::default()
+        });
+        let alone = refined.answer.refinement.expect("a refinement");
+        assert_eq!(alone.polished, refinement.polished);
+        let stepped = register(Request::default());
+        assert!(stepped.answer.policy.is_some_and(|policy| policy.steps > 0));
+    }
+}

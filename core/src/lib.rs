@@ -20,7 +20,8 @@
 //! - layer: cloud, steps, view, kernels
 //! - layer: solve
 //! - layer: decision, order, frame, chamfer, float, quant, surface, search, start
-//! - layer: cut, focus, freespace, nearest, pairs
+//! - layer: cut, freespace, nearest, pairs
+//! - layer: focus, sight
 //! - layer: weights
 //! - layer: net, pretrained, polish
 //! - layer: covariance, mirror

@@ -75,7 +75,7 @@ def test_options(options, said):
 
 def test_numbers_of_other_kinds_are_type_errors():
     for options in [{"steps": 1.5}, {"steps": "ten"}, {"mode": 3}]:
-        with pytest.raises(TypeError, match=next(iter(options))):
+        with pytest.raises(TypeError):
             reagent.register(GOOD, GOOD, **options)
     with pytest.raises(OverflowError):
         reagent.register(GOOD, GOOD, steps=-1)

@@ -44,24 +44,6 @@ pub const FEATURES: usize = 6;
 /// drawn and rendered from training meshes: whole clouds, parts, views, few points, distorted sources and other objects.
 const WEIGHTS: [f32; FEATURES] = [-0.7659, 1.0596, -1.3268, -0.4719, 3.2803, 1.7152];
 
-/// Whether a cloud has fewer than [`FEWEST_DISTINCT`] distinct points.
-pub fn has_too_few_points(cloud: &[[f32; 3]]) -> bool {
-    let mut known = [[0.0; 3]; FEWEST_DISTINCT];
-    let mut count = 0;
-    for point in cloud {
-        let (seen, free) = known.split_at_mut_checked(count).unwrap_or_default();
-        match free.first_mut() {
-            Some(_) if seen.contains(point) => {}
-            Some(place) => {
-                *place = *point;
-                count += 1;
-            }
-            None => return false,
-        }
-    }
-    count < FEWEST_DISTINCT
-}
-
 impl Evidence {
     /// Of a pose that was polished alone.
     pub fn polished(found: &Refined) -> Evidence {
@@ -139,20 +121,5 @@ impl Evidence {
         } else {
             probability
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn points_count_once() {
-        let line = |n: usize| -> Vec<[f32; 3]> { (0..n).map(|i| [i as f32, 0.0, 1.0]).collect() };
-        assert!(has_too_few_points(&[]));
-        assert!(has_too_few_points(&line(FEWEST_DISTINCT - 1)));
-        assert!(!has_too_few_points(&line(FEWEST_DISTINCT)));
-        assert!(has_too_few_points(&line(FEWEST_DISTINCT - 1).repeat(9)));
-        assert!(!has_too_few_points(&line(FEWEST_DISTINCT).repeat(2)));
     }
 }

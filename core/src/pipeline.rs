@@ -4,7 +4,7 @@
 use crate::cloud::LARGEST_COORDINATE;
 use crate::covariance::Covariance;
 use crate::error::Error;
-use crate::evidence::{Evidence, has_too_few_points};
+use crate::evidence::Evidence;
 use crate::frame::Frame;
 use crate::polish::{Refined, Refiner, Workspace};
 use crate::pose::Pose;
@@ -116,7 +116,7 @@ pub enum Progress<'p, 'c> {
 pub struct Answer {
     /// Rigid transform in the clouds' units.
     pub target_from_source: Pose,
-    /// Of a refined pose by its probability, else how the policy's steps ended, unless a cloud has too few distinct points.
+    /// Of a refined pose by its probability, else how the policy's steps ended.
     pub verdict: Verdict,
     /// Of a refined pose: that it is right, up to what is undetermined.
     pub probability: Option<f32>,
@@ -179,9 +179,6 @@ pub fn register<'c, E: From<Error>>(
             found.refined.target_from_source,
             Verdict::of_evidence(&found.evidence),
         ),
-        (None, Some(policy)) if [source, target].into_iter().any(has_too_few_points) => {
-            (policy.target_from_source, Verdict::TooFewPoints)
-        }
         (None, Some(policy)) => (policy.target_from_source, policy.verdict),
         (None, None) => (start, Verdict::StepLimit),
     };

@@ -197,7 +197,7 @@ fn numbers<'py>(
             error.set_cause(py, Some(cause));
             error
         })?;
-    array.extract().map_err(PyErr::from)
+    array.extract()
 }
 
 /// Poses: one, 4x4 or the 3x4 `[R | t]` of it, or one for each of several pairs.

@@ -140,6 +140,9 @@ enum Weights {
 
 impl Weights {
     fn load(path: &Path, run: Run) -> Result<Self, ExportError> {
+        if let Some(bundled) = WeightFile::bundled(path) {
+            return Ok(run.apply(bundled));
+        }
         let checkpoint = path.is_dir() || path.extension().is_some_and(|e| e == "safetensors");
         if !checkpoint {
             return Ok(run.apply(WeightFile::load(path)?));

@@ -45,16 +45,11 @@ impl Focus {
         let focus = Focus {
             rows: Some(grown(&filled)),
         };
-        let points = (0..target.len()).filter_map(|i| target.point(i));
-        if points
-            .filter(|&p| focus.keeps(target_view, p))
-            .take(FEWEST)
-            .count()
-            < FEWEST
-        {
-            return Focus::ALL;
+        let near = target.points().filter(|&p| focus.keeps(target_view, p));
+        match near.take(FEWEST).count() {
+            FEWEST => focus,
+            _ => Focus::ALL,
         }
-        focus
     }
 
     /// Whether a stored point of the target, as it is seen, is looked at.

@@ -8,7 +8,7 @@
 use crate::loss::{COMPARED, CONTENDERS};
 use crate::polish::Refiner;
 use crate::search::{
-    Best, SCREEN, SCREEN_POINTS, SCREEN_SCALE, SIFT, SIFT_POINTS, SIFT_SCALE, aligned, mirrored,
+    Best, SCREEN, SCREEN_POINTS, SCREEN_SCALE, SIFT_POINTS, SIFT_SCALE, aligned, mirrored,
 };
 use crate::solve::Rigid;
 use crate::surface::Surface;
@@ -27,7 +27,7 @@ impl Refiner<'_> {
     pub(crate) fn mirror_score(&mut self, found: Rigid) -> f32 {
         const HERE: usize = CONTENDERS - 1;
         const MIRRORED: usize = CONTENDERS - 2;
-        let ([screened_by, screened_on], [sifted_by, sifted_on]) = (SCREEN_POINTS, SIFT_POINTS);
+        let ([screened_by, screened_on], [_, sifted_on]) = (SCREEN_POINTS, SIFT_POINTS);
         self.keep_surface_losses(HERE, found);
         let least = self.coarse_loss(found, sifted_on, SIFT_SCALE);
         self.mirror_source();
@@ -39,8 +39,7 @@ impl Refiner<'_> {
         }
         let mut sifted = Best::<POLISHED>::NONE;
         for (_, at) in screened.held() {
-            let at = self.coarse(at, sifted_by, &SIFT);
-            let loss = self.coarse_loss(at, sifted_on, SIFT_SCALE);
+            let (loss, at) = self.sifted(at);
             if loss < least + ALIKE {
                 sifted.offer(loss, at);
             }

@@ -19,6 +19,7 @@ use crate::kernels::{Isa, PAIRS, Pairs, Sums, Weighing};
 use crate::loss::{self, Losses};
 use crate::nearest::Lookup;
 use crate::pose::{Pose, mean};
+use crate::search::{SIFT, SIFT_POINTS, SIFT_SCALE};
 use crate::solve::{Motion, Rigid, least};
 use crate::surface::Surface;
 use glam::Vec3;
@@ -522,6 +523,13 @@ impl<'w> Refiner<'w> {
         sum / count.max(1.0)
     }
 
+    /// A hypothesis after further steps, and its loss.
+    pub(crate) fn sifted(&self, at: Rigid) -> (f32, Rigid) {
+        let [points, compared] = SIFT_POINTS;
+        let at = self.coarse(at, points, &SIFT);
+        (self.coarse_loss(at, compared, SIFT_SCALE), at)
+    }
+
     /// A plain pose between the user's clouds as one between those inside.
     pub(crate) fn inside(&self, pose: Pose) -> Rigid {
         let centre = pose.apply(self.source_centre) - self.target.centre;
@@ -585,21 +593,24 @@ impl<'w> Refiner<'w> {
 
     /// Keeps the losses of the points matched last; their sum, as of [`loss::COMPARED`] points of each cloud.
     pub(crate) fn keep_matched_losses(&mut self, contender: usize, at: Rigid) -> f32 {
-        let Workspace {
-            source,
-            target,
-            seen,
-            losses,
-            ..
-        } = &mut *self.workspace;
-        let [of_source, of_target] = matched_losses(source, target, seen, at, loss::of_match);
-        losses.keep(contender, of_source.chain(of_target));
+        self.keep_losses_by(contender, at, loss::of_match);
         let Residual { source, target } = self.matched_residual(at);
         (SOURCE_SHARE * source + (1.0 - SOURCE_SHARE) * target) * 2.0 * loss::COMPARED as f32
     }
 
     /// Keeps how far the points matched last are from surfaces, and not from points: where those lie is chance.
     pub(crate) fn keep_matched_surface_losses(&mut self, contender: usize, at: Rigid) {
+        let by = |apart, normal, radius| loss::of_surface(apart, normal, radius, loss::SURFACE);
+        self.keep_losses_by(contender, at, by);
+    }
+
+    /// Keeps what the points matched last lose by such a loss.
+    fn keep_losses_by(
+        &mut self,
+        contender: usize,
+        at: Rigid,
+        by: impl Fn(Vec3, Vec3, f32) -> f32 + Copy,
+    ) {
         let Workspace {
             source,
             target,
@@ -607,7 +618,6 @@ impl<'w> Refiner<'w> {
             losses,
             ..
         } = &mut *self.workspace;
-        let by = |apart, normal, radius| loss::of_surface(apart, normal, radius, loss::SURFACE);
         let [of_source, of_target] = matched_losses(source, target, seen, at, by);
         losses.keep(contender, of_source.chain(of_target));
     }

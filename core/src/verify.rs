@@ -16,8 +16,8 @@ use crate::pairs::matching_pairs;
 use crate::polish::{Candidate, Refined, Refiner};
 use crate::pose::Pose;
 use crate::search::{
-    Best, SCREEN, SCREEN_POINTS, SCREEN_SCALE, SIFT, SIFT_POINTS, SIFT_SCALE, aligned, anywhere,
-    around, confused, copies, is_same,
+    Best, SCREEN, SCREEN_POINTS, SCREEN_SCALE, SIFT_POINTS, SIFT_SCALE, aligned, anywhere, around,
+    confused, copies, is_same,
 };
 use crate::solve::Rigid;
 use crate::start::{Prior, Start};
@@ -404,9 +404,8 @@ impl Search<'_, '_> {
     }
 
     fn sift(&mut self, at: Rigid, sifted: &mut Best<POLISHED>) {
-        let [points, compared] = SIFT_POINTS;
-        let at = self.refiner.coarse(at, points, &SIFT);
-        sifted.offer(self.refiner.coarse_loss(at, compared, SIFT_SCALE), at);
+        let (loss, at) = self.refiner.sifted(at);
+        sifted.offer(loss, at);
     }
 
     /// Where planes do not tell the angle about an axis, points that both clouds share do: copies turned about it in small

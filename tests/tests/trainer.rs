@@ -1,7 +1,7 @@
 //! The trainer's parts: what roll-outs record, what a step does to the parameters, and roll-outs that decide.
 
 use host_train::augment::{clean_sample, noisy_sample};
-use host_train::dataset::pairs::{PairSet, Sample};
+use host_train::dataset::pairs::PairSet;
 use host_train::dataset::procedural;
 use host_train::eval::{EvalSettings, evaluate};
 use host_train::learn::env::{Accumulation, Problem};
@@ -185,16 +185,8 @@ fn the_trainer_looks_where_the_robot_does() {
     let views = Views::procedural(4, 6);
     let mut pairs = PairSet::default();
     views.draw(6, 300, 9, &mut pairs);
-    let problems: Vec<Problem> = (0..pairs.source.len())
-        .map(|i| {
-            let sample = Sample {
-                source: pairs.source[i].clone(),
-                target: pairs.target[i].clone(),
-                target_from_source: pairs.target_from_source[i],
-            };
-            Problem::seen(sight, sample)
-        })
-        .collect();
+    let samples = pairs.samples();
+    let problems: Vec<Problem> = samples.map(|pair| Problem::seen(sight, pair)).collect();
     let decision = Decision::NearestToMean;
     let file = network.deciding(decision).seeing(sight);
     let robot = Contestant {

@@ -86,6 +86,18 @@ impl PairSet {
         self.label.push(i32::try_from(label).unwrap_or(NO_LABEL));
     }
 
+    /// The pairs, without what they are measured by.
+    pub fn samples(&self) -> impl Iterator<Item = Sample> + '_ {
+        let clouds = self.source.iter().zip(&self.target);
+        clouds
+            .zip(&self.target_from_source)
+            .map(|((source, target), &target_from_source)| Sample {
+                source: source.clone(),
+                target: target.clone(),
+                target_from_source,
+            })
+    }
+
     /// Adds all pairs of another set; both are filled by [`Self::push`].
     pub fn extend(&mut self, other: PairSet) {
         self.source.extend(other.source);

@@ -2,7 +2,7 @@
 //! format 1 (see [`reagent_core::quant`]).
 
 use super::WeightFile;
-use crate::dataset::pairs::{PairSet, Sample};
+use crate::dataset::pairs::PairSet;
 use crate::learn::agent::{Features, Seen, embed};
 use crate::learn::env::{Accumulation, Problem};
 use crate::learn::heads::Activations;
@@ -52,18 +52,8 @@ impl Ranges {
             feature: 0.0,
             heads: [(); 2].map(|()| [vec![0.0; h1], vec![0.0; h2]]),
         };
-        let clouds = pairs.source.iter().zip(&pairs.target);
-        let problems: Vec<Problem> = clouds
-            .zip(&pairs.target_from_source)
-            .map(|((source, target), &target_from_source)| {
-                let sample = Sample {
-                    source: source.clone(),
-                    target: target.clone(),
-                    target_from_source,
-                };
-                Problem::seen(sight, sample)
-            })
-            .collect();
+        let samples = pairs.samples();
+        let problems: Vec<Problem> = samples.map(|pair| Problem::seen(sight, pair)).collect();
         let targets: Vec<Seen<'_>> = problems
             .iter()
             .map(|problem| Seen {

@@ -3,7 +3,7 @@
 use super::config::TrainConfig;
 use super::error::TrainError;
 use super::roll_out::Agent;
-use crate::dataset::pairs::{PairSet, Sample};
+use crate::dataset::pairs::PairSet;
 use crate::eval::{EvalError, EvalSettings, evaluate};
 use crate::learn::env::{Accumulation, Problem};
 use crate::learn::nn::{Parameters, Search};
@@ -26,16 +26,8 @@ pub(super) fn validate(
     if !config.deployable() {
         let accumulation = config.method.accumulation;
         let steps = config.roll_out.steps;
-        let problems: Vec<Problem> = (0..pairs.source.len())
-            .map(|i| {
-                let sample = Sample {
-                    source: pairs.source[i].clone(),
-                    target: pairs.target[i].clone(),
-                    target_from_source: pairs.target_from_source[i],
-                };
-                Problem::seen(config.sight, sample)
-            })
-            .collect();
+        let seen = |sample| Problem::seen(config.sight, sample);
+        let problems: Vec<Problem> = pairs.samples().map(seen).collect();
         let rules = (accumulation, Decision::default());
         let poses = poses_of(parameters, rules, &problems, steps);
         return Ok(summary(pairs, |i| poses[i][steps])?);

@@ -27,7 +27,7 @@ impl Focus {
     /// Everything is looked at.
     pub const ALL: Focus = Focus { rows: None };
 
-    /// The cells near a source that is seen so. Where fewer than [`FEWEST`] of the target's points would be left, the
+    /// The cells near a source that is seen so. Where fewer than 32 of the target's points would be left, the
     /// pose says nothing on what is seen of it, and everything is looked at.
     #[inline(never)]
     pub fn on(

@@ -15,7 +15,7 @@ pub fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
     replace(path, bytes).map_err(plain)
 }
 
-/// Whether [`write`] would find a place for its file; what is there is left as it is.
+/// Whether [`write()`] would find a place for its file; what is there is left as it is.
 ///
 /// # Errors
 /// The system's.

@@ -181,7 +181,7 @@ impl CloudFile {
         self.points.iter().map(relative).collect()
     }
 
-    /// The point relative to which coordinates are f32 ([`origin_of`]).
+    /// The point relative to which coordinates are f32.
     pub fn origin(&self) -> Position {
         origin_of(self.points.iter().copied())
     }

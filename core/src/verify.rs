@@ -57,6 +57,10 @@ const SPINS_POLISHED: usize = 1;
 /// Logarithm of probability that a whole point's loss stands for: far less than a point's own, since errors of neighbours
 /// are alike, and sensors, models and masks have faults that no sampling explains.
 const EVIDENCE: f32 = 0.02;
+/// Mean loss of a pose that explains so little of the clouds that a start does not speak for it, and how many times a loss
+/// above that counts: where clouds overlap by a third, only what lies far from the start may explain them.
+const HARDLY_EXPLAINED: f32 = 0.7;
+const BEYOND: f32 = 4.0;
 /// Standard errors below which a difference of losses is what sampling explains: more than of independent points, since
 /// errors of neighbours are alike.
 const EXPLAINED: f32 = 4.0;
@@ -266,7 +270,7 @@ impl Search<'_, '_> {
         let surprise = prior.map_or(0.0, |prior| prior.surprise(at));
         let contender = |loss| Contender {
             at,
-            energy: EVIDENCE * loss + surprise,
+            energy: energy(loss, surprise),
         };
         // The last two places are for comparisons of another kind.
         let places = self.contenders.iter_mut().take(CONTENDERS - 2).enumerate();
@@ -444,6 +448,13 @@ impl Search<'_, '_> {
     }
 }
 
+/// How improbable a pose is by the loss of the points of both clouds, and under the start.
+fn energy(loss: f32, surprise: f32) -> f32 {
+    let hardly_explained = HARDLY_EXPLAINED * 2.0 * COMPARED as f32;
+    let beyond = (BEYOND - 1.0) * (loss - hardly_explained).max(0.0);
+    EVIDENCE * (loss + beyond) + surprise
+}
+
 /// Whether two poses differ by a turn about an axis through the target's centre, and by little else.
 fn differ_by_turn(a: Rigid, b: Rigid, axis: Vec3) -> bool {
     let along = |at: Rigid| at.turn.matrix().transpose() * axis;
@@ -599,6 +610,22 @@ mod tests {
         let probability = evidence.probability();
         assert!(probability < 0.2, "{probability} {found:?}");
         assert_eq!(Verdict::of_evidence(&evidence), Verdict::PoorFit);
+    }
+
+    #[test]
+    fn a_start_speaks_for_poses_that_explain_the_clouds() {
+        let compared = 2.0 * COMPARED as f32;
+        // Loss and surprise of a pose near the start, and of one half a turn away that fits better.
+        let near_wins = |near: [f32; 2], far: [f32; 2]| {
+            let [near, far] = [near, far].map(|[loss, surprise]| energy(loss * compared, surprise));
+            near < far
+        };
+        assert!(near_wins([0.58, 0.8], [0.45, 8.0]), "a box upside down");
+        assert!(
+            !near_wins([0.81, 1.8], [0.75, 8.0]),
+            "scans that share a third"
+        );
+        assert!(near_wins([0.81, 1.8], [0.80, 8.0]), "both are as bad");
     }
 
     /// A vase: its surface says nothing of the angle, the points that both clouds share do.

@@ -11,6 +11,7 @@ use host_train::dataset::bop::{
     BopError, Estimate, MaskKind, Models, Scenes, TARGETS_FILE, read_results, write_results,
 };
 use host_train::dataset::cloud_file::read_file;
+use host_train::dataset::depth::DepthError;
 use host_train::dataset::pairs::PairSet;
 use host_train::random::{Purpose, stream};
 use proptest::prelude::*;
@@ -193,7 +194,7 @@ fn noise_is_that_of_the_sensor() {
     let noisy = generated(1.0, 7);
     let depths = |root: &Path| {
         let path = root.join("test/000000/depth/000000.png");
-        host_train::dataset::bop::image::read_depth(&path)
+        host_train::dataset::depth::image::read_depth(&path)
             .expect("a depth image")
             .values
     };
@@ -516,13 +517,16 @@ fn contents_that_cannot_be_are_named() {
     let masks = root.join("test/000000/mask_estimate");
     for entry in std::fs::read_dir(&masks).expect("masks") {
         let path = entry.expect("an entry").path();
-        host_train::dataset::bop::image::write_mask(&path, [3, 2], &[true; 6]).expect("written");
+        host_train::dataset::depth::image::write_mask(&path, [3, 2], &[true; 6]).expect("written");
     }
     let said = Refinements::open(root, &root.join(ESTIMATES_FILE), None, 1)
         .map(|_| ())
         .expect_err("refused");
     assert!(
-        matches!(said, BopError::Size { found: [3, 2], .. }),
+        matches!(
+            said,
+            BopError::Depth(DepthError::Size { found: [3, 2], .. })
+        ),
         "{said}"
     );
 }

@@ -4,10 +4,9 @@ use super::normalise::Normalisation;
 use super::segment::{inside, patch};
 use crate::augment::{random_direction, transform};
 use crate::dataset::Point;
-use crate::dataset::bop::{
-    BopError, Instance, MaskKind, Models, Observation, Scenes, training_scenes,
-};
+use crate::dataset::bop::{BopError, Instance, MaskKind, Models, Scenes, training_scenes};
 use crate::dataset::camera::random_rotation;
+use crate::dataset::depth::DepthImage;
 use crate::dataset::pairs::{PairSet, Sample};
 use crate::random::resample;
 use crate::random::{Purpose, Rng, stream};
@@ -65,7 +64,7 @@ impl BopSampling {
     pub fn training(
         &self,
         rng: &mut Rng,
-        seen: &Observation,
+        seen: &DepthImage,
         camera_from_model: &Pose,
         surface: &[Point],
     ) -> Option<Sample> {
@@ -103,7 +102,7 @@ impl BopSampling {
 /// with the target drawn from the model's `surface`. `None` as in [`BopSampling::training`].
 pub fn test_sample(
     rng: &mut Rng,
-    seen: &Observation,
+    seen: &DepthImage,
     estimate: &Pose,
     truth: &Pose,
     surface: &[Point],

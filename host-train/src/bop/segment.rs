@@ -1,7 +1,7 @@
 //! Source clouds out of a depth image and a mask.
 
 use crate::dataset::Point;
-use crate::dataset::bop::Observation;
+use crate::dataset::depth::DepthImage;
 use crate::random::Rng;
 use crate::random::resample;
 use rand::RngExt;
@@ -15,7 +15,7 @@ use rand::RngExt;
 /// the object has a depth.
 pub fn patch(
     rng: &mut Rng,
-    seen: &Observation,
+    seen: &DepthImage,
     count: usize,
     foreground: f64,
 ) -> Option<Vec<Point>> {
@@ -41,7 +41,7 @@ pub fn patch(
 
 /// The paper's test segments: `count` random points inside the mask, some repeated where there are fewer. `None`
 /// where there are none.
-pub fn inside(rng: &mut Rng, seen: &Observation, count: usize) -> Option<Vec<Point>> {
+pub fn inside(rng: &mut Rng, seen: &DepthImage, count: usize) -> Option<Vec<Point>> {
     let pixels = seen.pixels(true);
     let points: Vec<Point> = pixels.into_iter().map(|p| seen.point(p)).collect();
     (!points.is_empty()).then(|| resample(rng, &points, count))

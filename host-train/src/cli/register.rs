@@ -1,5 +1,6 @@
 //! `host-train register`
 
+mod depth;
 mod initial;
 mod input;
 mod pairs;
@@ -10,7 +11,7 @@ pub use initial::Initial;
 use super::output::{write_json, write_text};
 use super::{BelowProbability, bad_usage, source};
 use crate::dataset::Point;
-use crate::dataset::cloud_file::{CloudFile, STANDARD, check_output, write_cloud};
+use crate::dataset::cloud_file::{CloudFile, Note, STANDARD, check_output, write_cloud};
 use crate::policy::{REAGENT, VIEWS, WeightFile};
 use crate::register::dense::Dense;
 use crate::register::document::Document;
@@ -19,6 +20,7 @@ use crate::register::trace::{self, Given, Header, Traced};
 use crate::register::{Memory, Start};
 use anyhow::{Context, bail};
 use clap::Args;
+use depth::DepthArgs;
 use input::{Input, Units};
 use pairs::Pair;
 use reagent_core::dims::{MAX_POINTS, STEPS};
@@ -42,14 +44,14 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, Args)]
 pub(super) struct RegisterArgs {
     /// Policy: a file, or a bundled one: "reagent", "compact", and for single depth views "views", "views-compact"
-    /// [default: "views" where --view is given, else "reagent"]
+    /// [default: "views" where --view or --depth is given, else "reagent"]
     #[arg(long, value_name = "FILE.rgw|NAME")]
     weights: Option<PathBuf>,
-    /// Cloud to move
-    #[arg(required_unless_present = "pairs")]
+    /// Cloud to move; leave it out with --depth
+    #[arg(required_unless_present_any = ["pairs", "depth"])]
     source: Option<PathBuf>,
     /// Cloud that stays
-    #[arg(required_unless_present = "pairs")]
+    #[arg(required_unless_present_any = ["pairs", "depth"])]
     target: Option<PathBuf>,
     /// Register many pairs, and print one JSON line each: a folder with NAME_source.EXT and NAME_target.EXT, or a
     /// list with two paths a line
@@ -80,6 +82,8 @@ pub(super) struct RegisterArgs {
     /// source is a view from there, and nothing stands between it and what it saw
     #[arg(long, value_name = "X,Y,Z", value_parser = view_point, allow_hyphen_values = true)]
     view: Option<[f64; 3]>,
+    #[command(flatten)]
+    depth: DepthArgs,
     /// Whether to refine the pose on all points at last; not in mode fast
     #[arg(long, value_enum, value_name = "WHEN", default_value_t = Dense::Auto)]
     dense: Dense,
@@ -144,17 +148,18 @@ impl RegisterArgs {
             .init
             .clone()
             .map_or(Ok(Start::Identity), Initial::load)?;
-        match (&self.pairs, &self.source, &self.target) {
-            (Some(list), ..) => self.run_pairs(&weights, &start, &pairs::find(list)?, seed),
-            (None, Some(source), Some(target)) => {
-                let pair = Pair {
-                    source: source.clone(),
-                    target: target.clone(),
-                };
-                self.run_one(&weights, &start, &pair, seed)
-            }
-            _ => bail!("give SOURCE and TARGET, or --pairs"),
+        if let Some(list) = &self.pairs {
+            return self.run_pairs(&weights, &start, &pairs::find(list)?, seed);
         }
+        // With a depth image the only file named is the target.
+        let (source, target) = match &self.depth.depth {
+            Some(image) => (Some(image), self.source.as_ref()),
+            None => (self.source.as_ref(), self.target.as_ref()),
+        };
+        let (Some(source), Some(target)) = (source.cloned(), target.cloned()) else {
+            bail!("give SOURCE and TARGET, --depth and TARGET, or --pairs");
+        };
+        self.run_one(&weights, &start, &Pair { source, target }, seed)
     }
 
     /// Ends with status 2 where options contradict each other.
@@ -172,6 +177,12 @@ impl RegisterArgs {
         if inputs.into_iter().filter(standard).count() > 1 {
             bad_usage("register", "only one input can be standard input");
         }
+        if self.depth.depth.is_some() && (self.source.is_none() || self.target.is_some()) {
+            bad_usage(
+                "register",
+                "--depth takes the place of SOURCE: give one more file, TARGET",
+            );
+        }
         if self.fail_below.is_some() && self.mode == Mode::Fast {
             bad_usage(
                 "register",
@@ -182,8 +193,16 @@ impl RegisterArgs {
 
     /// The policy's file or name.
     fn policy(&self) -> &Path {
-        let fitting = if self.view.is_some() { VIEWS } else { REAGENT };
+        let fitting = match self.view_point() {
+            Some(_) => VIEWS,
+            None => REAGENT,
+        };
         self.weights.as_deref().unwrap_or(Path::new(fitting))
+    }
+
+    /// Where the sensor stood, if the source is a view.
+    fn view_point(&self) -> Option<[f64; 3]> {
+        self.view.or(self.depth.depth.is_some().then_some([0.0; 3]))
     }
 
     fn scale(&self) -> f64 {
@@ -200,13 +219,19 @@ impl RegisterArgs {
     ) -> anyhow::Result<Pairing> {
         let points = self.points.map(|count| count as usize);
         // Seeds of their own: a mesh registered to itself must not be sampled at the very same points.
-        let source = Input::read(&pair.source, self.scale(), points, seed)?;
-        let target = Input::read(&pair.target, 1.0, points, seed.wrapping_add(1))?;
+        let source = match self.depth.read()? {
+            Some(seen) => Input::of(seen, &pair.source, self.scale(), (points, seed))?,
+            None => Input::read(&pair.source, self.scale(), points, seed)?,
+        };
+        let mut target = Input::read(&pair.target, 1.0, points, seed.wrapping_add(1))?;
+        if self.view_point().is_some() && target.file.faces.is_none() {
+            target.cloud.notes.push(Note::NoFaces);
+        }
         let request = Request {
             start: *start,
             mode: self.mode,
             steps: self.steps,
-            view_point: self.view,
+            view_point: self.view_point(),
             dense: self.dense,
         };
         let mut memory = Box::new(Memory::new());

@@ -6,6 +6,7 @@
 pub mod bop;
 pub mod camera;
 pub mod cloud_file;
+pub mod depth;
 mod error;
 pub mod h5;
 pub mod mesh;

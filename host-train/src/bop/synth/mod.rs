@@ -14,10 +14,10 @@ pub mod objects;
 pub mod scene;
 pub mod sensor;
 
-use crate::dataset::bop::image::{Image, write_depth, write_mask};
 use crate::dataset::bop::json::{self, Annotation, AnnotationInfo, CameraEntry, Numbered};
 use crate::dataset::bop::scene::{ESTIMATED_MASKS, VISIBLE_MASKS};
 use crate::dataset::bop::{BopError, Estimate, write_results};
+use crate::dataset::depth::image::{Image, write_depth, write_mask};
 use crate::random::{Purpose, Rng, stream};
 use objects::{Object, write_models};
 use scene::{Scene, linemod_camera};
@@ -218,7 +218,7 @@ impl SceneWriter {
 }
 
 /// The entry of `scene_gt_info.json`.
-fn describe(whole: &[bool], visible: &[bool], depth: &Image) -> AnnotationInfo {
+fn describe(whole: &[bool], visible: &[bool], depth: &Image<u16>) -> AnnotationInfo {
     let count = |mask: &[bool]| mask.iter().filter(|&&inside| inside).count() as u64;
     let (all, seen) = (count(whole), count(visible));
     let valid = whole.iter().zip(&depth.values);

@@ -22,7 +22,16 @@ impl Input {
         points: Option<usize>,
         seed: u64,
     ) -> Result<Input, CloudError> {
-        let mut file = read_file(path)?;
+        Input::of(read_file(path)?, path, scale, (points, seed))
+    }
+
+    /// The same of what was read already, from `path`.
+    pub(super) fn of(
+        mut file: CloudFile,
+        path: &Path,
+        scale: f64,
+        (points, seed): (Option<usize>, u64),
+    ) -> Result<Input, CloudError> {
         for x in file.points.iter_mut().flatten() {
             *x *= scale;
         }

@@ -1,6 +1,7 @@
 //! What can be wrong with a data set in BOP layout.
 
 use crate::dataset::cloud_file::CloudError;
+use crate::dataset::depth::DepthError;
 use std::path::PathBuf;
 
 /// Where the layout and its data sets are published.
@@ -38,33 +39,9 @@ pub enum BopError {
         /// Fields or format the file should have.
         expected: &'static str,
     },
-    /// An image claims more pixels than any depth camera has.
-    #[error("{}: {width} x {height} pixels are more than the {limit} that are read", path.display())]
-    TooLarge {
-        /// Image concerned.
-        path: PathBuf,
-        /// Claimed columns.
-        width: usize,
-        /// Claimed rows.
-        height: usize,
-        /// Most pixels accepted.
-        limit: usize,
-    },
-    /// Mask and depth image differ in size.
-    #[error(
-        "{}: {} x {} pixels, but the depth image {} has {} x {}",
-        mask.display(), found[0], found[1], depth.display(), expected[0], expected[1]
-    )]
-    Size {
-        /// Mask concerned.
-        mask: PathBuf,
-        /// Its columns and rows.
-        found: [usize; 2],
-        /// The depth image.
-        depth: PathBuf,
-        /// Its columns and rows.
-        expected: [usize; 2],
-    },
+    /// A depth image or a mask was refused.
+    #[error(transparent)]
+    Depth(#[from] DepthError),
     /// A model's mesh was refused.
     #[error(transparent)]
     Mesh(#[from] CloudError),

@@ -15,7 +15,6 @@
 //! Annotations are read at once, images one at a time when they are asked for.
 
 mod error;
-pub mod image;
 pub(crate) mod json;
 mod models;
 mod results;
@@ -24,7 +23,7 @@ pub(crate) mod scene;
 pub use error::{BOP_URL, BopError};
 pub use models::{BopModel, Models, SURFACE_POINTS};
 pub use results::{Estimate, read_results, write_results};
-pub use scene::{Instance, MaskKind, Observation, Scenes};
+pub use scene::{Instance, MaskKind, Scenes};
 
 use json::TargetEntry;
 use std::collections::BTreeSet;

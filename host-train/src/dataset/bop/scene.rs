@@ -1,11 +1,10 @@
 //! The annotated images of one split, read on demand.
 
-use super::image::{Image, read_depth, read_mask};
 use super::json::{
     self, Annotation, AnnotationInfo, CameraEntry, Numbered, SCENE_CAMERA, SCENE_GT,
 };
 use super::{BopError, Models};
-use crate::dataset::Point;
+use crate::dataset::depth::{DepthError, DepthImage, image};
 use crate::dataset::raster::Pinhole;
 use glam::Vec2;
 use reagent_core::Pose;
@@ -37,35 +36,6 @@ pub enum MaskKind {
     /// `mask_estimate`, our addition to the layout, as an estimator would give it; where a scene has no such
     /// folder, `mask_visib`.
     Estimated,
-}
-
-/// What the camera sees of one instance and around it.
-#[derive(Clone, Debug)]
-pub struct Observation {
-    /// The camera, with the size of the image.
-    pub camera: Pinhole,
-    depth: Vec<u16>,
-    depth_scale_mm: f32,
-    mask: Vec<u16>,
-}
-
-impl Observation {
-    /// Pixels (row-major) with a depth, inside the mask or outside of it.
-    pub fn pixels(&self, inside: bool) -> Vec<u32> {
-        let pixels = self.depth.iter().zip(&self.mask).enumerate();
-        pixels
-            .filter(|(_, (depth, mask))| **depth > 0 && (**mask > 0) == inside)
-            .map(|(i, _)| i as u32)
-            .collect()
-    }
-
-    /// The point seen at one of [`Self::pixels`], millimetres in the camera's frame.
-    pub fn point(&self, pixel: u32) -> Point {
-        let pixel = pixel as usize;
-        let width = self.camera.size[0];
-        let depth_mm = f32::from(self.depth[pixel]) * self.depth_scale_mm;
-        (self.camera.ray(pixel % width, pixel / width) * depth_mm).to_array()
-    }
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -167,11 +137,11 @@ impl Scenes {
         Ok(())
     }
 
-    /// Reads depth image and mask of an instance.
+    /// Reads depth image and mask of an instance, millimetres.
     ///
     /// # Errors
     /// An image that is missing, of another kind, truncated, too large, or of another size than the other.
-    pub fn observe(&self, instance: &Instance, kind: MaskKind) -> Result<Observation, BopError> {
+    pub fn observe(&self, instance: &Instance, kind: MaskKind) -> Result<DepthImage, BopError> {
         let folder = self.dir.join(format!("{:06}", instance.scene));
         let depth_path = folder.join(format!("depth/{:06}.png", instance.image));
         let masks = match kind {
@@ -180,34 +150,31 @@ impl Scenes {
         };
         let name = format!("{:06}_{:06}.png", instance.image, instance.index);
         let mask_path = folder.join(masks).join(name);
-        let Image {
-            size,
-            values: depth,
-        } = read_depth(&depth_path)?;
-        let mask = read_mask(&mask_path)?;
+        let depth = image::read_depth(&depth_path)?;
+        let mask = image::read_mask(&mask_path)?;
+        let size = depth.size;
         if mask.size != size {
-            return Err(BopError::Size {
-                mask: mask_path,
+            return Err(BopError::Depth(DepthError::Size {
+                path: mask_path,
                 found: mask.size,
                 depth: depth_path,
                 expected: size,
-            });
+            }));
         }
         let view = self.views.get(&(instance.scene, instance.image));
         let view = view.ok_or(BopError::Missing {
             path: folder.join("scene_camera.json"),
             expected: "the image's camera",
         })?;
-        Ok(Observation {
-            camera: Pinhole {
-                size,
-                focal: view.focal,
-                centre: view.centre,
-            },
-            depth,
-            depth_scale_mm: view.depth_scale_mm,
-            mask: mask.values,
-        })
+        let camera = Pinhole {
+            size,
+            focal: view.focal,
+            centre: view.centre,
+        };
+        let depths = depth.values.into_iter().map(f32::from);
+        let depths = depths.map(|units| units * view.depth_scale_mm).collect();
+        let mask = mask.values.into_iter().map(|value| value > 0).collect();
+        Ok(DepthImage::new(camera, depths, mask))
     }
 }
 

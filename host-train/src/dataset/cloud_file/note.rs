@@ -60,6 +60,17 @@ pub enum Note {
         /// The point.
         origin: [f64; 3],
     },
+    /// The cloud is what a depth image shows, in millimetres.
+    Seen {
+        /// Pixels of the object with a depth.
+        pixels: usize,
+        /// Pixels of the object without one.
+        without: usize,
+        /// Millimetres a unit of depth.
+        scale_mm: f64,
+    },
+    /// The cloud has no faces to draw points from.
+    NoFaces,
 }
 
 impl fmt::Display for Note {
@@ -103,6 +114,18 @@ impl fmt::Display for Note {
             Note::Shifted { origin: [x, y, z] } => {
                 write!(f, "coordinates are taken relative to ({x}, {y}, {z})")
             }
+            Note::Seen {
+                pixels,
+                without,
+                scale_mm,
+            } => write!(
+                f,
+                "{pixels} pixels are points in millimetres ({scale_mm} mm a unit of depth); {without} more have no depth"
+            ),
+            Note::NoFaces => write!(
+                f,
+                "it has points and no faces; normals are estimated from neighbouring points"
+            ),
         }
     }
 }

@@ -6,24 +6,20 @@
 //! Python literals recurse and multiply without limits on corrupt ones.
 
 use super::{CloudFile, Note, Position};
+use crate::dataset::depth::image::{Image, MAX_PIXELS};
 
 const MAGIC: &[u8] = b"\x93NUMPY";
 
 pub(super) fn parse(bytes: &[u8]) -> Result<CloudFile, String> {
-    let (header, payload) = split(bytes)?;
-    let (width, decode) = number(value(header, "descr")?)?;
-    let fortran = match value(header, "fortran_order")? {
-        "False" => false,
-        "True" => true,
-        other => return Err(format!("its fortran_order is {other}")),
-    };
-    let shape = value(header, "shape")?;
-    let sizes: Option<Vec<usize>> = shape
-        .split(',')
-        .map(str::trim)
-        .filter(|size| !size.is_empty())
-        .map(|size| size.parse().ok())
-        .collect();
+    let Array {
+        shape,
+        sizes,
+        fortran,
+        width,
+        decode,
+        payload,
+        ..
+    } = Array::of(bytes)?;
     let unexpected = || format!("its shape is ({shape}), expected (N, 3) or more columns");
     let (first, second) = match sizes.as_deref() {
         Some(&[rows, columns]) => (rows, columns),
@@ -91,6 +87,91 @@ pub(super) fn parse(bytes: &[u8]) -> Result<CloudFile, String> {
     Ok(file)
 }
 
+/// Numbers in rows and columns.
+pub(crate) struct Grid {
+    pub(crate) image: Image<f64>,
+    pub(crate) is_float: bool,
+    /// Of a number.
+    pub(crate) bytes: usize,
+}
+
+/// An array (rows, columns), or (rows, columns, 1), as an image.
+pub(crate) fn grid(bytes: &[u8]) -> Result<Grid, String> {
+    let array = Array::of(bytes)?;
+    let shape = array.shape;
+    let unexpected = || format!("its shape is ({shape}), expected (rows, columns)");
+    let (Some(&[rows, columns]) | Some(&[rows, columns, 1])) = array.sizes.as_deref() else {
+        return Err(unexpected());
+    };
+    let pixels = rows.checked_mul(columns).ok_or_else(unexpected)?;
+    if pixels == 0 || pixels > MAX_PIXELS {
+        return Err(format!(
+            "its shape is ({shape}); from 1 to {MAX_PIXELS} pixels are read"
+        ));
+    }
+    let count = array.payload.len() / array.width;
+    if pixels != count {
+        return Err(format!(
+            "its shape is ({shape}), but {count} numbers follow; it is cut off or corrupt"
+        ));
+    }
+    let value = |pixel: usize| {
+        let index = if array.fortran {
+            pixel % columns * rows + pixel / columns
+        } else {
+            pixel
+        };
+        (array.decode)(&array.payload[index * array.width..])
+    };
+    Ok(Grid {
+        image: Image {
+            size: [columns, rows],
+            values: (0..pixels).map(value).collect(),
+        },
+        is_float: array.is_float,
+        bytes: array.width,
+    })
+}
+
+/// A file whose header was read.
+struct Array<'a> {
+    /// As the header has it.
+    shape: &'a str,
+    /// Its lengths, if these are numbers.
+    sizes: Option<Vec<usize>>,
+    fortran: bool,
+    is_float: bool,
+    /// Bytes of a number.
+    width: usize,
+    decode: Decode,
+    payload: &'a [u8],
+}
+
+impl Array<'_> {
+    fn of(bytes: &[u8]) -> Result<Array<'_>, String> {
+        let (header, payload) = split(bytes)?;
+        let kind = value(header, "descr")?;
+        let (width, decode) = number(kind)?;
+        let fortran = match value(header, "fortran_order")? {
+            "False" => false,
+            "True" => true,
+            other => return Err(format!("its fortran_order is {other}")),
+        };
+        let shape = value(header, "shape")?;
+        let sizes = shape.split(',').map(str::trim);
+        let sizes = sizes.filter(|size| !size.is_empty());
+        Ok(Array {
+            shape,
+            sizes: sizes.map(|size| size.parse().ok()).collect(),
+            fortran,
+            is_float: kind.contains('f'),
+            width,
+            decode,
+            payload,
+        })
+    }
+}
+
 /// One number's bytes as a number.
 type Decode = fn(&[u8]) -> f64;
 
@@ -112,7 +193,7 @@ fn number(descr: &str) -> Result<(usize, Decode), String> {
         "<f8" => read!(f64, from_le_bytes),
         ">f8" => read!(f64, from_be_bytes),
         "|i1" => read!(i8, from_le_bytes),
-        "|u1" => read!(u8, from_le_bytes),
+        "|u1" | "|b1" => read!(u8, from_le_bytes),
         "<i2" => read!(i16, from_le_bytes),
         "<u2" => read!(u16, from_le_bytes),
         "<i4" => read!(i32, from_le_bytes),

@@ -1,6 +1,6 @@
-//! Depth images and masks: greyscale PNG.
+//! Depth images and masks in files: greyscale PNG.
 
-use super::BopError;
+use super::DepthError;
 use png::{BitDepth, ColorType, Decoder, Encoder, Limits, Transformations};
 use std::fs::File;
 use std::io::{BufReader, BufWriter};
@@ -9,20 +9,30 @@ use std::path::Path;
 /// Most pixels of an image that are read: 8 times those of a full HD camera.
 pub const MAX_PIXELS: usize = 1 << 24;
 
-/// A greyscale image.
+/// One value a pixel.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Image {
+pub struct Image<T> {
     /// Columns and rows.
     pub size: [usize; 2],
     /// Values row by row.
-    pub values: Vec<u16>,
+    pub values: Vec<T>,
+}
+
+impl<T> Image<T> {
+    /// The same of other values.
+    pub fn map<U>(self, of: impl Fn(T) -> U) -> Image<U> {
+        Image {
+            size: self.size,
+            values: self.values.into_iter().map(of).collect(),
+        }
+    }
 }
 
 /// Reads a depth image: greyscale of 16 bits.
 ///
 /// # Errors
 /// No file, no PNG, an image of another kind, one that ends early or is too large.
-pub fn read_depth(path: &Path) -> Result<Image, BopError> {
+pub fn read_depth(path: &Path) -> Result<Image<u16>, DepthError> {
     read(path, "a greyscale PNG of 16 bits", |bits| {
         bits == BitDepth::Sixteen
     })
@@ -32,7 +42,7 @@ pub fn read_depth(path: &Path) -> Result<Image, BopError> {
 ///
 /// # Errors
 /// As [`read_depth`].
-pub fn read_mask(path: &Path) -> Result<Image, BopError> {
+pub fn read_mask(path: &Path) -> Result<Image<u16>, DepthError> {
     read(path, "a greyscale PNG of 8 bits", |bits| {
         bits != BitDepth::Sixteen
     })
@@ -42,18 +52,12 @@ fn read(
     path: &Path,
     expected: &'static str,
     allowed: fn(BitDepth) -> bool,
-) -> Result<Image, BopError> {
-    let file = File::open(path).map_err(|source| match source.kind() {
-        std::io::ErrorKind::NotFound => BopError::Missing {
-            path: path.into(),
-            expected,
-        },
-        _ => BopError::Io {
-            path: path.into(),
-            source,
-        },
+) -> Result<Image<u16>, DepthError> {
+    let file = File::open(path).map_err(|source| DepthError::Io {
+        path: path.into(),
+        source,
     })?;
-    let malformed = |reason: String| BopError::Malformed {
+    let malformed = |reason: String| DepthError::Malformed {
         path: path.into(),
         reason,
         expected,
@@ -68,7 +72,7 @@ fn read(
         .map_err(|e| malformed(e.to_string()))?;
     let (width, height) = (header.width as usize, header.height as usize);
     if width.checked_mul(height).is_none_or(|n| n > MAX_PIXELS) {
-        return Err(BopError::TooLarge {
+        return Err(DepthError::TooLarge {
             path: path.into(),
             width,
             height,
@@ -109,7 +113,7 @@ fn read(
 ///
 /// # Errors
 /// The system's, or an image whose size is not that of its values.
-pub fn write_depth(path: &Path, image: &Image) -> Result<(), BopError> {
+pub fn write_depth(path: &Path, image: &Image<u16>) -> Result<(), DepthError> {
     let bytes: Vec<u8> = image.values.iter().flat_map(|v| v.to_be_bytes()).collect();
     write(path, image.size, BitDepth::Sixteen, &bytes)
 }
@@ -118,13 +122,13 @@ pub fn write_depth(path: &Path, image: &Image) -> Result<(), BopError> {
 ///
 /// # Errors
 /// As [`write_depth`].
-pub fn write_mask(path: &Path, size: [usize; 2], mask: &[bool]) -> Result<(), BopError> {
+pub fn write_mask(path: &Path, size: [usize; 2], mask: &[bool]) -> Result<(), DepthError> {
     let bytes: Vec<u8> = mask.iter().map(|&inside| 255 * u8::from(inside)).collect();
     write(path, size, BitDepth::Eight, &bytes)
 }
 
-fn write(path: &Path, size: [usize; 2], bits: BitDepth, bytes: &[u8]) -> Result<(), BopError> {
-    let io = |source| BopError::Io {
+fn write(path: &Path, size: [usize; 2], bits: BitDepth, bytes: &[u8]) -> Result<(), DepthError> {
+    let io = |source| DepthError::Io {
         path: path.into(),
         source,
     };
@@ -178,7 +182,7 @@ mod tests {
         std::fs::write(&path, bytes).expect("written");
         assert!(matches!(
             read_depth(&path),
-            Err(BopError::TooLarge {
+            Err(DepthError::TooLarge {
                 width: 2_000_000_000,
                 ..
             })

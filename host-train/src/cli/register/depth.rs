@@ -1,0 +1,88 @@
+//! A depth image in the source's place: `--depth`.
+
+use crate::dataset::cloud_file::{CloudFile, Note};
+use crate::dataset::depth::{DepthError, DepthImage, Intrinsics, read_depths, read_mask};
+use clap::Args;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+/// Millimetres a unit of depths in floating-point numbers, which are metres, and in integers.
+const METRES: f64 = 1000.0;
+const MILLIMETRES: f64 = 1.0;
+
+#[derive(Debug, Args)]
+pub(super) struct DepthArgs {
+    /// Depth image in place of SOURCE: a greyscale PNG of 16 bits, or an array (rows, columns) in a .npy file. What it shows
+    /// becomes the source, in millimetres in the camera's frame (x right, y down, z ahead), seen from the origin
+    #[arg(long, value_name = "FILE.png|.npy", requires = "camera", conflicts_with_all = ["pairs", "view"])]
+    pub(super) depth: Option<PathBuf>,
+    /// Camera of the depth image, a pinhole without distortion, pixels: fx,fy,cx,cy, or a file with these four, with the nine
+    /// numbers of K, or BOP's camera.json or scene_camera.json
+    #[arg(
+        long,
+        value_name = "FX,FY,CX,CY|FILE",
+        requires = "depth",
+        allow_hyphen_values = true
+    )]
+    camera: Option<Camera>,
+    /// Millimetres a unit of depth [default: of integers what the camera's file says, or 1; of floating-point numbers,
+    /// which are metres by convention, 1000]
+    #[arg(long, value_name = "FACTOR", requires = "depth", value_parser = super::factor)]
+    depth_scale: Option<f64>,
+    /// Which pixels show the object: a greyscale PNG of up to 8 bits, or an array in a .npy file, 0 where they do not
+    /// [default: all]
+    #[arg(long, value_name = "FILE.png|.npy", requires = "depth")]
+    mask: Option<PathBuf>,
+}
+
+/// A camera on the command line, or the file that holds it.
+#[derive(Clone, Debug)]
+enum Camera {
+    Numbers(Intrinsics),
+    File(PathBuf),
+}
+
+impl FromStr for Camera {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Camera, String> {
+        Ok(match text.contains(',') {
+            true => Camera::Numbers(text.parse()?),
+            false => Camera::File(text.into()),
+        })
+    }
+}
+
+impl DepthArgs {
+    /// The points of the object, millimetres in the camera's frame.
+    pub(super) fn read(&self) -> Result<Option<CloudFile>, DepthError> {
+        let (Some(path), Some(camera)) = (&self.depth, &self.camera) else {
+            return Ok(None);
+        };
+        let (depth, is_float) = read_depths(path)?;
+        let (origin, camera) = match camera {
+            Camera::Numbers(camera) => (Path::new("--camera"), *camera),
+            Camera::File(file) => (file.as_path(), Intrinsics::read(file, path)?),
+        };
+        let usual = match is_float {
+            true => METRES,
+            false => camera.depth_scale.unwrap_or(MILLIMETRES),
+        };
+        let scale_mm = self.depth_scale.unwrap_or(usual);
+        let mask = match &self.mask {
+            Some(mask) => Some((mask.as_path(), read_mask(mask)?)),
+            None => None,
+        };
+        let image = DepthImage::checked((path, depth), (origin, camera), mask, scale_mm)?;
+        let points = image.points(true);
+        let seen = Note::Seen {
+            pixels: points.len(),
+            without: image.object_pixels() - points.len(),
+            scale_mm,
+        };
+        Ok(Some(CloudFile {
+            notes: vec![seen],
+            ..CloudFile::of(&points)
+        }))
+    }
+}

@@ -1,0 +1,173 @@
+//! Cameras as users have them: four numbers, or a file.
+
+use super::DepthError;
+use crate::dataset::raster::Pinhole;
+use glam::Vec2;
+use serde::Deserialize;
+use serde::de::DeserializeOwned;
+use serde_json::Value;
+use std::path::Path;
+use std::str::FromStr;
+
+/// What a camera must be.
+const EXPECTED: &str = "fx,fy,cx,cy in pixels; a file of these four or of the nine numbers of K; or JSON with fx, fy, cx, cy, or cam_K, or the latter \
+     for each image (BOP's camera.json, scene_camera.json)";
+
+/// A pinhole camera without distortion, pixels: centres of pixels lie at whole numbers, as in OpenCV and BOP.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Intrinsics {
+    /// `(fx, fy)`.
+    pub(super) focal: Vec2,
+    /// `(cx, cy)`.
+    pub(super) centre: Vec2,
+    /// Columns and rows for which it was calibrated, if that is known.
+    pub size: Option<[usize; 2]>,
+    /// Millimetres a unit of the depth images, if that is known.
+    pub depth_scale: Option<f64>,
+}
+
+/// BOP's `camera.json`.
+#[derive(Deserialize)]
+struct Flat {
+    fx: f64,
+    fy: f64,
+    cx: f64,
+    cy: f64,
+    width: Option<usize>,
+    height: Option<usize>,
+    depth_scale: Option<f64>,
+}
+
+/// An entry of BOP's `scene_camera.json`.
+#[derive(Deserialize)]
+struct Matrix {
+    #[serde(rename = "cam_K")]
+    matrix: [f64; 9],
+    depth_scale: Option<f64>,
+}
+
+impl Intrinsics {
+    /// Of focal lengths and principal point.
+    ///
+    /// # Errors
+    /// In words: a focal length that is not positive, a number that is not finite.
+    pub fn new([fx, fy, cx, cy]: [f64; 4]) -> Result<Intrinsics, String> {
+        let positive = |x: f64| x > 0.0 && x.is_finite();
+        if !(positive(fx) && positive(fy)) {
+            return Err(format!(
+                "focal lengths are positive numbers of pixels, found {fx} and {fy}"
+            ));
+        }
+        if !(cx.is_finite() && cy.is_finite()) {
+            return Err(format!("the principal point is ({cx}, {cy})"));
+        }
+        Ok(Intrinsics {
+            focal: Vec2::new(fx as f32, fy as f32),
+            centre: Vec2::new(cx as f32, cy as f32),
+            size: None,
+            depth_scale: None,
+        })
+    }
+
+    /// Of the rows of the camera's matrix K.
+    ///
+    /// # Errors
+    /// As [`Intrinsics::new`], and a matrix that skews or is of another form.
+    pub fn of_matrix(matrix: [f64; 9]) -> Result<Intrinsics, String> {
+        let [fx, skew, cx, below, fy, cy, last @ ..] = matrix;
+        if [skew, below] != [0.0; 2] || last != [0.0, 0.0, 1.0] {
+            return Err(format!(
+                "K has the rows fx 0 cx, 0 fy cy, 0 0 1; found {matrix:?}"
+            ));
+        }
+        Intrinsics::new([fx, fy, cx, cy])
+    }
+
+    /// Reads a file. Of one that has a camera for each image, that of the number by which `image` is named is taken.
+    ///
+    /// # Errors
+    /// A file that cannot be read, or holds no camera.
+    pub fn read(path: &Path, image: &Path) -> Result<Intrinsics, DepthError> {
+        let text = std::fs::read_to_string(path).map_err(|source| DepthError::Io {
+            path: path.into(),
+            source,
+        })?;
+        let text = text.trim_start_matches('\u{feff}').trim();
+        let found = if text.starts_with('{') {
+            of_json(text, image)
+        } else {
+            text.parse()
+        };
+        found.map_err(|reason| DepthError::Malformed {
+            path: path.into(),
+            reason,
+            expected: EXPECTED,
+        })
+    }
+
+    /// The camera of images of this size.
+    pub(super) fn pinhole(&self, size: [usize; 2]) -> Pinhole {
+        Pinhole {
+            size,
+            focal: self.focal,
+            centre: self.centre,
+        }
+    }
+}
+
+impl FromStr for Intrinsics {
+    type Err = String;
+
+    /// Four numbers or nine, separated by commas or white space.
+    fn from_str(text: &str) -> Result<Intrinsics, String> {
+        let words = text.split(|c: char| c.is_whitespace() || matches!(c, ',' | '[' | ']'));
+        let words = words.filter(|word| !word.is_empty());
+        let number = |word: &str| {
+            word.parse()
+                .map_err(|_| format!("\"{word}\" is not a number"))
+        };
+        let numbers = words.map(number).collect::<Result<Vec<f64>, String>>()?;
+        match *numbers.as_slice() {
+            [fx, fy, cx, cy] => Intrinsics::new([fx, fy, cx, cy]),
+            [a, b, c, d, e, f, g, h, i] => Intrinsics::of_matrix([a, b, c, d, e, f, g, h, i]),
+            _ => Err(format!("it has {} numbers", numbers.len())),
+        }
+    }
+}
+
+fn of_json(text: &str, image: &Path) -> Result<Intrinsics, String> {
+    let document: Value = serde_json::from_str(text).map_err(|e| e.to_string())?;
+    if document.get("fx").is_some() {
+        let flat: Flat = fields(document)?;
+        let camera = Intrinsics::new([flat.fx, flat.fy, flat.cx, flat.cy])?;
+        return Ok(Intrinsics {
+            size: flat
+                .width
+                .zip(flat.height)
+                .map(|(width, height)| [width, height]),
+            depth_scale: flat.depth_scale,
+            ..camera
+        });
+    }
+    let entry = if document.get("cam_K").is_some() {
+        document
+    } else {
+        let name = image.file_stem().unwrap_or_default().to_string_lossy();
+        let number: Option<u32> = name.parse().ok();
+        let entry = number.and_then(|number| document.get(number.to_string()));
+        let entry = entry.ok_or_else(|| format!("it has no fx, no cam_K, and no image {name}"))?;
+        entry.clone()
+    };
+    let Matrix {
+        matrix,
+        depth_scale,
+    } = fields(entry)?;
+    Ok(Intrinsics {
+        depth_scale,
+        ..Intrinsics::of_matrix(matrix)?
+    })
+}
+
+fn fields<T: DeserializeOwned>(document: Value) -> Result<T, String> {
+    serde_json::from_value(document).map_err(|e| e.to_string())
+}

@@ -1,0 +1,183 @@
+//! Depth images: what a depth camera measures at each pixel, along its axis.
+//!
+//! | part | what |
+//! |---|---|
+//! | depths | greyscale PNG of 16 bits, or an array `.npy` of floats or of integers of 16 bits or more; 0, negative and NaN: nothing was measured |
+//! | camera | a pinhole without distortion: [`Intrinsics`] |
+//! | mask | greyscale PNG of up to 8 bits, or an array `.npy`: anything but 0 shows the object |
+//!
+//! Points are in the camera's frame: x to the right, y down, z along its axis. The view point is their origin.
+
+mod camera;
+mod error;
+pub mod image;
+
+pub use camera::Intrinsics;
+pub use error::DepthError;
+
+use super::Point;
+use super::cloud_file::{extension, npy};
+use super::raster::Pinhole;
+use image::Image;
+use std::path::Path;
+
+/// What the camera sees of an object and around it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DepthImage {
+    /// The camera, with the size of the image.
+    pub camera: Pinhole,
+    /// Row by row; 0 where there is none.
+    depths: Vec<f32>,
+    /// Whether a pixel shows the object.
+    mask: Vec<bool>,
+}
+
+/// Something, and the file or argument that it comes from.
+pub type Named<'p, T> = (&'p Path, T);
+
+impl DepthImage {
+    /// Of depths and a mask of the camera's size, row by row. What is no positive number was not measured.
+    pub fn new(camera: Pinhole, depths: Vec<f32>, mask: Vec<bool>) -> DepthImage {
+        let measured = |depth: f32| {
+            if depth > 0.0 && depth.is_finite() {
+                depth
+            } else {
+                0.0
+            }
+        };
+        DepthImage {
+            camera,
+            depths: depths.into_iter().map(measured).collect(),
+            mask,
+        }
+    }
+
+    /// The same of parts that a user gave. Depths are multiplied by `scale`, which gives the points their unit; without a mask
+    /// all pixels show the object.
+    ///
+    /// # Errors
+    /// Sizes that differ, a mask that is 0 everywhere, no depth where the object is.
+    pub fn checked(
+        (depth_path, depth): Named<'_, Image<f32>>,
+        (camera_path, camera): Named<'_, Intrinsics>,
+        mask: Option<Named<'_, Image<bool>>>,
+        scale: f64,
+    ) -> Result<DepthImage, DepthError> {
+        let size = depth.size;
+        let same = |path: &Path, found| match found == size {
+            true => Ok(()),
+            false => Err(DepthError::Size {
+                path: path.into(),
+                found,
+                depth: depth_path.into(),
+                expected: size,
+            }),
+        };
+        same(camera_path, camera.size.unwrap_or(size))?;
+        let mask = match mask {
+            None => vec![true; depth.values.len()],
+            Some((path, mask)) => {
+                same(path, mask.size)?;
+                if !mask.values.contains(&true) {
+                    return Err(DepthError::EmptyMask { path: path.into() });
+                }
+                mask.values
+            }
+        };
+        let scaled = |&units: &f32| (f64::from(units) * scale) as f32;
+        let depths = depth.values.iter().map(scaled).collect();
+        let image = DepthImage::new(camera.pinhole(size), depths, mask);
+        if image.pixels(true).is_empty() {
+            return Err(DepthError::NoDepth {
+                path: depth_path.into(),
+                pixels: image.object_pixels(),
+            });
+        }
+        Ok(image)
+    }
+
+    /// Pixels of the object, with a depth or without.
+    pub fn object_pixels(&self) -> usize {
+        self.mask.iter().filter(|&&inside| inside).count()
+    }
+
+    /// Pixels (row-major) with a depth, inside the mask or outside of it.
+    pub fn pixels(&self, inside: bool) -> Vec<u32> {
+        let pixels = self.depths.iter().zip(&self.mask).enumerate();
+        pixels
+            .filter(|(_, (depth, mask))| **depth > 0.0 && **mask == inside)
+            .map(|(i, _)| i as u32)
+            .collect()
+    }
+
+    /// The point seen at one of [`Self::pixels`], in the camera's frame.
+    pub fn point(&self, pixel: u32) -> Point {
+        let pixel = pixel as usize;
+        let width = self.camera.size[0];
+        let ray = self.camera.ray(pixel % width, pixel / width);
+        (ray * self.depths[pixel]).to_array()
+    }
+
+    /// The points seen inside the mask or outside of it.
+    pub fn points(&self, inside: bool) -> Vec<Point> {
+        let pixels = self.pixels(inside).into_iter();
+        pixels.map(|pixel| self.point(pixel)).collect()
+    }
+}
+
+/// What a file of depths must be.
+const DEPTHS: &str = "depths in a greyscale PNG of 16 bits, or an array (rows, columns) in a .npy file, floats or integers of 16 bits or more";
+/// What a file of a mask must be.
+const MASK: &str = "a mask in a greyscale PNG of up to 8 bits, or an array (rows, columns) in a .npy file, 0 where the object is not seen";
+
+/// Depths as a file holds them, and whether they are floating-point numbers: by convention (ROS REP 118) these are metres, and
+/// integers millimetres.
+///
+/// # Errors
+/// A file that cannot be read, or is none of [the kinds](self).
+pub fn read_depths(path: &Path) -> Result<(Image<f32>, bool), DepthError> {
+    if extension(path) == "png" {
+        let image = image::read_depth(path)?;
+        return Ok((image.map(f32::from), false));
+    }
+    let grid = read_grid(path, DEPTHS)?;
+    if grid.bytes == 1 {
+        return Err(DepthError::Malformed {
+            path: path.into(),
+            reason: "its numbers have 8 bits, which are too few for depths".into(),
+            expected: DEPTHS,
+        });
+    }
+    Ok((grid.image.map(|x| x as f32), grid.is_float))
+}
+
+/// The mask in a file.
+///
+/// # Errors
+/// As [`read_depths`].
+pub fn read_mask(path: &Path) -> Result<Image<bool>, DepthError> {
+    if extension(path) == "png" {
+        return Ok(image::read_mask(path)?.map(|value| value > 0));
+    }
+    Ok(read_grid(path, MASK)?.image.map(|value| value != 0.0))
+}
+
+fn read_grid(path: &Path, expected: &'static str) -> Result<npy::Grid, DepthError> {
+    let malformed = |reason: String| DepthError::Malformed {
+        path: path.into(),
+        reason,
+        expected,
+    };
+    let kind = extension(path);
+    if kind != "npy" {
+        return Err(malformed(format!("its extension is \".{kind}\"")));
+    }
+    let bytes = std::fs::read(path).map_err(|source| DepthError::Io {
+        path: path.into(),
+        source,
+    })?;
+    npy::grid(&bytes).map_err(malformed)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,264 @@
+//! `host-train register --depth`: a depth image in the source's place.
+
+mod support;
+
+use glam::{Affine3A, Vec2, Vec3};
+use host_train::dataset::cloud_file::{CloudFile, write_cloud};
+use host_train::dataset::depth::image::{Image, write_depth, write_mask};
+use host_train::dataset::procedural;
+use host_train::dataset::raster::Pinhole;
+use reagent_core::Pose;
+use reagent_core::pose::rotation_from_euler;
+use std::path::Path;
+use support::{fail, folder, read_json, run, succeed};
+
+const SIZE: [usize; 2] = [160, 120];
+const CAMERA: &str = "200,200,79.5,59.5";
+
+/// Half a metre ahead; lengths are millimetres.
+fn camera_from_model() -> Pose {
+    Pose {
+        rotation: rotation_from_euler(Vec3::new(2.0, 0.4, -0.7)),
+        translation: Vec3::new(20.0, -10.0, 500.0),
+    }
+}
+
+/// Writes a part of 80 mm and what a camera sees of it before a wall: `depth.png` in tenths of a millimetre, `mask.png` and
+/// the part's mesh as `part.ply`.
+fn write_view(at: &Path) {
+    let mut mesh = procedural::shape(1, 1).mesh;
+    for vertex in &mut mesh.vertices {
+        *vertex *= 80.0;
+    }
+    let part = CloudFile {
+        points: mesh
+            .vertices
+            .iter()
+            .map(|v| v.to_array().map(f64::from))
+            .collect(),
+        faces: Some(mesh.faces.clone()),
+        ..CloudFile::default()
+    };
+    write_cloud(&at.join("part.ply"), &part).expect("written");
+    let camera = Pinhole {
+        size: SIZE,
+        focal: Vec2::splat(200.0),
+        centre: Vec2::new(79.5, 59.5),
+    };
+    let Pose {
+        rotation,
+        translation,
+    } = camera_from_model();
+    let place = Affine3A::from_mat3_translation(rotation, translation);
+    let seen = camera.inverse_depths(&mesh, &place);
+    let depth = |&inverse: &f32| {
+        if inverse > 0.0 {
+            10.0 / inverse
+        } else {
+            9000.0
+        }
+    };
+    let depths = Image {
+        size: SIZE,
+        values: seen.iter().map(|d| depth(d).round() as u16).collect(),
+    };
+    write_depth(&at.join("depth.png"), &depths).expect("written");
+    let mask: Vec<bool> = seen.iter().map(|&inverse| inverse > 0.0).collect();
+    write_mask(&at.join("mask.png"), SIZE, &mask).expect("written");
+}
+
+/// A start some 14 degrees and 25 mm off.
+fn start() -> String {
+    let off = Pose {
+        rotation: rotation_from_euler(Vec3::new(0.15, -0.15, 0.1)),
+        translation: Vec3::new(5.0, -5.0, 10.0),
+    };
+    let rows = off.after(camera_from_model().inverse()).to_rows();
+    let numbers: Vec<String> = rows.iter().flatten().map(f32::to_string).collect();
+    numbers.join(",")
+}
+
+/// Degrees and millimetres between the pose that `--json p.json` has, its lengths multiplied by `scale`, and the true one.
+fn errors(at: &Path, scale: f32) -> (f32, f32) {
+    let document = read_json(&at.join("p.json"));
+    let row = |r: usize| -> [f32; 4] {
+        std::array::from_fn(|c| {
+            let number = document["target_from_source"][r][c].as_f64();
+            number.expect("a number") as f32
+        })
+    };
+    let found = Pose::from_rows([row(0), row(1), row(2)]);
+    let scaled = Pose {
+        translation: found.translation * scale,
+        ..found
+    };
+    let off = scaled.after(camera_from_model());
+    let trace = off.rotation.x_axis.x + off.rotation.y_axis.y + off.rotation.z_axis.z;
+    let angle = ((trace - 1.0) / 2.0).clamp(-1.0, 1.0).acos().to_degrees();
+    (angle, off.translation.length())
+}
+
+#[test]
+fn a_depth_image_is_registered_in_millimetres_and_other_units() {
+    let folder = folder();
+    let at = folder.path();
+    write_view(at);
+    let common = format!("--mask mask.png --init {} --json p.json", start());
+    let output = run(
+        at,
+        &format!(
+            "register --depth depth.png --camera {CAMERA} --depth-scale 0.1 part.ply {common}"
+        ),
+    );
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(0), "{said}");
+    assert!(
+        said.contains("points in millimetres (0.1 mm a unit of depth)"),
+        "{said}"
+    );
+    let (angle, shift) = errors(at, 1.0);
+    assert!(angle < 1.0 && shift < 1.0, "{angle} deg, {shift} mm");
+    let document = read_json(&at.join("p.json"));
+    assert_eq!(document["verdict"], "converged");
+    assert_eq!(document["notes"][0]["kind"], "seen");
+
+    // The scale of the camera's file, and a target in metres.
+    let file = r#"{"fx": 200, "fy": 200, "cx": 79.5, "cy": 59.5, "width": 160, "height": 120, "depth_scale": 0.1}"#;
+    std::fs::write(at.join("camera.json"), file).expect("written");
+    let part = host_train::dataset::cloud_file::read_file(&at.join("part.ply")).expect("read");
+    let metres = CloudFile {
+        points: part.points.iter().map(|p| p.map(|x| x * 1e-3)).collect(),
+        ..part.clone()
+    };
+    write_cloud(&at.join("metres.ply"), &metres).expect("written");
+    let init: Vec<f32> = start()
+        .split(',')
+        .map(|x| x.parse().expect("a number"))
+        .collect();
+    let shifted = |(i, &x): (usize, &f32)| if i % 4 == 3 { x * 1e-3 } else { x };
+    let init: Vec<String> = init
+        .iter()
+        .enumerate()
+        .map(shifted)
+        .map(|x| x.to_string())
+        .collect();
+    succeed(
+        at,
+        &format!(
+            "register --depth depth.png --camera camera.json --mask mask.png --unit mm metres.ply --init {} --json p.json",
+            init.join(",")
+        ),
+    );
+    let (angle, shift) = errors(at, 1e3);
+    assert!(angle < 1.0 && shift < 1.0, "{angle} deg, {shift} mm");
+
+    // A model without faces is one, too, and it is said.
+    let vertices = CloudFile {
+        faces: None,
+        points: procedural::shape(1, 1)
+            .mesh
+            .sample(
+                3000,
+                &mut host_train::random::stream(1, host_train::random::Purpose::Shape, 0),
+            )
+            .into_iter()
+            .map(|p| p.map(|x| f64::from(x) * 80.0))
+            .collect(),
+        ..part
+    };
+    write_cloud(&at.join("points.ply"), &vertices).expect("written");
+    let output = run(
+        at,
+        &format!("register --depth depth.png --camera camera.json points.ply {common}"),
+    );
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(
+        said.contains("points.ply: it has points and no faces"),
+        "{said}"
+    );
+    let (angle, shift) = errors(at, 1.0);
+    assert!(angle < 1.0 && shift < 1.5, "{angle} deg, {shift} mm");
+}
+
+#[test]
+fn depth_images_that_cannot_be_registered_are_refused_with_the_reason() {
+    let folder = folder();
+    let at = folder.path();
+    write_view(at);
+    let register = |rest: &str| format!("register --depth {rest} part.ply");
+    write_mask(&at.join("small.png"), [3, 2], &[true; 6]).expect("written");
+    write_mask(&at.join("empty.png"), SIZE, &[false; 160 * 120]).expect("written");
+    let mut corner = [false; 160 * 120];
+    corner[..3].fill(true);
+    write_mask(&at.join("corner.png"), SIZE, &corner).expect("written");
+    let nothing = Image {
+        size: SIZE,
+        values: vec![0; 160 * 120],
+    };
+    write_depth(&at.join("nothing.png"), &nothing).expect("written");
+    for (rest, words) in [
+        (
+            format!("depth.png --camera {CAMERA} --mask small.png"),
+            ["small.png", "3 x 2 pixels"],
+        ),
+        (
+            format!("depth.png --camera {CAMERA} --mask empty.png"),
+            ["empty.png", "no pixel shows"],
+        ),
+        (
+            format!("nothing.png --camera {CAMERA} --mask mask.png"),
+            ["nothing.png", "has a depth"],
+        ),
+        (
+            format!("mask.png --camera {CAMERA}"),
+            ["mask.png", "16 bits"],
+        ),
+        (
+            format!("depth.png --camera {CAMERA} --mask depth.png"),
+            ["depth.png", "8 bits"],
+        ),
+        (
+            format!("depth.tif --camera {CAMERA}"),
+            ["depth.tif", ".npy"],
+        ),
+        (
+            "depth.png --camera nowhere.json".into(),
+            ["nowhere.json", "No such file"],
+        ),
+    ] {
+        fail(at, &register(&rest), &words);
+    }
+    // Three pixels have a pose that nobody should act on.
+    succeed(
+        at,
+        &register(&format!(
+            "depth.png --camera {CAMERA} --mask corner.png --depth-scale 0.1 --json p.json"
+        )),
+    );
+    assert_ne!(read_json(&at.join("p.json"))["verdict"], "converged");
+    for (rest, words) in [
+        ("depth.png".to_owned(), "--camera"),
+        (
+            "depth.png --camera 0,200,79.5,59.5".into(),
+            "focal lengths are positive",
+        ),
+        ("depth.png --camera 200,200,79.5".into(), "it has 3 numbers"),
+        (
+            format!("depth.png --camera {CAMERA} --depth-scale 0"),
+            "positive",
+        ),
+        (
+            format!("depth.png --camera {CAMERA} --view origin"),
+            "--view",
+        ),
+        (
+            format!("depth.png --camera {CAMERA} part.ply"),
+            "takes the place of SOURCE",
+        ),
+    ] {
+        let output = run(at, &register(&rest));
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{rest}: {said}");
+        assert!(said.contains(words), "{rest}: {said}");
+    }
+}

@@ -15,7 +15,7 @@
 //!
 //! Modules stand in layers, and import from layers before theirs only (`tests/tests/layers.rs`):
 //!
-//! - layer: numbers, error, dims, turn
+//! - layer: numbers, error, dims, turn, cells
 //! - layer: shape, grid, critical, layer, pose, loss, outliers
 //! - layer: cloud, steps, view, kernels
 //! - layer: solve
@@ -46,6 +46,7 @@
 )]
 
 pub mod budget;
+mod cells;
 pub mod chamfer;
 pub mod cloud;
 pub mod covariance;

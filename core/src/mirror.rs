@@ -7,9 +7,7 @@
 
 use crate::loss::{COMPARED, CONTENDERS};
 use crate::polish::Refiner;
-use crate::search::{
-    Best, SCREEN, SCREEN_POINTS, SCREEN_SCALE, SIFT_POINTS, SIFT_SCALE, aligned, mirrored,
-};
+use crate::search::{Best, SIFT_POINTS, SIFT_SCALE, aligned, mirrored};
 use crate::solve::Rigid;
 use crate::surface::Surface;
 
@@ -27,15 +25,14 @@ impl Refiner<'_> {
     pub(crate) fn mirror_score(&mut self, found: Rigid) -> f32 {
         const HERE: usize = CONTENDERS - 1;
         const MIRRORED: usize = CONTENDERS - 2;
-        let ([screened_by, screened_on], [_, sifted_on]) = (SCREEN_POINTS, SIFT_POINTS);
+        let [_, sifted_on] = SIFT_POINTS;
         self.keep_surface_losses(HERE, found);
         let least = self.coarse_loss(found, sifted_on, SIFT_SCALE);
         self.mirror_source();
         let [source, target] = self.surfaces().map(Surface::axes);
         let mut screened = Best::<SIFTED>::NONE;
         for at in mirrored(found, target).chain(aligned(source, target, found.shift)) {
-            let at = self.coarse(at, screened_by, &SCREEN);
-            screened.offer(self.coarse_loss(at, screened_on, SCREEN_SCALE), at);
+            self.screen(at, &mut screened);
         }
         let mut sifted = Best::<POLISHED>::NONE;
         for (_, at) in screened.held() {

@@ -5,6 +5,7 @@
 //!
 //! [`NEAR`] points share a bound. A cell of the cloud is cut across its longest side until it has no more (a k-d tree).
 
+use crate::cells::{bounds, cut};
 use crate::cloud::Cloud;
 use crate::dims::POINTS_ORDERED;
 use crate::kernels::NEAR;
@@ -59,9 +60,9 @@ impl Order {
                 point: point as u16,
             };
         }
-        let [low, high] = bounds(places);
+        let [low, high] = bounds(places, |place| place.at);
         let middle = (low + high) / 2.0;
-        cut(places, SEEDED);
+        cut(places, SEEDED, |place| place.at);
         let mut ahead = 0;
         for first in (0..places.len()).step_by(SEEDED) {
             let cell = places.iter().enumerate().skip(first).take(SEEDED);
@@ -73,7 +74,7 @@ impl Order {
             }
         }
         if let Some(rest) = places.get_mut(ahead..) {
-            cut(rest, NEAR);
+            cut(rest, NEAR, |place| place.at);
         }
         for (point, place) in self.points.iter_mut().zip(&*places) {
             *point = place.point;
@@ -96,30 +97,6 @@ impl Order {
             _ => usize::MAX,
         }
     }
-}
-
-/// Lowest and highest coordinates.
-fn bounds(places: &[Place]) -> [Vec3; 2] {
-    let start = [Vec3::INFINITY, Vec3::NEG_INFINITY];
-    let widen = |[low, high]: [Vec3; 2], place: &Place| [low.min(place.at), high.max(place.at)];
-    places.iter().fold(start, widen)
-}
-
-/// Cuts points in halves of whole cells until no cell has more than `most`; cells side by side follow each other.
-fn cut(places: &mut [Place], most: usize) {
-    let half = places.len().div_ceil(most) / 2 * most;
-    if half == 0 {
-        return;
-    }
-    let [low, high] = bounds(places);
-    match (high - low).max_position() {
-        0 => places.select_nth_unstable_by(half, |a, b| a.at.x.total_cmp(&b.at.x)),
-        1 => places.select_nth_unstable_by(half, |a, b| a.at.y.total_cmp(&b.at.y)),
-        _ => places.select_nth_unstable_by(half, |a, b| a.at.z.total_cmp(&b.at.z)),
-    };
-    let (below, above) = places.split_at_mut(half);
-    cut(below, most);
-    cut(above, most);
 }
 
 #[cfg(test)]
@@ -154,7 +131,7 @@ mod tests {
                 at: points[point].into(),
                 point: point as u16,
             });
-            let [low, high] = bounds(&places.collect::<Vec<_>>());
+            let [low, high] = bounds(&places.collect::<Vec<_>>(), |place| place.at);
             assert!((high - low).max_element() <= 8.0);
         }
         // Of each cell the point that is farthest from the middle.

@@ -19,7 +19,10 @@ use crate::kernels::{Isa, PAIRS, Pairs, Sums, Weighing};
 use crate::loss::{self, Losses};
 use crate::nearest::Lookup;
 use crate::pose::{Pose, mean};
-use crate::search::{SIFT, SIFT_POINTS, SIFT_SCALE};
+use crate::search::{
+    Best, EARLY, EARLY_POINTS, EARLY_SLACK, SCREEN, SCREEN_POINTS, SCREEN_SCALE, SIFT, SIFT_POINTS,
+    SIFT_SCALE,
+};
 use crate::solve::{Motion, Rigid, least};
 use crate::surface::Surface;
 use glam::Vec3;
@@ -153,6 +156,17 @@ pub(crate) struct Stage {
     pub(crate) stop: f32,
 }
 
+impl Stage {
+    /// Squared distance from which a match has no weight, by the median squared distance.
+    fn gate(&self, median: f32, radius: f32) -> f32 {
+        let (least, widest) = (LEAST_GATE * radius, self.widest * radius);
+        (self.gate * self.gate * median)
+            .max(least * least)
+            .min(widest * widest)
+            .max(1e-12)
+    }
+}
+
 /// Draws near from where a policy ends.
 const NEAR: Stage = Stage {
     iterations: 12,
@@ -169,7 +183,7 @@ const FINE: Stage = Stage {
     gate: 3.0,
     widest: WIDEST_GATE,
     tangential: 0.2,
-    stop: 1e-4,
+    stop: 3e-4,
 };
 /// The same for a hypothesis that is to be compared with others.
 const BRIEF_NEAR: Stage = Stage {
@@ -193,6 +207,9 @@ const LEAST_GATE: f32 = 0.02;
 /// Widest gate of the last steps, in radii of a neighbourhood: where clouds overlap in part, the median is that of
 /// points without a counterpart.
 const WIDEST_GATE: f32 = 0.4;
+
+/// Distance from which a point is near nothing of a surface, in radii of a neighbourhood: its loss is 1 anyway.
+const NEAR_NOTHING: f32 = 1.0;
 
 /// Two clouds, prepared to be refined and compared.
 #[derive(Debug)]
@@ -333,8 +350,7 @@ impl<'w> Refiner<'w> {
     pub(crate) fn run(&mut self, initial: Rigid, stage: &Stage) -> (Rigid, usize) {
         let mut at = initial;
         for i in 0..stage.iterations {
-            self.match_both(at, stage.points);
-            let (turn, shift) = self.equations(at, stage).solve(RIDGE);
+            let (turn, shift) = self.matched_equations(at, stage).solve(RIDGE);
             at = at.moved(turn, shift);
             if turn.length_squared().max(shift.length_squared()) < stage.stop * stage.stop {
                 return (at, i + 1);
@@ -346,19 +362,38 @@ impl<'w> Refiner<'w> {
     /// The axis, through the target's centre, about which the planes matched under a pose fix a turn least, and how well
     /// ([`Refined::rotation_constraint`]).
     pub(crate) fn least_constraint(&mut self, at: Rigid) -> (Vec3, f32) {
-        self.match_both(at, NEAR.points);
-        let (axis, constraint) = least(self.equations(at, &NEAR).turning());
+        let (axis, constraint) = least(self.matched_equations(at, &NEAR).turning());
         (if axis == Vec3::ZERO { Vec3::Z } else { axis }, constraint)
     }
 
-    /// Matches about `points` of each cloud with all of the other.
+    /// Matches about `points` of each cloud with all of the other; one that is near nothing, with any.
     pub(crate) fn match_both(&mut self, at: Rigid, points: usize) {
         let Workspace { source, target, .. } = &mut *self.workspace;
-        let pose = at.pose();
-        let every = |surface: &Surface| surface.points().len() / points.max(1);
-        let (every_s, every_t) = (every(source), every(target));
-        source.match_to(self.isa, target, pose, every_s);
-        target.match_to(self.isa, source, pose.inverse(), every_t);
+        let (pose, [every_s, every_t]) = (at.pose(), every(points, source, target));
+        let [near_target, near_source] = [&*target, &*source]
+            .map(|other| (NEAR_NOTHING * other.radius) * (NEAR_NOTHING * other.radius));
+        source.match_to(self.isa, target, pose, every_s, near_target);
+        target.match_to(self.isa, source, pose.inverse(), every_t, near_source);
+    }
+
+    /// The same for a stage's steps, and the squared distance from which a match has no weight: only those nearer are the
+    /// nearest for certain.
+    fn match_within_gate(&mut self, at: Rigid, stage: &Stage) -> f32 {
+        let Workspace { source, target, .. } = &mut *self.workspace;
+        let (pose, [every_s, every_t]) = (at.pose(), every(stage.points, source, target));
+        let radius = source.radius.max(target.radius);
+        let back = pose.inverse();
+        // A median is at most what it was by the last matches, and so is the gate.
+        let gate = stage.gate(source.largest_median(target, pose, every_s), radius);
+        source.match_to(self.isa, target, pose, every_s, gate);
+        let median = source.median_squared();
+        let gate = stage.gate(
+            target.largest_median(source, back, every_t).min(median),
+            radius,
+        );
+        target.match_to(self.isa, source, back, every_t, gate);
+        // Where one cloud shows a part of the other, its own points' median is that of the part.
+        stage.gate(target.median_squared().min(median), radius)
     }
 
     /// Residual under the pose for which points were matched last, by what the view point tells.
@@ -407,23 +442,10 @@ impl<'w> Refiner<'w> {
         }
     }
 
-    /// Squared distance from which a match of those made last has no weight in a stage.
-    fn gate(&mut self, stage: &Stage) -> f32 {
-        let Workspace { source, target, .. } = &mut *self.workspace;
-        // Where one cloud shows a part of the other, its own points' median is that of the part.
-        let median = source.median_squared().min(target.median_squared());
-        let radius = source.radius.max(target.radius);
-        let (least, widest) = (LEAST_GATE * radius, stage.widest * radius);
-        (stage.gate * stage.gate * median)
-            .max(least * least)
-            .min(widest * widest)
-            .max(1e-12)
-    }
-
-    /// Normal equations of the points matched last.
-    fn equations(&mut self, at: Rigid, stage: &Stage) -> Motion {
+    /// Normal equations of a stage's step.
+    fn matched_equations(&mut self, at: Rigid, stage: &Stage) -> Motion {
         let by = Weighing {
-            gate: self.gate(stage),
+            gate: self.match_within_gate(at, stage),
             tangential: stage.tangential,
         };
         let [source, target] = self.surfaces();
@@ -449,8 +471,7 @@ impl<'w> Refiner<'w> {
 
     /// Normal equations of planes under a refined pose, summed in f64, and the weighted mean of their squared residuals.
     pub(crate) fn information(&mut self, at: Rigid) -> (Motion, f64) {
-        self.match_both(at, usize::MAX);
-        let gate = self.gate(&FINE);
+        let gate = self.match_within_gate(at, &FINE);
         let [source, target] = self.surfaces();
         let (pose, mut motion) = (at.pose(), Motion::ZERO);
         let (mut squares, mut weights) = (0.0f64, 0.0f64);
@@ -513,14 +534,35 @@ impl<'w> Refiner<'w> {
             ..
         } = &*self.workspace;
         let pose = at.pose();
-        let (mut sum, mut count) = (0.0f32, 0.0f32);
-        for i in source.sampled(points) {
-            let p = pose.apply(source.at(i).0);
-            let (q, n) = target.at(lookup.near(p));
-            sum += loss::of_surface(p - q, n, target.radius, scale);
-            count += 1.0;
+        let (mut sum, mut all) = (0.0f32, 0usize);
+        let mut places = source.sampled(points);
+        let mut pairs = Pairs::ZERO;
+        loop {
+            let count = fill_first(&mut pairs, &mut places, source);
+            if count == 0 {
+                return sum / all.max(1) as f32;
+            }
+            self.isa.see(&mut pairs, &pose);
+            look_up(&mut pairs, lookup, target);
+            let Pairs { p, q, n, .. } = &pairs;
+            let lanes = vectors(p).zip(vectors(q)).zip(vectors(n));
+            for ((p, q), n) in lanes.take(count) {
+                sum += loss::of_surface(p - q, n, target.radius, scale);
+            }
+            all += count;
         }
-        sum / count.max(1.0)
+    }
+
+    /// Offers a hypothesis after a few steps, unless it is far behind those held after the first of them.
+    pub(crate) fn screen<const N: usize>(&self, at: Rigid, screened: &mut Best<N>) {
+        let [points, compared] = SCREEN_POINTS;
+        let (early, late) = SCREEN.split_at(EARLY);
+        let at = self.coarse(at, EARLY_POINTS, early);
+        let loss = self.coarse_loss(at, EARLY_POINTS, SCREEN_SCALE);
+        if screened.takes(loss - EARLY_SLACK) {
+            let at = self.coarse(at, points, late);
+            screened.offer(self.coarse_loss(at, compared, SCREEN_SCALE), at);
+        }
     }
 
     /// A hypothesis after further steps, and its loss.
@@ -628,6 +670,11 @@ impl<'w> Refiner<'w> {
     }
 }
 
+/// Every how many-th point of each surface are about so many.
+fn every(points: usize, source: &Surface, target: &Surface) -> [usize; 2] {
+    [source, target].map(|surface| surface.points().len() / points.max(1))
+}
+
 /// Losses of the points matched last, of the source and of the target. Where a view point is known the target's
 /// are 1 for what stands in front of what was seen, and less than that for what only was not seen.
 fn matched_losses<'a>(
@@ -663,13 +710,13 @@ fn fill(
     source: &Surface,
     target: &Surface,
 ) -> usize {
-    let mut count = 0;
-    for (lane, (i, j)) in matched.take(PAIRS).enumerate() {
-        set(&mut pairs.p, &mut pairs.m, lane, source.at(i));
-        set(&mut pairs.q, &mut pairs.n, lane, target.at(j));
-        count += 1;
-    }
-    count
+    let Pairs { p, m, q, n } = pairs;
+    let lanes = columns(p).zip(columns(m)).zip(columns(q).zip(columns(n)));
+    let filled = lanes.zip(matched).map(|(((p, m), (q, n)), (i, j))| {
+        set(p, m, source.at(i));
+        set(q, n, target.at(j));
+    });
+    filled.count()
 }
 
 /// Sets the first of the pairs to the next points of the source; how many there were.
@@ -678,37 +725,37 @@ fn fill_first(
     places: &mut impl Iterator<Item = usize>,
     source: &Surface,
 ) -> usize {
-    let mut count = 0;
-    for (lane, i) in places.take(PAIRS).enumerate() {
-        set(&mut pairs.p, &mut pairs.m, lane, source.at(i));
-        count += 1;
-    }
-    count
+    let lanes = columns(&mut pairs.p).zip(columns(&mut pairs.m));
+    let filled = lanes.zip(places).map(|((p, m), i)| set(p, m, source.at(i)));
+    filled.count()
 }
 
 /// Sets the second of the pairs to points of the target that are about nearest to the first.
 fn look_up(pairs: &mut Pairs, lookup: &Lookup, target: &Surface) {
-    for lane in 0..PAIRS {
-        let p = Vec3::from_array(pairs.p.map(|row| row.get(lane).copied().unwrap_or(0.0)));
-        let second = target.at(lookup.near(p));
-        set(&mut pairs.q, &mut pairs.n, lane, second);
+    let places = lookup.near(&pairs.p);
+    let lanes = columns(&mut pairs.q).zip(columns(&mut pairs.n));
+    for ((q, n), place) in lanes.zip(places) {
+        set(q, n, target.at(place.into()));
     }
 }
 
-/// Sets a lane of rows of points and of their normals.
-fn set(
-    points: &mut [[f32; PAIRS]; 3],
-    normals: &mut [[f32; PAIRS]; 3],
-    lane: usize,
-    (point, normal): (Vec3, Vec3),
-) {
-    for (rows, v) in [(points, point), (normals, normal)] {
-        for (row, x) in rows.iter_mut().zip(v.to_array()) {
-            if let Some(place) = row.get_mut(lane) {
-                *place = x;
-            }
-        }
-    }
+/// The vectors in the lanes of three rows.
+fn vectors([x, y, z]: &[[f32; PAIRS]; 3]) -> impl Iterator<Item = Vec3> {
+    let lanes = x.iter().zip(y).zip(z);
+    lanes.map(|((&x, &y), &z)| Vec3::new(x, y, z))
+}
+
+/// The lanes of three rows.
+fn columns(rows: &mut [[f32; PAIRS]; 3]) -> impl Iterator<Item = [&mut f32; 3]> {
+    let [x, y, z] = rows;
+    let lanes = x.iter_mut().zip(y).zip(z);
+    lanes.map(|((x, y), z)| [x, y, z])
+}
+
+/// Sets a point and its normal.
+fn set([x, y, z]: [&mut f32; 3], [a, b, c]: [&mut f32; 3], (point, normal): (Vec3, Vec3)) {
+    [*x, *y, *z] = point.to_array();
+    [*a, *b, *c] = normal.to_array();
 }
 
 #[cfg(test)]

@@ -1,7 +1,8 @@
 //! A cloud as a sampled surface: points in spatial order, boxes around runs of them, and normals.
 
+use crate::cells::{bounds, compare, cut};
 use crate::dims::SURFACE_POINTS;
-use crate::kernels::{BATCH, Batch, Isa, Moments};
+use crate::kernels::{BATCH, Batch, Corners, Isa, Moments, RUN};
 use crate::outliers::Bulk;
 use crate::pose::Pose;
 use crate::solve::{principal_axes, smallest_direction};
@@ -10,8 +11,9 @@ use glam::{Mat3, Vec3};
 /// Points of one box.
 const BLOCK: usize = 32;
 const BLOCKS: usize = SURFACE_POINTS / BLOCK;
-/// Bits of a point's index in a sort key.
-const INDEX_BITS: u32 = 12;
+const RUNS: usize = SURFACE_POINTS / RUN;
+/// Points of a cell, of whole blocks.
+const CELL: usize = 128;
 /// Points of a neighbourhood, in the median: what [`Surface::radius`] holds.
 const NEIGHBOURS: usize = 24;
 /// Radius within which a normal is estimated, in radii of a neighbourhood.
@@ -22,20 +24,6 @@ const NORMAL_RADIUS: f32 = 0.85;
 struct Bounds {
     low: [f32; 3],
     high: [f32; 3],
-}
-
-impl Bounds {
-    const EMPTY: Bounds = Bounds {
-        low: [f32::INFINITY; 3],
-        high: [f32::NEG_INFINITY; 3],
-    };
-
-    fn add(&mut self, p: [f32; 3]) {
-        for ((low, high), x) in self.low.iter_mut().zip(&mut self.high).zip(p) {
-            *low = low.min(x);
-            *high = high.max(x);
-        }
-    }
 }
 
 /// The boxes of all blocks, one row an axis: distances to all of them are found in lanes.
@@ -95,16 +83,21 @@ pub(crate) struct Surface {
     points: [[f32; 3]; SURFACE_POINTS],
     normals: [[f32; 3]; SURFACE_POINTS],
     boxes: Boxes,
+    /// The boxes of runs of points within the blocks.
+    runs: [Corners; RUNS],
     /// Share of the cloud's points that were left out as outliers.
     pub(crate) left_out: f32,
     /// Radius about a point that holds [`NEIGHBOURS`] others, in the median.
     pub(crate) radius: f32,
-    /// Sort keys while the surface is filled, then what a median is selected from.
+    /// What a median is selected from: after [`Self::match_to`], the squared
+    /// distances that it found.
     keys: [u32; SURFACE_POINTS],
     /// Every how many-th point was matched last; 0 where none was yet.
     every: usize,
+    /// Whether all points were matched at least once.
+    is_known: bool,
+    /// Of each point: the place of the other surface's point that was nearest when it was matched last.
     place: [u16; SURFACE_POINTS],
-    squared: [f32; SURFACE_POINTS],
 }
 
 impl Surface {
@@ -114,12 +107,13 @@ impl Surface {
         points: [[0.0; 3]; SURFACE_POINTS],
         normals: [[0.0; 3]; SURFACE_POINTS],
         boxes: Boxes::ZERO,
+        runs: [[[0.0; 3]; 2]; RUNS],
         left_out: 0.0,
         radius: 0.0,
         keys: [0; SURFACE_POINTS],
         every: 0,
+        is_known: false,
         place: [0; SURFACE_POINTS],
-        squared: [0.0; SURFACE_POINTS],
     };
 
     /// The points, in spatial order.
@@ -135,8 +129,10 @@ impl Surface {
 
     /// Point and normal at a place, zero where there is none.
     pub(crate) fn at(&self, place: usize) -> (Vec3, Vec3) {
-        let get = |of: &[[f32; 3]]| Vec3::from_array(of.get(place).copied().unwrap_or_default());
-        (get(&self.points), get(&self.normals))
+        match (self.points.get(place), self.normals.get(place)) {
+            (Some(&point), Some(&normal)) => (Vec3::from_array(point), Vec3::from_array(normal)),
+            _ => (Vec3::ZERO, Vec3::ZERO),
+        }
     }
 
     /// Where a cloud's points are that [`Self::fill`] is to take.
@@ -159,51 +155,31 @@ impl Surface {
         let at = |i: usize| at(i).unwrap_or_default();
         let seen = |i: usize| (Vec3::from_array(at(i)) - centre) * factor;
         let kept = (0..n).filter(|&i| bulk.holds(at(i)));
-        self.every = 0;
-        let mut around = Bounds::EMPTY;
+        (self.every, self.is_known) = (0, false);
         let mut count = 0;
-        for i in kept.clone() {
-            around.add(seen(i).to_array());
+        for (place, i) in self.points.iter_mut().zip(kept) {
+            *place = seen(i).to_array();
             count += 1;
         }
         self.left_out = (n - count) as f32 / n.max(1) as f32;
-        let low = Vec3::from_array(around.low);
-        let extent = (Vec3::from_array(around.high) - low).max_element();
-        let cells = if extent > 0.0 { 63.999 / extent } else { 0.0 };
-        for (key, i) in self.keys.iter_mut().zip(kept) {
-            let cell = ((seen(i) - low) * cells).to_array();
-            let [x, y, z] = cell.map(|x| spread(x as u32 & 63));
-            *key = (x | y << 1 | z << 2) << INDEX_BITS | i as u32;
-        }
-        if let Some(keys) = self.keys.get_mut(..count) {
-            keys.sort_unstable();
-        }
-        let mut bounds = Bounds::EMPTY;
-        // A point that comes again says nothing new; equal points are in one cell, and so in one run of keys.
-        let (mut len, mut run, mut cell) = (0, 0, u32::MAX);
-        for k in 0..count {
-            let key = self.keys.get(k).copied().unwrap_or_default();
-            let point = seen((key & ((1 << INDEX_BITS) - 1)) as usize).to_array();
-            if key >> INDEX_BITS != cell {
-                (cell, run) = (key >> INDEX_BITS, len);
-            }
-            let known = self.points.get(run..len).unwrap_or(&[]);
-            if known.contains(&point) {
-                continue;
-            }
-            if let Some(place) = self.points.get_mut(len) {
-                *place = point;
-                if len % BLOCK == 0 {
-                    bounds = Bounds::EMPTY;
-                }
-                bounds.add(point);
-                self.boxes.set(len / BLOCK, &bounds);
-                len += 1;
-            }
-        }
-        self.len = len;
+        self.len = put_in_order(self.points.get_mut(..count).unwrap_or(&mut []));
+        self.enclose();
         self.radius = self.neighbourhood();
         self.estimate_normals(isa);
+    }
+
+    /// Finds the boxes.
+    fn enclose(&mut self) {
+        let points = self.points.get(..self.len).unwrap_or(&[]);
+        for (corners, run) in self.runs.iter_mut().zip(points.chunks(RUN)) {
+            let [low, high] = bounds(run, |&p| Vec3::from_array(p));
+            *corners = [low.to_array(), high.to_array()];
+        }
+        for (block, points) in points.chunks(BLOCK).enumerate() {
+            let [low, high] = bounds(points, |&p| Vec3::from_array(p));
+            let (low, high) = (low.to_array(), high.to_array());
+            self.boxes.set(block, &Bounds { low, high });
+        }
     }
 
     /// Takes the mirror image, x the other way around; twice is the same again, to the bit.
@@ -212,6 +188,9 @@ impl Surface {
         vectors.for_each(|[x, _, _]| *x = -*x);
         let ([low, _, _], [high, _, _]) = (&mut self.boxes.low, &mut self.boxes.high);
         for (low, high) in low.iter_mut().zip(high) {
+            (*low, *high) = (-*high, -*low);
+        }
+        for [[low, _, _], [high, _, _]] in &mut self.runs {
             (*low, *high) = (-*high, -*low);
         }
     }
@@ -228,47 +207,68 @@ impl Surface {
         principal_axes(sums)
     }
 
-    /// Finds the nearest point of `other` to every `every`-th point, seen under `pose`.
-    pub(crate) fn match_to(&mut self, isa: Isa, other: &Surface, pose: Pose, every: usize) {
+    /// Finds the nearest point of `other` to every `every`-th point, seen under `pose`. Where none is nearer than the root of
+    /// `limit`, any may be found; what was nearest under another pose shortens the search.
+    pub(crate) fn match_to(
+        &mut self,
+        isa: Isa,
+        other: &Surface,
+        pose: Pose,
+        every: usize,
+        limit: f32,
+    ) {
         let every = every.max(1);
-        // What was nearest under the last pose is near now.
-        let is_known = self.every == every;
         self.every = every;
-        let sampled = self.points.iter().take(self.len).step_by(every);
-        let mut seen = sampled.map(|&p| pose.apply(Vec3::from_array(p)));
-        let (places, _) = self.place.as_chunks_mut::<BATCH>();
-        let (squared, _) = self.squared.as_chunks_mut::<BATCH>();
+        let of_batch = BATCH * every;
+        let points = self.points.get(..self.len).unwrap_or(&[]).chunks(of_batch);
+        let places = self.place.chunks_mut(of_batch);
+        let (keys, _) = self.keys.as_chunks_mut::<BATCH>();
         let mut batch = Batch::EMPTY;
-        for (places, squared) in places.iter_mut().zip(squared) {
-            if load(&mut batch, &mut seen) == 0 {
-                return;
-            }
+        for ((points, places), keys) in points.zip(places).zip(keys) {
+            load(&mut batch, &mut every_nth(points, every, pose));
             batch.nearest = [f32::INFINITY; BATCH];
-            if is_known {
-                other.show_known(&mut batch, places);
+            if self.is_known {
+                other.show_known(&mut batch, places.iter().step_by(every));
             }
-            other.nearest(isa, &mut batch);
-            *places = batch.place.map(|place| place as u16);
-            *squared = batch.nearest;
+            other.nearest(isa, &mut batch, limit);
+            for (place, found) in places.iter_mut().step_by(every).zip(batch.place) {
+                *place = found as u16;
+            }
+            *keys = batch.nearest.map(f32::to_bits); // in the order of the distances: they are not negative
         }
+        self.is_known |= every == 1;
+    }
+
+    /// At most so large is the median squared distance from `other` of every `every`-th point, seen under `pose`: that of the
+    /// points that were nearest when they were matched last.
+    pub(crate) fn largest_median(&mut self, other: &Surface, pose: Pose, every: usize) -> f32 {
+        if !self.is_known {
+            return f32::INFINITY;
+        }
+        let every = every.max(1);
+        let mut count = 0;
+        let points = every_nth(self.points.get(..self.len).unwrap_or(&[]), every, pose);
+        let places = self.place.iter().step_by(every);
+        for ((key, p), &place) in self.keys.iter_mut().zip(points).zip(places) {
+            let (q, _) = other.at(place.into());
+            *key = (p - q).length_squared().to_bits();
+            count += 1;
+        }
+        self.select(count, count / 2)
     }
 
     /// What [`Self::match_to`] found.
     pub(crate) fn matches(&self) -> impl Iterator<Item = Match> {
-        let count = self.len.div_ceil(self.every.max(1));
-        let found = self.place.iter().enumerate().take(count);
-        found.map(|(k, &to)| Match {
-            of: k * self.every,
+        let places = self.place.iter().enumerate().take(self.len);
+        places.step_by(self.every.max(1)).map(|(of, &to)| Match {
+            of,
             to: usize::from(to),
         })
     }
 
-    /// Median squared distance of the matches.
+    /// Median squared distance of the matches, once after [`Self::match_to`].
     pub(crate) fn median_squared(&mut self) -> f32 {
         let count = self.len.div_ceil(self.every.max(1));
-        for (key, squared) in self.keys.iter_mut().zip(&self.squared).take(count) {
-            *key = squared.to_bits(); // in the order of the distances: they are not negative
-        }
         self.select(count, count / 2)
     }
 
@@ -294,12 +294,17 @@ impl Surface {
         (0..).step_by(BLOCK).zip(self.points().chunks(BLOCK))
     }
 
-    /// Shows each lane of a batch one point that may be near.
-    fn show_known(&self, batch: &mut Batch, places: &[u16; BATCH]) {
+    /// Shows each lane of a batch one point that may be near; those beyond the last, that of the last.
+    pub(crate) fn show_known<'a>(
+        &self,
+        batch: &mut Batch,
+        mut places: impl Iterator<Item = &'a u16>,
+    ) {
         let Batch { at, nearest, place } = batch;
         let [x, y, z] = at;
-        let lanes = x.iter().zip(y).zip(z).zip(nearest).zip(place).zip(places);
-        for (((((x, y), z), nearest), place), &known) in lanes {
+        let mut known = 0;
+        for ((((x, y), z), nearest), place) in x.iter().zip(y).zip(z).zip(nearest).zip(place) {
+            known = places.next().copied().unwrap_or(known);
             if let Some(&[a, b, c]) = self.points().get(usize::from(known)) {
                 let (dx, dy, dz) = (*x - a, *y - b, *z - c);
                 (*nearest, *place) = (dx * dx + dy * dy + dz * dz, known.into());
@@ -307,8 +312,9 @@ impl Surface {
         }
     }
 
-    /// Nearest points to a batch, all of whose lanes are set, by distances that are known already or infinite.
-    pub(crate) fn nearest(&self, isa: Isa, batch: &mut Batch) {
+    /// Nearest points to a batch, all of whose lanes are set, by distances that are known already or infinite; where no point
+    /// is nearer than the root of `limit`, any.
+    pub(crate) fn nearest(&self, isa: Isa, batch: &mut Batch, limit: f32) {
         let gaps = self.boxes.gaps(&bounds_of(batch), self.len.div_ceil(BLOCK));
         let mut worst = largest(&batch.nearest);
         let mut shown = usize::MAX;
@@ -318,20 +324,24 @@ impl Surface {
                 .iter()
                 .zip(self.blocks())
                 .map(|(&gap, (start, _))| (gap, start));
-            let (_, start) = starts.fold((f32::INFINITY, 0), |a, b| nearer(&a, b));
-            if let Some(points) = self.points().get(start..) {
-                let points = points.get(..BLOCK).unwrap_or(points);
-                isa.show(batch, points, start as u32);
-                worst = largest(&batch.nearest);
-            }
-            shown = start;
+            (_, shown) = starts.fold((f32::INFINITY, 0), |a, b| nearer(&a, b));
+            self.show(isa, batch, shown, f32::INFINITY);
+            worst = largest(&batch.nearest);
         }
-        for (&gap, (start, points)) in gaps.iter().zip(self.blocks()) {
-            if gap < worst && start != shown {
-                isa.show(batch, points, start as u32);
+        for (&gap, (start, _)) in gaps.iter().zip(self.blocks()) {
+            if gap < worst && gap < limit && start != shown {
+                self.show(isa, batch, start, limit);
                 worst = largest(&batch.nearest);
             }
         }
+    }
+
+    /// Shows the block that starts at a place to a batch.
+    fn show(&self, isa: Isa, batch: &mut Batch, start: usize, limit: f32) {
+        let points = self.points().get(start..).unwrap_or(&[]);
+        let points = points.get(..BLOCK).unwrap_or(points);
+        let runs = self.runs.get(start / RUN..).unwrap_or(&[]);
+        isa.show(batch, points, runs, start as u32, limit);
     }
 
     /// See [`Self::radius`]; of some of the points.
@@ -397,6 +407,51 @@ fn normal_of([w, x, y, z, xx, yy, zz, xy, xz, yz]: [f32; 10]) -> [f32; 3] {
     .to_array()
 }
 
+/// Puts points in spatial order, each once; how many differ. Of every run, block and cell of a power of two, points lie
+/// together.
+fn put_in_order(points: &mut [[f32; 3]]) -> usize {
+    let at = |p: &[f32; 3]| Vec3::from_array(*p);
+    let by_coordinates = |a: &[f32; 3], b: &[f32; 3]| compare(0, at(a), at(b));
+    points.sort_unstable_by(by_coordinates);
+    // A point that comes again says nothing new.
+    let mut len = 0usize;
+    for k in 0..points.len() {
+        let before = len.checked_sub(1).and_then(|last| points.get(last));
+        let point = points.get(k).copied();
+        if let (Some(point), true) = (point, before != point.as_ref())
+            && let Some(place) = points.get_mut(len)
+        {
+            *place = point;
+            len += 1;
+        }
+    }
+    let points = points.get_mut(..len).unwrap_or(&mut []);
+    cut(points, CELL, at);
+    for cell in points.chunks_mut(CELL) {
+        cut(cell, RUN, at);
+    }
+    for run in points.chunks_mut(RUN) {
+        run.sort_unstable_by(|a, b| drawn(a).cmp(&drawn(b)).then_with(|| by_coordinates(a, b)));
+    }
+    len
+}
+
+/// A number drawn for a point, the same one every time.
+fn drawn(point: &[f32; 3]) -> u32 {
+    let mix = |sum: u32, x: &f32| {
+        (sum ^ x.to_bits())
+            .wrapping_mul(0x9e37_79b1)
+            .rotate_left(13)
+    };
+    point.iter().fold(0, mix)
+}
+
+/// Every so many-th point, seen under a pose.
+fn every_nth(points: &[[f32; 3]], every: usize, pose: Pose) -> impl Iterator<Item = Vec3> {
+    let sampled = points.iter().step_by(every);
+    sampled.map(move |&p| pose.apply(Vec3::from_array(p)))
+}
+
 /// Sets all lanes of a batch: to the next points, then to the last of them. Says how many there were.
 fn load(batch: &mut Batch, points: &mut impl Iterator<Item = Vec3>) -> usize {
     let mut count = 0;
@@ -434,9 +489,77 @@ fn largest(values: &[f32; BATCH]) -> f32 {
     larger(larger(a, b), larger(c, d))
 }
 
-/// Two zero bits between the six lowest bits.
-fn spread(x: u32) -> u32 {
-    let x = (x | x << 8) & 0x0300_f00f;
-    let x = (x | x << 4) & 0x030c_30c3;
-    (x | x << 2) & 0x0924_9249
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::polish::tests::{Numbers, part, pose};
+
+    fn surface(points: &[[f32; 3]]) -> Box<Surface> {
+        let mut surface = Box::new(Surface::EMPTY);
+        surface.fill(Isa::best(), points, Bulk::ALL, Vec3::ZERO, 1.0);
+        surface
+    }
+
+    #[test]
+    fn each_point_has_one_place_whatever_the_order_they_come_in() {
+        let points = part(700, 1);
+        let mut shuffled: Vec<_> = points.iter().chain(&points[..90]).copied().collect();
+        let mut numbers = Numbers(2);
+        for i in (1..shuffled.len()).rev() {
+            let j = (0.5 * (numbers.next() + 1.0) * i as f32) as usize;
+            shuffled.swap(i, j.min(i));
+        }
+        let (one, other) = (surface(&points), surface(&shuffled));
+        assert_eq!(one.points().len(), 700);
+        assert_eq!(one.points(), other.points());
+        let size = |run: &[[f32; 3]]| {
+            let [low, high] = bounds(run, |&p| Vec3::from_array(p));
+            (high - low).max_element()
+        };
+        let runs = one.points().chunks(RUN).map(size);
+        assert!(
+            runs.sum::<f32>() / 88.0 < 0.35,
+            "points of a run lie together"
+        );
+    }
+
+    #[test]
+    fn matches_are_the_nearest_within_the_limit_and_any_beyond() {
+        let (mut source, target) = (surface(&part(300, 3)), surface(&part(500, 4)));
+        let far = pose([0.3, 0.2, -0.4], [0.5, 0.1, 0.3]);
+        let near = pose([0.1, 0.0, -0.1], [0.1, 0.0, 0.0]);
+        for (pose, every, limit) in [
+            (far, 1, f32::INFINITY),
+            (near, 3, 0.01),
+            (near, 1, 0.04),
+            (far, 2, f32::INFINITY),
+            (far, 1, 1e-4),
+        ] {
+            let bound = source.largest_median(&target, pose, every);
+            source.match_to(Isa::best(), &target, pose, every, limit);
+            let mut found: Vec<f32> = Vec::new();
+            for Match { of, to } in source.matches() {
+                let p = pose.apply(source.at(of).0);
+                let squared = |&q: &[f32; 3]| (p - Vec3::from_array(q)).length_squared();
+                let nearest = target
+                    .points()
+                    .iter()
+                    .map(squared)
+                    .fold(f32::INFINITY, f32::min);
+                let here = squared(&target.points()[to]);
+                assert!(
+                    here == nearest || nearest >= limit,
+                    "{here} {nearest} {limit}"
+                );
+                found.push(here);
+            }
+            assert_eq!(found.len(), 300usize.div_ceil(every));
+            let median = source.median_squared();
+            assert!(median <= bound, "{median} {bound}");
+            assert_eq!(
+                found.iter().filter(|&&x| x < median).count(),
+                found.len() / 2
+            );
+        }
+    }
 }

@@ -16,8 +16,8 @@ use crate::pairs::matching_pairs;
 use crate::polish::{Candidate, Refined, Refiner};
 use crate::pose::Pose;
 use crate::search::{
-    Best, SCREEN, SCREEN_POINTS, SCREEN_SCALE, SIFT_POINTS, SIFT_SCALE, aligned, anywhere, around,
-    confused, copies, is_same,
+    Best, SCREEN_SCALE, SIFT_POINTS, SIFT_SCALE, aligned, anywhere, around, confused, copies,
+    is_same,
 };
 use crate::solve::Rigid;
 use crate::start::{Prior, Start};
@@ -25,11 +25,6 @@ use crate::surface::Surface;
 use crate::turn::Turn;
 use glam::Vec3;
 
-/// First steps after which a hypothesis that is far behind is given up, by how many points that is judged, and how much more
-/// loss it may have then than the worst that is kept.
-const EARLY: usize = 2;
-const EARLY_POINTS: usize = 64;
-const EARLY_SLACK: f32 = 0.1;
 /// Hypotheses that are sifted, and the same of the second round.
 const SIFTED: usize = 24;
 const SIFTED_AGAIN: usize = 6;
@@ -44,6 +39,8 @@ const MATCHED: usize = 48;
 /// Symmetric copies that are polished, and by how much more loss they count as such.
 const COPIES: usize = 4;
 const ALIKE: f32 = 0.08;
+/// How much more loss than the best a hypothesis may have to be polished.
+const FAR_BEHIND: f32 = 0.2;
 /// Hypotheses that are polished besides the start and the policy's pose.
 const POLISHED: usize = 5;
 /// Below this share of all axes, planes do not tell an angle: spins are tried, and it is looked how far they fit.
@@ -51,7 +48,7 @@ const SLIPPERY: f32 = 0.06;
 /// Spins about the axis about which planes fix a rotation least: every 4.5 degrees, from two poses.
 const SPINS: usize = 80;
 /// Points of each cloud by which spins are compared.
-const SPIN_POINTS: usize = 256;
+const SPIN_POINTS: usize = 64;
 /// Spins that are polished.
 const SPINS_POLISHED: usize = 1;
 /// Logarithm of probability that a whole point's loss stands for: far less than a point's own, since errors of neighbours
@@ -343,8 +340,9 @@ impl Search<'_, '_> {
     ) -> Result<(), E> {
         let [source_axes, target_axes] = self.refiner.surfaces().map(Surface::axes);
         let mut screened = Best::<SIFTED>::NONE;
+        let begun_elsewhere = !is_same(begun, polished);
         let hypotheses = around(polished)
-            .chain(around(begun))
+            .chain(around(begun).filter(|_| begun_elsewhere))
             .chain(confused(polished, target_axes))
             .chain(aligned(source_axes, target_axes, polished.shift))
             .chain(anywhere(begun));
@@ -375,8 +373,9 @@ impl Search<'_, '_> {
                 self.sift(at, &mut sifted);
             }
         }
+        // The copies of the pose at hand were tried already.
         let firsts = sifted.clone().held().take(AGAIN);
-        for (_, first) in firsts {
+        for (_, first) in firsts.filter(|&(_, first)| !is_same(first, polished)) {
             let mut screened = Best::<SIFTED_AGAIN>::NONE;
             for at in confused(first, target_axes) {
                 go_on()?;
@@ -387,7 +386,11 @@ impl Search<'_, '_> {
                 self.sift(at, &mut sifted);
             }
         }
-        for (_, at) in sifted.held() {
+        let least = sifted.least().unwrap_or(0.0);
+        for (_, at) in sifted
+            .held()
+            .take_while(|&(loss, _)| loss < least + FAR_BEHIND)
+        {
             go_on()?;
             let at = self.refiner.polish_briefly(at);
             self.enter(at, prior);
@@ -397,14 +400,7 @@ impl Search<'_, '_> {
 
     fn offer<const N: usize>(&mut self, at: Rigid, screened: &mut Best<N>) {
         self.hypotheses += 1;
-        let [points, compared] = SCREEN_POINTS;
-        let (early, late) = SCREEN.split_at(EARLY);
-        let at = self.refiner.coarse(at, points, early);
-        let early = self.refiner.coarse_loss(at, EARLY_POINTS, SCREEN_SCALE);
-        if screened.takes(early - EARLY_SLACK) {
-            let at = self.refiner.coarse(at, points, late);
-            screened.offer(self.refiner.coarse_loss(at, compared, SCREEN_SCALE), at);
-        }
+        self.refiner.screen(at, screened);
     }
 
     fn sift(&mut self, at: Rigid, sifted: &mut Best<POLISHED>) {

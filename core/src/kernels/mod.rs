@@ -83,7 +83,7 @@ mod x86_vnni_sieve;
 
 pub use equations::{PAIRS, Pairs, Sums, Weighing};
 pub use nearest::Queries;
-pub use neighbours::{BATCH, Batch, Moments};
+pub use neighbours::{BATCH, Batch, Corners, Moments, RUN};
 pub use packed::PackedDense;
 pub use peak::Arithmetic;
 pub(crate) use pruned::NEAR;

@@ -44,8 +44,20 @@ impl Moments {
     pub const ZERO: Moments = Moments([[0.0; BATCH]; 10]);
 }
 
+/// Points of a run of neighbours.
+pub const RUN: usize = 8;
+
+/// An axis-parallel box about [`RUN`] points or fewer: its lowest and highest corner.
+pub type Corners = [[f32; 3]; 2];
+
 #[inline(always)]
-fn nearest<const LANES: usize>(batch: &mut Batch, points: &[[f32; 3]], first: u32) {
+fn nearest<const LANES: usize>(
+    batch: &mut Batch,
+    points: &[[f32; 3]],
+    boxes: &[Corners],
+    first: u32,
+    limit: f32,
+) {
     let Batch {
         at: [x, y, z],
         nearest,
@@ -59,26 +71,58 @@ fn nearest<const LANES: usize>(batch: &mut Batch, points: &[[f32; 3]], first: u3
     let queries = x.iter().zip(y).zip(z).zip(nearest).zip(place);
     for ((((x, y), z), nearest), place) in queries {
         let (mut best, mut best_place) = (*nearest, *place);
-        for (here, &[a, b, c]) in (first..).zip(points) {
-            let mut squared = [0.0f32; LANES];
-            for i in 0..LANES {
-                let (dx, dy, dz) = (x[i] - a, y[i] - b, z[i] - c);
-                squared[i] = dx * dx + dy * dy + dz * dz;
+        let runs = (first..).step_by(RUN).zip(points.chunks(RUN)).zip(boxes);
+        for ((start, points), corners) in runs {
+            if !reaches([x, y, z], &best, corners, limit) {
+                continue;
             }
-            // Places first: a comparison that also chose the distance would keep it in memory.
-            for i in 0..LANES {
-                best_place[i] = if squared[i] < best[i] {
-                    here
-                } else {
-                    best_place[i]
-                };
-            }
-            for (best, squared) in best.iter_mut().zip(squared) {
-                *best = if squared < *best { squared } else { *best };
+            for (here, &[a, b, c]) in (start..).zip(points) {
+                let mut squared = [0.0f32; LANES];
+                for i in 0..LANES {
+                    let (dx, dy, dz) = (x[i] - a, y[i] - b, z[i] - c);
+                    squared[i] = dx * dx + dy * dy + dz * dz;
+                }
+                // Places first: a comparison that also chose the distance would keep it in memory.
+                for i in 0..LANES {
+                    best_place[i] = if squared[i] < best[i] {
+                        here
+                    } else {
+                        best_place[i]
+                    };
+                }
+                for (best, squared) in best.iter_mut().zip(squared) {
+                    *best = if squared < *best { squared } else { *best };
+                }
             }
         }
         (*nearest, *place) = (best, best_place);
     }
+}
+
+/// Whether a box reaches nearer to one of the queries than its nearest point, and than the root of `limit`. No point of a box
+/// that does not is nearer, however its distance is rounded: both are the same sums of differences, and those are ordered.
+#[inline(always)]
+fn reaches<const LANES: usize>(
+    at: [&[f32; LANES]; 3],
+    nearest: &[f32; LANES],
+    [low, high]: &Corners,
+    limit: f32,
+) -> bool {
+    let mut gaps = [0.0f32; LANES];
+    for ((row, low), high) in at.into_iter().zip(low).zip(high) {
+        for (gap, x) in gaps.iter_mut().zip(row) {
+            let (below, above) = (low - x, x - high);
+            let d = if below > above { below } else { above };
+            let d = if d > 0.0 { d } else { 0.0 };
+            *gap += d * d;
+        }
+    }
+    let mut reached = 0u32;
+    for (gap, &nearest) in gaps.into_iter().zip(nearest) {
+        let nearest = if nearest < limit { nearest } else { limit };
+        reached |= u32::from(gap < nearest);
+    }
+    reached != 0
 }
 
 #[inline(always)]
@@ -119,14 +163,20 @@ fn moments<const LANES: usize>(
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
-fn nearest_avx2(batch: &mut Batch, points: &[[f32; 3]], first: u32) {
-    nearest::<16>(batch, points, first);
+fn nearest_avx2(batch: &mut Batch, points: &[[f32; 3]], boxes: &[Corners], first: u32, limit: f32) {
+    nearest::<8>(batch, points, boxes, first, limit);
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f")]
-fn nearest_avx512(batch: &mut Batch, points: &[[f32; 3]], first: u32) {
-    nearest::<16>(batch, points, first);
+fn nearest_avx512(
+    batch: &mut Batch,
+    points: &[[f32; 3]],
+    boxes: &[Corners],
+    first: u32,
+    limit: f32,
+) {
+    nearest::<16>(batch, points, boxes, first, limit);
 }
 
 #[cfg(target_arch = "x86_64")]
@@ -142,18 +192,28 @@ fn moments_avx512(at: &[[f32; BATCH]; 3], points: &[[f32; 3]], share: f32, sums:
 }
 
 impl Isa {
-    /// Shows `points`, whose places count from `first`, to a batch. The same bits on every kernel.
-    pub fn show(self, batch: &mut Batch, points: &[[f32; 3]], first: u32) {
+    /// Shows `points`, whose places count from `first`, to a batch: in runs of [`RUN`], each within its box, and only those
+    /// that may hold a point nearer than a query's nearest and than the root of `limit`. The same bits on every kernel.
+    pub fn show(
+        self,
+        batch: &mut Batch,
+        points: &[[f32; 3]],
+        boxes: &[Corners],
+        first: u32,
+        limit: f32,
+    ) {
         match self.0 {
             // SAFETY: the instruction set was detected.
             #[cfg(target_arch = "x86_64")]
-            Kind::Avx2 | Kind::AvxVnni => unsafe { nearest_avx2(batch, points, first) },
+            Kind::Avx2 | Kind::AvxVnni => unsafe {
+                nearest_avx2(batch, points, boxes, first, limit);
+            },
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
             Kind::Avx512 | Kind::Avx512Vnni | Kind::Amx => unsafe {
-                nearest_avx512(batch, points, first);
+                nearest_avx512(batch, points, boxes, first, limit);
             },
-            _ => nearest::<8>(batch, points, first),
+            _ => nearest::<8>(batch, points, boxes, first, limit),
         }
     }
 

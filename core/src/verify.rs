@@ -53,11 +53,11 @@ const SPIN_POINTS: usize = 64;
 const SPINS_POLISHED: usize = 1;
 /// Logarithm of probability that a whole point's loss stands for: far less than a point's own, since errors of neighbours
 /// are alike, and sensors, models and masks have faults that no sampling explains.
-const EVIDENCE: f32 = 0.02;
+const EVIDENCE: f32 = 0.014;
 /// Mean loss of a pose that explains so little of the clouds that a start does not speak for it, and how many times a loss
 /// above that counts: where clouds overlap by a third, only what lies far from the start may explain them.
 const HARDLY_EXPLAINED: f32 = 0.7;
-const BEYOND: f32 = 4.0;
+const BEYOND: f32 = 5.0;
 /// Standard errors below which a difference of losses is what sampling explains: more than of independent points, since
 /// errors of neighbours are alike.
 const EXPLAINED: f32 = 4.0;

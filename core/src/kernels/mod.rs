@@ -1,7 +1,10 @@
-//! Kernels of the machine, one file per target. No other module of this crate has `unsafe`; around it, the C interface
-//! (`core/capi`) and the microcontroller images have some, for pointers and for what starts a board.
+//! Kernels of the machine. No other module of this crate has `unsafe`; around it, the C interface (`core/capi`) and the
+//! microcontroller images have some, for pointers and for what starts a board.
 //!
-//! - **Network in f32** (`floats`): a dense layer with ReLU over a tile of points, the last embedding layer fused with
+//! An algorithm stands once, on a vector of sixteen values (`float`). An instruction set says what such a vector is
+//! (`x86`, `aarch64`) and has thin entries with its `target_feature`, into which all the rest is inlined.
+//!
+//! - **Network in f32** (`float`): a dense layer with ReLU over a tile of points, the last embedding layer fused with
 //!   the max over points (so that 1024 running maxima take the place of a `[1024, N]` buffer), and a matrix-vector
 //!   product for the heads. Weights come in panels of [`crate::dims::PANEL`] outputs (see [`crate::layer`]); lanes are outputs,
 //!   and sums run over the inputs in order.
@@ -28,11 +31,9 @@
 use crate::layer::Dense;
 
 #[cfg(arm_kernels = "neon")]
+mod aarch64;
+#[cfg(arm_kernels = "neon")]
 mod aarch64_bytes;
-#[cfg(arm_kernels = "neon")]
-mod aarch64_neon;
-#[cfg(arm_kernels = "neon")]
-mod aarch64_neon_pruned;
 #[cfg(arm_kernels = "dsp")]
 mod armv7em_dsp;
 #[cfg(arm_kernels = "helium")]
@@ -45,7 +46,7 @@ mod detect;
 #[path = "detect_aarch64.rs"]
 mod detect;
 mod equations;
-mod floats;
+mod float;
 mod integers;
 mod nearest;
 mod neighbours;
@@ -57,21 +58,15 @@ mod search;
 mod sieve;
 mod split;
 #[cfg(target_arch = "x86_64")]
+mod x86;
+#[cfg(target_arch = "x86_64")]
 mod x86_amx;
 #[cfg(target_arch = "x86_64")]
 mod x86_amx_split;
 #[cfg(target_arch = "x86_64")]
-mod x86_avx2;
-#[cfg(target_arch = "x86_64")]
-mod x86_avx2_pruned;
-#[cfg(target_arch = "x86_64")]
 mod x86_avx2_pruned_codes;
 #[cfg(target_arch = "x86_64")]
 mod x86_avx2_wide;
-#[cfg(target_arch = "x86_64")]
-mod x86_avx512;
-#[cfg(target_arch = "x86_64")]
-mod x86_avx512_pruned;
 #[cfg(target_arch = "x86_64")]
 mod x86_bytes256;
 #[cfg(target_arch = "x86_64")]

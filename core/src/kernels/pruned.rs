@@ -25,55 +25,6 @@ pub(super) fn fits(inputs: usize, outputs: usize) -> bool {
     (1..=INPUTS).contains(&inputs) && outputs <= 1 << u16::BITS
 }
 
-/// Activations of [`NEAR`] points in f32.
-#[derive(Clone, Copy)]
-pub(super) struct Floats {
-    /// Of each point.
-    pub(super) points: [[f32; NEAR]; INPUTS],
-    /// The highest and the lowest of them.
-    pub(super) high: [f32; INPUTS],
-    pub(super) low: [f32; INPUTS],
-}
-
-impl Floats {
-    pub(super) const ZERO: Floats = Floats {
-        points: [[0.0; NEAR]; INPUTS],
-        high: [0.0; INPUTS],
-        low: [0.0; INPUTS],
-    };
-
-    /// As many groups as rows fill, and how many these are.
-    #[inline(always)]
-    pub(super) fn fill_all(groups: &mut [Floats], inputs: usize, rows: &[f32]) -> usize {
-        let mut count = 0;
-        for (group, rows) in groups.iter_mut().zip(rows.chunks(NEAR * inputs)) {
-            group.fill(inputs, rows);
-            count += 1;
-        }
-        count
-    }
-
-    /// Of at most so many rows, the last one repeated where there are fewer.
-    #[inline(always)]
-    fn fill(&mut self, inputs: usize, rows: &[f32]) {
-        let last = rows.len() / inputs - 1;
-        self.high.fill(f32::NEG_INFINITY);
-        self.low.fill(f32::INFINITY);
-        for lane in 0..NEAR {
-            let row = &rows[lane.min(last) * inputs..][..inputs];
-            for (high, &value) in self.high.iter_mut().zip(row) {
-                *high = if value > *high { value } else { *high };
-            }
-            for (low, &value) in self.low.iter_mut().zip(row) {
-                *low = if value < *low { value } else { *low };
-            }
-            for (points, &value) in self.points.iter_mut().zip(row) {
-                points[lane] = value;
-            }
-        }
-    }
-}
-
 /// Channels for which the points of a group are to be summed up.
 #[derive(Clone, Copy)]
 pub(super) struct Survivors {
@@ -117,21 +68,6 @@ impl Survivors {
             .as_chunks()
             .0
     }
-}
-
-/// Adds the channels of a panel that a mask tells.
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx512f")]
-#[inline]
-pub(super) fn channels_of(panel: usize, mask: u16, survivors: &mut Survivors) {
-    use core::arch::x86_64::*;
-    let lanes = _mm512_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
-    let channels = _mm512_add_epi32(_mm512_set1_epi32((panel * PANEL) as i32), lanes);
-    let channels = _mm512_cvtepi32_epi16(_mm512_maskz_compress_epi32(mask, channels));
-    let mut few = [0; PANEL];
-    // SAFETY: sixteen channels of two bytes.
-    unsafe { _mm256_storeu_si256(few.as_mut_ptr().cast(), channels) };
-    survivors.add(few, mask.count_ones());
 }
 
 /// Goes through all panels, `STEP` at a time, with `groups` groups, at most `GROUPS`: `bound` says for which channels of

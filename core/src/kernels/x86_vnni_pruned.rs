@@ -5,7 +5,8 @@
 //! padded lengths and at most [`INPUTS`] inputs, and `max` as long as its outputs; [`super::Isa`] checks all of it.
 #![allow(unsafe_code, clippy::indexing_slicing, clippy::needless_range_loop)]
 
-use super::pruned::{CHANNELS, INPUTS, NEAR, channels_of, prune};
+use super::pruned::{CHANNELS, INPUTS, NEAR, prune};
+use super::x86::avx512::channels_of;
 use crate::dims::{PANEL, QUAD};
 use crate::layer::Codes;
 use core::arch::x86_64::*;

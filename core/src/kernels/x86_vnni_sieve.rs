@@ -4,8 +4,9 @@
 //! them negative, and `max` as long as the layer's bias; [`super::Isa`] checks all but the sign.
 #![allow(unsafe_code, clippy::indexing_slicing, clippy::needless_range_loop)]
 
-use super::pruned::{INPUTS, NEAR, PANELS, channels_of, prune};
+use super::pruned::{INPUTS, NEAR, PANELS, prune};
 use super::sieve::{ROUNDING, SieveDense};
+use super::x86::avx512::channels_of;
 use super::x86_vnni_pruned::{Group, bounds, sums};
 use crate::dims::{PANEL, TILE};
 use core::arch::x86_64::*;

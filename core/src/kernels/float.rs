@@ -2,11 +2,17 @@
 
 #![allow(unsafe_code)]
 
-use super::{Isa, portable, pruned, rows};
+pub(super) mod dense;
+pub(super) mod pruned;
+pub(super) mod vector;
+
+#[cfg(any(arm_kernels = "neon", target_arch = "x86_64"))]
+use super::Kind;
 #[cfg(arm_kernels = "neon")]
-use super::{Kind, aarch64_neon, aarch64_neon_pruned};
+use super::aarch64::neon;
 #[cfg(target_arch = "x86_64")]
-use super::{Kind, x86_avx2, x86_avx2_pruned, x86_avx512, x86_avx512_pruned};
+use super::x86::{avx2, avx512};
+use super::{Isa, portable, rows};
 use crate::layer::Dense;
 
 impl Isa {
@@ -20,15 +26,15 @@ impl Isa {
             // SAFETY: `Kind::Avx2` exists only where detection found AVX2 and FMA; `points` rows
             // of `x` and `y` are in bounds as counted above.
             #[cfg(target_arch = "x86_64")]
-            Kind::Avx2 | Kind::AvxVnni => unsafe { x86_avx2::dense_relu(layer, points, x, y) },
+            Kind::Avx2 | Kind::AvxVnni => unsafe { avx2::dense_relu(layer, points, x, y) },
             // SAFETY: as above, with AVX-512F.
             #[cfg(target_arch = "x86_64")]
             Kind::Avx512 | Kind::Avx512Vnni | Kind::Amx => unsafe {
-                x86_avx512::dense_relu(layer, points, x, y)
+                avx512::dense_relu(layer, points, x, y)
             },
             // SAFETY: as above; NEON is part of the target.
             #[cfg(arm_kernels = "neon")]
-            Kind::Neon | Kind::NeonDot => unsafe { aarch64_neon::dense_relu(layer, points, x, y) },
+            Kind::Neon | Kind::NeonDot => unsafe { neon::dense_relu(layer, points, x, y) },
             _ => portable::dense_relu(layer, points, x, y),
         }
     }
@@ -46,17 +52,17 @@ impl Isa {
             // SAFETY: features detected; `points` rows of `x` and all of `max` are in bounds.
             #[cfg(target_arch = "x86_64")]
             Kind::Avx2 | Kind::AvxVnni => unsafe {
-                x86_avx2::dense_max::<false>(layer, points, x, 0, max, &mut []);
+                avx2::dense_max::<false>(layer, points, x, 0, max, &mut []);
             },
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
             Kind::Avx512 | Kind::Avx512Vnni | Kind::Amx => unsafe {
-                x86_avx512::dense_max::<false>(layer, points, x, 0, max, &mut []);
+                avx512::dense_max::<false>(layer, points, x, 0, max, &mut []);
             },
             // SAFETY: as above; NEON is part of the target.
             #[cfg(arm_kernels = "neon")]
             Kind::Neon | Kind::NeonDot => unsafe {
-                aarch64_neon::dense_max::<false>(layer, points, x, 0, max, &mut []);
+                neon::dense_max::<false>(layer, points, x, 0, max, &mut []);
             },
             _ => portable::dense_max::<false>(layer, points, x, 0, max, &mut []),
         }
@@ -80,24 +86,24 @@ impl Isa {
     /// `x [points, inputs]`, `max [padded outputs]`; a shorter `max` leaves everything as it is.
     pub fn dense_max_near(self, layer: &Dense<'_>, x: &[f32], max: &mut [f32]) {
         let outputs = layer.width();
-        if max.len() < outputs || !pruned::fits(layer.inputs(), outputs) {
+        if max.len() < outputs || !super::pruned::fits(layer.inputs(), outputs) {
             return self.dense_max(layer, x, max);
         }
         match self.0 {
             // SAFETY: features detected; `points` rows of `x` and all of `max` are in bounds.
             #[cfg(target_arch = "x86_64")]
             Kind::Avx512 | Kind::Avx512Vnni | Kind::Amx => unsafe {
-                x86_avx512_pruned::dense_max(layer, rows(layer, x), x, max);
+                avx512::dense_max_near(layer, rows(layer, x), x, max);
             },
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
             Kind::Avx2 | Kind::AvxVnni => unsafe {
-                x86_avx2_pruned::dense_max(layer, rows(layer, x), x, max);
+                avx2::dense_max_near(layer, rows(layer, x), x, max);
             },
             // SAFETY: as above; NEON is part of the target.
             #[cfg(arm_kernels = "neon")]
             Kind::Neon | Kind::NeonDot => unsafe {
-                aarch64_neon_pruned::dense_max(layer, rows(layer, x), x, max);
+                neon::dense_max_near(layer, rows(layer, x), x, max);
             },
             _ => self.dense_max(layer, x, max),
         }
@@ -124,17 +130,17 @@ impl Isa {
             // SAFETY: features detected; `points` rows of `x`, `max` and `argmax` are in bounds.
             #[cfg(target_arch = "x86_64")]
             Kind::Avx2 | Kind::AvxVnni => unsafe {
-                x86_avx2::dense_max::<true>(layer, points, x, first, max, argmax);
+                avx2::dense_max::<true>(layer, points, x, first, max, argmax);
             },
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
             Kind::Avx512 | Kind::Avx512Vnni | Kind::Amx => unsafe {
-                x86_avx512::dense_max::<true>(layer, points, x, first, max, argmax);
+                avx512::dense_max::<true>(layer, points, x, first, max, argmax);
             },
             // SAFETY: as above; NEON is part of the target.
             #[cfg(arm_kernels = "neon")]
             Kind::Neon | Kind::NeonDot => unsafe {
-                aarch64_neon::dense_max::<true>(layer, points, x, first, max, argmax);
+                neon::dense_max::<true>(layer, points, x, first, max, argmax);
             },
             _ => portable::dense_max::<true>(layer, points, x, first, max, argmax),
         }
@@ -155,15 +161,15 @@ impl Isa {
         match self.0 {
             // SAFETY: features detected; lengths checked above.
             #[cfg(target_arch = "x86_64")]
-            Kind::Avx2 | Kind::AvxVnni => unsafe { x86_avx2::gemv(layer, start, from, x, y) },
+            Kind::Avx2 | Kind::AvxVnni => unsafe { avx2::gemv(layer, start, from, x, y) },
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
             Kind::Avx512 | Kind::Avx512Vnni | Kind::Amx => unsafe {
-                x86_avx512::gemv(layer, start, from, x, y)
+                avx512::gemv(layer, start, from, x, y)
             },
             // SAFETY: as above; NEON is part of the target.
             #[cfg(arm_kernels = "neon")]
-            Kind::Neon | Kind::NeonDot => unsafe { aarch64_neon::gemv(layer, start, from, x, y) },
+            Kind::Neon | Kind::NeonDot => unsafe { neon::gemv(layer, start, from, x, y) },
             _ => portable::gemv(layer, start, from, x, y),
         }
     }

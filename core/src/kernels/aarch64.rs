@@ -1,0 +1,3 @@
+//! Kernels of aarch64.
+
+pub(super) mod neon;

@@ -89,17 +89,9 @@ impl Vector for Quarters {
     }
 
     #[inline(always)]
-    unsafe fn add_input(mut self, w: Self, x: float32x4_t, which: usize) -> Self {
+    unsafe fn add_input<const WHICH: i32>(mut self, w: Self, x: float32x4_t) -> Self {
         for q in 0..4 {
-            let (sum, w) = (self.0[q], w.0[q]);
-            self.0[q] = unsafe {
-                match which {
-                    0 => vfmaq_laneq_f32::<0>(sum, w, x),
-                    1 => vfmaq_laneq_f32::<1>(sum, w, x),
-                    2 => vfmaq_laneq_f32::<2>(sum, w, x),
-                    _ => vfmaq_laneq_f32::<3>(sum, w, x),
-                }
-            };
+            self.0[q] = unsafe { vfmaq_laneq_f32::<WHICH>(self.0[q], w.0[q], x) };
         }
         self
     }

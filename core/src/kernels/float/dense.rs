@@ -24,29 +24,26 @@ unsafe fn block<V: Vector, const P: usize, const N: usize>(
     unsafe {
         let mut sum = [start; N];
         let whole = inputs / V::INPUTS * V::INPUTS;
-        let mut w = start;
         let mut k = 0;
         while k < whole {
+            let w = load_column::<V, P>(weights, k);
             let mut values = [V::load_inputs(x.add(k)); N];
-            for which in 0..V::INPUTS {
+            for n in 0..N {
+                values[n] = V::load_inputs(x.add(n * inputs + k));
                 for p in 0..P {
-                    w[p] = V::load(weights[p].add((k + which) * PANEL));
+                    sum[n][p] = sum[n][p].add_input::<0>(w[p], values[n]);
                 }
-                for n in 0..N {
-                    if which == 0 {
-                        values[n] = V::load_inputs(x.add(n * inputs + k));
-                    }
-                    for p in 0..P {
-                        sum[n][p] = sum[n][p].add_input(w[p], values[n], which);
-                    }
-                }
+            }
+            // Written out: which of the inputs it is has to be known to the compiler.
+            if V::INPUTS == 4 {
+                add_column::<V, P, N, 1>(&mut sum, weights, k + 1, values);
+                add_column::<V, P, N, 2>(&mut sum, weights, k + 2, values);
+                add_column::<V, P, N, 3>(&mut sum, weights, k + 3, values);
             }
             k += V::INPUTS;
         }
         for k in whole..inputs {
-            for p in 0..P {
-                w[p] = V::load(weights[p].add(k * PANEL));
-            }
+            let w = load_column::<V, P>(weights, k);
             for n in 0..N {
                 let value = V::splat(*x.add(n * inputs + k));
                 for p in 0..P {
@@ -55,6 +52,38 @@ unsafe fn block<V: Vector, const P: usize, const N: usize>(
             }
         }
         sum
+    }
+}
+
+/// Column `k` of `P` panels.
+#[inline(always)]
+unsafe fn load_column<V: Vector, const P: usize>(weights: [*const f32; P], k: usize) -> [V; P] {
+    // SAFETY: the caller guarantees the column.
+    unsafe {
+        let mut w = [V::splat(0.0); P];
+        for p in 0..P {
+            w[p] = V::load(weights[p].add(k * PANEL));
+        }
+        w
+    }
+}
+
+/// Adds the products with column `k`, which is input `WHICH` of those that were loaded together.
+#[inline(always)]
+unsafe fn add_column<V: Vector, const P: usize, const N: usize, const WHICH: i32>(
+    sum: &mut [[V; P]; N],
+    weights: [*const f32; P],
+    k: usize,
+    values: [V::Inputs; N],
+) {
+    // SAFETY: as the caller guarantees.
+    unsafe {
+        let w = load_column::<V, P>(weights, k);
+        for n in 0..N {
+            for p in 0..P {
+                sum[n][p] = sum[n][p].add_input::<WHICH>(w[p], values[n]);
+            }
+        }
     }
 }
 
@@ -233,6 +262,7 @@ pub(in crate::kernels) unsafe fn max<V: Vector, const ARG: bool, const P: usize,
     // SAFETY: as the caller guarantees.
     unsafe {
         match layer.inputs() {
+            64 => for_each_block::<V, P, N>(layer, 64, points, x, &max),
             128 => for_each_block::<V, P, N>(layer, 128, points, x, &max),
             inputs => for_each_block::<V, P, N>(layer, inputs, points, x, &max),
         }

@@ -12,7 +12,7 @@ pub(in crate::kernels) trait Vector: Copy {
     type Rows: Copy;
     /// [`Vector::INPUTS`] inputs of one point, as products take them.
     type Inputs: Copy;
-    /// How many inputs are loaded at once.
+    /// How many inputs are loaded at once: one or four.
     const INPUTS: usize;
 
     unsafe fn splat(value: f32) -> Self;
@@ -31,7 +31,7 @@ pub(in crate::kernels) trait Vector: Copy {
     /// [`Vector::INPUTS`] inputs at `from`.
     unsafe fn load_inputs(from: *const f32) -> Self::Inputs;
     /// `self + w x`, with one of the inputs.
-    unsafe fn add_input(self, w: Self, x: Self::Inputs, which: usize) -> Self;
+    unsafe fn add_input<const WHICH: i32>(self, w: Self, x: Self::Inputs) -> Self;
 
     /// `low` where `self` is negative, else `high`.
     unsafe fn extreme(self, high: Self, low: Self) -> Self;

@@ -95,7 +95,7 @@ impl Vector for Halves {
     }
 
     #[inline(always)]
-    unsafe fn add_input(self, w: Self, x: __m256, _: usize) -> Self {
+    unsafe fn add_input<const WHICH: i32>(self, w: Self, x: __m256) -> Self {
         unsafe { self.add_product(w, Halves([x; 2])) }
     }
 

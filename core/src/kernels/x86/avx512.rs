@@ -70,7 +70,7 @@ impl Vector for Whole {
     }
 
     #[inline(always)]
-    unsafe fn add_input(self, w: Self, x: Self, _: usize) -> Self {
+    unsafe fn add_input<const WHICH: i32>(self, w: Self, x: Self) -> Self {
         unsafe { self.add_product(w, x) }
     }
 

@@ -28,10 +28,14 @@ fn poses_are_refined_from_estimates_to_results() {
         let rows = tables["objects"][method].as_array().expect("rows");
         let sum: u64 = rows.iter().filter_map(|row| row["pairs"].as_u64()).sum();
         assert_eq!(sum, pairs);
+        assert!(tables["average_recall"][method]["ar"].as_f64() > Some(5.0));
         for row in rows {
             let percent = |name: &str| row[name].as_f64().expect("a number");
             assert!(percent("ad_02") <= percent("ad_05") && percent("ad_05") <= percent("ad_10"));
             assert!(percent("ad_10") <= 100.0);
+            let parts = ["ar_vsd", "ar_mssd", "ar_mspd"].map(percent);
+            assert!(parts.iter().all(|ar| (0.0..=100.0).contains(ar)));
+            assert!((percent("ar") - parts.iter().sum::<f64>() / 3.0).abs() < 1e-9);
             let symmetric = [4, 8].contains(&row["object"].as_u64().expect("an id"));
             assert_eq!(row["symmetric"], Value::Bool(symmetric), "{row}");
             assert!(row["name"].is_string());

@@ -1,15 +1,16 @@
 //! Test pairs of a data set in BOP layout, and refined poses back in the camera's frame.
 
 use super::normalise::Normalisation;
+use super::recall::PoseErrors;
 use super::sample::test_sample;
-use super::table::{Estimated, ObjectRow, objects};
+use super::table::Estimated;
 use crate::dataset::bop::{
     BopError, Estimate, Instance, MaskKind, Models, Scenes, read_results, targets,
 };
 use crate::dataset::pairs::{PairSet, Sample};
 use crate::random::{Purpose, stream};
 use rayon::prelude::*;
-use reagent_core::{Error, Pose};
+use reagent_core::Pose;
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -30,7 +31,9 @@ pub struct Refinements {
     refined: Vec<(Instance, Estimate, Normalisation)>,
     /// Objects that cannot be refined: no depth inside the mask, or no estimate at all.
     rest: Vec<Matched>,
-    models: Models,
+    scenes: Scenes,
+    /// The objects.
+    pub models: Models,
 }
 
 impl Refinements {
@@ -102,7 +105,7 @@ impl Refinements {
         }
         if refined.is_empty() {
             return Err(BopError::Empty {
-                path: scenes.dir,
+                path: scenes.dir.clone(),
                 what: "no object with an estimate has a depth inside its mask",
             });
         }
@@ -110,6 +113,7 @@ impl Refinements {
             set,
             refined,
             rest,
+            scenes,
             models,
         })
     }
@@ -135,24 +139,38 @@ impl Refinements {
         results
     }
 
-    /// The rows of the paper's tables for registrations as in [`Self::results`].
+    /// All poses that are evaluated, with their errors, for registrations as in [`Self::results`]. Images are read once more.
     ///
     /// # Errors
-    /// A model without points.
-    pub fn objects(&self, target_from_source: &[Pose]) -> Result<Vec<ObjectRow>, Error> {
+    /// An image that cannot be read any more.
+    pub fn estimated(&self, target_from_source: &[Pose]) -> Result<Vec<Estimated>, BopError> {
         let refined = self.refined.iter().zip(target_from_source);
-        let refined = refined.map(|((instance, estimate, frame), pose)| Estimated {
-            object: instance.object,
-            truth: instance.camera_from_model,
-            estimate: Some(frame.refined(&estimate.camera_from_model, pose)),
+        let refined = refined.map(|((instance, estimate, frame), pose)| {
+            let pose = frame.refined(&estimate.camera_from_model, pose);
+            (instance, Some(pose))
         });
-        let rest = self.rest.iter().map(|(instance, estimate)| Estimated {
-            object: instance.object,
-            truth: instance.camera_from_model,
-            estimate: estimate.map(|e| e.camera_from_model),
+        let rest = self.rest.iter().map(|(instance, estimate)| {
+            let pose = estimate.map(|e| e.camera_from_model);
+            (instance, pose)
         });
-        let all: Vec<Estimated> = refined.chain(rest).collect();
-        objects(&self.models, &all)
+        let all: Vec<(&Instance, Option<Pose>)> = refined.chain(rest).collect();
+        let measured = all.into_par_iter().map(|(instance, estimate)| {
+            let truth = instance.camera_from_model;
+            let errors = match (estimate, self.models.get(instance.object)) {
+                (Some(estimate), Some(model)) => {
+                    let seen = self.scenes.observe(instance, MaskKind::Estimated)?;
+                    PoseErrors::of(model, &seen, &truth, &estimate)
+                }
+                _ => PoseErrors::MISSING,
+            };
+            Ok(Estimated {
+                object: instance.object,
+                truth,
+                estimate,
+                errors,
+            })
+        });
+        measured.collect()
     }
 }
 

@@ -6,6 +6,7 @@
 
 pub mod evaluate;
 pub mod normalise;
+pub mod recall;
 pub mod sample;
 pub mod segment;
 pub mod synth;

@@ -1,8 +1,10 @@
-//! The paper's tables on LINEMOD: share of poses whose average distance (AD) is below a part of the diameter.
+//! The paper's tables on LINEMOD: share of poses whose average distance (AD) is below a part of the diameter. Beside it, BOP's
+//! average recall ([`super::recall`]).
 //!
 //! AD is ADD, the mean distance of corresponding model points under the true and the estimated pose, or ADI, the mean
 //! distance to the closest one, for objects with a symmetry (Hinterstoisser et al., 2012).
 
+use super::recall::{AverageRecall, PoseErrors};
 use crate::dataset::bop::{BopModel, Models};
 use crate::neighbours::{Neighbours, wide};
 use rayon::prelude::*;
@@ -31,6 +33,9 @@ pub struct ObjectRow {
     pub ad_05: f64,
     /// Percent below a fiftieth.
     pub ad_02: f64,
+    /// BOP's average recalls.
+    #[serde(flatten)]
+    pub recall: AverageRecall,
 }
 
 /// A pose to be measured, millimetres.
@@ -42,13 +47,15 @@ pub struct Estimated {
     pub truth: Pose,
     /// The estimated one; `None` where there is none, which counts as a failure.
     pub estimate: Option<Pose>,
+    /// Its errors in the image.
+    pub errors: PoseErrors,
 }
 
 /// AD of an estimate, in diameters of the model. `tree` holds [`BopModel::metric_points`].
 pub fn average_distance(model: &BopModel, tree: &Neighbours, truth: &Pose, estimate: &Pose) -> f64 {
     // A rigid motion keeps distances: everything is measured in the model's frame.
     // ADI asks, as the BOP toolkit, how far each true point is from the estimated ones.
-    let residual = if model.symmetric {
+    let residual = if model.is_symmetric() {
         estimate.inverse().after(*truth)
     } else {
         truth.inverse().after(*estimate)
@@ -59,7 +66,7 @@ pub fn average_distance(model: &BopModel, tree: &Neighbours, truth: &Pose, estim
         nalgebra::Vector3::from(rows.map(|r| r[0] * x + r[1] * y + r[2] * z + r[3]))
     };
     let points = &model.metric_points;
-    let sum: f64 = if model.symmetric {
+    let sum: f64 = if model.is_symmetric() {
         let distance = |p| tree.nearest(moved(p)).1.sqrt();
         points.iter().map(distance).sum()
     } else {
@@ -100,46 +107,64 @@ pub fn objects(models: &Models, poses: &[Estimated]) -> Result<Vec<ObjectRow>, E
             object,
             name: model.name.clone(),
             pairs: distances.len(),
-            symmetric: model.symmetric,
+            symmetric: model.is_symmetric(),
             ad_10: percent(THRESHOLDS[0]),
             ad_05: percent(THRESHOLDS[1]),
             ad_02: percent(THRESHOLDS[2]),
+            recall: AverageRecall::of(poses.iter().map(|pose| pose.errors)),
         });
     }
     Ok(rows)
 }
 
-/// The table as text: per object, then the mean over objects; objects with ADI have a star.
-pub fn text(method: &str, rows: &[ObjectRow]) -> String {
+/// The table as text: per object, then the mean over objects, then BOP's average recalls, which are over all poses. Objects with
+/// ADI have a star.
+pub fn text(method: &str, rows: &[ObjectRow], recall: &AverageRecall) -> String {
     let names = rows.iter().map(|r| r.name.chars().count());
     let width = names.max().unwrap_or(0).max("object".len()) + 1;
     let mut text = format!(
-        "{method}, percent of poses with AD below a part of the diameter (*: ADI)\n\
-         {:width$}  poses   <0.10d  <0.05d  <0.02d\n",
+        "{method}, percent of poses with AD below a part of the diameter (*: ADI), and BOP's average recalls\n\
+         {:width$}  poses   <0.10d  <0.05d  <0.02d  VSD     MSSD    MSPD    AR\n",
         "object"
     );
-    let mut line = |name: &str, pairs: usize, values: [f64; 3]| {
-        let [a, b, c] = values;
+    let mut line = |name: &str, pairs: usize, ad: Option<[f64; 3]>, recall: &AverageRecall| {
+        let ad = ad.map(|ad| ad.map(|x| format!("{x:.1}")));
+        let [a, b, c] = ad.unwrap_or_default();
+        let AverageRecall {
+            ar_vsd,
+            ar_mssd,
+            ar_mspd,
+            ar,
+        } = recall;
         writeln!(
             text,
-            "{name:width$}  {pairs:<6}  {a:<6.1}  {b:<6.1}  {c:.1}"
+            "{name:width$}  {pairs:<6}  {a:<6}  {b:<6}  {c:<6}  {ar_vsd:<6.1}  {ar_mssd:<6.1}  {ar_mspd:<6.1}  {ar:.1}"
         )
         .expect("writing to a string cannot fail");
     };
     for row in rows {
         let star = if row.symmetric { "*" } else { "" };
-        let values = [row.ad_10, row.ad_05, row.ad_02];
-        line(&format!("{}{star}", row.name), row.pairs, values);
+        let ad = Some([row.ad_10, row.ad_05, row.ad_02]);
+        line(&format!("{}{star}", row.name), row.pairs, ad, &row.recall);
     }
     let mean = |f: fn(&ObjectRow) -> f64| rows.iter().map(f).sum::<f64>() / rows.len() as f64;
     let means = [mean(|r| r.ad_10), mean(|r| r.ad_05), mean(|r| r.ad_02)];
-    line("mean", rows.iter().map(|r| r.pairs).sum(), means);
+    let recalls = AverageRecall {
+        ar_vsd: mean(|r| r.recall.ar_vsd),
+        ar_mssd: mean(|r| r.recall.ar_mssd),
+        ar_mspd: mean(|r| r.recall.ar_mspd),
+        ar: mean(|r| r.recall.ar),
+    };
+    let pairs = rows.iter().map(|r| r.pairs).sum();
+    line("mean", pairs, Some(means), &recalls);
+    line("all", pairs, None, recall);
     text
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::dataset::mesh::Mesh;
     use glam::{Mat3, Vec3};
 
     fn square(symmetric: bool) -> BopModel {
@@ -153,7 +178,8 @@ mod tests {
             object: 7,
             name: "square".into(),
             diameter_mm: 10.0 * 8f64.sqrt(),
-            symmetric,
+            symmetries: vec![Pose::IDENTITY; 1 + usize::from(symmetric)],
+            mesh: Mesh::default(),
             surface: metric_points.clone(),
             metric_points,
         }
@@ -194,6 +220,12 @@ mod tests {
 
     #[test]
     fn text_has_a_row_an_object_and_the_mean_over_objects() {
+        let recall = |ar| AverageRecall {
+            ar_vsd: 30.0,
+            ar_mssd: 20.0,
+            ar_mspd: 10.0,
+            ar,
+        };
         let row = |object, pairs, ad_10, symmetric| ObjectRow {
             object,
             name: format!("thing{object}"),
@@ -202,11 +234,20 @@ mod tests {
             ad_10,
             ad_05: 10.0,
             ad_02: 0.0,
+            recall: recall(ad_10),
         };
-        let table = text("icp", &[row(1, 3, 100.0, false), row(2, 9, 50.0, true)]);
+        let rows = [row(1, 3, 100.0, false), row(2, 9, 50.0, true)];
+        let table = text("icp", &rows, &recall(62.5));
         let words = |line: &str| line.split_whitespace().collect::<Vec<_>>().join(" ");
         let lines: Vec<String> = table.lines().map(words).collect();
-        assert_eq!(lines[3], "thing2* 9 50.0 10.0 0.0", "{table}");
-        assert_eq!(lines[4], "mean 12 75.0 10.0 0.0", "{table}");
+        assert_eq!(
+            lines[3], "thing2* 9 50.0 10.0 0.0 30.0 20.0 10.0 50.0",
+            "{table}"
+        );
+        assert_eq!(
+            lines[4], "mean 12 75.0 10.0 0.0 30.0 20.0 10.0 75.0",
+            "{table}"
+        );
+        assert_eq!(lines[5], "all 12 30.0 20.0 10.0 62.5", "{table}");
     }
 }

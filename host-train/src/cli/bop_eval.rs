@@ -2,6 +2,7 @@
 
 use super::output::write_json;
 use crate::bop::evaluate::Refinements;
+use crate::bop::recall::AverageRecall;
 use crate::bop::table::{self, ObjectRow};
 use crate::dataset::bop::write_results;
 use crate::eval::{Document, Outcome};
@@ -49,6 +50,7 @@ struct BopDocument<'a> {
     #[serde(flatten)]
     document: Document<'a>,
     objects: BTreeMap<&'a str, Vec<ObjectRow>>,
+    average_recall: BTreeMap<&'a str, AverageRecall>,
 }
 
 /// One line on what is evaluated.
@@ -66,6 +68,12 @@ pub(super) fn describe(found: &Refinements, root: &Path, estimates: &Path) -> St
         let kept = unrefined - missing;
         text += &format!("; {kept} objects without depth inside the mask keep theirs");
     }
+    let clouds = found.models.iter().filter(|m| m.mesh.faces.is_empty());
+    let clouds = clouds.count();
+    if clouds > 0 {
+        text +=
+            &format!("; {clouds} models have no faces to be rendered, VSD counts them as wrong");
+    }
     text
 }
 
@@ -77,20 +85,26 @@ pub(super) fn report(
     json: Option<&Path>,
     results: Option<&Path>,
 ) -> anyhow::Result<()> {
-    let mut objects = BTreeMap::new();
+    let (mut objects, mut average_recall) = (BTreeMap::new(), BTreeMap::new());
     for outcome in outcomes {
-        let rows = found
-            .objects(&outcome.target_from_source)
-            .context("models of the data set")?;
-        print!("\n{}", table::text(&outcome.name, &rows));
+        let poses = found.estimated(&outcome.target_from_source)?;
+        let rows = table::objects(&found.models, &poses).context("models of the data set")?;
+        let recall = AverageRecall::of(poses.iter().map(|pose| pose.errors));
+        print!("\n{}", table::text(&outcome.name, &rows, &recall));
         objects.insert(outcome.name.as_str(), rows);
+        average_recall.insert(outcome.name.as_str(), recall);
         if let Some(path) = results {
             let path = results_file(path, &outcome.name, outcomes.len());
             write_results(&path, &found.results(&outcome.target_from_source))?;
         }
     }
     if let Some(path) = json {
-        write_json(path, &BopDocument { document, objects })?;
+        let document = BopDocument {
+            document,
+            objects,
+            average_recall,
+        };
+        write_json(path, &document)?;
     }
     Ok(())
 }

@@ -48,6 +48,10 @@ impl Metric {
             "ad_10" => ("AD < 0.10 d", "%", 1, 1.0, Higher, false),
             "ad_05" => ("AD < 0.05 d", "%", 1, 1.0, Higher, false),
             "ad_02" => ("AD < 0.02 d", "%", 1, 1.0, Higher, false),
+            "ar" => ("AR", "%", 1, 1.0, Higher, false),
+            "ar_vsd" => ("AR VSD", "%", 1, 1.0, Higher, false),
+            "ar_mssd" => ("AR MSSD", "%", 1, 1.0, Higher, false),
+            "ar_mspd" => ("AR MSPD", "%", 1, 1.0, Higher, false),
             "pairs" => ("pairs", "", 0, 1.0, Neither, false),
             "loss" => ("loss", "", 3, 1.0, Lower, false),
             "agreement" => ("agreement with the expert", "%", 1, 100.0, Higher, false),
@@ -119,11 +123,15 @@ impl Metric {
 }
 
 /// Columns in the order of the paper's tables; others follow by name.
-const ORDER: [&str; 19] = [
+const ORDER: [&str; 23] = [
     "pairs",
     "ad_10",
     "ad_05",
     "ad_02",
+    "ar_vsd",
+    "ar_mssd",
+    "ar_mspd",
+    "ar",
     "r_mae_deg",
     "t_mae",
     "r_iso_deg",

@@ -21,7 +21,7 @@ mod results;
 pub(crate) mod scene;
 
 pub use error::{BOP_URL, BopError};
-pub use models::{BopModel, Models, SURFACE_POINTS};
+pub use models::{BopModel, CONTINUOUS_STEPS, Models, SURFACE_POINTS};
 pub use results::{Estimate, read_results, write_results};
 pub use scene::{Instance, MaskKind, Scenes};
 

@@ -4,8 +4,12 @@ use super::BopError;
 use super::json::{self, MODELS_INFO, ModelInfo, Numbered};
 use crate::dataset::Point;
 use crate::dataset::cloud_file::{CloudError, read_file};
+use crate::dataset::mesh::Mesh;
 use crate::random::{Purpose, stream};
+use glam::{Mat3, Vec3};
+use reagent_core::Pose;
 use std::collections::BTreeMap;
+use std::f32::consts::TAU;
 use std::path::{Path, PathBuf};
 
 /// Points drawn evenly from each mesh, once (authors' code: about 4096).
@@ -14,6 +18,9 @@ pub const SURFACE_POINTS: usize = 4096;
 const DENSE_VERTICES: usize = 1000;
 /// Index of the stream that draws the surface; models share it, each has its own mesh.
 const SURFACE_STREAM: u64 = 1 << 48;
+
+/// Turns of a continuous symmetry: π / .01, rounded up.
+pub const CONTINUOUS_STEPS: usize = 315;
 
 /// Names of LINEMOD's objects; the data set itself has numbers only.
 const LINEMOD: [&str; 15] = [
@@ -43,13 +50,23 @@ pub struct BopModel {
     pub name: String,
     /// Largest distance between two of its vertices, millimetres, as `models_info.json` says.
     pub diameter_mm: f64,
-    /// Whether it has any symmetry, so that ADI is used instead of ADD.
-    pub symmetric: bool,
+    /// Poses of the model in which it looks the same, millimetres, the identity among them; a continuous symmetry is cut into
+    /// turns of which each moves no point by more than .01 diameters ([`CONTINUOUS_STEPS`], the BOP toolkit's).
+    pub symmetries: Vec<Pose>,
+    /// The mesh, millimetres; without faces where the model is a cloud.
+    pub mesh: Mesh,
     /// [`SURFACE_POINTS`] points drawn evenly from the surface, millimetres, from which targets are drawn.
     pub surface: Vec<Point>,
     /// Points of the AD metrics, millimetres: the mesh's vertices, as in the BOP toolkit, or twice
     /// [`SURFACE_POINTS`] points of the surface where there are fewer than 1000.
     pub metric_points: Vec<Point>,
+}
+
+impl BopModel {
+    /// Whether it has any symmetry, so that ADI is used instead of ADD.
+    pub fn is_symmetric(&self) -> bool {
+        self.symmetries.len() > 1
+    }
 }
 
 /// All objects of a data set, by id.
@@ -98,16 +115,22 @@ impl Models {
             } else {
                 None
             };
+            let symmetries = symmetries(&info).ok_or_else(|| BopError::Malformed {
+                path: info_path.clone(),
+                reason: format!("object {object}: a symmetry is no rigid transform of 16 numbers, or an axis has no direction"),
+                expected: MODELS_INFO,
+            })?;
             let name = info.name.or(known.map(|&name| name.into()));
-            let (surface, metric_points) = points(&dir.join(format!("obj_{object:06}.ply")), seed)?;
+            let path = dir.join(format!("obj_{object:06}.ply"));
+            let (mesh, [surface, metric_points]) = points(&path, seed)?;
             models.insert(
                 object,
                 BopModel {
                     object,
                     name: name.unwrap_or_else(|| format!("obj_{object:06}")),
                     diameter_mm: info.diameter,
-                    symmetric: !info.symmetries_discrete.is_empty()
-                        || !info.symmetries_continuous.is_empty(),
+                    symmetries,
+                    mesh,
                     surface,
                     metric_points,
                 },
@@ -133,15 +156,15 @@ impl Models {
     }
 }
 
-/// Points of the surface, and points of the metrics.
-fn points(path: &Path, seed: u64) -> Result<(Vec<Point>, Vec<Point>), BopError> {
+/// The mesh, points of its surface, and points of the metrics.
+fn points(path: &Path, seed: u64) -> Result<(Mesh, [Vec<Point>; 2]), BopError> {
     let file = read_file(path)?;
     let vertices = file.relative_to([0.0; 3]);
+    let mesh = file.mesh();
     if file.faces.is_none() {
         // A model that is a cloud already.
-        return Ok((vertices.clone(), vertices));
+        return Ok((mesh, [vertices.clone(), vertices]));
     }
-    let mesh = file.mesh();
     let rng = &mut stream(seed, Purpose::Shape, SURFACE_STREAM);
     let surface = mesh.sample(SURFACE_POINTS, rng);
     if surface.is_empty() {
@@ -152,5 +175,77 @@ fn points(path: &Path, seed: u64) -> Result<(Vec<Point>, Vec<Point>), BopError> 
     } else {
         vertices
     };
-    Ok((surface, metric_points))
+    Ok((mesh, [surface, metric_points]))
+}
+
+/// Every continuous symmetry after every discrete one; `None` where one is no symmetry.
+fn symmetries(info: &ModelInfo) -> Option<Vec<Pose>> {
+    let discrete = info.symmetries_discrete.iter().map(|rows| {
+        let rows: &[f64; 16] = rows.as_slice().try_into().ok()?;
+        let [a, b, c, p, d, e, f, q, g, h, i, r, ..] = *rows;
+        json::pose(&[a, b, c, d, e, f, g, h, i], &[p, q, r])
+    });
+    let discrete: Vec<Pose> = [Some(Pose::IDENTITY)]
+        .into_iter()
+        .chain(discrete)
+        .collect::<Option<_>>()?;
+    let mut turns = Vec::new();
+    for symmetry in &info.symmetries_continuous {
+        let axis = Vec3::from_array(symmetry.axis.map(|x| x as f32)).try_normalize()?;
+        let offset = Vec3::from_array(symmetry.offset.map(|x| x as f32));
+        turns.extend((0..CONTINUOUS_STEPS).map(|k| {
+            let rotation = Mat3::from_axis_angle(axis, TAU * k as f32 / CONTINUOUS_STEPS as f32);
+            Pose {
+                rotation,
+                translation: offset - rotation * offset,
+            }
+        }));
+    }
+    if turns.is_empty() {
+        return Some(discrete);
+    }
+    let after = |first: &Pose| {
+        turns
+            .iter()
+            .map(|turn| turn.after(*first))
+            .collect::<Vec<_>>()
+    };
+    Some(discrete.iter().flat_map(after).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn info(symmetries: &str) -> ModelInfo {
+        serde_json::from_str(&format!("{{\"diameter\": 100{symmetries}}}")).expect("an object")
+    }
+
+    #[test]
+    fn symmetries_are_all_poses_in_which_an_object_looks_the_same() {
+        assert_eq!(symmetries(&info("")), Some(vec![Pose::IDENTITY]));
+        // Half a turn about an axis through (5, 0, 0), and any turn about z through there.
+        let half = ", \"symmetries_discrete\": [[-1,0,0,10, 0,-1,0,0, 0,0,1,0, 0,0,0,1]]";
+        let any = ", \"symmetries_continuous\": [{\"axis\": [0, 0, 2], \"offset\": [5, 0, 3]}]";
+        let found = symmetries(&info(half)).expect("two");
+        assert_eq!(found.len(), 2);
+        assert_eq!(found[1].apply(Vec3::ZERO), Vec3::new(10.0, 0.0, 0.0));
+        let found = symmetries(&info(&format!("{half}{any}"))).expect("many");
+        assert_eq!(found.len(), 2 * CONTINUOUS_STEPS);
+        let centre = Vec3::new(5.0, 0.0, 1.0);
+        for pose in &found {
+            let distance = pose.apply(Vec3::new(55.0, 0.0, 1.0)).distance(centre);
+            assert!((distance - 50.0).abs() < 1e-3 && pose.apply(centre).distance(centre) < 1e-3);
+        }
+        // Neighbouring turns of the farthest points are less than .01 diameters, 1 mm, apart.
+        let [a, b] = [0, 1].map(|k| found[k].apply(Vec3::new(55.0, 0.0, 1.0)));
+        assert!(a.distance(b) < 1.0, "{}", a.distance(b));
+        for bad in [
+            ", \"symmetries_discrete\": [[1, 0]]",
+            ", \"symmetries_discrete\": [[2,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,0,1]]",
+            ", \"symmetries_continuous\": [{\"axis\": [0, 0, 0], \"offset\": [0, 0, 0]}]",
+        ] {
+            assert_eq!(symmetries(&info(bad)), None);
+        }
+    }
 }

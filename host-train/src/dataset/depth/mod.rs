@@ -110,6 +110,11 @@ impl DepthImage {
             .collect()
     }
 
+    /// Depth at a pixel, inside the mask or outside of it; 0 where there is none.
+    pub fn depth(&self, pixel: usize) -> f32 {
+        self.depths[pixel]
+    }
+
     /// The point seen at one of [`Self::pixels`], in the camera's frame.
     pub fn point(&self, pixel: u32) -> Point {
         let pixel = pixel as usize;

@@ -1,4 +1,4 @@
-//! Free space: between the sensor and what it saw nothing stands.
+//! Free space: between the sensor and what it saw nothing stands, be it the object or what is behind.
 
 use crate::surface::Surface;
 use glam::{Mat3, Vec3};
@@ -6,7 +6,7 @@ use glam::{Mat3, Vec3};
 /// Cells along an axis of the grid.
 const CELLS: usize = 48;
 
-/// Depths of a cloud as seen from one point: the nearest in each cell of a pinhole image.
+/// Depths of a cloud, and of its background if that is known, as seen from one point: the nearest in each cell of a pinhole image.
 #[derive(Clone, Debug)]
 pub(crate) struct DepthGrid {
     known: bool,
@@ -42,8 +42,14 @@ impl DepthGrid {
         self.known.then_some(self.camera.transpose().z_axis)
     }
 
-    /// Takes in what was seen from `eye`, all in the surface's frame. A view point within the cloud says nothing.
-    pub(crate) fn fill(&mut self, surface: &Surface, eye: Vec3) {
+    /// Takes in what was seen from `eye`, and of what else was seen what lies around it in the image, all in the surface's
+    /// frame. A view point within the cloud says nothing.
+    pub(crate) fn fill(
+        &mut self,
+        surface: &Surface,
+        eye: Vec3,
+        around: impl ExactSizeIterator<Item = Vec3>,
+    ) {
         *self = DepthGrid::EMPTY;
         let ahead = (crate::pose::centroid(surface.points()) - eye).normalize_or_zero();
         if ahead == Vec3::ZERO {
@@ -68,21 +74,31 @@ impl DepthGrid {
         });
         // A cell holds a point or two: holes between points are no background.
         let cells = (libm::sqrtf(surface.points().len() as f32) * 0.7).clamp(4.0, CELLS as f32);
-        self.low = low;
-        self.cells_per_unit = (cells - 0.001) / x.max(y).max(1e-6);
+        let (wide, cells) = match around.len() {
+            0 => (1.0, cells),
+            _ => (WIDER, CELLS as f32),
+        };
+        let size = x.max(y).max(1e-6);
+        self.low = low.map(|low| low - 0.5 * (wide - 1.0) * size);
+        self.cells_per_unit = (cells - 0.001) / (wide * size);
         for &point in surface.points() {
-            if let Some((at, depth)) = self.image(Vec3::from_array(point))
-                && let Some(cell) = self.cell(at)
-                && let Some(held) = self
-                    .depth
-                    .get_mut(cell.1)
-                    .and_then(|row| row.get_mut(cell.0))
-            {
-                // The nearer of a cell's points: an edge is no reason against a pose.
-                *held = if *held > 0.0 { held.min(depth) } else { depth };
-            }
+            self.take(Vec3::from_array(point));
+        }
+        for point in around {
+            self.take(point);
         }
         self.known = true;
+    }
+
+    /// Takes in a point that was seen.
+    fn take(&mut self, point: Vec3) {
+        if let Some((at, depth)) = self.image(point)
+            && let Some((x, y)) = self.cell(at)
+            && let Some(held) = self.depth.get_mut(y).and_then(|row| row.get_mut(x))
+        {
+            // The nearer of a cell's points: an edge is no reason against a pose.
+            *held = if *held > 0.0 { held.min(depth) } else { depth };
+        }
     }
 
     /// Takes the mirror image, x the other way around.
@@ -118,5 +134,7 @@ impl DepthGrid {
     }
 }
 
+/// Width of the image that is looked at, in widths of the object, where more than the object is known.
+const WIDER: f32 = 2.0;
 /// See [`DepthGrid::margin`], in radii of a neighbourhood.
 const MARGIN: f32 = 0.6;

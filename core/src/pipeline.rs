@@ -63,7 +63,7 @@ impl fmt::Display for Mode {
 
 /// What to do with two clouds.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Task {
+pub struct Task<'b> {
     /// What is done.
     pub mode: Mode,
     /// Where it starts.
@@ -74,17 +74,20 @@ pub struct Task {
     pub frame: Option<Frame>,
     /// Where the sensor stood, in the source's units, if the source is a view from one point.
     pub view_point: Option<Vec3>,
+    /// What it saw besides the source, in its frame and units ([`Refiner::seen_before`]); nothing without a view point.
+    pub background: &'b [[f32; 3]],
 }
 
-impl Task {
+impl<'b> Task<'b> {
     /// The best pose within the paper's ten steps.
-    pub const fn new(start: Start) -> Task {
+    pub const fn new(start: Start) -> Task<'b> {
         Task {
             mode: Mode::Best,
             start,
             steps: crate::dims::STEPS,
             frame: None,
             view_point: None,
+            background: &[],
         }
     }
 
@@ -152,7 +155,7 @@ pub fn register<'c, E: From<Error>>(
     registrar: &mut Registrar<'_, '_>,
     workspace: &mut Workspace,
     [source, target]: [&'c [[f32; 3]]; 2],
-    task: &Task,
+    task: &Task<'_>,
     mut progress: impl FnMut(Progress<'_, 'c>) -> Result<(), E>,
 ) -> Result<Answer, E> {
     let start = task.start.pose();
@@ -199,7 +202,7 @@ pub fn refine<E: From<Error>>(
     workspace: &mut Workspace,
     [source, target]: [&[[f32; 3]]; 2],
     reached: Pose,
-    task: &Task,
+    task: &Task<'_>,
     mut go_on: impl FnMut() -> Result<(), E>,
 ) -> Result<Option<Refinement>, E> {
     task.check()?;
@@ -210,7 +213,7 @@ pub fn refine<E: From<Error>>(
     go_on()?;
     let mut refiner = Refiner::new(source, target, workspace)?;
     if let Some(view_point) = task.view_point {
-        refiner.seen_from(view_point);
+        refiner.seen_before(view_point, task.background);
     }
     Ok(Some(if mode == Mode::Verify {
         let found = refiner.verify_while(reached, &task.start, go_on)?;

@@ -612,9 +612,18 @@ impl<'w> Refiner<'w> {
     /// Says from where the source was seen, in its own frame: what would stand before what was seen counts against a
     /// pose, and what is hidden does not.
     pub fn seen_from(&mut self, view_point: Vec3) {
-        let eye = (view_point - self.source_centre) * (1.0 / self.target.scale);
+        self.seen_before(view_point, &[]);
+    }
+
+    /// The same with what was seen besides the source, `background [B, 3]` in its frame, such as the other pixels of a depth
+    /// image: what would stand before that counts against a pose, too. What lies in the image farther from the source than its
+    /// own width, or is no number, is not looked at.
+    pub fn seen_before(&mut self, view_point: Vec3, background: &[[f32; 3]]) {
+        let (centre, factor) = (self.source_centre, 1.0 / self.target.scale);
+        let inside = |point: Vec3| (point - centre) * factor;
+        let around = background.iter().map(|&p| inside(Vec3::from_array(p)));
         let Workspace { source, seen, .. } = &mut *self.workspace;
-        seen.fill(source, eye);
+        seen.fill(source, inside(view_point), around);
     }
 
     /// Takes the source's mirror image in its place; twice is the same again.

@@ -117,6 +117,20 @@ class Registrar:
         points: int | None = None,
         dense: _Dense = "auto",
     ) -> Registration: ...
+    def register_depth(
+        self,
+        depth: ArrayLike,
+        camera: ArrayLike,
+        target: ArrayLike,
+        init: _Start = None,
+        mode: _Mode = "verify",
+        *,
+        mask: ArrayLike | None = None,
+        depth_scale: float = 1.0,
+        steps: int = 10,
+        points: int | None = None,
+        dense: _Dense = "auto",
+    ) -> Registration: ...
     def refine(
         self,
         source: ArrayLike,
@@ -162,6 +176,19 @@ def register(
     points: int | None = None,
     dense: _Dense = "auto",
 ) -> Registration: ...
+def register_depth(
+    depth: ArrayLike,
+    camera: ArrayLike,
+    target: ArrayLike,
+    init: _Start = None,
+    mode: _Mode = "verify",
+    *,
+    mask: ArrayLike | None = None,
+    depth_scale: float = 1.0,
+    steps: int = 10,
+    points: int | None = None,
+    dense: _Dense = "auto",
+) -> Registration: ...
 def refine(
     source: ArrayLike,
     target: ArrayLike,
@@ -192,6 +219,9 @@ def register_batch(
     dense: _Dense = "auto",
     return_exceptions: bool = False,
 ) -> list[Any]: ...
+def points_of_depth(
+    depth: ArrayLike, camera: ArrayLike, mask: ArrayLike | None = None, *, depth_scale: float = 1.0
+) -> NDArray[float64]: ...
 def evaluate(
     found: ArrayLike,
     truth: ArrayLike,

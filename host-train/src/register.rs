@@ -95,7 +95,7 @@ pub fn register(
     policy: Policy<'_>,
     source: &[Point],
     target: &[Point],
-    task: &Task,
+    task: &Task<'_>,
 ) -> Result<Registered, Error> {
     register_in(&mut Box::new(Memory::new()), policy, source, target, task)
 }
@@ -109,7 +109,7 @@ pub fn register_in(
     policy: Policy<'_>,
     source: &[Point],
     target: &[Point],
-    task: &Task,
+    task: &Task<'_>,
 ) -> Result<Registered, Error> {
     let Memory { scratch, workspace } = memory;
     let mut registrar = Registrar::new(policy, scratch);
@@ -144,7 +144,7 @@ mod tests {
     use rand::RngExt;
     use reagent_core::pipeline::Mode;
 
-    fn task(mode: Mode, steps: usize) -> Task {
+    fn task(mode: Mode, steps: usize) -> Task<'static> {
         Task {
             mode,
             steps,

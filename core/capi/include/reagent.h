@@ -170,6 +170,11 @@ typedef struct {
   float across;
   // Where the sensor stood, x, y and z in the source's frame and unit, if the source is a view from one point; else null.
   const float *view_point;
+  // What it saw besides the source, such as the other pixels of a depth image: x, y and z of each point, in the source's frame
+  // and unit. What would stand before that counts against a pose, too. Null if it is not known.
+  const float *background;
+  // How many points that are, at most 4096: pixels spread around the object are enough.
+  size_t background_points;
 } ReagentTask;
 
 // The pose, and what can be said about it. All but pose, verdict and steps is of a refined pose, and 0 in mode FAST.

@@ -43,7 +43,7 @@ pub unsafe extern "C" fn reagent_register(
     answer: *mut ReagentAnswer,
 ) -> ReagentStatus {
     let clouds = [(source, source_points), (target, target_points)];
-    let register = |workspace: &mut Workspace, [source, target]: Clouds<'_>, task: Task| {
+    let register = |workspace: &mut Workspace, [source, target]: Clouds<'_>, task: Task<'_>| {
         // SAFETY: the caller's promise.
         let state = unsafe { state(memory) }?;
         state.started = false;
@@ -81,7 +81,7 @@ pub unsafe extern "C" fn reagent_refine(
     answer: *mut ReagentAnswer,
 ) -> ReagentStatus {
     let clouds = [(source, source_points), (target, target_points)];
-    let refine = |workspace: &mut Workspace, clouds: Clouds<'_>, task: Task| {
+    let refine = |workspace: &mut Workspace, clouds: Clouds<'_>, task: Task<'_>| {
         // SAFETY: the caller's promise.
         let reached = Pose::from_rows(unsafe { value(reached) }?.rows).checked()?;
         let found = pipeline::refine(workspace, clouds, reached, &task, || Ok::<_, Error>(()))?;
@@ -108,7 +108,7 @@ unsafe fn answered(
     [source, target]: [(*const f32, usize); 2],
     task: *const ReagentTask,
     answer: *mut ReagentAnswer,
-    by: impl FnOnce(&mut Workspace, Clouds<'_>, Task) -> Result<ReagentAnswer, ReagentStatus>,
+    by: impl FnOnce(&mut Workspace, Clouds<'_>, Task<'_>) -> Result<ReagentAnswer, ReagentStatus>,
 ) -> Result<(), ReagentStatus> {
     if !aligned(workspace) || !aligned(answer) {
         return Err(ReagentStatus::Pointer);

@@ -1,6 +1,6 @@
 //! What to do with two clouds.
 
-use crate::pointer::value;
+use crate::pointer::{floats, value};
 use crate::register::ReagentPose;
 use crate::status::ReagentStatus;
 use core::ptr::null;
@@ -43,6 +43,11 @@ pub struct ReagentTask {
     pub across: f32,
     /// Where the sensor stood, x, y and z in the source's frame and unit, if the source is a view from one point; else null.
     pub view_point: *const f32,
+    /// What it saw besides the source, such as the other pixels of a depth image: x, y and z of each point, in the source's frame
+    /// and unit. What would stand before that counts against a pose, too. Null if it is not known.
+    pub background: *const f32,
+    /// How many points that are, at most 4096: pixels spread around the object are enough.
+    pub background_points: usize,
 }
 
 /// The best pose within the paper's ten steps, from the identity, as uncertain as an estimator's or an operator's pose.
@@ -62,6 +67,8 @@ pub extern "C" fn reagent_task() -> ReagentTask {
         along,
         across,
         view_point: null(),
+        background: null(),
+        background_points: 0,
     }
 }
 
@@ -69,8 +76,8 @@ impl ReagentTask {
     /// The same in Rust.
     ///
     /// # Safety
-    /// The view point is null, not aligned, or points to three floats.
-    pub(crate) unsafe fn read(&self) -> Result<Task, ReagentStatus> {
+    /// The view point is null, not aligned, or points to three floats; the background to as many points as it says.
+    pub(crate) unsafe fn read<'c>(&self) -> Result<Task<'c>, ReagentStatus> {
         let mode = [Mode::Fast, Mode::Polish, Mode::Verify, Mode::Refine];
         let mode = usize::try_from(self.mode).ok().and_then(|i| mode.get(i));
         let view_point = if self.view_point.is_null() {
@@ -79,6 +86,8 @@ impl ReagentTask {
             // SAFETY: the caller's promise.
             Some(unsafe { value(self.view_point.cast::<[f32; 3]>()) }?.into())
         };
+        // SAFETY: the caller's promise.
+        let background = unsafe { floats(self.background, self.background_points) }?;
         let uncertainty = Uncertainty {
             rotation_rad: self.rotation_rad,
             along: self.along,
@@ -92,6 +101,7 @@ impl ReagentTask {
             mode: *mode.ok_or(ReagentStatus::NoSuchMode)?,
             steps: self.steps as usize,
             view_point,
+            background,
             ..Task::new(start)
         })
     }

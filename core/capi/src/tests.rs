@@ -401,7 +401,7 @@ fn workspace() -> Box<ReagentWorkspace> {
 }
 
 /// Every kind of task, and the same in Rust.
-fn tasks() -> Vec<(ReagentTask, Task)> {
+fn tasks() -> Vec<(ReagentTask, Task<'static>)> {
     let start = Pose {
         translation: [1.0, -2.0, 0.5].into(),
         ..Pose::IDENTITY
@@ -419,8 +419,10 @@ fn tasks() -> Vec<(ReagentTask, Task)> {
         tasks.push((task, expected));
     }
     const EYE: [f32; 3] = [50.0, -300.0, 200.0];
+    static BEHIND: [[f32; 3]; 2] = [[0.0, 300.0, -100.0], [20.0, 310.0, -90.0]];
     let mut view = reagent_task();
     view.view_point = EYE.as_ptr();
+    (view.background, view.background_points) = (BEHIND.as_flattened().as_ptr(), BEHIND.len());
     (view.steps, view.rotation_rad, view.along, view.across) = (2, 0.1, 0.2, 0.3);
     let uncertainty = Uncertainty {
         rotation_rad: 0.1,
@@ -430,6 +432,7 @@ fn tasks() -> Vec<(ReagentTask, Task)> {
     let expected = Task {
         steps: 2,
         view_point: Some(EYE.into()),
+        background: &BEHIND,
         ..Task::new(Start::Pose(Pose::IDENTITY, uncertainty))
     };
     tasks.push((view, expected));
@@ -709,6 +712,11 @@ fn what_cannot_be_registered_is_refused_and_changes_nothing() {
                     task.view_point = NOWHERE.as_ptr().wrapping_byte_add(1)
                 })),
                 Pointer,
+            ),
+            (refine(with(|task| task.background_points = 9)), Pointer),
+            (
+                refine(with(|task| task.background_points = 1 << 20)),
+                TooManyPoints,
             ),
             (
                 refine(with(|task| task.start.rows[0][3] = f32::INFINITY)),

@@ -217,3 +217,40 @@ proptest! {
         prop_assert!((0.0..=1.0).contains(&probability));
     }
 }
+
+/// A camera at the origin sees an end of a bent bar, before a wall to its right; to the left nothing was measured. That the bar
+/// goes on to the right would hide the wall.
+#[test]
+fn what_would_hide_the_background_counts_against_a_pose() {
+    let bend = |x: f32, y: f32| [x, y, 5.0 + 0.3 * y * y];
+    let grid = |columns: core::ops::Range<i32>, z: Option<f32>| -> Vec<[f32; 3]> {
+        let rows = |i: i32| (-10..10).map(move |j| [i, j].map(|k| 0.05 * (k as f32 + 0.5)));
+        let place = |[x, y]: [f32; 2]| z.map_or(bend(x, y), |z| [x * z / 5.0, y * z / 5.0, z]);
+        columns.flat_map(rows).map(place).collect()
+    };
+    let (end, bar, wall) = (
+        grid(-10..10, None),
+        grid(-10..30, None),
+        grid(11..40, Some(9.0)),
+    );
+    let mut workspace = Workspace::new();
+    let mut residuals = |background: &[[f32; 3]]| {
+        let mut refiner = Refiner::new(&end, &bar, &mut workspace).expect("clouds");
+        refiner.seen_before(Vec3::ZERO, background);
+        // As it lies the bar goes on to the right; moved by its length, to the left.
+        [0.0, 1.0].map(|shift| {
+            let there = refiner.residual(pose([0.0; 3], [shift, 0.0, 0.0]));
+            there.expect("a pose").mean()
+        })
+    };
+    let [right, left] = residuals(&[]);
+    assert!((right - left).abs() < 0.02, "{right} {left}");
+    let [hiding, free] = residuals(&wall);
+    assert!(
+        hiding > right + 0.03 && (free - left).abs() < 0.02,
+        "{hiding} {free}"
+    );
+    // What is no number, or behind the camera, was not seen.
+    let nothing = [[f32::NAN; 3], [0.0, 0.0, -5.0], [f32::INFINITY, 0.0, 1.0]];
+    assert_eq!(residuals(&nothing)[0], residuals(&[[f32::NAN; 3]])[0]);
+}

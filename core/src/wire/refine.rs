@@ -50,7 +50,7 @@ pub const BUDGET_MS: u32 = 10_000;
 
 impl<'a> RefineRequest<'a> {
     /// What it asks for.
-    pub fn task(&self) -> Task {
+    pub fn task(&self) -> Task<'static> {
         let pose = self.initial.map_or(Pose::IDENTITY, Pose::from_rows);
         Task {
             mode: self.mode,

@@ -106,7 +106,16 @@ fn start() -> impl Strategy<Value = Start> {
     prop_oneof![pose().prop_map(Start::at), uncertain, Just(Start::Anywhere)]
 }
 
-fn task() -> impl Strategy<Value = Task> {
+/// What no sensor sees, and what is as far away as anything.
+static BACKGROUND: [[f32; 3]; 5] = [
+    [f32::NAN; 3],
+    [f32::INFINITY, 0.0, 1.0],
+    [f32::MAX, -f32::MAX, f32::MIN_POSITIVE],
+    [0.0; 3],
+    [1e12, 1.0, -1e12],
+];
+
+fn task() -> impl Strategy<Value = Task<'static>> {
     const MODES: [Mode; 4] = [Mode::Fast, Mode::Polish, Mode::Verify, Mode::Refine];
     let view_point = prop_oneof![Just(None), [number(), number(), number()].prop_map(Some)];
     let frame = prop_oneof![
@@ -124,6 +133,7 @@ fn task() -> impl Strategy<Value = Task> {
             mode,
             steps,
             view_point: view_point.map(Vec3::from_array),
+            background: &BACKGROUND,
             frame: frame.map(|(centre, scale)| Frame {
                 centre: Vec3::from_array(centre),
                 scale,

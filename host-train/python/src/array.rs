@@ -158,15 +158,8 @@ fn as_array<'py>(name: &str, given: &Bound<'py, PyAny>) -> PyResult<Bound<'py, P
         return Ok(given.cast::<PyUntypedArray>()?.clone());
     }
     let numpy = py.import(intern!(py, "numpy"))?;
-    let masked = numpy.getattr(intern!(py, "ma"))?;
-    let is_masked = masked.call_method1(intern!(py, "isMaskedArray"), (given,))?;
-    let made = if is_masked.is_truthy()? {
-        given
-            .call_method1(intern!(py, "astype"), ("float64",))
-            .and_then(|wide| wide.call_method1(intern!(py, "filled"), (f64::NAN,)))
-    } else {
-        numpy.call_method1(intern!(py, "asarray"), (given,))
-    };
+    let made =
+        without_mask(given).and_then(|given| numpy.call_method1(intern!(py, "asarray"), (given,)));
     let array = made.map_err(|cause| {
         let error = CloudError::new_err(format!(
             "{name}: expected an array of float32 or float64 of shape (N, 3); numpy.asarray says: {}",
@@ -178,8 +171,20 @@ fn as_array<'py>(name: &str, given: &Bound<'py, PyAny>) -> PyResult<Bound<'py, P
     Ok(array.cast_into::<PyUntypedArray>()?)
 }
 
+/// The same; NaN where an array is masked.
+pub(crate) fn without_mask<'py>(given: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
+    let py = given.py();
+    let masked = py.import(intern!(py, "numpy.ma"))?;
+    let is_masked = masked.call_method1(intern!(py, "isMaskedArray"), (given,))?;
+    if !is_masked.is_truthy()? {
+        return Ok(given.clone());
+    }
+    let wide = given.call_method1(intern!(py, "astype"), ("float64",))?;
+    wide.call_method1(intern!(py, "filled"), (f64::NAN,))
+}
+
 /// Numbers of any shape in f64.
-fn numbers<'py>(
+pub(crate) fn numbers<'py>(
     name: &str,
     given: &Bound<'py, PyAny>,
     expected: &str,

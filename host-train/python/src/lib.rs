@@ -1,6 +1,7 @@
 //! The Python package `reagent`: what `host-train register` does, on arrays.
 
 mod array;
+mod depth;
 mod error;
 mod evaluate;
 mod json;
@@ -26,13 +27,15 @@ use pyo3::pymodule;
 #[pymodule(name = "reagent")]
 mod module {
     #[pymodule_export]
+    use crate::depth::points_of_depth;
+    #[pymodule_export]
     use crate::error::{CloudError, Error, PolicyError};
     #[pymodule_export]
     use crate::evaluate::evaluate;
     #[pymodule_export]
     use crate::policy::Policy;
     #[pymodule_export]
-    use crate::registrar::{Registrar, refine, register, register_batch, verify};
+    use crate::registrar::{Registrar, refine, register, register_batch, register_depth, verify};
     #[pymodule_export]
     use crate::registration::{Axis, Registration, Step, Undetermined};
     use pyo3::prelude::*;

@@ -1,17 +1,20 @@
 //! Registrations: one, or many over threads.
 
 use crate::array::{Cloud, View};
+use crate::depth::depth_image;
 use crate::error::{Error, bad, bad_cloud, no_threads};
 use crate::options::Options;
 use crate::policy::Policy;
 use crate::registration::Registration;
 use host_train::register::Memory;
 use host_train::register::batch::for_each;
+use host_train::register::prepared::Prepared;
 use host_train::register::request::Request;
 use numpy::{PyUntypedArray, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyList;
 use reagent_core::weights;
+use std::path::Path;
 use std::sync::Mutex;
 
 /// Pairs that a thread does between two looks at whether the user wants to stop.
@@ -74,6 +77,46 @@ impl Registrar {
     ) -> PyResult<Registration> {
         let options = Options::new(init, mode, viewpoint, (steps, points, dense))?;
         self.run(py, [source, target], &options)
+    }
+
+    /// As the function `register_depth`, with this policy.
+    #[pyo3(signature = (depth, camera, target, init = None, mode = "verify", *, mask = None, depth_scale = 1.0, steps = 10,
+        points = None, dense = "auto"))]
+    #[allow(clippy::too_many_arguments, reason = "keywords in Python")]
+    fn register_depth(
+        &self,
+        py: Python<'_>,
+        depth: &Bound<'_, PyAny>,
+        camera: &Bound<'_, PyAny>,
+        target: &Bound<'_, PyAny>,
+        init: Option<&Bound<'_, PyAny>>,
+        mode: &str,
+        mask: Option<&Bound<'_, PyAny>>,
+        depth_scale: f64,
+        steps: usize,
+        points: Option<usize>,
+        dense: &str,
+    ) -> PyResult<Registration> {
+        let options = Options::new(init, mode, None, (steps, points, dense))?;
+        let request = Request {
+            view_point: Some([0.0; 3]),
+            ..options.one()?
+        };
+        let seen = depth_image(depth, camera, mask, depth_scale)?;
+        let target = Cloud::new("target", target)?;
+        let target = target.view();
+        let policy = self.policy_for(&request);
+        py.detach(|| {
+            let object = seen.object();
+            let source = Prepared::of_points(&object, Path::new("depth"), points);
+            let mut source = source.map_err(|error| bad_cloud(&error))?;
+            source.see(&seen.background(), 1.0);
+            let names = ["depth", target.name()];
+            let target = target.prepared(points).map_err(|error| bad_cloud(&error))?;
+            with_memory(|memory| {
+                register_prepared(policy, memory, [&source, &target], names, &request)
+            })
+        })
     }
 
     /// As the function `refine`.
@@ -177,14 +220,7 @@ impl Registrar {
         let views = clouds.each_ref().map(Cloud::view);
         let policy = self.policy_for(&request);
         py.detach(|| {
-            let idle = IDLE.try_lock().ok().and_then(|mut idle| idle.pop());
-            let mut memory = idle.unwrap_or_else(|| Box::new(Memory::new()));
-            let found = register_views(policy, &mut memory, views, &request, options.points);
-            // A lock that is held, as it may be in a forked process, costs new memory and no more.
-            if let Ok(mut idle) = IDLE.try_lock() {
-                idle.push(memory);
-            }
-            found
+            with_memory(|memory| register_views(policy, memory, views, &request, options.points))
         })
     }
 
@@ -239,6 +275,18 @@ impl Registrar {
     }
 }
 
+/// Does something with memory that is kept for the next call.
+fn with_memory<T>(of: impl FnOnce(&mut Memory) -> T) -> T {
+    let idle = IDLE.try_lock().ok().and_then(|mut idle| idle.pop());
+    let mut memory = idle.unwrap_or_else(|| Box::new(Memory::new()));
+    let found = of(&mut memory);
+    // A lock that is held, as it may be in a forked process, costs new memory and no more.
+    if let Ok(mut idle) = IDLE.try_lock() {
+        idle.push(memory);
+    }
+    found
+}
+
 /// Registers what was checked to be arrays of points.
 fn register_views(
     policy: weights::Policy<'_>,
@@ -250,12 +298,23 @@ fn register_views(
     let [source, target] = views.map(|view| view.prepared(points));
     let source = source.map_err(|error| bad_cloud(&error))?;
     let target = target.map_err(|error| bad_cloud(&error))?;
-    let done = request.register(policy, memory, &source, &target);
+    let names = views.map(View::name);
+    register_prepared(policy, memory, [&source, &target], names, request)
+}
+
+fn register_prepared(
+    policy: weights::Policy<'_>,
+    memory: &mut Memory,
+    [source, target]: [&Prepared<'_>; 2],
+    names: [&str; 2],
+    request: &Request,
+) -> PyResult<Registration> {
+    let done = request.register(policy, memory, source, target);
     let done = done.map_err(|error| {
-        let [source, target] = views.map(View::name);
+        let [source, target] = names;
         Error::new_err(format!("cannot register {source} to {target}: {error}"))
     })?;
-    Ok(Registration::new(&source, &target, done))
+    Ok(Registration::new(source, target, done))
 }
 
 /// Clouds of several pairs.
@@ -343,6 +402,51 @@ pub(crate) fn register(
 ) -> PyResult<Registration> {
     Registrar::bundled().register(
         py, source, target, init, mode, viewpoint, steps, points, dense,
+    )
+}
+
+/// Registers what a depth camera saw to `target`: finds the rigid transform that maps the camera's frame (x right, y down, z
+/// ahead) onto the target's. What would stand in front of the background counts against a pose, too.
+///
+/// depth, camera, mask, depth_scale: as of `points_of_depth`; with the scale, depths are in the target's unit.
+/// Other arguments are as of `register`.
+///
+/// >>> import numpy, reagent
+/// >>> v, u = numpy.mgrid[:40, :40]
+/// >>> depth = numpy.where((u - 20) ** 2 + 2 * (v - 20) ** 2 < 200, 2 + (u - 20) ** 2 / 400 + (v + u) / 90, 9)
+/// >>> points = reagent.points_of_depth(depth, (40, 40, 20, 20), depth < 9)
+/// >>> found = reagent.register_depth(depth, (40, 40, 20, 20), points - [0.05, 0, 0], mask=depth < 9)
+/// >>> found.target_from_source[:3, 3].round(2) + 0.0
+/// array([-0.05,  0.  ,  0.  ])
+#[pyfunction]
+#[pyo3(signature = (depth, camera, target, init = None, mode = "verify", *, mask = None, depth_scale = 1.0, steps = 10,
+    points = None, dense = "auto"))]
+#[allow(clippy::too_many_arguments, reason = "keywords in Python")]
+pub(crate) fn register_depth(
+    py: Python<'_>,
+    depth: &Bound<'_, PyAny>,
+    camera: &Bound<'_, PyAny>,
+    target: &Bound<'_, PyAny>,
+    init: Option<&Bound<'_, PyAny>>,
+    mode: &str,
+    mask: Option<&Bound<'_, PyAny>>,
+    depth_scale: f64,
+    steps: usize,
+    points: Option<usize>,
+    dense: &str,
+) -> PyResult<Registration> {
+    Registrar::bundled().register_depth(
+        py,
+        depth,
+        camera,
+        target,
+        init,
+        mode,
+        mask,
+        depth_scale,
+        steps,
+        points,
+        dense,
     )
 }
 

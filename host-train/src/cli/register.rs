@@ -220,7 +220,12 @@ impl RegisterArgs {
         let points = self.points.map(|count| count as usize);
         // Seeds of their own: a mesh registered to itself must not be sampled at the very same points.
         let source = match self.depth.read()? {
-            Some(seen) => Input::of(seen, &pair.source, self.scale(), (points, seed))?,
+            Some((object, background)) => {
+                let scale = self.scale();
+                let mut source = Input::of(object, &pair.source, scale, (points, seed))?;
+                source.cloud.see(&background, scale);
+                source
+            }
             None => Input::read(&pair.source, self.scale(), points, seed)?,
         };
         let mut target = Input::read(&pair.target, 1.0, points, seed.wrapping_add(1))?;

@@ -25,6 +25,8 @@ pub struct Prepared<'a> {
     pub all: Cow<'a, [Point]>,
     /// Those that the policy sees, where it sees a part only.
     thinned: Option<Vec<Point>>,
+    /// What the sensor saw besides, of a source seen from a known point; nothing otherwise.
+    pub background: Vec<Point>,
     /// What the reader noticed, and what was done to the points.
     pub notes: Vec<Note>,
 }
@@ -118,6 +120,7 @@ impl<'a> Prepared<'a> {
             origin,
             all,
             thinned,
+            background: Vec::new(),
             notes,
         };
         check_cloud(prepared.points()).map_err(|source| CloudError::Refused {
@@ -125,6 +128,12 @@ impl<'a> Prepared<'a> {
             source,
         })?;
         Ok(prepared)
+    }
+
+    /// Takes in what the sensor saw besides, as the cloud was before it was scaled.
+    pub fn see(&mut self, background: &[Point], scale: f64) {
+        let near = |p: &Point| [0, 1, 2].map(|k| (f64::from(p[k]) * scale - self.origin[k]) as f32);
+        self.background = background.iter().map(near).collect();
     }
 
     /// The points that the policy sees.

@@ -81,6 +81,7 @@ impl Request {
             mode: self.mode,
             steps: self.steps,
             view_point: self.view_point.map(relative),
+            background: &source.background,
             ..Task::new(self.start.start(source.origin, target.origin))
         };
         let found = register_in(memory, policy, source.points(), target.points(), &task)?;

@@ -1,5 +1,6 @@
 //! A depth image in the source's place: `--depth`.
 
+use crate::dataset::Point;
 use crate::dataset::cloud_file::{CloudFile, Note};
 use crate::dataset::depth::{DepthError, DepthImage, Intrinsics, read_depths, read_mask};
 use clap::Args;
@@ -54,8 +55,8 @@ impl FromStr for Camera {
 }
 
 impl DepthArgs {
-    /// The points of the object, millimetres in the camera's frame.
-    pub(super) fn read(&self) -> Result<Option<CloudFile>, DepthError> {
+    /// The points of the object and those around it, millimetres in the camera's frame.
+    pub(super) fn read(&self) -> Result<Option<(CloudFile, Vec<Point>)>, DepthError> {
         let (Some(path), Some(camera)) = (&self.depth, &self.camera) else {
             return Ok(None);
         };
@@ -74,15 +75,16 @@ impl DepthArgs {
             None => None,
         };
         let image = DepthImage::checked((path, depth), (origin, camera), mask, scale_mm)?;
-        let points = image.points(true);
+        let points = image.object();
         let seen = Note::Seen {
             pixels: points.len(),
             without: image.object_pixels() - points.len(),
             scale_mm,
         };
-        Ok(Some(CloudFile {
+        let object = CloudFile {
             notes: vec![seen],
             ..CloudFile::of(&points)
-        }))
+        };
+        Ok(Some((object, image.background())))
     }
 }

@@ -123,9 +123,30 @@ impl DepthImage {
         (ray * self.depths[pixel]).to_array()
     }
 
-    /// The points seen inside the mask or outside of it.
-    pub fn points(&self, inside: bool) -> Vec<Point> {
-        let pixels = self.pixels(inside).into_iter();
+    /// The points of the object.
+    pub fn object(&self) -> Vec<Point> {
+        let pixels = self.pixels(true).into_iter();
+        pixels.map(|pixel| self.point(pixel)).collect()
+    }
+
+    /// What is seen around the object: the points outside of the mask, as far from it in the image as it is wide or high.
+    pub fn background(&self) -> Vec<Point> {
+        let width = self.camera.size[0];
+        let place = |pixel: usize| [pixel % width, pixel / width];
+        let (mut low, mut high) = ([usize::MAX; 2], [0; 2]);
+        for (pixel, _) in self.mask.iter().enumerate().filter(|(_, inside)| **inside) {
+            for (axis, at) in place(pixel).into_iter().enumerate() {
+                low[axis] = low[axis].min(at);
+                high[axis] = high[axis].max(at + 1);
+            }
+        }
+        let far = |axis: usize| high[axis].saturating_sub(low[axis]);
+        let reach = far(0).max(far(1));
+        let is_around = |&pixel: &u32| {
+            let at = place(pixel as usize);
+            (0..2).all(|axis| at[axis] + reach >= low[axis] && at[axis] <= high[axis] + reach)
+        };
+        let pixels = self.pixels(false).into_iter().filter(is_around);
         pixels.map(|pixel| self.point(pixel)).collect()
     }
 }

@@ -46,8 +46,22 @@ fn pixels_are_points_on_their_rays() {
     )
     .expect("an image");
     assert_eq!(seen.object_pixels(), 5);
-    assert_eq!(seen.points(true), [[-2.5, -0.625, 5.0], [15.0, 3.75, 30.0]]);
-    assert_eq!(seen.points(false), [[-10.0, 2.5, 20.0]]);
+    assert_eq!(seen.object(), [[-2.5, -0.625, 5.0], [15.0, 3.75, 30.0]]);
+    assert_eq!(seen.background(), [[-10.0, 2.5, 20.0]]);
+}
+
+#[test]
+fn the_background_is_what_lies_around_the_object() {
+    let inside = |pixel: usize| (4..6).contains(&(pixel % 10)) && pixel / 10 == 1;
+    let seen = DepthImage::new(
+        camera("1,1,0,0").pinhole([10, 3]),
+        vec![1.0; 30],
+        (0..30).map(inside).collect(),
+    );
+    let columns: Vec<f32> = seen.background().iter().map(|p| p[0]).collect();
+    let row = [2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0];
+    let around = [&row[..], &[2.0, 3.0, 6.0, 7.0, 8.0], &row].concat();
+    assert_eq!(columns, around);
 }
 
 #[test]

@@ -11,7 +11,7 @@ use crate::pose::Pose;
 use crate::register::{Outcome, Registrar, Registration, Step};
 use crate::start::Start;
 use crate::verdict::Verdict;
-use crate::verify::Undetermined;
+use crate::verify::{RANKED, Ranked, Undetermined};
 use core::fmt;
 use core::str::FromStr;
 use glam::Vec3;
@@ -144,6 +144,8 @@ pub struct Refinement {
     pub evidence: Evidence,
     /// How uncertain the pose is, if it is right.
     pub covariance: Covariance,
+    /// The poses that were compared, the most probable first; the pose alone where there was no comparison.
+    pub ranked: [Option<Ranked>; RANKED],
 }
 
 /// Registers `source [N, 3]` to `target [M, 3]`, both in one unit. `progress` is asked before every piece of work whether to go
@@ -224,9 +226,15 @@ pub fn refine<E: From<Error>>(
             undetermined: found.undetermined,
             evidence: Evidence::verified(&found),
             covariance: refiner.covariance(found.best.target_from_source)?,
+            ranked: found.ranked,
         }
     } else {
         let polished = refiner.polish(reached)?;
+        let mut ranked = [None; RANKED];
+        ranked[0] = Some(Ranked {
+            target_from_source: polished.target_from_source,
+            energy: refiner.energy(polished.target_from_source, &task.start)?,
+        });
         Refinement {
             refined: polished,
             polished,
@@ -234,6 +242,7 @@ pub fn refine<E: From<Error>>(
             undetermined: Undetermined::NOTHING,
             evidence: Evidence::polished(&polished),
             covariance: refiner.covariance(polished.target_from_source)?,
+            ranked,
         }
     }))
 }

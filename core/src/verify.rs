@@ -66,6 +66,8 @@ const AXIS_TURNS: [f32; 6] = [0.175, 0.35, 0.7, 1.3, 2.2, core::f32::consts::PI]
 
 /// Poses named as fitting equally well, at most.
 pub const OTHERS: usize = 5;
+/// Poses that are compared at last, at most.
+pub const RANKED: usize = CONTENDERS - 2;
 
 /// What the shape leaves open.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -109,6 +111,18 @@ pub struct Verified {
     /// By how much better the source's mirror image fits where the best pose matches points, in standard errors; 0 if it
     /// does not.
     pub mirror_score: f32,
+    /// The poses that were compared, the most probable first.
+    pub ranked: [Option<Ranked>; RANKED],
+}
+
+/// A pose among others.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ranked {
+    /// Plain rigid transform.
+    pub target_from_source: Pose,
+    /// How improbable it is by how the clouds fit and under the start, a negative logarithm: comparable between poses of the same
+    /// clouds, from whatever start.
+    pub energy: f32,
 }
 
 /// A polished hypothesis in the comparison.
@@ -140,10 +154,7 @@ impl Refiner<'_> {
     ) -> Result<Verified, E> {
         let at_hand = self.inside(pose.checked()?);
         let begun = self.inside(start.pose().checked()?);
-        let prior = match *start {
-            Start::Pose(_, uncertainty) => Some(Prior::new(begun, self.ahead(), uncertainty)),
-            Start::Anywhere => None,
-        };
+        let prior = self.prior(start)?;
         let polished = self.polish_inside(at_hand);
         let mut search = Search {
             refiner: self,
@@ -166,6 +177,7 @@ impl Refiner<'_> {
             Some(winner) if best > 0 || !polished.is_settled() => self.polish_inside(winner.at),
             _ => polished,
         };
+        let ranked = self.ranked(best, &found, &contenders);
         let undetermined = self.undetermined(best, &found, &contenders);
         let mirror_score = self.mirror_score(found.at);
         Ok(Verified {
@@ -174,7 +186,51 @@ impl Refiner<'_> {
             hypotheses,
             undetermined,
             mirror_score,
+            ranked,
         })
+    }
+
+    /// How improbable a pose is ([`Ranked::energy`]).
+    ///
+    /// # Errors
+    /// [`Error::BadPose`] for a pose or a start that is not rigid.
+    pub fn energy(&mut self, pose: Pose, start: &Start) -> Result<f32, Error> {
+        let at = self.inside(pose.checked()?);
+        let prior = self.prior(start)?;
+        let loss = self.keep_losses(0, at);
+        Ok(energy(loss, prior.map_or(0.0, |prior| prior.surprise(at))))
+    }
+
+    /// Whether two poses are one hypothesis: within 8 degrees and .15 target radii of each other.
+    pub fn is_same(&self, a: Pose, b: Pose) -> bool {
+        is_same(self.inside(a), self.inside(b))
+    }
+
+    fn prior(&self, start: &Start) -> Result<Option<Prior>, Error> {
+        let begun = self.inside(start.pose().checked()?);
+        Ok(match *start {
+            Start::Pose(_, uncertainty) => Some(Prior::new(begun, self.ahead(), uncertainty)),
+            Start::Anywhere => None,
+        })
+    }
+
+    /// The contenders as poses, the most probable first; the best as it was found.
+    fn ranked(
+        &self,
+        best: usize,
+        found: &Candidate,
+        contenders: &[Option<Contender>; CONTENDERS],
+    ) -> [Option<Ranked>; RANKED] {
+        let mut ranked = [None; RANKED];
+        for (i, (place, contender)) in ranked.iter_mut().zip(contenders).enumerate() {
+            *place = contender.map(|contender| Ranked {
+                target_from_source: self.outside(if i == best { found.at } else { contender.at }),
+                energy: contender.energy,
+            });
+        }
+        let energy = |ranked: &Option<Ranked>| ranked.map_or(f32::INFINITY, |r| r.energy);
+        ranked.sort_unstable_by(|a, b| energy(a).total_cmp(&energy(b)));
+        ranked
     }
 
     /// What fits as well as the best.

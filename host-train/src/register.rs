@@ -1,6 +1,7 @@
 //! One registration of two clouds in the user's own units.
 
 pub mod batch;
+pub mod best;
 pub mod dense;
 pub mod document;
 pub mod prepared;

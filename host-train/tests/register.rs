@@ -302,3 +302,77 @@ fn clouds_in_different_units_are_pointed_out() {
     let (angle, shift) = errors(found(at), 1.0);
     assert!(angle < 2.0 && shift < 0.02, "{angle} deg, {shift}");
 }
+
+/// The true pose after a turn about x, as `--init` takes it.
+fn turned(angle: f32) -> String {
+    let turn = Pose {
+        rotation: Mat3::from_rotation_x(angle),
+        translation: Vec3::ZERO,
+    };
+    let rows = truth().after(turn).to_rows();
+    let numbers: Vec<String> = rows.iter().flatten().map(f32::to_string).collect();
+    numbers.join(",")
+}
+
+#[test]
+fn the_best_of_several_starts_is_given_out_and_the_next_best_are_listed() {
+    let folder = folder();
+    let at = folder.path();
+    write_cloud(&at.join("s.ply"), &scan(1000, 1.0)).expect("written");
+    write_mesh(&at.join("m.ply"), 1.0);
+    let list: Vec<String> = [3.0, 1.5, 0.1]
+        .map(|angle| format!("[{}]", turned(angle)))
+        .into();
+    std::fs::write(at.join("starts.json"), format!("[{}]", list.join(","))).expect("written");
+    let [far, near] = [3.0, 0.1].map(turned);
+    for (starts, best) in [
+        (format!("--init {far} --init {near}"), 1),
+        ("--init starts.json".to_owned(), 2),
+        (format!("--init {far} --init starts.json"), 3),
+    ] {
+        let said = succeed(
+            at,
+            &format!("register s.ply m.ply {starts} --mode refine --best 3 --json p.json"),
+        );
+        let (angle, shift) = errors(found(at), 1.0);
+        assert!(
+            angle < 2.0 && shift < 0.02,
+            "{starts}: {angle} deg, {shift}"
+        );
+        let document = read_json(&at.join("p.json"));
+        assert_eq!(document["start"], best, "{starts}");
+        assert!(
+            said.contains(&format!("from start number {}\n", best + 1)),
+            "{said}"
+        );
+        let others = document["others"].as_array().expect("a list");
+        assert!(
+            (1..=2).contains(&others.len()),
+            "{starts}: {}",
+            others.len()
+        );
+        for other in others {
+            assert_eq!(
+                other["target_from_source"].as_array().map(Vec::len),
+                Some(3)
+            );
+            assert!(other["probability"].as_f64() < document["probability"].as_f64());
+            assert!(other["residual"][0].as_f64() > document["polish"]["residual"][0].as_f64());
+        }
+    }
+    let alone = format!("register s.ply m.ply --init {near} --json p.json");
+    succeed(at, &alone);
+    let document = read_json(&at.join("p.json"));
+    assert!(document.get("start").is_none() && document.get("others").is_none());
+    for options in ["--best 2".to_owned(), format!("--init {far} --init {near}")] {
+        let output = run(at, &format!("register s.ply m.ply --mode fast {options}"));
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{said}");
+        assert!(said.contains("mode fast does not compare poses"), "{said}");
+    }
+    fail(
+        at,
+        "register s.ply m.ply --init nowhere.json",
+        &["nowhere.json"],
+    );
+}

@@ -58,9 +58,14 @@ pub(super) struct RegisterArgs {
     #[arg(long, value_name = "FOLDER|LIST", conflicts_with_all = ["source", "target", "out", "trace", "matrix"])]
     pairs: Option<PathBuf>,
     /// Where to start: none (turned in any way), identity, 12 numbers separated by commas (rows of [R | t]), or a
-    /// file with them: .txt, .json, also what --json wrote [default: identity]
+    /// file with them: .txt, .json, also what --json wrote. May be given several times, and a file may hold several
+    /// poses: each is tried, and the most probable pose wins [default: identity]
     #[arg(long, value_name = "START", allow_hyphen_values = true)]
-    init: Option<Initial>,
+    init: Vec<Initial>,
+    /// How many of the most probable poses to tell, each another one: the first is given out, the others are listed by
+    /// --json with how they fit
+    #[arg(long, value_name = "K", default_value_t = 1, value_parser = source::positive())]
+    best: usize,
     /// Unit of the source, where the target is in metres, or of both: in:mm. Units: mm, cm, m, in, ft. The source
     /// is scaled before anything else; the pose is that of the scaled source
     #[arg(long, value_name = "UNIT[:UNIT]", conflicts_with = "scale")]
@@ -106,6 +111,10 @@ pub(super) struct RegisterArgs {
     fail_below: Option<f32>,
 }
 
+/// Said of `--best` and of several starts.
+const NO_FITS: &str =
+    "mode fast does not compare poses: take another mode for --best and for several starts";
+
 fn factor(text: &str) -> anyhow::Result<f64> {
     match text.parse::<f64>() {
         Ok(factor) if factor.is_normal() && factor > 0.0 => Ok(factor),
@@ -144,12 +153,18 @@ impl RegisterArgs {
             check_output(path)?;
         }
         let weights = WeightFile::load(self.policy())?;
-        let start = self
-            .init
-            .clone()
-            .map_or(Ok(Start::Identity), Initial::load)?;
+        let mut starts = Vec::new();
+        for initial in &self.init {
+            starts.extend(initial.clone().load_all()?);
+        }
+        if starts.is_empty() {
+            starts.push(Start::Identity);
+        }
+        if self.mode == Mode::Fast && starts.len() > 1 {
+            bad_usage("register", NO_FITS);
+        }
         if let Some(list) = &self.pairs {
-            return self.run_pairs(&weights, &start, &pairs::find(list)?, seed);
+            return self.run_pairs(&weights, &starts, &pairs::find(list)?, seed);
         }
         // With a depth image the only file named is the target.
         let (source, target) = match &self.depth.depth {
@@ -159,7 +174,7 @@ impl RegisterArgs {
         let (Some(source), Some(target)) = (source.cloned(), target.cloned()) else {
             bail!("give SOURCE and TARGET, --depth and TARGET, or --pairs");
         };
-        self.run_one(&weights, &start, &Pair { source, target }, seed)
+        self.run_one(&weights, &starts, &Pair { source, target }, seed)
     }
 
     /// Ends with status 2 where options contradict each other.
@@ -169,12 +184,14 @@ impl RegisterArgs {
         if outputs.into_iter().filter(standard).count() > 1 {
             bad_usage("register", "only one output can be standard output");
         }
-        let init = match &self.init {
-            Some(Initial::File(path)) => Some(path.clone()),
-            _ => None,
-        };
-        let inputs = [&self.source, &self.target, &init];
-        if inputs.into_iter().filter(standard).count() > 1 {
+        let files = self.init.iter().map(|init| match init {
+            Initial::File(path) => Some(path.clone()),
+            Initial::Start(_) => None,
+        });
+        let inputs: Vec<_> = files
+            .chain([self.source.clone(), self.target.clone()])
+            .collect();
+        if inputs.iter().filter(standard).count() > 1 {
             bad_usage("register", "only one input can be standard input");
         }
         if self.depth.depth.is_some() && (self.source.is_none() || self.target.is_some()) {
@@ -182,6 +199,9 @@ impl RegisterArgs {
                 "register",
                 "--depth takes the place of SOURCE: give one more file, TARGET",
             );
+        }
+        if self.mode == Mode::Fast && self.best > 1 {
+            bad_usage("register", NO_FITS);
         }
         if self.fail_below.is_some() && self.mode == Mode::Fast {
             bad_usage(
@@ -213,7 +233,7 @@ impl RegisterArgs {
     fn register(
         &self,
         weights: &WeightFile,
-        start: &Start,
+        starts: &[Start],
         pair: &Pair,
         seed: u64,
     ) -> anyhow::Result<Pairing> {
@@ -233,15 +253,16 @@ impl RegisterArgs {
             target.cloud.notes.push(Note::NoFaces);
         }
         let request = Request {
-            start: *start,
+            start: starts[0],
             mode: self.mode,
             steps: self.steps,
             view_point: self.view_point(),
             dense: self.dense,
         };
         let mut memory = Box::new(Memory::new());
+        let clouds = [&source.cloud, &target.cloud];
         let done = request
-            .register(weights.policy(), &mut memory, &source.cloud, &target.cloud)
+            .register_from(starts, self.best, weights.policy(), &mut memory, clouds)
             .with_context(|| {
                 format!(
                     "cannot register {} to {}",
@@ -263,11 +284,11 @@ impl RegisterArgs {
     fn run_one(
         &self,
         weights: &WeightFile,
-        start: &Start,
+        starts: &[Start],
         pair: &Pair,
         seed: u64,
     ) -> anyhow::Result<()> {
-        let pairing = self.register(weights, start, pair, seed)?;
+        let pairing = self.register(weights, starts, pair, seed)?;
         let Pairing { inputs, done } = &pairing;
         for (path, input) in [&pair.source, &pair.target].into_iter().zip(inputs) {
             for note in &input.cloud.notes {
@@ -323,7 +344,7 @@ impl RegisterArgs {
     fn run_pairs(
         &self,
         weights: &WeightFile,
-        start: &Start,
+        starts: &[Start],
         pairs: &[Pair],
         seed: u64,
     ) -> anyhow::Result<()> {
@@ -331,7 +352,7 @@ impl RegisterArgs {
         let mut done = Vec::new();
         for pair in pairs {
             let names = json!({ "source": pair.source.display().to_string(), "target": pair.target.display().to_string() });
-            let result = match self.register(weights, start, pair, seed) {
+            let result = match self.register(weights, starts, pair, seed) {
                 Ok(found) => {
                     let document = serde_json::to_value(self.document(&found))?;
                     done.push(found);

@@ -2,6 +2,7 @@
 
 use crate::dataset::cloud_file::Note;
 use crate::pose64::{Pose64, Position};
+use crate::register::best::Other;
 use crate::register::dense::Densely;
 use crate::register::prepared::Prepared;
 use crate::register::request::Done;
@@ -24,6 +25,12 @@ pub struct Document {
     /// What a refinement says, unless there was none.
     #[serde(flatten)]
     pub fit: Option<Fit>,
+    /// Which of the starts it came from, from 0, if there were several.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub start: Option<usize>,
+    /// The next best poses, if they were asked for, the most probable first.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub others: Vec<OtherPose>,
     /// Steps that the policy took.
     pub steps: usize,
     /// Where the policy's steps led, unless none were taken.
@@ -150,6 +157,21 @@ pub struct RefinedStage {
     pub hypotheses: Option<usize>,
 }
 
+/// A pose that was not given out.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct OtherPose {
+    /// The pose.
+    pub target_from_source: [[f64; 4]; 3],
+    /// That it is right, had it been given out.
+    pub probability: f32,
+    /// As of [`RefinedStage`].
+    pub residual: [f32; 2],
+    /// As of [`Fit`].
+    pub overlap: f32,
+    /// The same.
+    pub inlier_rmse: f32,
+}
+
 /// The last refinement.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct DenseStage {
@@ -182,6 +204,13 @@ impl Document {
             iterations: refined.iterations,
             hypotheses,
         };
+        let other = |other: &Other| OtherPose {
+            target_from_source: rows(other.refined.target_from_source),
+            probability: other.probability,
+            residual: [other.refined.residual.source, other.refined.residual.target],
+            overlap: other.refined.overlap,
+            inlier_rmse: other.refined.inlier_rmse,
+        };
         let answer = &done.found.answer;
         let refinement = answer.refinement.as_ref();
         let noticed = |of, cloud: &Prepared<'_>| {
@@ -197,6 +226,8 @@ impl Document {
             verdict: answer.verdict.to_string(),
             probability: refinement.map(|r| r.evidence.probability()),
             fit: refinement.map(|found| Fit::of(found, rows, target.origin)),
+            start: done.start,
+            others: done.others.iter().map(other).collect(),
             steps: done.found.trace.len(),
             policy: answer.policy.map(|policy| PolicyStage {
                 target_from_source: rows(policy.target_from_source),

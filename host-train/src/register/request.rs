@@ -1,6 +1,7 @@
 //! What users ask for: a registration in the clouds' own coordinates, in f64.
 
 use crate::pose64::{Pose64, Position};
+use crate::register::best::{Other, best_of, others};
 use crate::register::dense::{Dense, Densely, refine_densely};
 use crate::register::prepared::Prepared;
 use crate::register::{Memory, Registered, Start, register_in};
@@ -48,6 +49,10 @@ pub struct Done {
     pub pose: Pose64,
     /// Of the first step, relative to the clouds' origins.
     pub initial: Pose,
+    /// Which of the starts it came from, if there were several.
+    pub start: Option<usize>,
+    /// The next best poses, as far as they were asked for.
+    pub others: Vec<Other>,
     /// Time, milliseconds.
     pub ms: f64,
 }
@@ -72,20 +77,47 @@ impl Request {
         source: &Prepared<'_>,
         target: &Prepared<'_>,
     ) -> Result<Done, Error> {
+        self.register_from(&[self.start], 1, policy, memory, [source, target])
+    }
+
+    /// The same from each of several starts, in place of the request's own: the most probable pose is given out, by fit and by
+    /// its start, and of the `best` most probable ones those that follow. In [`Mode::Fast`], which does not look at fits, the
+    /// first start's.
+    ///
+    /// # Errors
+    /// As [`Request::register`].
+    pub fn register_from(
+        &self,
+        starts: &[Start],
+        best: usize,
+        policy: Policy<'_>,
+        memory: &mut Memory,
+        [source, target]: [&Prepared<'_>; 2],
+    ) -> Result<Done, Error> {
         let before = Instant::now();
         let relative = |at: Position| {
             let [x, y, z] = [0, 1, 2].map(|k| (at[k] - source.origin[k]) as f32);
             Vec3::new(x, y, z)
         };
-        let task = Task {
-            mode: self.mode,
-            steps: self.steps,
-            view_point: self.view_point.map(relative),
-            background: &source.background,
-            ..Task::new(self.start.start(source.origin, target.origin))
-        };
-        let found = register_in(memory, policy, source.points(), target.points(), &task)?;
-        let reached = found.answer.target_from_source;
+        let view_point = self.view_point.map(relative);
+        let clouds = [source.points(), target.points()];
+        let mut found = Vec::with_capacity(starts.len());
+        for start in starts {
+            let task = Task {
+                mode: self.mode,
+                steps: self.steps,
+                view_point,
+                background: &source.background,
+                ..Task::new(start.start(source.origin, target.origin))
+            };
+            found.push(register_in(memory, policy, clouds[0], clouds[1], &task)?);
+        }
+        let winner = best_of(&found);
+        let reached = found[winner].answer.target_from_source;
+        let count = best.saturating_sub(1);
+        let seen = view_point.map(|point| (point, source.background.as_slice()));
+        let others = others(memory, clouds, seen, &found, reached, count)?;
+        let found = found.swap_remove(winner);
         let wanted = match self.dense {
             Dense::Never => false,
             Dense::Always => true,
@@ -99,7 +131,9 @@ impl Request {
         let near = dense.map_or(reached, |d| d.target_from_source);
         Ok(Done {
             pose: Pose64::of(near, source.origin, target.origin),
-            initial: self.start.near(source.origin, target.origin),
+            initial: starts[winner].near(source.origin, target.origin),
+            start: (starts.len() > 1).then_some(winner),
+            others,
             ms: before.elapsed().as_secs_f64() * 1e3,
             found,
             dense,
@@ -113,6 +147,8 @@ mod tests {
     use crate::dataset::procedural;
     use crate::policy::WeightFile;
     use crate::random::{Purpose, stream};
+    use reagent_core::polish::Refined;
+    use reagent_core::pose::rotation_from_euler;
     use std::path::Path;
 
     #[test]
@@ -144,5 +180,60 @@ mod tests {
         assert_eq!(alone.polished, refinement.polished);
         let stepped = register(Request::default());
         assert!(stepped.answer.policy.is_some_and(|policy| policy.steps > 0));
+    }
+
+    /// Two starts that lead astray, and one near the truth.
+    #[test]
+    fn the_best_of_several_starts_wins_and_others_follow() {
+        let mesh = procedural::shape(1, 1).mesh;
+        let clouds = [1, 2].map(|i| mesh.sample(400, &mut stream(3, Purpose::Surface, i)));
+        let [source, target] = clouds
+            .each_ref()
+            .map(|cloud| Prepared::of_points(cloud, Path::new("cloud"), None).expect("a cloud"));
+        let turned = |angles: [f32; 3]| {
+            let pose = Pose {
+                rotation: rotation_from_euler(Vec3::from(angles)),
+                translation: Vec3::ZERO,
+            };
+            Start::Pose(Pose64::of(pose, [0.0; 3], [0.0; 3]))
+        };
+        let starts = [
+            turned([2.5, 0.3, 0.0]),
+            turned([0.1, 0.1, 0.0]),
+            turned([0.0, 2.0, 1.0]),
+        ];
+        let file = WeightFile::pretrained();
+        let memory = &mut Box::new(Memory::new());
+        let mut register = |mode, starts: &[Start], best| {
+            let request = Request {
+                mode,
+                ..Request::default()
+            };
+            let clouds = [&source, &target];
+            let done = request.register_from(starts, best, file.policy(), memory, clouds);
+            done.expect("two clouds")
+        };
+        for mode in [Mode::Refine, Mode::Verify] {
+            let done = register(mode, &starts, 4);
+            assert_eq!(done.start, Some(1), "{mode}");
+            let near = done.near();
+            assert!(near.rotation.x_axis.x > 0.999 && near.rotation.y_axis.y > 0.999);
+            // Each is another pose, and fits less well.
+            let fit = done.found.answer.refinement.expect("a refinement").refined;
+            assert!(!done.others.is_empty() && done.others.len() <= 3, "{mode}");
+            for (i, other) in done.others.iter().enumerate() {
+                let Refined {
+                    target_from_source,
+                    residual,
+                    ..
+                } = other.refined;
+                assert!(residual.mean() > fit.residual.mean());
+                let rest = done.others[..i].iter();
+                let mut named = rest.map(|o| o.refined.target_from_source).chain([near]);
+                assert!(named.all(|named| named != target_from_source));
+            }
+        }
+        let alone = register(Mode::Verify, &starts[1..2], 1);
+        assert_eq!((alone.start, alone.others.len()), (None, 0));
     }
 }

@@ -35,47 +35,72 @@ impl FromStr for Initial {
 }
 
 impl Initial {
-    /// The start.
+    /// The only start.
+    ///
+    /// # Errors
+    /// As [`Initial::load_all`], and a file with several poses.
+    pub fn load(self) -> anyhow::Result<Start> {
+        let name = match &self {
+            Initial::File(path) => path.display().to_string(),
+            Initial::Start(_) => String::new(),
+        };
+        match *self.load_all()?.as_slice() {
+            [start] => Ok(start),
+            ref starts => bail!(
+                "initial pose {name}: expected one pose, found {}",
+                starts.len()
+            ),
+        }
+    }
+
+    /// The start; of a file, as many as it has poses.
     ///
     /// # Errors
     /// A file that cannot be read, or holds no pose.
-    pub fn load(self) -> anyhow::Result<Start> {
+    pub fn load_all(self) -> anyhow::Result<Vec<Start>> {
         match self {
-            Initial::Start(start) => Ok(start),
+            Initial::Start(start) => Ok(vec![start]),
             Initial::File(path) => {
-                let pose = read_pose(&path);
-                pose.map(Start::Pose)
-                    .with_context(|| format!("initial pose {}", path.display()))
+                let poses = read_poses(&path)
+                    .with_context(|| format!("initial pose {}", path.display()))?;
+                Ok(poses.into_iter().map(Start::Pose).collect())
             }
         }
     }
 }
 
-fn read_pose(path: &Path) -> anyhow::Result<Pose64> {
+fn read_poses(path: &Path) -> anyhow::Result<Vec<Pose64>> {
+    let input: Box<dyn Read> = match path == Path::new("-") {
+        true => Box::new(std::io::stdin()),
+        false => Box::new(File::open(path)?),
+    };
     let mut text = String::new();
-    if path == Path::new("-") {
-        std::io::stdin()
-            .take(POSE_BYTES)
-            .read_to_string(&mut text)?;
-    } else {
-        File::open(path)?
-            .take(POSE_BYTES)
-            .read_to_string(&mut text)?;
+    input.take(POSE_BYTES + 1).read_to_string(&mut text)?;
+    if text.len() as u64 > POSE_BYTES {
+        bail!("it has more than the {POSE_BYTES} bytes that are read of poses");
     }
     let text = text.trim_start_matches('\u{feff}').trim();
     if !text.starts_with('{') {
-        return parse_pose(text);
+        return parse_poses(text);
     }
     let document: Value = serde_json::from_str(text).context("it is not JSON")?;
     match document.get("target_from_source") {
-        Some(pose) => parse_pose(&pose.to_string()),
+        Some(pose) => Ok(vec![parse_pose(&pose.to_string())?]),
         None => bail!("it has no \"target_from_source\""),
     }
 }
 
-/// Twelve numbers, the rows of `[R | t]`, or sixteen with the row 0 0 0 1; brackets, commas and white
-/// space separate them, as JSON arrays and text files do.
+/// One pose, as [`parse_poses`] reads it.
 fn parse_pose(text: &str) -> anyhow::Result<Pose64> {
+    match *parse_poses(text)?.as_slice() {
+        [pose] => Ok(pose),
+        ref poses => bail!("expected one pose, found {}", poses.len()),
+    }
+}
+
+/// Twelve numbers a pose, the rows of `[R | t]`, or sixteen with the row 0 0 0 1; brackets, commas and white
+/// space separate them, as JSON arrays and text files do.
+fn parse_poses(text: &str) -> anyhow::Result<Vec<Pose64>> {
     let numbers = text
         .split(|c: char| c.is_whitespace() || matches!(c, ',' | '[' | ']'))
         .filter(|word| !word.is_empty())
@@ -85,14 +110,18 @@ fn parse_pose(text: &str) -> anyhow::Result<Pose64> {
         })
         .collect::<anyhow::Result<Vec<f64>>>()?;
     let (rows, rest) = numbers.as_chunks::<4>();
-    let pose = match (rows, rest) {
-        ([a, b, c], []) | ([a, b, c, [0.0, 0.0, 0.0, 1.0]], []) => Pose64::from_rows([*a, *b, *c]),
-        _ => bail!(
-            "a pose is 12 numbers, the rows of [R | t]; there are {}",
+    let is_square = rows
+        .chunks(4)
+        .all(|rows| rows.get(3) == Some(&[0.0, 0.0, 0.0, 1.0]));
+    let each = if is_square { 4 } else { 3 };
+    if rows.is_empty() || !rest.is_empty() || !rows.len().is_multiple_of(each) {
+        bail!(
+            "a pose is 12 numbers, the rows of [R | t], or 16 with the row 0 0 0 1; there are {}",
             numbers.len()
-        ),
-    };
-    Ok(pose.checked()?)
+        );
+    }
+    let pose = |rows: &[[f64; 4]]| Ok(Pose64::from_rows([rows[0], rows[1], rows[2]]).checked()?);
+    rows.chunks(each).map(pose).collect()
 }
 
 #[cfg(test)]
@@ -133,6 +162,45 @@ mod tests {
             said.contains("r.json") && said.contains("no \"target_from_source\""),
             "{said}"
         );
+    }
+
+    #[test]
+    fn a_file_holds_several_poses() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let path = folder.path().join("starts.json");
+        let loaded = |text: &str| {
+            std::fs::write(&path, text).expect("written");
+            let starts = Initial::File(path.clone()).load_all();
+            starts
+                .map(|starts| starts.len())
+                .map_err(|e| format!("{e:#}"))
+        };
+        let square = "[[1,0,0,2],[0,1,0,3],[0,0,1,4],[0,0,0,1]]";
+        let rows = "[[1,0,0,2],[0,1,0,3],[0,0,1,4]]";
+        for (pose, several) in [square, rows]
+            .into_iter()
+            .flat_map(|p| [(p, 1), (p, 3), (p, 4)])
+        {
+            let list = vec![pose; several].join(",");
+            assert_eq!(loaded(&format!("[{list}]")), Ok(several));
+            assert_eq!(loaded(&list.replace([',', '[', ']'], " ")), Ok(several));
+        }
+        let said = Initial::File(path.clone())
+            .load()
+            .expect_err("several")
+            .to_string();
+        assert!(
+            said.contains("starts.json: expected one pose, found 4"),
+            "{said}"
+        );
+        let said = loaded(&format!("[{square}, {rows}]")).expect_err("28 numbers");
+        assert!(
+            said.contains("starts.json") && said.contains("there are 28"),
+            "{said}"
+        );
+        assert!(loaded("[]").expect_err("nothing").contains("there are 0"));
+        let long = loaded(&" ".repeat(1 << 21)).expect_err("too long");
+        assert!(long.contains("more than"), "{long}");
     }
 
     #[test]

@@ -48,6 +48,16 @@ pub(super) fn report(done: &Done) -> String {
     } else {
         text += "how probably it is right is not known of the policy alone: see --mode verify\n";
     }
+    if let Some(start) = done.start {
+        text += &format!("from start number {}\n", start + 1);
+    }
+    for other in &done.others {
+        text += &format!(
+            "next best: residual {:.3}, right within 5 degrees and .05 target radii, had it been given out: {}\n",
+            other.refined.residual.mean(),
+            Percent(other.probability)
+        );
+    }
     text + &format!("{}, {ms:.1} ms\n", answer.verdict)
 }
 

@@ -150,8 +150,10 @@ impl Scenes {
         };
         let name = format!("{:06}_{:06}.png", instance.image, instance.index);
         let mask_path = folder.join(masks).join(name);
-        let depth = image::read_depth(&depth_path)?;
-        let mask = image::read_mask(&mask_path)?;
+        let depth = image::read_depth(&depth_path)
+            .map_err(|error| of_layout(error, "a greyscale PNG of 16 bits"))?;
+        let mask = image::read_mask(&mask_path)
+            .map_err(|error| of_layout(error, "a greyscale PNG of 8 bits"))?;
         let size = depth.size;
         if mask.size != size {
             return Err(BopError::Depth(DepthError::Size {
@@ -175,6 +177,16 @@ impl Scenes {
         let depths = depths.map(|units| units * view.depth_scale_mm).collect();
         let mask = mask.values.into_iter().map(|value| value > 0).collect();
         Ok(DepthImage::new(camera, depths, mask))
+    }
+}
+
+/// A missing image is a missing part of the layout.
+fn of_layout(error: DepthError, expected: &'static str) -> BopError {
+    match error {
+        DepthError::Io { path, source } if source.kind() == std::io::ErrorKind::NotFound => {
+            BopError::Missing { path, expected }
+        }
+        other => BopError::Depth(other),
     }
 }
 

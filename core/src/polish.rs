@@ -278,7 +278,7 @@ impl<'w> Refiner<'w> {
     /// [`Error::BadPose`] for one that is not rigid.
     pub fn residual(&mut self, target_from_source: Pose) -> Result<Residual, Error> {
         let at = self.inside(target_from_source.checked()?);
-        self.match_both(at, usize::MAX);
+        self.match_all(at);
         Ok(self.matched_residual(at))
     }
 
@@ -300,18 +300,18 @@ impl<'w> Refiner<'w> {
 
     /// [`Self::polish`] in this frame.
     pub(crate) fn polish_inside(&mut self, initial: Rigid) -> Candidate {
-        self.match_both(initial, usize::MAX);
+        self.match_all(initial);
         let before = self.matched_residual(initial);
         let (near, steps) = self.run(initial, &NEAR);
         let (at, more) = self.run(near, &FINE);
-        self.match_both(at, usize::MAX);
+        self.match_all(at);
         let residual = self.matched_residual(at);
         let iterations = steps + more;
         let better = residual.mean() <= before.mean();
         let at = if better {
             at
         } else {
-            self.match_both(initial, usize::MAX);
+            self.match_all(initial);
             initial
         };
         let overlap = self.matched_overlap(at);
@@ -364,6 +364,14 @@ impl<'w> Refiner<'w> {
     pub(crate) fn least_constraint(&mut self, at: Rigid) -> (Vec3, f32) {
         let (axis, constraint) = least(self.matched_equations(at, &NEAR).turning());
         (if axis == Vec3::ZERO { Vec3::Z } else { axis }, constraint)
+    }
+
+    /// Matches every point of each cloud with all of the other, however far.
+    fn match_all(&mut self, at: Rigid) {
+        let Workspace { source, target, .. } = &mut *self.workspace;
+        let pose = at.pose();
+        source.match_to(self.isa, target, pose, 1, f32::INFINITY);
+        target.match_to(self.isa, source, pose.inverse(), 1, f32::INFINITY);
     }
 
     /// Matches about `points` of each cloud with all of the other; one that is near nothing, with any.
@@ -642,11 +650,13 @@ impl<'w> Refiner<'w> {
         &self.workspace.losses
     }
 
-    /// Keeps the losses of the points matched last; their sum, as of [`loss::COMPARED`] points of each cloud.
-    pub(crate) fn keep_matched_losses(&mut self, contender: usize, at: Rigid) -> f32 {
+    /// Keeps the losses of the points matched last; their sum, as of [`loss::COMPARED`] points of each cloud,
+    /// and the mean of the source's.
+    pub(crate) fn keep_matched_losses(&mut self, contender: usize, at: Rigid) -> [f32; 2] {
         self.keep_losses_by(contender, at, loss::of_match);
         let Residual { source, target } = self.matched_residual(at);
-        (SOURCE_SHARE * source + (1.0 - SOURCE_SHARE) * target) * 2.0 * loss::COMPARED as f32
+        let mean = SOURCE_SHARE * source + (1.0 - SOURCE_SHARE) * target;
+        [mean * 2.0 * loss::COMPARED as f32, source]
     }
 
     /// Keeps how far the points matched last are from surfaces, and not from points: where those lie is chance.

@@ -9,7 +9,7 @@ pub(crate) const SCREEN: [f32; 6] = [0.5, 0.4, 0.3, 0.2, 0.15, 0.12];
 /// First of these after which a hypothesis that is far behind is given up, by how many points that is judged, and how much more
 /// loss it may have then than the worst that is kept.
 pub(crate) const EARLY: usize = 2;
-pub(crate) const EARLY_POINTS: usize = 64;
+pub(crate) const EARLY_POINTS: usize = 96;
 pub(crate) const EARLY_SLACK: f32 = 0.1;
 /// The same of further steps.
 pub(crate) const SIFT: [f32; 6] = [0.2, 0.15, 0.12, 0.1, 0.08, 0.08];

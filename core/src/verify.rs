@@ -54,8 +54,8 @@ const SPINS_POLISHED: usize = 1;
 /// Logarithm of probability that a whole point's loss stands for: far less than a point's own, since errors of neighbours
 /// are alike, and sensors, models and masks have faults that no sampling explains.
 const EVIDENCE: f32 = 0.014;
-/// Mean loss of a pose that explains so little of the clouds that a start does not speak for it, and how many times a loss
-/// above that counts: where clouds overlap by a third, only what lies far from the start may explain them.
+/// Mean loss of the source under a pose that explains so little of it that a start does not speak for it, and how many times a
+/// loss above that counts: where clouds overlap by a third, only what lies far from the start may explain them.
 const HARDLY_EXPLAINED: f32 = 0.7;
 const BEYOND: f32 = 5.0;
 /// Standard errors below which a difference of losses is what sampling explains: more than of independent points, since
@@ -197,8 +197,11 @@ impl Refiner<'_> {
     pub fn energy(&mut self, pose: Pose, start: &Start) -> Result<f32, Error> {
         let at = self.inside(pose.checked()?);
         let prior = self.prior(start)?;
-        let loss = self.keep_losses(0, at);
-        Ok(energy(loss, prior.map_or(0.0, |prior| prior.surprise(at))))
+        let losses = self.keep_losses(0, at);
+        Ok(energy(
+            losses,
+            prior.map_or(0.0, |prior| prior.surprise(at)),
+        ))
     }
 
     /// Whether two poses are one hypothesis: within 8 degrees and .15 target radii of each other.
@@ -299,8 +302,8 @@ impl Refiner<'_> {
         free
     }
 
-    /// Keeps the losses under a pose, point by point; their sum.
-    fn keep_losses(&mut self, contender: usize, at: Rigid) -> f32 {
+    /// Keeps the losses under a pose, point by point; their sum, and the mean of the source's.
+    fn keep_losses(&mut self, contender: usize, at: Rigid) -> [f32; 2] {
         self.match_both(at, COMPARED);
         self.keep_matched_losses(contender, at)
     }
@@ -321,9 +324,9 @@ impl Search<'_, '_> {
             return;
         }
         let surprise = prior.map_or(0.0, |prior| prior.surprise(at));
-        let contender = |loss| Contender {
+        let contender = |losses: [f32; 2]| Contender {
             at,
-            energy: energy(loss, surprise),
+            energy: energy(losses, surprise),
         };
         // The last two places are for comparisons of another kind.
         let places = self.contenders.iter_mut().take(CONTENDERS - 2).enumerate();
@@ -500,11 +503,10 @@ impl Search<'_, '_> {
     }
 }
 
-/// How improbable a pose is by the loss of the points of both clouds, and under the start.
-fn energy(loss: f32, surprise: f32) -> f32 {
-    let hardly_explained = HARDLY_EXPLAINED * 2.0 * COMPARED as f32;
-    let beyond = (BEYOND - 1.0) * (loss - hardly_explained).max(0.0);
-    EVIDENCE * (loss + beyond) + surprise
+/// How improbable a pose is by the loss of the points of both clouds and the mean loss of the source's, and under the start.
+fn energy([loss, source]: [f32; 2], surprise: f32) -> f32 {
+    let beyond = (source - HARDLY_EXPLAINED).max(0.0) * 2.0 * COMPARED as f32;
+    EVIDENCE * (loss + (BEYOND - 1.0) * beyond) + surprise
 }
 
 /// Whether two poses differ by a turn about an axis through the target's centre, and by little else.
@@ -669,7 +671,8 @@ mod tests {
         let compared = 2.0 * COMPARED as f32;
         // Loss and surprise of a pose near the start, and of one half a turn away that fits better.
         let near_wins = |near: [f32; 2], far: [f32; 2]| {
-            let [near, far] = [near, far].map(|[loss, surprise]| energy(loss * compared, surprise));
+            let [near, far] =
+                [near, far].map(|[loss, surprise]| energy([loss * compared, loss], surprise));
             near < far
         };
         assert!(near_wins([0.58, 0.8], [0.45, 8.0]), "a box upside down");

@@ -152,8 +152,6 @@ pub(crate) struct Stage {
     pub(crate) widest: f32,
     /// Weight of the distance between points beside that between planes.
     pub(crate) tangential: f32,
-    /// A turn (radians) and shift below this end the stage.
-    pub(crate) stop: f32,
 }
 
 impl Stage {
@@ -174,7 +172,6 @@ const NEAR: Stage = Stage {
     gate: 4.0,
     widest: f32::INFINITY,
     tangential: 0.0,
-    stop: 3e-4,
 };
 /// Finishes.
 const FINE: Stage = Stage {
@@ -183,7 +180,6 @@ const FINE: Stage = Stage {
     gate: 3.0,
     widest: WIDEST_GATE,
     tangential: 0.2,
-    stop: 3e-4,
 };
 /// The same for a hypothesis that is to be compared with others.
 const BRIEF_NEAR: Stage = Stage {
@@ -202,6 +198,8 @@ const SOURCE_SHARE: f32 = 0.8;
 const UNSEEN: f32 = 0.5;
 /// Share of the equations' trace that is added to their diagonal.
 const RIDGE: f64 = 1e-7;
+/// A turn (radians) and shift below this end a stage.
+const STOP: f32 = 3e-4;
 /// A match closer than this always counts, in radii of a neighbourhood.
 const LEAST_GATE: f32 = 0.02;
 /// Widest gate of the last steps, in radii of a neighbourhood: where clouds overlap in part, the median is that of
@@ -352,7 +350,7 @@ impl<'w> Refiner<'w> {
         for i in 0..stage.iterations {
             let (turn, shift) = self.matched_equations(at, stage).solve(RIDGE);
             at = at.moved(turn, shift);
-            if turn.length_squared().max(shift.length_squared()) < stage.stop * stage.stop {
+            if turn.length_squared().max(shift.length_squared()) < STOP * STOP {
                 return (at, i + 1);
             }
         }

@@ -19,13 +19,6 @@ const NEIGHBOURS: usize = 24;
 /// Radius within which a normal is estimated, in radii of a neighbourhood.
 const NORMAL_RADIUS: f32 = 0.85;
 
-/// An axis-parallel box.
-#[derive(Clone, Copy, Debug)]
-struct Bounds {
-    low: [f32; 3],
-    high: [f32; 3],
-}
-
 /// The boxes of all blocks, one row an axis: distances to all of them are found in lanes.
 #[derive(Clone, Debug)]
 struct Boxes {
@@ -40,8 +33,8 @@ impl Boxes {
         high: [[0.0; BLOCKS]; 3],
     };
 
-    fn set(&mut self, block: usize, bounds: &Bounds) {
-        for (rows, corner) in [(&mut self.low, bounds.low), (&mut self.high, bounds.high)] {
+    fn set(&mut self, block: usize, [low, high]: Corners) {
+        for (rows, corner) in [(&mut self.low, low), (&mut self.high, high)] {
             for (row, x) in rows.iter_mut().zip(corner) {
                 if let Some(place) = row.get_mut(block) {
                     *place = x;
@@ -51,9 +44,9 @@ impl Boxes {
     }
 
     /// Squared distance of the first `blocks` from a box.
-    fn gaps(&self, from: &Bounds, blocks: usize) -> [f32; BLOCKS] {
+    fn gaps(&self, [low, high]: &Corners, blocks: usize) -> [f32; BLOCKS] {
         let mut gaps = [0.0f32; BLOCKS];
-        let corners = from.low.iter().zip(&from.high);
+        let corners = low.iter().zip(high);
         for ((low, high), (&l, &h)) in self.low.iter().zip(&self.high).zip(corners) {
             let boxes = gaps.iter_mut().zip(low).zip(high).take(blocks);
             for ((gap, &low), &high) in boxes {
@@ -171,14 +164,13 @@ impl Surface {
     /// Finds the boxes.
     fn enclose(&mut self) {
         let points = self.points.get(..self.len).unwrap_or(&[]);
-        for (corners, run) in self.runs.iter_mut().zip(points.chunks(RUN)) {
-            let [low, high] = bounds(run, |&p| Vec3::from_array(p));
-            *corners = [low.to_array(), high.to_array()];
+        let corners =
+            |points: &[[f32; 3]]| bounds(points, |&p| Vec3::from_array(p)).map(|v| v.to_array());
+        for (place, run) in self.runs.iter_mut().zip(points.chunks(RUN)) {
+            *place = corners(run);
         }
         for (block, points) in points.chunks(BLOCK).enumerate() {
-            let [low, high] = bounds(points, |&p| Vec3::from_array(p));
-            let (low, high) = (low.to_array(), high.to_array());
-            self.boxes.set(block, &Bounds { low, high });
+            self.boxes.set(block, corners(points));
         }
     }
 
@@ -467,12 +459,10 @@ fn load(batch: &mut Batch, points: &mut impl Iterator<Item = Vec3>) -> usize {
     count
 }
 
-fn bounds_of(batch: &Batch) -> Bounds {
+fn bounds_of(batch: &Batch) -> Corners {
     let negated = batch.at.map(|row| row.map(|x| -x));
-    Bounds {
-        low: negated.each_ref().map(|row| -largest(row)),
-        high: batch.at.each_ref().map(largest),
-    }
+    let low = negated.each_ref().map(|row| -largest(row));
+    [low, batch.at.each_ref().map(largest)]
 }
 
 /// The largest of some numbers, in lanes.

@@ -66,7 +66,7 @@ const AXIS_TURNS: [f32; 6] = [0.175, 0.35, 0.7, 1.3, 2.2, core::f32::consts::PI]
 
 /// Poses named as fitting equally well, at most.
 pub const OTHERS: usize = 5;
-/// Poses that are compared at last, at most.
+/// Poses that are compared at last, at most: the last two places for losses are for comparisons of another kind.
 pub const RANKED: usize = CONTENDERS - 2;
 
 /// What the shape leaves open.
@@ -159,7 +159,7 @@ impl Refiner<'_> {
         let mut search = Search {
             refiner: self,
             hypotheses: 0,
-            contenders: [None; CONTENDERS],
+            contenders: [None; RANKED],
         };
         search.enter(polished.at, prior.as_ref());
         if begun != at_hand && prior.is_some() {
@@ -222,7 +222,7 @@ impl Refiner<'_> {
         &self,
         best: usize,
         found: &Candidate,
-        contenders: &[Option<Contender>; CONTENDERS],
+        contenders: &[Option<Contender>; RANKED],
     ) -> [Option<Ranked>; RANKED] {
         let mut ranked = [None; RANKED];
         for (i, (place, contender)) in ranked.iter_mut().zip(contenders).enumerate() {
@@ -241,7 +241,7 @@ impl Refiner<'_> {
         &mut self,
         best: usize,
         found: &Candidate,
-        contenders: &[Option<Contender>; CONTENDERS],
+        contenders: &[Option<Contender>; RANKED],
     ) -> Undetermined {
         let mut undetermined = Undetermined::NOTHING;
         let axis =
@@ -313,7 +313,7 @@ impl Refiner<'_> {
 struct Search<'r, 'w> {
     refiner: &'r mut Refiner<'w>,
     hypotheses: usize,
-    contenders: [Option<Contender>; CONTENDERS],
+    contenders: [Option<Contender>; RANKED],
 }
 
 impl Search<'_, '_> {
@@ -328,15 +328,14 @@ impl Search<'_, '_> {
             at,
             energy: energy(losses, surprise),
         };
-        // The last two places are for comparisons of another kind.
-        let places = self.contenders.iter_mut().take(CONTENDERS - 2).enumerate();
+        let places = self.contenders.iter_mut().enumerate();
         if let Some((i, place)) = places.into_iter().find(|(_, place)| place.is_none()) {
             *place = Some(contender(self.refiner.keep_losses(i, at)));
             return;
         }
         // In place of the worst; the first is the pose at hand, and stays.
         let contender = contender(self.refiner.keep_losses(CONTENDERS - 1, at));
-        let places = self.contenders.iter_mut().take(CONTENDERS - 2).enumerate();
+        let places = self.contenders.iter_mut().enumerate();
         let energy = |held: &Option<Contender>| held.map_or(f32::INFINITY, |held| held.energy);
         let worst = places
             .skip(1)

@@ -57,7 +57,10 @@ unsafe fn block<V: Vector, const P: usize, const N: usize>(
 
 /// Column `k` of `P` panels.
 #[inline(always)]
-unsafe fn load_column<V: Vector, const P: usize>(weights: [*const f32; P], k: usize) -> [V; P] {
+pub(super) unsafe fn load_column<V: Vector, const P: usize>(
+    weights: [*const f32; P],
+    k: usize,
+) -> [V; P] {
     // SAFETY: the caller guarantees the column.
     unsafe {
         let mut w = [V::splat(0.0); P];
@@ -95,6 +98,20 @@ unsafe fn layer_block<V: Vector, const P: usize, const N: usize>(
     panel: usize,
     x: *const f32,
 ) -> [[V; P]; N] {
+    // SAFETY: the caller guarantees the panels.
+    unsafe {
+        let (weights, start) = columns_and_bias(layer, inputs, panel);
+        block(weights, start, inputs, x)
+    }
+}
+
+/// Where the columns of `P` panels from `panel` on start, and their biases.
+#[inline(always)]
+pub(super) unsafe fn columns_and_bias<V: Vector, const P: usize>(
+    layer: &Dense<'_>,
+    inputs: usize,
+    panel: usize,
+) -> ([*const f32; P], [V; P]) {
     let mut weights = [layer.panels().as_ptr(); P];
     // SAFETY: the caller guarantees the panels.
     unsafe {
@@ -103,7 +120,7 @@ unsafe fn layer_block<V: Vector, const P: usize, const N: usize>(
             weights[p] = weights[p].add((panel + p) * inputs * PANEL);
             start[p] = V::load(layer.bias().as_ptr().add((panel + p) * PANEL));
         }
-        block(weights, start, inputs, x)
+        (weights, start)
     }
 }
 

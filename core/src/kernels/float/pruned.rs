@@ -6,6 +6,7 @@
 //! and `max` as long as its bias. [`crate::kernels::Isa`] checks it.
 #![allow(unsafe_code, clippy::indexing_slicing, clippy::needless_range_loop)]
 
+use super::dense::{columns_and_bias, load_column};
 use super::vector::Vector;
 use crate::dims::{PANEL, TILE};
 use crate::kernels::pruned::{CHANNELS, INPUTS, NEAR, Survivors, prune};
@@ -129,20 +130,12 @@ unsafe fn bound<V: Vector, const P: usize, const N: usize>(
     max: *const f32,
     survivors: &mut [Survivors; N],
 ) {
-    let mut weights = [layer.panels().as_ptr(); P];
     // SAFETY: the caller guarantees the panels; no more groups are asked for than there are.
     unsafe {
-        let mut start = [V::splat(0.0); P];
-        for p in 0..P {
-            weights[p] = weights[p].add((panel + p) * layer.inputs() * PANEL);
-            start[p] = V::load(layer.bias().as_ptr().add((panel + p) * PANEL));
-        }
+        let (weights, start) = columns_and_bias::<V, P>(layer, layer.inputs(), panel);
         let mut sum = [start; N];
-        let mut w = start;
         for k in 0..layer.inputs() {
-            for p in 0..P {
-                w[p] = V::load(weights[p].add(k * PANEL));
-            }
+            let w = load_column::<V, P>(weights, k);
             for n in 0..N {
                 let group = groups.get_unchecked(n);
                 let high = V::splat(*group.high.get_unchecked(k));

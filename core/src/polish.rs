@@ -19,13 +19,11 @@ use crate::kernels::{Isa, PAIRS, Pairs, Sums, Weighing};
 use crate::loss::{self, Losses};
 use crate::nearest::Lookup;
 use crate::pose::{Pose, mean};
-use crate::search::{
-    Best, EARLY, EARLY_POINTS, EARLY_SLACK, SCREEN, SCREEN_POINTS, SCREEN_SCALE, SIFT, SIFT_POINTS,
-    SIFT_SCALE,
-};
 use crate::solve::{Motion, Rigid, least};
 use crate::surface::Surface;
 use glam::Vec3;
+
+mod coarse;
 
 /// Working memory of a [`Refiner`], [`crate::budget::WORKSPACE_BYTES`]; the caller owns it.
 #[derive(Clone, Debug)]
@@ -497,87 +495,6 @@ impl<'w> Refiner<'w> {
         (motion, squares / weights.max(f64::MIN_POSITIVE))
     }
 
-    /// Steps on few of the source's points and about nearest points, one for each of the gates: distances from which a
-    /// match has no weight, in normalised units.
-    pub(crate) fn coarse(&self, initial: Rigid, points: usize, gates: &[f32]) -> Rigid {
-        const TANGENTIAL: f32 = 0.1;
-        let Workspace {
-            source,
-            target,
-            lookup,
-            ..
-        } = &*self.workspace;
-        let mut at = initial;
-        for &gate in gates {
-            let by = Weighing {
-                gate: gate * gate,
-                tangential: TANGENTIAL,
-            };
-            let (pose, mut sums) = (at.pose(), Sums::ZERO);
-            let mut places = source.sampled(points);
-            loop {
-                let mut pairs = Pairs::ZERO;
-                let count = fill_first(&mut pairs, &mut places, source);
-                if count == 0 {
-                    break;
-                }
-                self.isa.see(&mut pairs, &pose);
-                look_up(&mut pairs, lookup, target);
-                self.isa.equations(&pairs, by, count, &mut sums);
-            }
-            let (turn, shift) = Motion::of(&sums).solve(RIDGE);
-            at = at.moved(turn, shift);
-        }
-        at
-    }
-
-    /// Mean loss of few of the source's points and about nearest points.
-    pub(crate) fn coarse_loss(&self, at: Rigid, points: usize, scale: f32) -> f32 {
-        let Workspace {
-            source,
-            target,
-            lookup,
-            ..
-        } = &*self.workspace;
-        let pose = at.pose();
-        let (mut sum, mut all) = (0.0f32, 0usize);
-        let mut places = source.sampled(points);
-        let mut pairs = Pairs::ZERO;
-        loop {
-            let count = fill_first(&mut pairs, &mut places, source);
-            if count == 0 {
-                return sum / all.max(1) as f32;
-            }
-            self.isa.see(&mut pairs, &pose);
-            look_up(&mut pairs, lookup, target);
-            let Pairs { p, q, n, .. } = &pairs;
-            let lanes = vectors(p).zip(vectors(q)).zip(vectors(n));
-            for ((p, q), n) in lanes.take(count) {
-                sum += loss::of_surface(p - q, n, target.radius, scale);
-            }
-            all += count;
-        }
-    }
-
-    /// Offers a hypothesis after a few steps, unless it is far behind those held after the first of them.
-    pub(crate) fn screen<const N: usize>(&self, at: Rigid, screened: &mut Best<N>) {
-        let [points, compared] = SCREEN_POINTS;
-        let (early, late) = SCREEN.split_at(EARLY);
-        let at = self.coarse(at, EARLY_POINTS, early);
-        let loss = self.coarse_loss(at, EARLY_POINTS, SCREEN_SCALE);
-        if screened.takes(loss - EARLY_SLACK) {
-            let at = self.coarse(at, points, late);
-            screened.offer(self.coarse_loss(at, compared, SCREEN_SCALE), at);
-        }
-    }
-
-    /// A hypothesis after further steps, and its loss.
-    pub(crate) fn sifted(&self, at: Rigid) -> (f32, Rigid) {
-        let [points, compared] = SIFT_POINTS;
-        let at = self.coarse(at, points, &SIFT);
-        (self.coarse_loss(at, compared, SIFT_SCALE), at)
-    }
-
     /// A plain pose between the user's clouds as one between those inside.
     pub(crate) fn inside(&self, pose: Pose) -> Rigid {
         let centre = pose.apply(self.source_centre) - self.target.centre;
@@ -734,32 +651,6 @@ fn fill(
         set(q, n, target.at(j));
     });
     filled.count()
-}
-
-/// Sets the first of the pairs to the next points of the source; how many there were.
-fn fill_first(
-    pairs: &mut Pairs,
-    places: &mut impl Iterator<Item = usize>,
-    source: &Surface,
-) -> usize {
-    let lanes = columns(&mut pairs.p).zip(columns(&mut pairs.m));
-    let filled = lanes.zip(places).map(|((p, m), i)| set(p, m, source.at(i)));
-    filled.count()
-}
-
-/// Sets the second of the pairs to points of the target that are about nearest to the first.
-fn look_up(pairs: &mut Pairs, lookup: &Lookup, target: &Surface) {
-    let places = lookup.near(&pairs.p);
-    let lanes = columns(&mut pairs.q).zip(columns(&mut pairs.n));
-    for ((q, n), place) in lanes.zip(places) {
-        set(q, n, target.at(place.into()));
-    }
-}
-
-/// The vectors in the lanes of three rows.
-fn vectors([x, y, z]: &[[f32; PAIRS]; 3]) -> impl Iterator<Item = Vec3> {
-    let lanes = x.iter().zip(y).zip(z);
-    lanes.map(|((&x, &y), &z)| Vec3::new(x, y, z))
 }
 
 /// The lanes of three rows.

@@ -1,0 +1,71 @@
+use super::*;
+use crate::polish::tests::{Numbers, part, pose};
+
+fn surface(points: &[[f32; 3]]) -> Box<Surface> {
+    let mut surface = Box::new(Surface::EMPTY);
+    surface.fill(Isa::best(), points, Bulk::ALL, Vec3::ZERO, 1.0);
+    surface
+}
+
+#[test]
+fn each_point_has_one_place_whatever_the_order_they_come_in() {
+    let points = part(700, 1);
+    let mut shuffled: Vec<_> = points.iter().chain(&points[..90]).copied().collect();
+    let mut numbers = Numbers(2);
+    for i in (1..shuffled.len()).rev() {
+        let j = (0.5 * (numbers.next() + 1.0) * i as f32) as usize;
+        shuffled.swap(i, j.min(i));
+    }
+    let (one, other) = (surface(&points), surface(&shuffled));
+    assert_eq!(one.points().len(), 700);
+    assert_eq!(one.points(), other.points());
+    let size = |run: &[[f32; 3]]| {
+        let [low, high] = bounds(run, |&p| Vec3::from_array(p));
+        (high - low).max_element()
+    };
+    let runs = one.points().chunks(RUN).map(size);
+    assert!(
+        runs.sum::<f32>() / 88.0 < 0.35,
+        "points of a run lie together"
+    );
+}
+
+#[test]
+fn matches_are_the_nearest_within_the_limit_and_any_beyond() {
+    let (mut source, target) = (surface(&part(300, 3)), surface(&part(500, 4)));
+    let far = pose([0.3, 0.2, -0.4], [0.5, 0.1, 0.3]);
+    let near = pose([0.1, 0.0, -0.1], [0.1, 0.0, 0.0]);
+    for (pose, every, limit) in [
+        (far, 1, f32::INFINITY),
+        (near, 3, 0.01),
+        (near, 1, 0.04),
+        (far, 2, f32::INFINITY),
+        (far, 1, 1e-4),
+    ] {
+        let bound = source.largest_median(&target, pose, every);
+        source.match_to(Isa::best(), &target, pose, every, limit);
+        let mut found: Vec<f32> = Vec::new();
+        for Match { of, to } in source.matches() {
+            let p = pose.apply(source.at(of).0);
+            let squared = |&q: &[f32; 3]| (p - Vec3::from_array(q)).length_squared();
+            let nearest = target
+                .points()
+                .iter()
+                .map(squared)
+                .fold(f32::INFINITY, f32::min);
+            let here = squared(&target.points()[to]);
+            assert!(
+                here == nearest || nearest >= limit,
+                "{here} {nearest} {limit}"
+            );
+            found.push(here);
+        }
+        assert_eq!(found.len(), 300usize.div_ceil(every));
+        let median = source.median_squared();
+        assert!(median <= bound, "{median} {bound}");
+        assert_eq!(
+            found.iter().filter(|&&x| x < median).count(),
+            found.len() / 2
+        );
+    }
+}

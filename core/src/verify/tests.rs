@@ -1,0 +1,185 @@
+use super::*;
+use crate::evidence::Evidence;
+use crate::polish::Workspace;
+use crate::polish::tests::{Numbers, error, moved, part, pose};
+use crate::verdict::Verdict;
+
+fn verify(source: &[[f32; 3]], target: &[[f32; 3]], initial: Pose) -> Verified {
+    let mut workspace = Box::new(Workspace::new());
+    let mut refiner = Refiner::new(source, target, &mut workspace).expect("valid clouds");
+    refiner
+        .verify(initial, &Start::Anywhere)
+        .expect("a rigid pose")
+}
+
+#[test]
+fn flips_are_found_and_taken_back() {
+    use core::f32::consts::PI;
+    let truth = pose([0.4, -0.2, 0.3], [0.2, -0.1, 0.3]);
+    let source = moved(&part(800, 1), truth.inverse());
+    let target = part(900, 2);
+    for flip in [
+        [PI, 0.0, 0.0],
+        [0.0, PI, 0.0],
+        [0.0, 0.0, PI],
+        [0.0, PI / 2.0, 0.0],
+    ] {
+        let found = verify(&source, &target, pose(flip, [0.1, 0.0, 0.0]).after(truth));
+        let (angle, distance) = error(found.best.target_from_source, truth);
+        assert!(
+            angle < 1.0 && distance < 0.02,
+            "{flip:?} {angle} {distance}"
+        );
+        assert!(
+            found.hypotheses > 0 && found.best.residual.mean() < found.polished.residual.mean()
+        );
+        assert!(Evidence::verified(&found).probability() > 0.5, "{found:?}");
+    }
+    let kept = verify(&source, &target, truth);
+    assert_eq!(kept.best, kept.polished);
+}
+
+#[test]
+fn it_ends_when_told_to() {
+    #[derive(Debug, PartialEq)]
+    enum Ended {
+        Told,
+        Failed(Error),
+    }
+    impl From<Error> for Ended {
+        fn from(error: Error) -> Self {
+            Ended::Failed(error)
+        }
+    }
+    let target = part(900, 2);
+    let mut workspace = Box::new(Workspace::new());
+    let mut refiner = Refiner::new(&part(800, 1), &target, &mut workspace).expect("valid");
+    let far = pose([core::f32::consts::PI, 0.0, 0.0], [0.1, 0.0, 0.0]);
+    let mut asked = 0;
+    let whole = refiner.verify_while(far, &Start::Anywhere, || {
+        asked += 1;
+        Ok::<(), Ended>(())
+    });
+    let whole = whole.expect("nobody ends it");
+    // Before each hypothesis, and before each that is sifted or polished.
+    assert!(asked > whole.hypotheses, "{asked}");
+    for last in [1, whole.hypotheses, asked] {
+        let mut left = last;
+        let ended = refiner.verify_while(far, &Start::Anywhere, || {
+            left -= 1;
+            if left == 0 { Err(Ended::Told) } else { Ok(()) }
+        });
+        assert_eq!((ended, left), (Err(Ended::Told), 0));
+    }
+    let bad = Pose {
+        rotation: glam::Mat3::ZERO,
+        ..far
+    };
+    let failed = refiner.verify_while(bad, &Start::Anywhere, || Err(Ended::Told));
+    assert!(matches!(failed, Err(Ended::Failed(Error::BadPose))));
+}
+
+#[test]
+fn a_mirrored_part_is_told_unless_it_is_its_own_mirror_image() {
+    let truth = pose([0.2, -0.1, 0.3], [0.1, -0.1, 0.05]);
+    let mirrored = |[x, y, z]: [f32; 3]| [x, -y, z];
+    // A box with a knob off both of its planes of symmetry, and one with two such knobs.
+    let left = |seed| part(900, seed);
+    let right = |seed| -> Vec<_> { part(900, seed).into_iter().map(mirrored).collect() };
+    let both = |seed| -> Vec<_> {
+        let knobs = part(900, seed).into_iter().enumerate();
+        let even = |(i, p)| if i % 2 == 0 { p } else { mirrored(p) };
+        knobs.map(even).collect()
+    };
+    let of = |source: Vec<[f32; 3]>, target: &[[f32; 3]]| {
+        let found = verify(&moved(&source, truth.inverse()), target, Pose::IDENTITY);
+        let evidence = Evidence::verified(&found);
+        (
+            Verdict::of_evidence(&evidence),
+            evidence.probability() > 0.2,
+        )
+    };
+    assert_eq!(of(left(1), &left(2)), (Verdict::Converged, true));
+    assert_eq!(of(right(1), &left(2)), (Verdict::Mirrored, false));
+    assert_eq!(of(left(1), &right(2)), (Verdict::Mirrored, false));
+    let twice: Vec<_> = both(1).into_iter().map(mirrored).collect();
+    assert_eq!(of(twice, &both(2)), (Verdict::Converged, true));
+}
+
+#[test]
+fn marks_of_what_is_invalid_change_nothing_but_what_is_left_out() {
+    let truth = pose([0.2, -0.1, 0.3], [0.1, -0.1, 0.05]);
+    let clean = [moved(&part(800, 1), truth.inverse()), part(900, 2)];
+    for (of, mark) in [(0, -9999.0), (1, -9999.0), (0, 1e9), (1, 20.0)] {
+        let mut clouds = clean.clone();
+        clouds[of]
+            .iter_mut()
+            .step_by(10)
+            .for_each(|p| *p = [mark; 3]);
+        let found = verify(&clouds[0], &clouds[1], Pose::IDENTITY);
+        let (angle, distance) = error(found.best.target_from_source, truth);
+        assert!(angle < 1.0 && distance < 0.02, "{mark} {found:?}");
+        let evidence = Evidence::verified(&found);
+        assert_eq!(
+            Verdict::of_evidence(&evidence),
+            Verdict::Converged,
+            "{mark}"
+        );
+        let mut left_out = [0.0; 2];
+        left_out[of] = 0.1;
+        assert_eq!(found.best.left_out, left_out, "{mark}");
+    }
+}
+
+#[test]
+fn another_object_is_refused() {
+    let mut numbers = Numbers(3);
+    let other: Vec<[f32; 3]> = (0..900)
+        .map(|_| {
+            let v = Vec3::new(numbers.next(), numbers.next(), numbers.next()).normalize();
+            (v * Vec3::new(1.0, 0.3, 0.9)).to_array()
+        })
+        .collect();
+    let found = verify(&part(800, 4), &other, Pose::IDENTITY);
+    let evidence = Evidence::verified(&found);
+    let probability = evidence.probability();
+    assert!(probability < 0.2, "{probability} {found:?}");
+    assert_eq!(Verdict::of_evidence(&evidence), Verdict::PoorFit);
+}
+
+#[test]
+fn a_start_speaks_for_poses_that_explain_the_clouds() {
+    let compared = 2.0 * COMPARED as f32;
+    // Loss and surprise of a pose near the start, and of one half a turn away that fits better.
+    let near_wins = |near: [f32; 2], far: [f32; 2]| {
+        let [near, far] =
+            [near, far].map(|[loss, surprise]| energy([loss * compared, loss], surprise));
+        near < far
+    };
+    assert!(near_wins([0.58, 0.8], [0.45, 8.0]), "a box upside down");
+    assert!(
+        !near_wins([0.81, 1.8], [0.75, 8.0]),
+        "scans that share a third"
+    );
+    assert!(near_wins([0.81, 1.8], [0.80, 8.0]), "both are as bad");
+}
+
+/// A vase: its surface says nothing of the angle, the points that both clouds share do.
+#[test]
+fn shared_points_tell_the_angle_of_a_surface_of_revolution() {
+    let mut numbers = Numbers(5);
+    let vase: Vec<[f32; 3]> = (0..1600)
+        .map(|_| {
+            let (angle, z) = (core::f32::consts::PI * numbers.next(), numbers.next());
+            let radius = 0.3 + 0.2 * z * z + 0.1 * z;
+            [radius * angle.cos(), radius * angle.sin(), 0.8 * z]
+        })
+        .collect();
+    let truth = pose([0.2, 0.1, 0.4], [0.1, 0.0, 0.0]);
+    let source = moved(&vase[..1000], truth.inverse());
+    let initial = pose([0.0, 0.0, 2.0], [0.0; 3]).after(truth);
+    let found = verify(&source, &vase[500..1500], initial);
+    let (angle, _) = error(found.best.target_from_source, truth);
+    assert!(angle < 1.0, "{angle} {found:?}");
+    assert!(found.polished.rotation_constraint < 0.02, "{found:?}");
+}

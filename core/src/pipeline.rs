@@ -144,7 +144,7 @@ pub struct Refinement {
     pub evidence: Evidence,
     /// How uncertain the pose is, if it is right.
     pub covariance: Covariance,
-    /// The poses that were compared, the most probable first; the pose alone where there was no comparison.
+    /// The poses that were compared, the most probable first; none where there was no comparison.
     pub ranked: [Option<Ranked>; RANKED],
 }
 
@@ -230,11 +230,6 @@ pub fn refine<E: From<Error>>(
         }
     } else {
         let polished = refiner.polish(reached)?;
-        let mut ranked = [None; RANKED];
-        ranked[0] = Some(Ranked {
-            target_from_source: polished.target_from_source,
-            energy: refiner.energy(polished.target_from_source, &task.start)?,
-        });
         Refinement {
             refined: polished,
             polished,
@@ -242,7 +237,7 @@ pub fn refine<E: From<Error>>(
             undetermined: Undetermined::NOTHING,
             evidence: Evidence::polished(&polished),
             covariance: refiner.covariance(polished.target_from_source)?,
-            ranked,
+            ranked: [None; RANKED],
         }
     }))
 }

@@ -3,10 +3,11 @@
 use crate::dataset::Point;
 use crate::register::{Memory, Registered};
 use glam::Vec3;
+use reagent_core::Error;
 use reagent_core::evidence::Evidence;
 use reagent_core::polish::{Refined, Refiner};
+use reagent_core::start::Start;
 use reagent_core::verify::Ranked;
-use reagent_core::{Error, Pose};
 
 /// A pose that was not given out.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -17,47 +18,44 @@ pub struct Other {
     pub probability: f32,
 }
 
-/// The place of the registration whose pose is the most probable, by fit and by its start.
-pub fn best_of(found: &[Registered]) -> usize {
-    let energy = |found: &Registered| ranked(found).next().map_or(f32::INFINITY, |r| r.energy);
-    let energies = found.iter().map(energy).enumerate();
-    let best = energies.min_by(|a, b| a.1.total_cmp(&b.1));
-    best.map_or(0, |(place, _)| place)
-}
-
-/// The most probable poses besides `given`, at most `count`, each another hypothesis, refined as [`Refiner::polish`]
-/// does. `seen` is the view point and the background, if those are known.
+/// Of several registrations of one pair, each from a start of its own: the place of the one whose pose is the most probable, by
+/// fit and by its start, and the next best poses besides, at most `count`, each another hypothesis, refined as
+/// [`Refiner::polish`] does. `seen` is the view point and the background, if those are known. Without fits, the first.
 ///
 /// # Errors
 /// Clouds that the core refuses.
-pub fn others(
+pub fn best_and_others(
     memory: &mut Memory,
     [source, target]: [&[Point]; 2],
     seen: Option<(Vec3, &[Point])>,
-    found: &[Registered],
-    given: Pose,
+    found: &[(Start, Registered)],
     count: usize,
-) -> Result<Vec<Other>, Error> {
-    let mut others: Vec<Other> = Vec::new();
-    if count == 0 {
-        return Ok(others);
-    }
+) -> Result<(usize, Vec<Other>), Error> {
     let mut refiner = Refiner::new(source, target, &mut memory.workspace)?;
     if let Some((view_point, background)) = seen {
         refiner.seen_before(view_point, background);
     }
-    let mut candidates: Vec<Ranked> = found.iter().flat_map(ranked).collect();
-    candidates.sort_by(|a, b| a.energy.total_cmp(&b.energy));
-    for candidate in candidates {
+    let mut candidates = Vec::new();
+    for (place, (start, found)) in found.iter().enumerate() {
+        let ranked = ranked(&mut refiner, start, found)?;
+        candidates.extend(ranked.into_iter().map(|ranked| (place, ranked)));
+    }
+    candidates.sort_by(|(_, a), (_, b)| a.energy.total_cmp(&b.energy));
+    let Some(&(best, _)) = candidates.first() else {
+        return Ok((0, Vec::new()));
+    };
+    let mut named = vec![found[best].1.answer.target_from_source];
+    let mut others: Vec<Other> = Vec::new();
+    for (_, candidate) in candidates {
         if others.len() == count {
             break;
         }
         let refined = refiner.polish(candidate.target_from_source)?;
         let pose = refined.target_from_source;
-        let mut named = others.iter().map(|other| other.refined.target_from_source);
-        if refiner.is_same(pose, given) || named.any(|named| refiner.is_same(pose, named)) {
+        if named.iter().any(|&named| refiner.is_same(pose, named)) {
             continue;
         }
+        named.push(pose);
         let evidence = Evidence {
             verified: true,
             ..Evidence::polished(&refined)
@@ -67,14 +65,26 @@ pub fn others(
             probability: evidence.probability(),
         });
     }
-    Ok(others)
+    Ok((best, others))
 }
 
-/// The poses that a registration compared, the most probable first.
-fn ranked(found: &Registered) -> impl Iterator<Item = Ranked> {
-    let refinement = found.answer.refinement.as_ref();
-    refinement
-        .into_iter()
-        .flat_map(|found| found.ranked)
-        .flatten()
+/// The poses that a registration compared, or the only one that it refined.
+fn ranked(
+    refiner: &mut Refiner<'_>,
+    start: &Start,
+    found: &Registered,
+) -> Result<Vec<Ranked>, Error> {
+    let Some(refinement) = &found.answer.refinement else {
+        return Ok(Vec::new());
+    };
+    let compared: Vec<Ranked> = refinement.ranked.into_iter().flatten().collect();
+    if !compared.is_empty() {
+        return Ok(compared);
+    }
+    let target_from_source = refinement.refined.target_from_source;
+    let energy = refiner.energy(target_from_source, start)?;
+    Ok(vec![Ranked {
+        target_from_source,
+        energy,
+    }])
 }

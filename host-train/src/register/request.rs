@@ -1,7 +1,7 @@
 //! What users ask for: a registration in the clouds' own coordinates, in f64.
 
 use crate::pose64::{Pose64, Position};
-use crate::register::best::{Other, best_of, others};
+use crate::register::best::{Other, best_and_others};
 use crate::register::dense::{Dense, Densely, refine_densely};
 use crate::register::prepared::Prepared;
 use crate::register::{Memory, Registered, Start, register_in};
@@ -103,21 +103,25 @@ impl Request {
         let clouds = [source.points(), target.points()];
         let mut found = Vec::with_capacity(starts.len());
         for start in starts {
+            let start = start.start(source.origin, target.origin);
             let task = Task {
                 mode: self.mode,
                 steps: self.steps,
                 view_point,
                 background: &source.background,
-                ..Task::new(start.start(source.origin, target.origin))
+                ..Task::new(start)
             };
-            found.push(register_in(memory, policy, clouds[0], clouds[1], &task)?);
+            let registered = register_in(memory, policy, clouds[0], clouds[1], &task)?;
+            found.push((start, registered));
         }
-        let winner = best_of(&found);
-        let reached = found[winner].answer.target_from_source;
-        let count = best.saturating_sub(1);
-        let seen = view_point.map(|point| (point, source.background.as_slice()));
-        let others = others(memory, clouds, seen, &found, reached, count)?;
-        let found = found.swap_remove(winner);
+        let (winner, others) = if starts.len() > 1 || best > 1 {
+            let seen = view_point.map(|point| (point, source.background.as_slice()));
+            best_and_others(memory, clouds, seen, &found, best.saturating_sub(1))?
+        } else {
+            (0, Vec::new())
+        };
+        let (_, found) = found.swap_remove(winner);
+        let reached = found.answer.target_from_source;
         let wanted = match self.dense {
             Dense::Never => false,
             Dense::Always => true,

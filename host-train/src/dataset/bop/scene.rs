@@ -4,9 +4,7 @@ use super::json::{
     self, Annotation, AnnotationInfo, CameraEntry, Numbered, SCENE_CAMERA, SCENE_GT,
 };
 use super::{BopError, Models};
-use crate::dataset::depth::{DepthError, DepthImage, image};
-use crate::dataset::raster::Pinhole;
-use glam::Vec2;
+use crate::dataset::depth::{DepthError, DepthImage, Intrinsics, image};
 use reagent_core::Pose;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -40,8 +38,7 @@ pub enum MaskKind {
 
 #[derive(Clone, Copy, Debug)]
 struct View {
-    focal: Vec2,
-    centre: Vec2,
+    camera: Intrinsics,
     depth_scale_mm: f32,
 }
 
@@ -168,15 +165,10 @@ impl Scenes {
             path: folder.join("scene_camera.json"),
             expected: "the image's camera",
         })?;
-        let camera = Pinhole {
-            size,
-            focal: view.focal,
-            centre: view.centre,
-        };
         let depths = depth.values.into_iter().map(f32::from);
         let depths = depths.map(|units| units * view.depth_scale_mm).collect();
         let mask = mask.values.into_iter().map(|value| value > 0).collect();
-        Ok(DepthImage::new(camera, depths, mask))
+        Ok(DepthImage::new(view.camera.pinhole(size), depths, mask))
     }
 }
 
@@ -232,14 +224,12 @@ fn scene_folders(dir: &Path) -> Result<BTreeMap<u32, PathBuf>, BopError> {
 }
 
 fn view(camera: &CameraEntry) -> Option<View> {
-    let [fx, skew, cx, below, fy, cy, left, right, last] = camera.intrinsics.map(|x| x as f32);
-    let scale = camera.depth_scale as f32;
-    let upright = skew == 0.0 && below == 0.0 && left == 0.0 && right == 0.0 && last == 1.0;
-    let positive = |x: f32| x > 0.0 && x.is_finite();
-    (upright && positive(fx) && positive(fy) && positive(scale) && cx.is_finite() && cy.is_finite())
-        .then(|| View {
-            focal: Vec2::new(fx, fy),
-            centre: Vec2::new(cx, cy),
-            depth_scale_mm: scale,
-        })
+    // As it is computed with: a skew too small for f32 is none.
+    let matrix = camera.intrinsics.map(|x| f64::from(x as f32));
+    let depth_scale_mm = camera.depth_scale as f32;
+    let camera = Intrinsics::of_matrix(matrix).ok()?;
+    (depth_scale_mm > 0.0 && depth_scale_mm.is_finite()).then_some(View {
+        camera,
+        depth_scale_mm,
+    })
 }

@@ -106,7 +106,7 @@ impl Intrinsics {
     }
 
     /// The camera of images of this size.
-    pub(super) fn pinhole(&self, size: [usize; 2]) -> Pinhole {
+    pub(crate) fn pinhole(&self, size: [usize; 2]) -> Pinhole {
         Pinhole {
             size,
             focal: self.focal,

@@ -2,8 +2,11 @@
 
 #![allow(unsafe_code)]
 
+#[cfg(any(arm_kernels = "neon", target_arch = "x86_64"))]
 pub(super) mod dense;
+#[cfg(any(arm_kernels = "neon", target_arch = "x86_64"))]
 pub(super) mod pruned;
+#[cfg(any(arm_kernels = "neon", target_arch = "x86_64"))]
 pub(super) mod vector;
 
 #[cfg(any(arm_kernels = "neon", target_arch = "x86_64"))]

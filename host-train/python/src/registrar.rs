@@ -114,7 +114,7 @@ impl Registrar {
             let names = ["depth", target.name()];
             let target = target.prepared(points).map_err(|error| bad_cloud(&error))?;
             with_memory(|memory| {
-                register_prepared(policy, memory, [&source, &target], names, &request)
+                register_prepared(policy, memory, [source, target], names, &request)
             })
         })
     }
@@ -299,22 +299,25 @@ fn register_views(
     let source = source.map_err(|error| bad_cloud(&error))?;
     let target = target.map_err(|error| bad_cloud(&error))?;
     let names = views.map(View::name);
-    register_prepared(policy, memory, [&source, &target], names, request)
+    register_prepared(policy, memory, [source, target], names, request)
 }
 
 fn register_prepared(
     policy: weights::Policy<'_>,
     memory: &mut Memory,
-    [source, target]: [&Prepared<'_>; 2],
+    [source, mut target]: [Prepared<'_>; 2],
     names: [&str; 2],
     request: &Request,
 ) -> PyResult<Registration> {
-    let done = request.register(policy, memory, source, target);
+    if request.view_point.is_some() {
+        target.notice_missing_faces();
+    }
+    let done = request.register(policy, memory, &source, &target);
     let done = done.map_err(|error| {
         let [source, target] = names;
         Error::new_err(format!("cannot register {source} to {target}: {error}"))
     })?;
-    Ok(Registration::new(source, target, done))
+    Ok(Registration::new(&source, &target, done))
 }
 
 /// Clouds of several pairs.

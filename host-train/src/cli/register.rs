@@ -11,7 +11,7 @@ pub use initial::Initial;
 use super::output::{write_json, write_text};
 use super::{BelowProbability, bad_usage, source};
 use crate::dataset::Point;
-use crate::dataset::cloud_file::{CloudFile, Note, STANDARD, check_output, write_cloud};
+use crate::dataset::cloud_file::{CloudFile, STANDARD, check_output, write_cloud};
 use crate::policy::{REAGENT, VIEWS, WeightFile};
 use crate::register::dense::Dense;
 use crate::register::document::Document;
@@ -249,8 +249,8 @@ impl RegisterArgs {
             None => Input::read(&pair.source, self.scale(), points, seed)?,
         };
         let mut target = Input::read(&pair.target, 1.0, points, seed.wrapping_add(1))?;
-        if self.view_point().is_some() && target.file.faces.is_none() {
-            target.cloud.notes.push(Note::NoFaces);
+        if self.view_point().is_some() {
+            target.cloud.notice_missing_faces();
         }
         let request = Request {
             start: starts[0],

@@ -25,6 +25,8 @@ pub struct Prepared<'a> {
     pub all: Cow<'a, [Point]>,
     /// Those that the policy sees, where it sees a part only.
     thinned: Option<Vec<Point>>,
+    /// Whether the points were drawn from faces.
+    is_surface: bool,
     /// What the sensor saw besides, of a source seen from a known point; nothing otherwise.
     pub background: Vec<Point>,
     /// What the reader noticed, and what was done to the points.
@@ -120,6 +122,7 @@ impl<'a> Prepared<'a> {
             origin,
             all,
             thinned,
+            is_surface,
             background: Vec::new(),
             notes,
         };
@@ -128,6 +131,13 @@ impl<'a> Prepared<'a> {
             source,
         })?;
         Ok(prepared)
+    }
+
+    /// Notices, of a view's target, that its points have no faces.
+    pub fn notice_missing_faces(&mut self) {
+        if !self.is_surface {
+            self.notes.push(Note::NoFaces);
+        }
     }
 
     /// Takes in what the sensor saw besides, as the cloud was before it was scaled.

@@ -1,3 +1,4 @@
 //! Kernels of aarch64.
 
+pub(super) mod bytes;
 pub(super) mod neon;

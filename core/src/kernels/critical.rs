@@ -5,7 +5,12 @@
 
 use super::{GROUPS, Isa, search};
 #[cfg(target_arch = "x86_64")]
-use super::{Kind, x86_amx, x86_bytes256, x86_vnni};
+use super::{
+    Kind,
+    x86::avx2_bytes::{avx_vnni, avx2},
+    x86::avx512_vnni,
+    x86_amx,
+};
 use crate::dims::PANEL;
 use crate::layer::{Codes, padded_codes};
 
@@ -70,19 +75,17 @@ impl Isa {
                 // SAFETY: the instruction set was detected, lengths were checked above.
                 #[cfg(target_arch = "x86_64")]
                 Kind::Avx2 | Kind::Avx512 => unsafe {
-                    x86_bytes256::avx2::search(layer, tile, panels, codes, scales, best, winner);
+                    avx2::search(layer, tile.start, tile, panels, codes, scales, best, winner);
                 },
                 // SAFETY: as above.
                 #[cfg(target_arch = "x86_64")]
                 Kind::AvxVnni => unsafe {
-                    x86_bytes256::avx_vnni::search(
-                        layer, tile, panels, codes, scales, best, winner,
-                    );
+                    avx_vnni::search(layer, tile.start, tile, panels, codes, scales, best, winner);
                 },
                 // SAFETY: as above.
                 #[cfg(target_arch = "x86_64")]
                 Kind::Avx512Vnni => unsafe {
-                    x86_vnni::search_512(
+                    avx512_vnni::search(
                         layer, tile.start, tile, panels, codes, scales, best, winner,
                     );
                 },

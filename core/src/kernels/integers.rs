@@ -5,15 +5,17 @@
 use super::bytes::{INPUTS, ROW_BITS, ROWS, row_of};
 use super::{Isa, bytes};
 #[cfg(arm_kernels = "neon")]
-use super::{Kind, aarch64_bytes};
+use super::{Kind, aarch64::bytes as neon_bytes};
 #[cfg(arm_kernels = "dsp")]
 use super::{Kind, armv7em_dsp};
 #[cfg(arm_kernels = "helium")]
 use super::{Kind, armv81m_helium};
 #[cfg(target_arch = "x86_64")]
 use super::{
-    Kind, pruned, x86_amx, x86_avx2_pruned_codes, x86_avx2_wide, x86_bytes256, x86_vnni,
-    x86_vnni_pruned,
+    Kind, pruned,
+    x86::avx2_bytes::{avx_vnni, avx2},
+    x86::avx512_vnni,
+    x86_amx, x86_avx2_pruned_codes, x86_avx2_wide, x86_vnni_pruned,
 };
 use crate::dims::{PANEL, PANELS_TOGETHER};
 use crate::layer::{Codes, Dense, QuantLayer};
@@ -54,27 +56,27 @@ impl Isa {
             // SAFETY: the instruction set was detected, lengths were checked above.
             #[cfg(target_arch = "x86_64")]
             Kind::Avx2 | Kind::Avx512 => unsafe {
-                x86_bytes256::avx2::dense_codes(codes, bias, requantise, x, y);
+                avx2::dense_codes(codes, bias, requantise, x, y);
             },
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
             Kind::AvxVnni => unsafe {
-                x86_bytes256::avx_vnni::dense_codes(codes, bias, requantise, x, y);
+                avx_vnni::dense_codes(codes, bias, requantise, x, y);
             },
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
             Kind::Avx512Vnni | Kind::Amx => unsafe {
-                x86_vnni::dense_codes_512(codes, bias, requantise, x, y);
+                avx512_vnni::dense_codes(codes, bias, requantise, x, y);
             },
             // SAFETY: as above; NEON is part of the target.
             #[cfg(arm_kernels = "neon")]
             Kind::Neon => unsafe {
-                aarch64_bytes::plain::dense_codes(codes, bias, requantise, x, y)
+                neon_bytes::dense_codes::<false>(codes, bias, requantise, x, y)
             },
             // SAFETY: as above.
             #[cfg(arm_kernels = "neon")]
             Kind::NeonDot => unsafe {
-                aarch64_bytes::dot::dense_codes(codes, bias, requantise, x, y)
+                neon_bytes::dense_codes::<true>(codes, bias, requantise, x, y)
             },
             // SAFETY: as above, for the processor that this is compiled for.
             #[cfg(arm_kernels = "dsp")]
@@ -176,12 +178,12 @@ impl Isa {
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
             Kind::AvxVnni => unsafe {
-                x86_bytes256::avx_vnni::dense_codes_max::<MARK>(layer, panels, x, max);
+                avx_vnni::dense_codes_max::<MARK>(layer, panels, x, 0, max);
             },
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
             Kind::Avx512Vnni => unsafe {
-                x86_vnni::dense_codes_max_512::<MARK>(layer, panels, x, 0, max);
+                avx512_vnni::dense_codes_max::<MARK>(layer, panels, x, 0, max);
             },
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
@@ -189,12 +191,12 @@ impl Isa {
             // SAFETY: as above; NEON is part of the target.
             #[cfg(arm_kernels = "neon")]
             Kind::Neon => unsafe {
-                aarch64_bytes::plain::dense_codes_max::<MARK>(layer, panels, x, max)
+                neon_bytes::dense_codes_max::<false, MARK>(layer, panels, x, max)
             },
             // SAFETY: as above.
             #[cfg(arm_kernels = "neon")]
             Kind::NeonDot => unsafe {
-                aarch64_bytes::dot::dense_codes_max::<MARK>(layer, panels, x, max)
+                neon_bytes::dense_codes_max::<true, MARK>(layer, panels, x, max)
             },
             // SAFETY: as above, for the processor that this is compiled for.
             #[cfg(arm_kernels = "dsp")]
@@ -232,24 +234,24 @@ impl Isa {
             // SAFETY: the instruction set was detected, lengths were checked above.
             #[cfg(target_arch = "x86_64")]
             Kind::Avx2 | Kind::Avx512 => unsafe {
-                x86_bytes256::avx2::gemv_codes(layer, columns, planes, y);
+                avx2::gemv_codes(layer, columns, planes, y);
             },
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
             Kind::AvxVnni => unsafe {
-                x86_bytes256::avx_vnni::gemv_codes(layer, columns, planes, y);
+                avx_vnni::gemv_codes(layer, columns, planes, y);
             },
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
             Kind::Avx512Vnni | Kind::Amx => unsafe {
-                x86_vnni::gemv_codes_512(layer, columns, planes, y);
+                avx512_vnni::gemv_codes(layer, columns, planes, y);
             },
             // SAFETY: as above; NEON is part of the target.
             #[cfg(arm_kernels = "neon")]
-            Kind::Neon => unsafe { aarch64_bytes::plain::gemv_codes(layer, columns, planes, y) },
+            Kind::Neon => unsafe { neon_bytes::gemv_codes::<false>(layer, columns, planes, y) },
             // SAFETY: as above.
             #[cfg(arm_kernels = "neon")]
-            Kind::NeonDot => unsafe { aarch64_bytes::dot::gemv_codes(layer, columns, planes, y) },
+            Kind::NeonDot => unsafe { neon_bytes::gemv_codes::<true>(layer, columns, planes, y) },
             // SAFETY: as above, for the processor that this is compiled for.
             #[cfg(arm_kernels = "dsp")]
             Kind::Dsp => unsafe { armv7em_dsp::gemv_codes(layer, columns, planes, y) },

@@ -1,8 +1,8 @@
 //! Kernels of the machine. No other module of this crate has `unsafe`; around it, the C interface (`core/capi`) and the
 //! microcontroller images have some, for pointers and for what starts a board.
 //!
-//! An algorithm stands once, on a vector of sixteen values (`float`). An instruction set says what such a vector is
-//! (`x86`, `aarch64`) and has thin entries with its `target_feature`, into which all the rest is inlined.
+//! An algorithm stands once, on a vector of sixteen values (`float`, `byte`). An instruction set says what such a vector
+//! is (`x86`, `aarch64`) and has thin entries with its `target_feature`, into which all the rest is inlined.
 //!
 //! - **Network in f32** (`float`): a dense layer with ReLU over a tile of points, the last embedding layer fused with
 //!   the max over points (so that 1024 running maxima take the place of a `[1024, N]` buffer), and a matrix-vector
@@ -32,12 +32,12 @@ use crate::layer::Dense;
 
 #[cfg(arm_kernels = "neon")]
 mod aarch64;
-#[cfg(arm_kernels = "neon")]
-mod aarch64_bytes;
 #[cfg(arm_kernels = "dsp")]
 mod armv7em_dsp;
 #[cfg(arm_kernels = "helium")]
 mod armv81m_helium;
+#[cfg(any(arm_kernels = "neon", target_arch = "x86_64"))]
+mod byte;
 mod bytes;
 mod critical;
 #[cfg(target_arch = "x86_64")]
@@ -67,10 +67,6 @@ mod x86_amx_split;
 mod x86_avx2_pruned_codes;
 #[cfg(target_arch = "x86_64")]
 mod x86_avx2_wide;
-#[cfg(target_arch = "x86_64")]
-mod x86_bytes256;
-#[cfg(target_arch = "x86_64")]
-mod x86_vnni;
 #[cfg(target_arch = "x86_64")]
 mod x86_vnni_pruned;
 #[cfg(target_arch = "x86_64")]

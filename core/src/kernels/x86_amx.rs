@@ -4,8 +4,9 @@
 //! is live between two of them but the configuration, which [`Tiles`] sets and releases.
 #![allow(unsafe_code, clippy::indexing_slicing)]
 
+use super::byte::dense::marked;
 use super::search::{GROUPS, NONE, PanelBest, merge};
-use super::x86_vnni::{dense_codes_max_512, marked_512, score_512, search_512};
+use super::x86::avx512_vnni::{self, Whole};
 use crate::dims::PANEL;
 use crate::layer::Codes;
 use core::arch::asm;
@@ -137,7 +138,7 @@ impl Drop for Tiles {
 #[repr(C, align(64))]
 struct Sums([[i32; PANEL]; ROWS]);
 
-/// As [`search_512`], whose conditions hold, with AMX permitted as well.
+/// As [`avx512_vnni::search`], whose conditions hold, with AMX permitted as well.
 #[target_feature(enable = "avx512f,avx512vnni")]
 #[allow(clippy::too_many_arguments)]
 pub(super) unsafe fn search(
@@ -151,7 +152,7 @@ pub(super) unsafe fn search(
 ) {
     let whole_points = points.start + points.len() / BLOCK * BLOCK;
     let whole_panels = panels.start + panels.len() / 2 * 2;
-    // SAFETY: blocks cover the given panels and points only, the rest of them goes to `search_512`.
+    // SAFETY: blocks cover the given panels and points only, the rest of them goes to `avx512_vnni::search`.
     unsafe {
         {
             let tiles = Tiles::configure();
@@ -186,7 +187,7 @@ pub(super) unsafe fn search(
                 }
             }
         }
-        search_512(
+        avx512_vnni::search(
             layer,
             points.start,
             points.clone(),
@@ -197,7 +198,7 @@ pub(super) unsafe fn search(
             winner,
         );
         let rest = whole_points..points.end;
-        search_512(
+        avx512_vnni::search(
             layer,
             points.start,
             rest,
@@ -231,7 +232,8 @@ unsafe fn take(
                     let sum = _mm512_load_si512(sum.as_ptr().cast());
                     let place = _mm512_set1_epi32((place + n) as i32);
                     let group = (first + n) % GROUPS;
-                    kept[group] = _mm512_max_ps(score_512(sum, *scales.add(n), place), kept[group]);
+                    kept[group] =
+                        _mm512_max_ps(avx512_vnni::score(sum, *scales.add(n), place), kept[group]);
                 }
             }
             for (best, kept) in best.iter_mut().zip(kept) {
@@ -241,7 +243,7 @@ unsafe fn take(
     }
 }
 
-/// As [`dense_codes_max_512`], whose conditions hold, with AMX permitted as well.
+/// As [`avx512_vnni::dense_codes_max`], whose conditions hold, with AMX permitted as well.
 #[target_feature(enable = "avx512f,avx512vnni")]
 pub(super) unsafe fn dense_codes_max<const MARK: bool>(
     layer: &Codes<'_>,
@@ -253,7 +255,7 @@ pub(super) unsafe fn dense_codes_max<const MARK: bool>(
     let whole_points = x.len() / inputs / BLOCK * BLOCK;
     let whole_panels = panels.start + panels.len() / 2 * 2;
     // SAFETY: blocks cover the given panels and whole rows of `x` only, the rest of them goes to
-    // `dense_codes_max_512`.
+    // `avx512_vnni::dense_codes_max`.
     unsafe {
         {
             let tiles = Tiles::configure();
@@ -277,9 +279,9 @@ pub(super) unsafe fn dense_codes_max<const MARK: bool>(
                         for (tile, sums) in sums[slot].iter().enumerate() {
                             let first = next - BLOCK + tile / 2 * ROWS;
                             for (n, row) in sums.0.iter().enumerate() {
-                                let row = _mm512_load_si512(row.as_ptr().cast());
-                                let row = marked_512::<MARK>(row, first + n);
-                                best[tile % 2] = _mm512_max_epi32(best[tile % 2], row);
+                                let row = Whole(_mm512_load_si512(row.as_ptr().cast()));
+                                let row = marked::<_, MARK>(row, first + n);
+                                best[tile % 2] = _mm512_max_epi32(best[tile % 2], row.0);
                             }
                         }
                     }
@@ -290,8 +292,8 @@ pub(super) unsafe fn dense_codes_max<const MARK: bool>(
         }
         let rest = &x[whole_points * inputs..];
         let paired = panels.start..whole_panels;
-        dense_codes_max_512::<MARK>(layer, paired, rest, whole_points, max);
-        dense_codes_max_512::<MARK>(layer, whole_panels..panels.end, x, 0, max);
+        avx512_vnni::dense_codes_max::<MARK>(layer, paired, rest, whole_points, max);
+        avx512_vnni::dense_codes_max::<MARK>(layer, whole_panels..panels.end, x, 0, max);
     }
 }
 

@@ -6,7 +6,7 @@
 #![allow(unsafe_code, clippy::indexing_slicing, clippy::needless_range_loop)]
 
 use super::bytes::{ROW_BITS, row_mark};
-use super::x86_bytes256;
+use super::x86::avx2_bytes::avx2;
 use crate::dims::PANEL;
 use crate::dims::QUAD;
 use crate::layer::Codes;
@@ -39,7 +39,7 @@ pub(super) unsafe fn dense_codes_max<const MARK: bool>(
 ) {
     if layer.inputs() != INPUTS {
         // SAFETY: as the caller guarantees.
-        return unsafe { x86_bytes256::avx2::dense_codes_max::<MARK>(layer, panels, x, max) };
+        return unsafe { avx2::dense_codes_max::<MARK>(layer, panels, x, 0, max) };
     }
     let mut rows: Rows = [[0; PAIRS]; BLOCK];
     let mut wide: Panel = [[0; 2 * PANEL]; PAIRS];

@@ -3,7 +3,7 @@
 use super::WIDE_MAX;
 
 /// Codes of 13 bits in two planes of bytes: the upper seven bits, then the lower six.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Wide<const N: usize> {
     high: [u8; N],
     low: [u8; N],
@@ -31,11 +31,6 @@ impl<const N: usize> Wide<N> {
     pub(super) fn numbers(&self) -> impl Iterator<Item = usize> {
         let pairs = self.high.iter().zip(&self.low);
         pairs.map(|(&high, &low)| usize::from(u16::from_be_bytes([high, low])))
-    }
-
-    #[cfg(test)]
-    pub(crate) fn codes(&self) -> [i32; N] {
-        core::array::from_fn(|i| i32::from(self.high[i]) << 6 | i32::from(self.low[i]))
     }
 
     pub(super) fn set(&mut self, codes: impl Iterator<Item = i64>) {

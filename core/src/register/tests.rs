@@ -5,14 +5,15 @@ use crate::golden::clouds;
 use crate::kernels::Tile;
 use crate::net::Scratch;
 use crate::numbers::Numbers;
+use crate::quant::Feature;
 use proptest::prelude::*;
 
 /// The feature of the source that was observed last: codes, or f32.
-fn feature(registrar: &mut Registrar<'_, '_>) -> ([f32; FEATURES], [i32; FEATURES]) {
+fn feature(registrar: &mut Registrar<'_, '_>) -> ([f32; FEATURES], Feature) {
     let scratch = &mut registrar.scratch;
     match &registrar.policy.network {
-        Numbers::F32(_) => (scratch.floats().feature, [0; FEATURES]),
-        Numbers::Int8(_) => ([0.0; FEATURES], scratch.integers().feature.codes()),
+        Numbers::F32(_) => (scratch.floats().feature, Feature::ZERO),
+        Numbers::Int8(_) => ([0.0; FEATURES], scratch.integers().feature.clone()),
     }
 }
 
@@ -54,7 +55,7 @@ fn seen(
     isa: Isa,
     policy: Policy<'_>,
     [source, target]: [&[[f32; 3]]; 2],
-) -> ([f32; FEATURES], [i32; FEATURES], Pose) {
+) -> ([f32; FEATURES], Feature, Pose) {
     let mut scratch = Scratch::new();
     let mut registrar = Registrar::with_isa(isa, policy, &mut scratch);
     let mut registration = registrar

@@ -30,6 +30,10 @@ pub use pretrained::reagent_pretrained;
 pub use pretrained::reagent_pretrained_compact;
 #[cfg(feature = "pretrained-int8")]
 pub use pretrained::reagent_pretrained_int8;
+#[cfg(feature = "pretrained-views-compact")]
+pub use pretrained::reagent_pretrained_views_compact;
+#[cfg(feature = "pretrained-views")]
+pub use pretrained::reagent_pretrained_views_int8;
 pub use refine::{REAGENT_WORKSPACE_WORDS, ReagentWorkspace, reagent_refine, reagent_register};
 pub use register::{
     ReagentPose, ReagentResult, ReagentStep, reagent_advance, reagent_begin, reagent_begin_on_grid,

@@ -1,0 +1,70 @@
+//! Clouds far from the origin.
+
+use super::*;
+
+#[test]
+fn clouds_far_from_the_origin_keep_their_digits() {
+    let there = [
+        [483_221.0, 5_456_871.0, 310.0],
+        [483_250.0, 5_456_840.0, 300.0],
+    ];
+    let clouds = there.map(|at: [f64; 3]| -> Vec<[f64; 3]> {
+        let near = bracket(0.0).into_iter();
+        near.map(|p| core::array::from_fn(|k| f64::from(p[k]) + at[k]))
+            .collect()
+    });
+    let mut origins = [[0.0f64; 3]; 2];
+    let mut near = clouds
+        .each_ref()
+        .map(|cloud| vec![[0.0f32; 3]; cloud.len()]);
+    for ((cloud, origin), near) in clouds.iter().zip(&mut origins).zip(&mut near) {
+        let [xyz, origin, near] = [cloud.as_ptr().cast(), origin.as_ptr(), near.as_ptr().cast()];
+        // SAFETY: as many doubles and floats as told.
+        let told = unsafe {
+            reagent_take_origin_off(xyz, cloud.len(), origin.cast_mut(), near.cast_mut().cast())
+        };
+        assert_eq!(told, ReagentStatus::Ok);
+    }
+    // Of the same cloud in two places the origins differ as the places do, and what is left is the same.
+    for k in 0..3 {
+        let apart = there[1][k] - there[0][k];
+        assert!((origins[1][k] - origins[0][k] - apart).abs() < 1e-6);
+    }
+    let turned = Pose {
+        rotation: reagent_core::pose::rotation_from_euler([0.3, -0.2, 0.5].into()),
+        translation: [1.0, 2.0, 3.0].into(),
+    };
+    let given = ReagentPose::from(turned);
+    let (mut rows, mut back) = ([[0.0f64; 4]; 3], ReagentPose::default());
+    let [from, to] = origins.each_ref().map(|origin| origin.as_ptr());
+    // SAFETY: twelve doubles, and three for each origin.
+    let told = unsafe { reagent_far_pose(&given, from, to, rows.as_mut_ptr().cast()) };
+    assert_eq!(told, ReagentStatus::Ok);
+    // SAFETY: as above.
+    let told = unsafe { reagent_near_pose(rows.as_ptr().cast(), from, to, &mut back) };
+    assert_eq!(told, ReagentStatus::Ok);
+    for (a, b) in given
+        .rows
+        .as_flattened()
+        .iter()
+        .zip(back.rows.as_flattened())
+    {
+        assert!((a - b).abs() < 1e-6, "{given:?} {back:?}");
+    }
+    // A point and its place agree to a tenth of a millimetre, and the rotation is one in all digits.
+    let p = clouds[0][17];
+    let [x, y, z] = turned.apply(near[0][17].into()).to_array().map(f64::from);
+    for (k, [row, near]) in rows
+        .iter()
+        .zip([x, y, z])
+        .map(|(r, n)| [r[0] * p[0] + r[1] * p[1] + r[2] * p[2] + r[3], n])
+        .enumerate()
+    {
+        assert!((row - near - origins[1][k]).abs() < 1e-4);
+        let [a, b, c, _] = rows[k];
+        assert!((a * a + b * b + c * c - 1.0).abs() < 1e-12);
+    }
+    // SAFETY: null is refused.
+    let told = unsafe { reagent_far_pose(&given, core::ptr::null(), to, rows.as_mut_ptr().cast()) };
+    assert_eq!(told, ReagentStatus::Pointer);
+}

@@ -1,0 +1,202 @@
+//! Whole registrations and refined poses: the same as in Rust.
+
+use super::*;
+use reagent_core::Error;
+#[cfg(feature = "pretrained-compact")]
+use reagent_core::pipeline::Answer;
+use reagent_core::pipeline::{self, Mode, Task};
+use reagent_core::polish::Workspace;
+use reagent_core::start::{Start, Uncertainty};
+
+/// Every kind of task, and the same in Rust.
+fn tasks() -> Vec<(ReagentTask, Task<'static>)> {
+    let start = Pose {
+        translation: [1.0, -2.0, 0.5].into(),
+        ..Pose::IDENTITY
+    };
+    let modes = [Mode::Fast, Mode::Polish, Mode::Verify, Mode::Refine];
+    let mut tasks = Vec::new();
+    for (i, mode) in modes.into_iter().enumerate() {
+        let mut task = reagent_task();
+        task.mode = i as i32;
+        task.start = start.into();
+        let expected = Task {
+            mode,
+            ..Task::new(Start::at(start))
+        };
+        tasks.push((task, expected));
+    }
+    const EYE: [f32; 3] = [50.0, -300.0, 200.0];
+    static BEHIND: [[f32; 3]; 2] = [[0.0, 300.0, -100.0], [20.0, 310.0, -90.0]];
+    let mut view = reagent_task();
+    view.view_point = EYE.as_ptr();
+    (view.background, view.background_points) = (BEHIND.as_flattened().as_ptr(), BEHIND.len());
+    (view.steps, view.rotation_rad, view.along, view.across) = (2, 0.1, 0.2, 0.3);
+    let uncertainty = Uncertainty {
+        rotation_rad: 0.1,
+        along: 0.2,
+        across: 0.3,
+    };
+    let expected = Task {
+        steps: 2,
+        view_point: Some(EYE.into()),
+        background: &BEHIND,
+        ..Task::new(Start::Pose(Pose::IDENTITY, uncertainty))
+    };
+    tasks.push((view, expected));
+    let mut anywhere = reagent_task();
+    anywhere.anywhere = 1;
+    tasks.push((anywhere, Task::new(Start::Anywhere)));
+    tasks
+}
+
+/// What C is told of what Rust found.
+#[cfg(feature = "pretrained-compact")]
+fn told(found: &Answer) -> ReagentAnswer {
+    let steps = found.policy.map_or(0, |policy| policy.steps);
+    let refinement = found.refinement.as_ref();
+    ReagentAnswer::of(found.target_from_source, found.verdict, steps, refinement)
+}
+
+#[cfg(feature = "pretrained-compact")]
+#[test]
+fn clouds_are_registered_as_in_rust() {
+    use reagent_core::{Policy, Registrar, net::Scratch};
+    let (source, target) = (bracket(0.0), bracket(0.37));
+    let (from, to) = (source.as_flattened(), target.as_flattened());
+    let mut memory = memory();
+    let memory: *mut ReagentMemory = &raw mut *memory;
+    let mut workspace = workspace();
+    let mut scratch = Box::new(Scratch::new());
+    let policy = Policy::pretrained_compact().expect("a sound policy");
+    let mut registrar = Registrar::new(policy, &mut scratch);
+    let mut own = Box::new(Workspace::new());
+    // SAFETY: pointers to live values.
+    let made = unsafe { reagent_init(memory, compact().as_ptr(), compact().len()) };
+    assert_eq!(made, ReagentStatus::Ok);
+    for (task, expected) in tasks() {
+        let clouds = [&source, &target].map(Vec::as_slice);
+        let found = pipeline::register(&mut registrar, &mut own, clouds, &expected, |_| {
+            Ok::<_, Error>(())
+        });
+        let mut answer = ReagentAnswer::default();
+        // SAFETY: pointers to live values.
+        let status = unsafe {
+            let (from, to) = (from.as_ptr(), to.as_ptr());
+            reagent_register(
+                memory,
+                &mut *workspace,
+                from,
+                600,
+                to,
+                600,
+                &task,
+                &mut answer,
+            )
+        };
+        assert_eq!(status, ReagentStatus::Ok);
+        assert_eq!(answer, told(&found.expect("sound clouds")), "{expected:?}");
+        // It ended what was under way.
+        // SAFETY: pointers to live values.
+        let step = unsafe { reagent_step(memory, null_mut()) };
+        assert_eq!(step, ReagentStatus::NotStarted);
+        assert_eq!(answer.refined, expected.mode != Mode::Fast);
+        if expected.mode.resolved() == Mode::Verify {
+            assert_eq!(answer.verdict, ReagentVerdict::Converged, "{answer:?}");
+            assert!(
+                answer.probability > 0.5 && answer.overlap > 0.9,
+                "{answer:?}"
+            );
+        }
+    }
+}
+
+#[test]
+fn a_pose_is_refined_as_in_rust() {
+    let (source, target) = (bracket(0.0), bracket(0.37));
+    let (from, to) = (source.as_flattened(), target.as_flattened());
+    let mut workspace = workspace();
+    let mut own = Box::new(Workspace::new());
+    let reached = Pose {
+        translation: [0.5, 0.25, -1.0].into(),
+        ..Pose::IDENTITY
+    };
+    for (task, expected) in tasks() {
+        let clouds = [&source, &target].map(Vec::as_slice);
+        let found = pipeline::refine(&mut own, clouds, reached, &expected, || Ok::<_, Error>(()));
+        let found = found.expect("sound clouds");
+        let mut answer = ReagentAnswer::default();
+        // SAFETY: pointers to live values.
+        let status = unsafe {
+            let (from, to) = (from.as_ptr(), to.as_ptr());
+            let reached = ReagentPose::from(reached);
+            reagent_refine(
+                &mut *workspace,
+                from,
+                600,
+                to,
+                600,
+                &reached,
+                &task,
+                &mut answer,
+            )
+        };
+        assert_eq!(status, ReagentStatus::Ok);
+        let pose = found.map_or(reached, |found| found.refined.target_from_source);
+        assert_eq!(answer.target_from_source, pose.into());
+        let probability = found.map_or(0.0, |found| found.evidence.probability());
+        assert_eq!(answer.probability, probability);
+    }
+}
+
+/// A sphere against itself, turned: any turn about any axis fits; a box: half turns do.
+#[test]
+fn what_is_undetermined_is_told() {
+    let mut workspace = workspace();
+    let mut refined = |points: &[[f32; 3]]| {
+        let xyz = points.as_flattened().as_ptr();
+        let mut task = reagent_task();
+        task.anywhere = 1;
+        let mut answer = ReagentAnswer::default();
+        let n = points.len();
+        // SAFETY: pointers to live values.
+        let status = unsafe {
+            reagent_refine(
+                &mut *workspace,
+                xyz,
+                n,
+                xyz,
+                n,
+                &task.start,
+                &task,
+                &mut answer,
+            )
+        };
+        assert_eq!(status, ReagentStatus::Ok);
+        answer
+    };
+    let turned = |i: u16| {
+        let z = f32::from(i) / 300.0 - 1.0;
+        let (sine, cosine) = (f32::from(i) * 2.399_963).sin_cos();
+        let radius = 0.3 + 0.2 * z * z;
+        [radius * cosine, radius * sine, z]
+    };
+    let vase = refined(&(0..600).map(turned).collect::<Vec<_>>());
+    // The same points fix the angle: turned by a little they fit worse. Without them only the axis would be told.
+    assert!(vase.verdict == ReagentVerdict::Converged, "{vase:?}");
+    let on_box = |i: u16| {
+        let [a, b] = [0.754_877_7, 0.569_840_3].map(|step| (f32::from(i) * step).fract() - 0.5);
+        let side = if i.is_multiple_of(2) { 0.5 } else { -0.5 };
+        match i / 2 % 3 {
+            0 => [a, 2.0 * b, 3.0 * side],
+            1 => [a, 2.0 * side, 3.0 * b],
+            _ => [side, 2.0 * a, 3.0 * b],
+        }
+    };
+    let box_of = refined(&(0..900).map(on_box).collect::<Vec<_>>());
+    assert_eq!(box_of.verdict, ReagentVerdict::Converged, "{box_of:?}");
+    let named = box_of.other_poses.iter().take(box_of.others as usize);
+    for pose in named {
+        assert!(Pose::from_rows(pose.rows).checked().is_ok());
+    }
+}

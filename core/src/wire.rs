@@ -28,22 +28,22 @@
 
 mod cloud;
 mod frames;
+mod in_place;
 pub mod keys;
 mod refine;
 mod release;
 pub mod serial;
-mod taken;
 mod trace;
 
 pub use cloud::CloudView;
 pub use frames::{
     Board, Chunk, FlashCheck, Manifest, PolicyId, PolicyName, SignedManifest, Status,
 };
+pub use in_place::{RequestInPlace, decode_in_place, refuse_beginning};
 pub use refine::{
     BUDGET_MS, Cancel, Cloud, Fit, Mode, Reason, RefineReply, RefineRequest, Refusal,
 };
 pub use release::{NotTaken, Release, Tally, WhyNot};
-pub use taken::{TakenRequest, refuse_beginning, take_request};
 pub use trace::{KernelName, STEP_BYTES, StepTaken, StepsView, Trace, step_bytes};
 
 use crate::dims::MAX_POINTS;

@@ -7,8 +7,8 @@ use proptest::sample::Index;
 use reagent_core::wire::{
     Board, Cancel, Chunk, Cloud, CloudView, KernelName, Manifest, Message, Mode, PolicyId,
     PolicyName, REQUEST_BYTES, REQUEST_OVERHEAD_BYTES, Reason, RefineReply, RefineRequest, Refusal,
-    SignedManifest, Status, StepTaken, StepsView, Trace, decode, encode, refuse_beginning, serial,
-    step_bytes, take_request,
+    SignedManifest, Status, StepTaken, StepsView, Trace, decode, decode_in_place, encode,
+    refuse_beginning, serial, step_bytes,
 };
 use reagent_core::{Action, Grid, Pose, Verdict};
 
@@ -195,13 +195,13 @@ fn read(frame: &[u8]) {
     }
 }
 
-/// As a board takes it: in its one buffer, or refused by its beginning.
+/// As a board takes it: decoded in its one buffer, or refused by its beginning.
 fn take(frame: &[u8], length: usize, points: usize, busy: bool) {
     let mut space = [0u32; 512];
     let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut space);
     let here = frame.len().min(bytes.len());
     bytes[..here].copy_from_slice(&frame[..here]);
-    if let Ok(request) = take_request(&mut space, length) {
+    if let Ok(request) = decode_in_place(&mut space, length) {
         for cloud in [request.source, request.target] {
             assert_eq!(cloud.points().count(), cloud.len());
             let _ = cloud.check();

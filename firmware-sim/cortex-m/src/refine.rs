@@ -4,7 +4,7 @@ use crate::hardware::{self, HERTZ, feed_watchdog};
 use crate::link::Link;
 use crate::report::Report;
 use reagent_core::wire::{
-    Cloud, Message, Mode, Reason, RefineReply, Refusal, StepTaken, take_request,
+    Cloud, Message, Mode, Reason, RefineReply, Refusal, StepTaken, decode_in_place,
 };
 use reagent_core::{Error, Frame, Pose, Registrar, Registration};
 
@@ -45,7 +45,7 @@ pub(crate) fn refine(
     report: &mut Report,
 ) -> Result<RefineReply, Refusal> {
     let mut clock = Clock::start();
-    let request = take_request(space, length).map_err(refusal)?;
+    let request = decode_in_place(space, length).map_err(refusal)?;
     let id = request.asked.id;
     let refused = |reason| Refusal { id, reason };
     let (source, target) = (request.source, request.target);

@@ -1,4 +1,4 @@
-//! Requests without a second buffer: taken out of their frames, or refused by their beginnings.
+//! Requests without a second buffer: decoded where their frames lie, or refused by their beginnings.
 
 use super::cloud::POINT_BYTES;
 use super::{
@@ -11,7 +11,7 @@ use crate::grid::Grid;
 /// A [`RefineRequest`] whose clouds lie aligned, in the format that they came in, in the buffer that held the
 /// frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct TakenRequest<'b> {
+pub struct RequestInPlace<'b> {
     /// Its client and id.
     pub asked: Cancel,
     /// See [`RefineRequest::budget_ms`].
@@ -28,12 +28,12 @@ pub struct TakenRequest<'b> {
     pub target: cloud::Cloud<'b>,
 }
 
-/// Reads the request that is the first `length` bytes of `space`, and moves its clouds to the front of it,
+/// Decodes the request that is the first `length` bytes of `space`, and moves its clouds to the front of it,
 /// where they are aligned: points as f32, or codes, as they came. The frame is gone afterwards.
 ///
 /// # Errors
 /// As [`decode`]; [`Error::Frame`] where it is another message.
-pub fn take_request(space: &mut [u32], length: usize) -> Result<TakenRequest<'_>, Error> {
+pub fn decode_in_place(space: &mut [u32], length: usize) -> Result<RequestInPlace<'_>, Error> {
     let bytes: &mut [u8] = bytemuck::cast_slice_mut(space);
     let frame = bytes.get(..length).ok_or(Error::Frame)?;
     let Message::RefineRequest(request) = decode(frame)? else {
@@ -59,7 +59,7 @@ pub fn take_request(space: &mut [u32], length: usize) -> Result<TakenRequest<'_>
     source.shift(bytes, 0);
     target.shift(bytes, source.bytes.next_multiple_of(size_of::<f32>()));
     let bytes: &[u8] = bytes;
-    Ok(TakenRequest {
+    Ok(RequestInPlace {
         asked,
         budget_ms,
         mode,

@@ -10,7 +10,7 @@ fn bytes_of(message: &Message<'_>) -> Vec<u8> {
 }
 
 #[test]
-fn requests_are_taken_where_they_lie() {
+fn requests_are_decoded_where_they_lie() {
     let (source, target) = ([[1.0, 2.0, 3.0]; 5], [[0.5, f32::MIN, 4.0]; 4]);
     let request = RefineRequest {
         max_steps: 7,
@@ -23,15 +23,15 @@ fn requests_are_taken_where_they_lie() {
     let bytes = bytes_of(&Message::RefineRequest(request));
     let mut space = [0u32; 64];
     bytemuck::cast_slice_mut(&mut space)[..bytes.len()].copy_from_slice(&bytes);
-    let taken = take_request(&mut space, bytes.len()).expect("a request");
-    assert_eq!(taken.asked, Cancel::of(&request));
-    assert_eq!(taken.max_steps, 7);
-    assert_eq!((taken.mode, taken.budget_ms), (Mode::Fast, 33));
-    assert_eq!(taken.initial, Some([[0.25; 4]; 3]));
-    assert_eq!(taken.source, cloud::Cloud::F32(&source));
-    assert_eq!(taken.target, cloud::Cloud::F32(&target));
-    assert!(take_request(&mut [0; 64], bytes.len()).is_err());
-    assert!(take_request(&mut [0; 2], 9).is_err());
+    let decoded = decode_in_place(&mut space, bytes.len()).expect("a request");
+    assert_eq!(decoded.asked, Cancel::of(&request));
+    assert_eq!(decoded.max_steps, 7);
+    assert_eq!((decoded.mode, decoded.budget_ms), (Mode::Fast, 33));
+    assert_eq!(decoded.initial, Some([[0.25; 4]; 3]));
+    assert_eq!(decoded.source, cloud::Cloud::F32(&source));
+    assert_eq!(decoded.target, cloud::Cloud::F32(&target));
+    assert!(decode_in_place(&mut [0; 64], bytes.len()).is_err());
+    assert!(decode_in_place(&mut [0; 2], 9).is_err());
 }
 
 #[test]
@@ -96,11 +96,11 @@ proptest! {
         let bytes = bytes_of(&Message::RefineRequest(request));
         let mut space = vec![u32::MAX; bytes.len().div_ceil(4)];
         bytemuck::cast_slice_mut(&mut space)[..bytes.len()].copy_from_slice(&bytes);
-        let taken = take_request(&mut space, bytes.len()).expect("a request");
+        let decoded = decode_in_place(&mut space, bytes.len()).expect("a request");
         let expected = |i: usize| match clouds[i].0 {
             true => cloud::Cloud::Grid(grid, &codes[i]),
             false => cloud::Cloud::F32(&points[i]),
         };
-        prop_assert_eq!([taken.source, taken.target], [expected(0), expected(1)]);
+        prop_assert_eq!([decoded.source, decoded.target], [expected(0), expected(1)]);
     }
 }

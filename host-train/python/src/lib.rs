@@ -1,9 +1,11 @@
 //! The Python package `reagent`: what `host-train register` does, on arrays.
 
 mod array;
+mod clouds;
 mod depth;
 mod error;
 mod evaluate;
+mod functions;
 mod json;
 mod options;
 mod policy;
@@ -33,9 +35,11 @@ mod module {
     #[pymodule_export]
     use crate::evaluate::evaluate;
     #[pymodule_export]
+    use crate::functions::{refine, register, register_batch, register_depth, verify};
+    #[pymodule_export]
     use crate::policy::Policy;
     #[pymodule_export]
-    use crate::registrar::{Registrar, refine, register, register_batch, register_depth, verify};
+    use crate::registrar::Registrar;
     #[pymodule_export]
     use crate::registration::{Axis, Registration, Step, Undetermined};
     use pyo3::prelude::*;

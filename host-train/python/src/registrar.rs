@@ -1,6 +1,7 @@
 //! Registrations: one, or many over threads.
 
 use crate::array::{Cloud, View};
+use crate::clouds::Clouds;
 use crate::depth::depth_image;
 use crate::error::{Error, bad, bad_cloud, no_threads};
 use crate::options::Options;
@@ -10,7 +11,6 @@ use host_train::register::Memory;
 use host_train::register::batch::for_each;
 use host_train::register::prepared::Prepared;
 use host_train::register::request::Request;
-use numpy::{PyUntypedArray, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyList;
 use reagent_core::weights;
@@ -63,7 +63,7 @@ impl Registrar {
     #[pyo3(signature = (source, target, init = None, mode = "verify", viewpoint = None, *, steps = 10, points = None,
         dense = "auto"))]
     #[allow(clippy::too_many_arguments, reason = "keywords in Python")]
-    fn register(
+    pub(crate) fn register(
         &self,
         py: Python<'_>,
         source: &Bound<'_, PyAny>,
@@ -83,7 +83,7 @@ impl Registrar {
     #[pyo3(signature = (depth, camera, target, init = None, mode = "verify", *, mask = None, depth_scale = 1.0, steps = 10,
         points = None, dense = "auto"))]
     #[allow(clippy::too_many_arguments, reason = "keywords in Python")]
-    fn register_depth(
+    pub(crate) fn register_depth(
         &self,
         py: Python<'_>,
         depth: &Bound<'_, PyAny>,
@@ -122,7 +122,7 @@ impl Registrar {
     /// As the function `refine`.
     #[pyo3(signature = (source, target, init = None, viewpoint = None, *, points = None, dense = "auto"))]
     #[allow(clippy::too_many_arguments, reason = "keywords in Python")]
-    fn refine(
+    pub(crate) fn refine(
         &self,
         py: Python<'_>,
         source: &Bound<'_, PyAny>,
@@ -139,7 +139,7 @@ impl Registrar {
     /// As the function `verify`.
     #[pyo3(signature = (source, target, init = None, viewpoint = None, *, points = None, dense = "auto"))]
     #[allow(clippy::too_many_arguments, reason = "keywords in Python")]
-    fn verify(
+    pub(crate) fn verify(
         &self,
         py: Python<'_>,
         source: &Bound<'_, PyAny>,
@@ -157,7 +157,7 @@ impl Registrar {
     #[pyo3(signature = (sources, targets, init = None, mode = "verify", viewpoint = None, *, steps = 10, points = None,
         dense = "auto", return_exceptions = false))]
     #[allow(clippy::too_many_arguments, reason = "keywords in Python")]
-    fn register_batch<'py>(
+    pub(crate) fn register_batch<'py>(
         &self,
         py: Python<'py>,
         sources: &Bound<'py, PyAny>,
@@ -197,7 +197,8 @@ impl Registrar {
 }
 
 impl Registrar {
-    fn bundled() -> Registrar {
+    /// With the bundled policies.
+    pub(crate) fn bundled() -> Registrar {
         Registrar {
             policy: None,
             threads: 0,
@@ -318,220 +319,4 @@ fn register_prepared(
         Error::new_err(format!("cannot register {source} to {target}: {error}"))
     })?;
     Ok(Registration::new(&source, &target, done))
-}
-
-/// Clouds of several pairs.
-enum Clouds<'py> {
-    /// The same for all.
-    One(Cloud<'py>),
-    /// One each.
-    Each(Vec<PyResult<Cloud<'py>>>),
-}
-
-impl<'py> Clouds<'py> {
-    /// An array (N, 3) is one cloud; anything else is a sequence of clouds.
-    fn new(name: &str, given: &Bound<'py, PyAny>) -> PyResult<Clouds<'py>> {
-        if given
-            .cast::<PyUntypedArray>()
-            .is_ok_and(|array| array.ndim() == 2)
-        {
-            return Ok(Clouds::One(Cloud::new(name, given)?));
-        }
-        let items = given.try_iter().map_err(|_| {
-            let found = given.get_type();
-            bad(
-                name,
-                format!("expected a sequence of clouds, or one for all, found {found}"),
-            )
-        })?;
-        let cloud = |(i, item): (usize, PyResult<Bound<'py, PyAny>>)| {
-            Ok(Cloud::new(format!("{name}[{i}]"), &item?))
-        };
-        Ok(Clouds::Each(
-            items.enumerate().map(cloud).collect::<PyResult<_>>()?,
-        ))
-    }
-
-    fn view(&self, py: Python<'_>, pair: usize) -> PyResult<View<'_>> {
-        match self {
-            Clouds::One(cloud) => Ok(cloud.view()),
-            Clouds::Each(clouds) => match &clouds[pair] {
-                Ok(cloud) => Ok(cloud.view()),
-                Err(error) => Err(error.clone_ref(py)),
-            },
-        }
-    }
-}
-
-/// Registers `source` to `target`: finds the rigid transform that maps the source onto the target.
-///
-/// Clouds are arrays of float32 or float64 of shape (N, 3), both in one unit of length, or whatever `numpy.asarray` makes
-/// such arrays of. They are read where they lie, and must not be written to meanwhile. Points that are NaN, infinite or
-/// beyond 1e30, and masked points, are left out. A cloud of more than 4096 points is thinned to 2048 for the policy, and a
-/// last refinement uses all of them.
-///
-/// init: where to start: a pose (4x4, or the 3x4 of it), "identity" (as the clouds lie; the default) or "anywhere" (the
-///     source may be turned in any way; the command line's `--init none`).
-/// mode: "fast" (the policy's steps alone), "polish" (then closest points), "verify" (then compared with other poses) or
-///     "refine" (closest points from the start, without the policy).
-/// viewpoint: where the sensor stood in the source's coordinates, if the source is a view from one point.
-/// steps: the policy's steps at most.
-/// points: points of each cloud that the policy sees at most.
-/// dense: whether the pose is refined on all points at last: "auto" (where a cloud was thinned), "always" or "never".
-///
-/// Raises CloudError or Error, which are ValueErrors. The numbers are those of `host-train register`.
-///
-/// >>> import numpy, reagent
-/// >>> cloud = numpy.random.default_rng(1).normal(size=(500, 3)) * [3, 2, 1]
-/// >>> reagent.register(cloud + [0.2, 0, 0], cloud).verdict
-/// 'converged'
-/// >>> reagent.register(cloud[:, :2], cloud)
-/// Traceback (most recent call last):
-/// reagent.CloudError: source: expected an array of float32 or float64 of shape (N, 3), found shape (500, 2) of float64
-#[pyfunction]
-#[pyo3(signature = (source, target, init = None, mode = "verify", viewpoint = None, *, steps = 10, points = None,
-    dense = "auto"))]
-#[allow(clippy::too_many_arguments, reason = "keywords in Python")]
-pub(crate) fn register(
-    py: Python<'_>,
-    source: &Bound<'_, PyAny>,
-    target: &Bound<'_, PyAny>,
-    init: Option<&Bound<'_, PyAny>>,
-    mode: &str,
-    viewpoint: Option<&Bound<'_, PyAny>>,
-    steps: usize,
-    points: Option<usize>,
-    dense: &str,
-) -> PyResult<Registration> {
-    Registrar::bundled().register(
-        py, source, target, init, mode, viewpoint, steps, points, dense,
-    )
-}
-
-/// Registers what a depth camera saw to `target`: finds the rigid transform that maps the camera's frame (x right, y down, z
-/// ahead) onto the target's. What would stand in front of the background counts against a pose, too.
-///
-/// depth, camera, mask, depth_scale: as of `points_of_depth`; with the scale, depths are in the target's unit.
-/// Other arguments are as of `register`.
-///
-/// >>> import numpy, reagent
-/// >>> v, u = numpy.mgrid[:40, :40]
-/// >>> depth = numpy.where((u - 20) ** 2 + 2 * (v - 20) ** 2 < 200, 2 + (u - 20) ** 2 / 400 + (v + u) / 90, 9)
-/// >>> points = reagent.points_of_depth(depth, (40, 40, 20, 20), depth < 9)
-/// >>> found = reagent.register_depth(depth, (40, 40, 20, 20), points - [0.05, 0, 0], mask=depth < 9)
-/// >>> found.target_from_source[:3, 3].round(2) + 0.0
-/// array([-0.05,  0.  ,  0.  ])
-#[pyfunction]
-#[pyo3(signature = (depth, camera, target, init = None, mode = "verify", *, mask = None, depth_scale = 1.0, steps = 10,
-    points = None, dense = "auto"))]
-#[allow(clippy::too_many_arguments, reason = "keywords in Python")]
-pub(crate) fn register_depth(
-    py: Python<'_>,
-    depth: &Bound<'_, PyAny>,
-    camera: &Bound<'_, PyAny>,
-    target: &Bound<'_, PyAny>,
-    init: Option<&Bound<'_, PyAny>>,
-    mode: &str,
-    mask: Option<&Bound<'_, PyAny>>,
-    depth_scale: f64,
-    steps: usize,
-    points: Option<usize>,
-    dense: &str,
-) -> PyResult<Registration> {
-    Registrar::bundled().register_depth(
-        py,
-        depth,
-        camera,
-        target,
-        init,
-        mode,
-        mask,
-        depth_scale,
-        steps,
-        points,
-        dense,
-    )
-}
-
-/// Refines a pose by closest points, without the policy: for tracking. Arguments are as of `register`.
-///
-/// >>> import numpy, reagent
-/// >>> cloud = numpy.random.default_rng(1).normal(size=(500, 3)) * [3, 2, 1]
-/// >>> reagent.refine(cloud + [0.02, 0, 0], cloud).steps
-/// []
-#[pyfunction]
-#[pyo3(signature = (source, target, init = None, viewpoint = None, *, points = None, dense = "auto"))]
-pub(crate) fn refine(
-    py: Python<'_>,
-    source: &Bound<'_, PyAny>,
-    target: &Bound<'_, PyAny>,
-    init: Option<&Bound<'_, PyAny>>,
-    viewpoint: Option<&Bound<'_, PyAny>>,
-    points: Option<usize>,
-    dense: &str,
-) -> PyResult<Registration> {
-    Registrar::bundled().refine(py, source, target, init, viewpoint, points, dense)
-}
-
-/// Refines a pose that something else found and compares it with others, without the policy: says how likely it is right,
-/// or gives a better one. Arguments are as of `register`.
-///
-/// >>> import numpy, reagent
-/// >>> cloud = numpy.random.default_rng(1).normal(size=(500, 3)) * [3, 2, 1]
-/// >>> reagent.verify(cloud, cloud, numpy.eye(4)).converged
-/// True
-#[pyfunction]
-#[pyo3(signature = (source, target, init = None, viewpoint = None, *, points = None, dense = "auto"))]
-pub(crate) fn verify(
-    py: Python<'_>,
-    source: &Bound<'_, PyAny>,
-    target: &Bound<'_, PyAny>,
-    init: Option<&Bound<'_, PyAny>>,
-    viewpoint: Option<&Bound<'_, PyAny>>,
-    points: Option<usize>,
-    dense: &str,
-) -> PyResult<Registration> {
-    Registrar::bundled().verify(py, source, target, init, viewpoint, points, dense)
-}
-
-/// Registers many pairs over threads: a list of Registrations in the order of the pairs.
-///
-/// `sources` and `targets` are sequences of as many clouds, or one array of shape (N, 3) for all pairs; `init` and
-/// `viewpoint` are one, or an array with one for each pair. Other arguments are as of `register`. The first pair that cannot
-/// be registered raises its exception, or has it in its place in the list with `return_exceptions`. Results depend on
-/// neither the order nor the number of threads.
-///
-/// >>> import numpy, reagent
-/// >>> cloud = numpy.random.default_rng(1).normal(size=(500, 3)) * [3, 2, 1]
-/// >>> moved = [cloud + [0.1, 0, 0], cloud + [0, 0.1, 0]]
-/// >>> [found.verdict for found in reagent.register_batch(moved, cloud)]
-/// ['converged', 'converged']
-#[pyfunction]
-#[pyo3(signature = (sources, targets, init = None, mode = "verify", viewpoint = None, *, steps = 10, points = None,
-    dense = "auto", return_exceptions = false))]
-#[allow(clippy::too_many_arguments, reason = "keywords in Python")]
-pub(crate) fn register_batch<'py>(
-    py: Python<'py>,
-    sources: &Bound<'py, PyAny>,
-    targets: &Bound<'py, PyAny>,
-    init: Option<&Bound<'py, PyAny>>,
-    mode: &str,
-    viewpoint: Option<&Bound<'py, PyAny>>,
-    steps: usize,
-    points: Option<usize>,
-    dense: &str,
-    return_exceptions: bool,
-) -> PyResult<Bound<'py, PyList>> {
-    Registrar::bundled().register_batch(
-        py,
-        sources,
-        targets,
-        init,
-        mode,
-        viewpoint,
-        steps,
-        points,
-        dense,
-        return_exceptions,
-    )
 }

@@ -1,0 +1,50 @@
+//! Clouds of several pairs.
+
+use crate::array::{Cloud, View};
+use crate::error::bad;
+use numpy::{PyUntypedArray, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+
+/// Clouds of several pairs.
+pub(crate) enum Clouds<'py> {
+    /// The same for all.
+    One(Cloud<'py>),
+    /// One each.
+    Each(Vec<PyResult<Cloud<'py>>>),
+}
+
+impl<'py> Clouds<'py> {
+    /// An array (N, 3) is one cloud; anything else is a sequence of clouds.
+    pub(crate) fn new(name: &str, given: &Bound<'py, PyAny>) -> PyResult<Clouds<'py>> {
+        if given
+            .cast::<PyUntypedArray>()
+            .is_ok_and(|array| array.ndim() == 2)
+        {
+            return Ok(Clouds::One(Cloud::new(name, given)?));
+        }
+        let items = given.try_iter().map_err(|_| {
+            let found = given.get_type();
+            bad(
+                name,
+                format!("expected a sequence of clouds, or one for all, found {found}"),
+            )
+        })?;
+        let cloud = |(i, item): (usize, PyResult<Bound<'py, PyAny>>)| {
+            Ok(Cloud::new(format!("{name}[{i}]"), &item?))
+        };
+        Ok(Clouds::Each(
+            items.enumerate().map(cloud).collect::<PyResult<_>>()?,
+        ))
+    }
+
+    /// The cloud of a pair.
+    pub(crate) fn view(&self, py: Python<'_>, pair: usize) -> PyResult<View<'_>> {
+        match self {
+            Clouds::One(cloud) => Ok(cloud.view()),
+            Clouds::Each(clouds) => match &clouds[pair] {
+                Ok(cloud) => Ok(cloud.view()),
+                Err(error) => Err(error.clone_ref(py)),
+            },
+        }
+    }
+}

@@ -5,8 +5,8 @@
 
 use host_train::dataset::pairs::{PairSet, Sample};
 use host_train::dataset::procedural;
-use host_train::eval::{EvalSettings, evaluate};
 use host_train::measure::baselines::IcpSettings;
+use host_train::measure::eval::{EvalSettings, evaluate};
 use host_train::measure::method::{Contestant, Finish, Start};
 use host_train::policy::WeightFile;
 use reagent_core::Pose;

@@ -13,7 +13,6 @@ pub mod bop;
 pub mod calibrate;
 pub mod cli;
 pub mod dataset;
-pub mod eval;
 pub mod files;
 pub mod learn;
 pub mod measure;

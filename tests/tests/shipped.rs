@@ -1,7 +1,7 @@
 //! The policies in core/weights: what their records say, and what they do.
 
 use host_train::dataset::procedural;
-use host_train::eval::{EvalSettings, evaluate};
+use host_train::measure::eval::{EvalSettings, evaluate};
 use host_train::measure::method::{Contestant, Finish, Start};
 use host_train::protocol::{self, Protocol};
 use reagent_core::dims::STEPS;

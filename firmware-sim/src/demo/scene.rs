@@ -7,7 +7,7 @@ use host_train::dataset::camera::Camera;
 use host_train::dataset::pairs::{PairSet, Sample};
 use host_train::dataset::procedural::{self, Shape};
 use host_train::dataset::{Model, modelnet};
-use host_train::eval::EvalError;
+use host_train::measure::eval::EvalError;
 use host_train::policy::WeightFile;
 use host_train::publish::Comparison;
 use host_train::random::resample;

@@ -5,7 +5,7 @@ use crate::bop::evaluate::Refinements;
 use crate::bop::recall::AverageRecall;
 use crate::bop::table::{self, ObjectRow};
 use crate::dataset::bop::write_results;
-use crate::eval::{Document, Outcome};
+use crate::measure::eval::{Document, Outcome};
 use crate::protocol::Protocol;
 use anyhow::Context;
 use clap::ValueEnum;

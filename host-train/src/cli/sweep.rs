@@ -5,7 +5,7 @@ use super::output::write_json;
 use super::progress::Progress;
 use super::source::DataSource;
 use super::{bad_usage, source, table};
-use crate::eval::EvalSettings;
+use crate::measure::eval::EvalSettings;
 use crate::measure::sweep::{Document, Drawing, SweepError, Vary, sweep};
 use crate::policy::REAGENT;
 use crate::protocol::{Conditions, Protocol};

@@ -1,6 +1,7 @@
 //! The paper's tables as text.
 
-use crate::eval::{Agreement, Outcome, Row, StepRow};
+use crate::measure::agreement::Agreement;
+use crate::measure::eval::{Outcome, Row, StepRow};
 use crate::measure::method::Contestant;
 use crate::measure::sweep::Varied;
 use clap::ValueEnum;

@@ -1,7 +1,9 @@
 //! What a policy is worth: errors of its poses, other methods beside it, time, and needs of small boards.
 
+pub mod agreement;
 pub mod baselines;
 pub mod elf;
+pub mod eval;
 pub mod latency;
 pub mod method;
 pub mod metrics;

@@ -3,8 +3,8 @@
 //! Every value is measured on the same models, points and directions ([`draw_under`]): curves differ by what is
 //! varied, not by the luck of the draw.
 
+use super::eval::{EvalError, EvalSettings, Row, evaluate};
 use crate::dataset::Model;
-use crate::eval::{EvalError, EvalSettings, Row, evaluate};
 use crate::measure::method::Contestant;
 use crate::measure::metrics::Errors;
 use crate::protocol::{Conditions, draw_under};

@@ -2,7 +2,7 @@
 
 use super::statistics::coin;
 use crate::dataset::pairs::PairSet;
-use crate::eval::{EvalError, EvalSettings, evaluate};
+use crate::measure::eval::{EvalError, EvalSettings, evaluate};
 use crate::measure::method::{Contestant, Finish, Start};
 use crate::measure::metrics::is_right;
 use crate::policy::WeightFile;

@@ -3,9 +3,9 @@
 use super::trainer::Diverged;
 use crate::dataset::DatasetError;
 use crate::dataset::bop::BopError;
-use crate::eval::EvalError;
 use crate::learn::env::Accumulation;
 use crate::learn::nn::Shape;
+use crate::measure::eval::EvalError;
 use crate::policy::ExportError;
 use crate::policy::checkpoint::CheckpointError;
 use std::path::PathBuf;

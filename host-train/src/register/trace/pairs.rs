@@ -2,7 +2,7 @@
 
 use super::{Given, Header, Traced};
 use crate::dataset::pairs::PairSet;
-use crate::eval::EvalError;
+use crate::measure::eval::EvalError;
 use crate::measure::method::{Contestant, Finish, Method, Start};
 use crate::register::register;
 use reagent_core::pipeline::{Mode, Task};
@@ -10,7 +10,7 @@ use reagent_core::start as core_start;
 use reagent_core::{Frame, Pose};
 
 /// The first `count` pairs of a set as every policy among the contestants registers them in `steps` steps:
-/// clouds as they are, from the identity, as [`crate::eval::evaluate`] does.
+/// clouds as they are, from the identity, as [`crate::measure::eval::evaluate`] does.
 ///
 /// # Errors
 /// [`EvalError::Pair`], with a cloud that the core refuses.

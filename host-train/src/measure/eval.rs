@@ -3,14 +3,12 @@
 //! Clouds are used as they are, as in the paper's experiments: no normalisation. A policy decides as its
 //! file says, on core's kernels; it takes all steps, also after one that stops on every axis.
 
-use crate::dataset::Point;
+use super::agreement::Agreement;
+use super::method::{Contestant, Trajectory};
+use super::metrics::{Errors, GroundTruth, PairMetrics, Summary, quantile};
 use crate::dataset::pairs::PairSet;
-use crate::measure::method::{Contestant, Finish, Method, Start, Trajectory};
-use crate::measure::metrics::{Errors, GroundTruth, PairMetrics, Summary, quantile};
 use crate::register::{Memory, batch};
-use reagent_core::dims::AXES;
-use reagent_core::net::Scratch;
-use reagent_core::{Action, Error, Frame, Policy, Pose, Registrar};
+use reagent_core::{Error, Pose};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -182,14 +180,14 @@ pub fn evaluate(
     Ok(contestants.iter().enumerate().map(outcome).collect())
 }
 
-fn pool(threads: usize) -> Result<rayon::ThreadPool, EvalError> {
+pub(super) fn pool(threads: usize) -> Result<rayon::ThreadPool, EvalError> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
     pool.map_err(|source| EvalError::Threads { threads, source })
 }
 
 /// Runs `f` for every pair on the pool, each thread with its own working memory. The first failing pair, by
 /// index, is the one reported.
-fn for_each_pair<T: Send>(
+pub(super) fn for_each_pair<T: Send>(
     pool: &rayon::ThreadPool,
     pairs: usize,
     f: impl Fn(&mut Memory, usize) -> Result<T, Error> + Sync + Send,
@@ -199,81 +197,6 @@ fn for_each_pair<T: Send>(
         .enumerate()
         .map(|(index, result)| result.map_err(|source| EvalError::Pair { index, source }))
         .collect()
-}
-
-/// How often a policy acts as another does where that one goes.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Agreement {
-    /// The policy whose way both see.
-    pub along: String,
-    /// Share of the six axes of all pairs on which the actions are equal, step by step.
-    pub equal: Vec<f64>,
-}
-
-/// Compares the actions of every policy after the first with the first one's, in each step from the pose that the
-/// first has reached: what a difference leads to later does not count again. Other methods are passed over.
-///
-/// # Errors
-/// A pair with a cloud that the core refuses.
-pub fn agreement(
-    set: &PairSet,
-    contestants: &[Contestant<'_>],
-    settings: &EvalSettings,
-) -> Result<BTreeMap<String, Agreement>, EvalError> {
-    let policies: Vec<(&str, Policy<'_>)> = contestants
-        .iter()
-        .filter_map(|c| match c.method {
-            Method {
-                start: Start::Policy(policy),
-                finish: Finish::Nothing,
-            } => Some((c.name.as_str(), policy)),
-            _ => None,
-        })
-        .collect();
-    let [(along, first), others @ ..] = policies.as_slice() else {
-        return Ok(BTreeMap::new());
-    };
-    let pool = pool(settings.threads)?;
-    let pairs = set.source.len();
-    let compare = |&(name, policy): &(&str, Policy<'_>)| {
-        let counts = for_each_pair(&pool, pairs, |memory, i| {
-            let (source, target) = (&set.source[i], &set.target[i]);
-            equal_axes([*first, policy], source, target, settings.steps, memory)
-        })?;
-        let share = |step: usize| {
-            let equal: usize = counts.iter().map(|of_pair| of_pair[step]).sum();
-            equal as f64 / (2 * AXES * pairs) as f64
-        };
-        let agreement = Agreement {
-            along: (*along).into(),
-            equal: (0..settings.steps).map(share).collect(),
-        };
-        Ok((name.to_owned(), agreement))
-    };
-    others.iter().map(compare).collect()
-}
-
-/// Axes on which two policies act equally, step by step along the way of the first.
-fn equal_axes(
-    [first, second]: [Policy<'_>; 2],
-    source: &[Point],
-    target: &[Point],
-    steps: usize,
-    memory: &mut Memory,
-) -> Result<Vec<usize>, Error> {
-    let mut scratch = Box::new(Scratch::new());
-    let mut leader = Registrar::new(first, &mut memory.scratch);
-    let mut follower = Registrar::new(second, &mut scratch);
-    let mut led = leader.start(source, target, Frame::IDENTITY, Pose::IDENTITY)?;
-    let mut seen = follower.start(source, target, Frame::IDENTITY, Pose::IDENTITY)?;
-    let equal = (0..steps).map(|_| {
-        seen.copy_progress_from(&led);
-        let axes = |action: Action| action.translation.into_iter().chain(action.rotation);
-        let a = axes(leader.step(&mut led)?.action);
-        let b = axes(follower.step(&mut seen)?.action);
-        Ok(a.zip(b).filter(|(a, b)| a == b).count())
-    });
-    equal.collect()
 }
 
 /// The document that `eval --json` writes: the number of pairs, the rows of every method, step by step where
@@ -292,7 +215,7 @@ pub struct Document<'a> {
 }
 
 impl<'a> Document<'a> {
-    /// The document for outcomes on a set of `pairs` pairs, and what [`agreement`] found.
+    /// The document for outcomes on a set of `pairs` pairs, and what [`agreement`](super::agreement::agreement) found.
     pub fn new(
         pairs: usize,
         outcomes: &'a [Outcome],

@@ -3,20 +3,18 @@
 mod depth;
 mod initial;
 mod input;
+mod one;
 mod pairs;
 mod text;
 
 pub use initial::Initial;
 
-use super::output::{write_json, write_text};
 use super::{BelowProbability, bad_usage, source};
-use crate::dataset::Point;
-use crate::dataset::cloud_file::{CloudFile, STANDARD, check_output, write_cloud};
+use crate::dataset::cloud_file::{STANDARD, check_output};
 use crate::policy::{REAGENT, VIEWS, WeightFile};
 use crate::register::dense::Dense;
 use crate::register::document::Document;
 use crate::register::request::{Done, Request};
-use crate::register::trace::{self, Given, Header, Traced};
 use crate::register::{Memory, Start};
 use anyhow::{Context, bail};
 use clap::Args;
@@ -25,7 +23,6 @@ use input::{Input, Units};
 use pairs::Pair;
 use reagent_core::dims::{MAX_POINTS, STEPS};
 use reagent_core::pipeline::Mode;
-use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
 /// Register a source cloud to a target cloud and print the pose
@@ -281,102 +278,6 @@ impl RegisterArgs {
         Document::new(clouds, &pairing.done, self.scale())
     }
 
-    fn run_one(
-        &self,
-        weights: &WeightFile,
-        starts: &[Start],
-        pair: &Pair,
-        seed: u64,
-    ) -> anyhow::Result<()> {
-        let pairing = self.register(weights, starts, pair, seed)?;
-        let Pairing { inputs, done } = &pairing;
-        for (path, input) in [&pair.source, &pair.target].into_iter().zip(inputs) {
-            for note in &input.cloud.notes {
-                eprintln!("{}: {note}", path.display());
-            }
-        }
-        let text = text::report(done);
-        let outputs = [&self.out, &self.trace, &self.json, &self.matrix];
-        if outputs
-            .iter()
-            .any(|path| path.as_deref() == Some(Path::new(STANDARD)))
-        {
-            eprintln!("{}", text.trim_end());
-        } else {
-            print!("{text}");
-        }
-        if let Some(path) = &self.out {
-            write_cloud(path, &aligned(&pairing, path))?;
-        }
-        if let Some(path) = &self.trace {
-            write_text(path, &trace::to_text(&[self.traced(&pairing, pair)])?)?;
-        }
-        if let Some(path) = &self.json {
-            write_json(path, &self.document(&pairing))?;
-        }
-        if let Some(path) = &self.matrix {
-            write_text(path, &text::matrix(&done.pose))?;
-        }
-        self.judge([done].into_iter())
-    }
-
-    fn traced(&self, pairing: &Pairing, pair: &Pair) -> Traced {
-        let Pairing { inputs, done } = pairing;
-        let [source, target] = inputs.each_ref().map(|input| input.cloud.points().to_vec());
-        Traced {
-            header: Header {
-                name: format!("{} to {}", file_name(&pair.source), file_name(&pair.target)),
-                policy: stem(self.policy()),
-                source,
-                target,
-                truth: None,
-                initial: done.initial.to_rows(),
-            },
-            steps: done.found.trace.clone(),
-            answer: Given::of(&done.found.answer, self.mode).map(|answer| Given {
-                target_from_source: done.near().to_rows(),
-                ..answer
-            }),
-        }
-    }
-
-    /// One line a pair, as it is done; a pair that fails has a line with the reason.
-    fn run_pairs(
-        &self,
-        weights: &WeightFile,
-        starts: &[Start],
-        pairs: &[Pair],
-        seed: u64,
-    ) -> anyhow::Result<()> {
-        let mut lines = String::new();
-        let mut done = Vec::new();
-        for pair in pairs {
-            let names = json!({ "source": pair.source.display().to_string(), "target": pair.target.display().to_string() });
-            let result = match self.register(weights, starts, pair, seed) {
-                Ok(found) => {
-                    let document = serde_json::to_value(self.document(&found))?;
-                    done.push(found);
-                    document
-                }
-                Err(error) => json!({ "error": super::one_line(&error) }),
-            };
-            let line = merged(names, result).to_string() + "\n";
-            if self.json.is_some() {
-                lines += &line;
-            } else {
-                print!("{line}");
-            }
-        }
-        if let Some(path) = &self.json {
-            write_text(path, &lines)?;
-        }
-        let failed = pairs.len() - done.len();
-        if failed > 0 {
-            bail!("{failed} of {} pairs could not be registered", pairs.len());
-        }
-        self.judge(done.iter().map(|pairing| &pairing.done))
-    }
-
     /// Whether all are as probable as `--fail-below` asks.
     fn judge<'a>(&self, done: impl Iterator<Item = &'a Done>) -> anyhow::Result<()> {
         let Some(least) = self.fail_below else {
@@ -397,50 +298,4 @@ impl RegisterArgs {
             .into()),
         }
     }
-}
-
-/// The source, moved: a mesh as one where the format holds one, else the points of its surface.
-fn aligned(pairing: &Pairing, path: &Path) -> CloudFile {
-    let Pairing { inputs, done } = pairing;
-    let [source, _] = inputs;
-    let mut moved = source.file.moved(&done.pose);
-    let extension = path
-        .extension()
-        .and_then(|e| e.to_str())
-        .unwrap_or_default();
-    let cloud_only = ["pcd", "npy", "xyz"].contains(&&*extension.to_ascii_lowercase());
-    if moved.faces.is_some() && cloud_only {
-        let [a, b, c] = source.cloud.origin;
-        let placed = |p: &Point| {
-            let [x, y, z] = p.map(f64::from);
-            done.pose.apply([x + a, y + b, z + c])
-        };
-        moved = CloudFile {
-            points: source.cloud.all.iter().map(placed).collect(),
-            ..Default::default()
-        };
-    }
-    moved
-}
-
-/// Two JSON objects as one.
-fn merged(first: Value, second: Value) -> Value {
-    let fields = [first, second].into_iter().filter_map(|value| match value {
-        Value::Object(fields) => Some(fields),
-        _ => None,
-    });
-    Value::Object(fields.flatten().collect())
-}
-
-/// Last part of a path.
-fn file_name(path: &Path) -> String {
-    path.file_name()
-        .unwrap_or(path.as_os_str())
-        .to_string_lossy()
-        .into_owned()
-}
-
-/// Name under which a policy is reported.
-fn stem(path: &Path) -> String {
-    file_name(&path.with_extension(""))
 }

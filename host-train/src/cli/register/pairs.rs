@@ -1,7 +1,13 @@
 //! Many pairs in one call: a folder, or a list.
 
+use super::RegisterArgs;
+use crate::cli::one_line;
+use crate::cli::output::write_text;
 use crate::dataset::cloud_file::EXTENSIONS;
+use crate::policy::WeightFile;
+use crate::register::Start;
 use anyhow::{Context, bail};
+use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use walkdir::WalkDir;
 
@@ -89,6 +95,54 @@ fn listed(list: &Path) -> anyhow::Result<Vec<Pair>> {
         });
     }
     Ok(pairs)
+}
+
+impl RegisterArgs {
+    /// One line a pair, as it is done; a pair that fails has a line with the reason.
+    pub(super) fn run_pairs(
+        &self,
+        weights: &WeightFile,
+        starts: &[Start],
+        pairs: &[Pair],
+        seed: u64,
+    ) -> anyhow::Result<()> {
+        let mut lines = String::new();
+        let mut done = Vec::new();
+        for pair in pairs {
+            let names = json!({ "source": pair.source.display().to_string(), "target": pair.target.display().to_string() });
+            let result = match self.register(weights, starts, pair, seed) {
+                Ok(found) => {
+                    let document = serde_json::to_value(self.document(&found))?;
+                    done.push(found);
+                    document
+                }
+                Err(error) => json!({ "error": one_line(&error) }),
+            };
+            let line = merged(names, result).to_string() + "\n";
+            if self.json.is_some() {
+                lines += &line;
+            } else {
+                print!("{line}");
+            }
+        }
+        if let Some(path) = &self.json {
+            write_text(path, &lines)?;
+        }
+        let failed = pairs.len() - done.len();
+        if failed > 0 {
+            bail!("{failed} of {} pairs could not be registered", pairs.len());
+        }
+        self.judge(done.iter().map(|pairing| &pairing.done))
+    }
+}
+
+/// Two JSON objects as one.
+fn merged(first: Value, second: Value) -> Value {
+    let fields = [first, second].into_iter().filter_map(|value| match value {
+        Value::Object(fields) => Some(fields),
+        _ => None,
+    });
+    Value::Object(fields.flatten().collect())
 }
 
 #[cfg(test)]

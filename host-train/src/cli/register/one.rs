@@ -1,0 +1,110 @@
+//! One pair: what is printed and written of it.
+
+use super::pairs::Pair;
+use super::{Pairing, RegisterArgs, text};
+use crate::cli::output::{write_json, write_text};
+use crate::dataset::Point;
+use crate::dataset::cloud_file::{CloudFile, STANDARD, write_cloud};
+use crate::policy::WeightFile;
+use crate::register::Start;
+use crate::register::trace::{self, Given, Header, Traced};
+use std::path::Path;
+
+impl RegisterArgs {
+    /// Registers one pair, and writes what is asked for.
+    pub(super) fn run_one(
+        &self,
+        weights: &WeightFile,
+        starts: &[Start],
+        pair: &Pair,
+        seed: u64,
+    ) -> anyhow::Result<()> {
+        let pairing = self.register(weights, starts, pair, seed)?;
+        let Pairing { inputs, done } = &pairing;
+        for (path, input) in [&pair.source, &pair.target].into_iter().zip(inputs) {
+            for note in &input.cloud.notes {
+                eprintln!("{}: {note}", path.display());
+            }
+        }
+        let text = text::report(done);
+        let outputs = [&self.out, &self.trace, &self.json, &self.matrix];
+        if outputs
+            .iter()
+            .any(|path| path.as_deref() == Some(Path::new(STANDARD)))
+        {
+            eprintln!("{}", text.trim_end());
+        } else {
+            print!("{text}");
+        }
+        if let Some(path) = &self.out {
+            write_cloud(path, &aligned(&pairing, path))?;
+        }
+        if let Some(path) = &self.trace {
+            write_text(path, &trace::to_text(&[self.traced(&pairing, pair)])?)?;
+        }
+        if let Some(path) = &self.json {
+            write_json(path, &self.document(&pairing))?;
+        }
+        if let Some(path) = &self.matrix {
+            write_text(path, &text::matrix(&done.pose))?;
+        }
+        self.judge([done].into_iter())
+    }
+
+    fn traced(&self, pairing: &Pairing, pair: &Pair) -> Traced {
+        let Pairing { inputs, done } = pairing;
+        let [source, target] = inputs.each_ref().map(|input| input.cloud.points().to_vec());
+        Traced {
+            header: Header {
+                name: format!("{} to {}", file_name(&pair.source), file_name(&pair.target)),
+                policy: stem(self.policy()),
+                source,
+                target,
+                truth: None,
+                initial: done.initial.to_rows(),
+            },
+            steps: done.found.trace.clone(),
+            answer: Given::of(&done.found.answer, self.mode).map(|answer| Given {
+                target_from_source: done.near().to_rows(),
+                ..answer
+            }),
+        }
+    }
+}
+
+/// The source, moved: a mesh as one where the format holds one, else the points of its surface.
+fn aligned(pairing: &Pairing, path: &Path) -> CloudFile {
+    let Pairing { inputs, done } = pairing;
+    let [source, _] = inputs;
+    let mut moved = source.file.moved(&done.pose);
+    let extension = path
+        .extension()
+        .and_then(|e| e.to_str())
+        .unwrap_or_default();
+    let cloud_only = ["pcd", "npy", "xyz"].contains(&&*extension.to_ascii_lowercase());
+    if moved.faces.is_some() && cloud_only {
+        let [a, b, c] = source.cloud.origin;
+        let placed = |p: &Point| {
+            let [x, y, z] = p.map(f64::from);
+            done.pose.apply([x + a, y + b, z + c])
+        };
+        moved = CloudFile {
+            points: source.cloud.all.iter().map(placed).collect(),
+            ..Default::default()
+        };
+    }
+    moved
+}
+
+/// Last part of a path.
+fn file_name(path: &Path) -> String {
+    path.file_name()
+        .unwrap_or(path.as_os_str())
+        .to_string_lossy()
+        .into_owned()
+}
+
+/// Name under which a policy is reported.
+fn stem(path: &Path) -> String {
+    file_name(&path.with_extension(""))
+}

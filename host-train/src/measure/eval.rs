@@ -3,14 +3,12 @@
 //! Clouds are used as they are, as in the paper's experiments: no normalisation. A policy decides as its
 //! file says, on core's kernels; it takes all steps, also after one that stops on every axis.
 
-use super::agreement::Agreement;
 use super::method::{Contestant, Trajectory};
 use super::metrics::{Errors, GroundTruth, PairMetrics, Summary, quantile};
 use crate::dataset::pairs::PairSet;
 use crate::register::{Memory, batch};
 use reagent_core::{Error, Pose};
 use serde::Serialize;
-use std::collections::BTreeMap;
 
 /// How to evaluate.
 #[derive(Clone, Copy, Debug)]
@@ -197,48 +195,4 @@ pub(super) fn for_each_pair<T: Send>(
         .enumerate()
         .map(|(index, result)| result.map_err(|source| EvalError::Pair { index, source }))
         .collect()
-}
-
-/// The document that `eval --json` writes: the number of pairs, the rows of every method, step by step where
-/// asked for, the final errors pair by pair, the probabilities that methods with a verdict gave their poses, and where
-/// asked for the agreement of policies.
-#[derive(Debug, Serialize)]
-pub struct Document<'a> {
-    pairs: usize,
-    methods: BTreeMap<&'a str, &'a Row>,
-    per_step: BTreeMap<&'a str, &'a [StepRow]>,
-    errors: BTreeMap<&'a str, &'a Errors>,
-    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
-    probability: BTreeMap<&'a str, &'a [f32]>,
-    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
-    agreement: BTreeMap<String, Agreement>,
-}
-
-impl<'a> Document<'a> {
-    /// The document for outcomes on a set of `pairs` pairs, and what [`agreement`](super::agreement::agreement) found.
-    pub fn new(
-        pairs: usize,
-        outcomes: &'a [Outcome],
-        agreement: BTreeMap<String, Agreement>,
-    ) -> Document<'a> {
-        Document {
-            agreement,
-            pairs,
-            methods: outcomes.iter().map(|o| (o.name.as_str(), &o.row)).collect(),
-            per_step: outcomes
-                .iter()
-                .filter(|o| !o.per_step.is_empty())
-                .map(|o| (o.name.as_str(), o.per_step.as_slice()))
-                .collect(),
-            errors: outcomes
-                .iter()
-                .map(|o| (o.name.as_str(), &o.errors))
-                .collect(),
-            probability: outcomes
-                .iter()
-                .filter(|o| !o.probability.is_empty())
-                .map(|o| (o.name.as_str(), o.probability.as_slice()))
-                .collect(),
-        }
-    }
 }

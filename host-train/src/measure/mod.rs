@@ -2,6 +2,7 @@
 
 pub mod agreement;
 pub mod baselines;
+pub mod document;
 pub mod elf;
 pub mod eval;
 pub mod latency;

@@ -2,9 +2,10 @@
 //! and so does the policy.
 
 use crate::board::{Board, BoardError, Kind};
+use crate::frames::{Outlet, read_request, trace_frame};
 use crate::policy::{LoadedPolicy, UpdateError};
 use crate::queue::{Queue, Stop};
-use crate::service::{Outlet, Work, next_work, read_request, trace_frame};
+use crate::service::{Work, next_work};
 use crate::view::View;
 use reagent_core::wire::{
     KernelName, Manifest, Reason, RefineReply, Refusal, STEP_BYTES, StepsView, Trace, step_bytes,

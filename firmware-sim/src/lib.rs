@@ -13,12 +13,14 @@ extern crate reagent_link;
 
 mod bridge;
 pub mod client;
+mod config;
 #[cfg(feature = "demo")]
 pub mod demo;
 mod fetch;
 pub mod flash;
 #[cfg(feature = "demo")]
 pub mod fleet;
+mod frames;
 pub mod node;
 pub mod policy;
 mod presence;

@@ -2,17 +2,18 @@
 
 use crate::board::Board;
 use crate::bridge;
-use crate::policy::{Trust, UpdateError};
+pub use crate::config::NodeConfig;
+use crate::frames::{Outlet, small_frame};
+use crate::policy::UpdateError;
 use crate::presence::{draw_instance, follow_clients, instances, watch_for_duplicates};
 pub use crate::queue::PLACES;
 use crate::queue::Queue;
 use crate::routers::follow_routers;
-use crate::service::{Outlet, serve, small_frame};
+use crate::service::serve;
 use crate::session::plain;
 use crate::updates::Updates;
 use crate::view::View;
 use reagent_core::wire::{Message, keys};
-use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 use thiserror::Error;
@@ -29,19 +30,6 @@ use zenoh::{Session, Wait};
 pub const ANY: &str = "any";
 /// Time between two publications of the status, at least.
 const STATUS_INTERVAL: Duration = Duration::from_millis(20);
-
-/// What a node is told at its start.
-#[derive(Clone, Debug)]
-pub struct NodeConfig {
-    /// Fleet it belongs to.
-    pub fleet: String,
-    /// Its own name in the fleet.
-    pub robot: String,
-    /// Whose policies it takes.
-    pub trust: Trust,
-    /// Where it keeps its policy over restarts.
-    pub state: Option<PathBuf>,
-}
 
 /// Why a node did not start.
 #[derive(Debug, Error)]

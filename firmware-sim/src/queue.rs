@@ -1,6 +1,6 @@
 //! Requests that wait for a robot: bounded, each with a deadline, each answered once by whoever owns it.
 
-use crate::service::{read_request, send_refusal};
+use crate::frames::{read_request, send_refusal};
 use crate::view::View;
 use reagent_core::dims::MAX_POINTS;
 use reagent_core::wire::{self, Cancel, Reason, Refusal, refuse_beginning};

@@ -1,7 +1,7 @@
 //! Following the fleet's policy: announcements in, verified policies out.
 
+use crate::config::NodeConfig;
 use crate::fetch::{Jitter, download};
-use crate::node::NodeConfig;
 use crate::policy::{LoadedPolicy, UpdateError, claimed, verified_manifest};
 use crate::store::Store;
 use crate::view::View;

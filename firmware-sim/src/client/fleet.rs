@@ -5,7 +5,7 @@
 )]
 
 use super::{RefineError, STATUS_TIME, read_status, refine_from};
-use crate::service::small_frame;
+use crate::frames::small_frame;
 use reagent_core::wire::{Cancel, Message, Reason, RefineReply, RefineRequest, Status, keys};
 use std::collections::BTreeMap;
 use std::hash::{BuildHasher, Hasher, RandomState};

@@ -4,9 +4,7 @@
 //! say how far the pose may move until they grow by as much (the covariance of weighted least squares, `σ² (JᵀWJ)⁻¹`). Where noise
 //! is as large as the distance between neighbours, planes cannot be fitted, and errors are larger than it says.
 
-use crate::error::Error;
-use crate::polish::Refiner;
-use crate::pose::Pose;
+use crate::solve::Motion;
 use glam::Vec3;
 
 /// How many residuals say as much as one independent one: each pair of neighbours is seen from both clouds, and the
@@ -28,49 +26,51 @@ const OPEN_SHIFT: f64 = 1.0;
 pub struct Covariance {
     /// The target's centroid.
     pub about: Vec3,
+    /// The target's radius, in the clouds' units.
+    pub radius: f32,
     /// Symmetric, rotation first.
     pub matrix: [[f32; 6]; 6],
 }
 
-impl Refiner<'_> {
-    /// How uncertain a pose is that was refined.
-    ///
-    /// # Errors
-    /// [`Error::BadPose`] for a pose that is not rigid.
-    pub fn covariance(&mut self, refined: Pose) -> Result<Covariance, Error> {
-        let at = self.inside(refined.checked()?);
-        let (motion, variance) = self.information(at);
+impl Covariance {
+    /// Of equations of planes and the mean of their squared residuals, both in target radii about the target's centroid.
+    pub(crate) fn of(equations: &Motion, variance: f64, about: Vec3, radius: f32) -> Covariance {
         let variance = variance.max(LEAST_NOISE * LEAST_NOISE);
         let [turn, shift] = [OPEN_TURN, OPEN_SHIFT].map(|deviation| 1.0 / (deviation * deviation));
         let open = [turn, turn, turn, shift, shift, shift];
-        let mut matrix = motion.inverse(1.0 / (REPEATED * variance), open);
-        let scale = self.scale();
+        let mut matrix = equations.inverse(1.0 / (REPEATED * variance), open);
         for (i, row) in matrix.iter_mut().enumerate() {
             for (j, x) in row.iter_mut().enumerate() {
                 let lengths = u8::from(i >= 3) + u8::from(j >= 3);
-                (0..lengths).for_each(|_| *x *= scale);
+                (0..lengths).for_each(|_| *x *= radius);
             }
         }
-        Ok(Covariance {
-            about: self.target_centre(),
+        Covariance {
+            about,
+            radius,
             matrix,
-        })
+        }
+    }
+
+    /// Standard deviation of the translation in all directions together, target radii.
+    pub fn shift_deviation(&self) -> f32 {
+        let variances = self.matrix.iter().enumerate().skip(3);
+        let variances = variances.filter_map(|(i, row)| row.get(i));
+        libm::sqrtf(variances.sum::<f32>()) / self.radius
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::polish::Workspace;
     use crate::polish::tests::Numbers;
+    use crate::polish::{Refiner, Workspace};
+    use crate::pose::Pose;
 
     fn found(source: &[[f32; 3]], target: &[[f32; 3]]) -> Covariance {
         let mut workspace = Box::new(Workspace::new());
         let mut refiner = Refiner::new(source, target, &mut workspace).expect("valid clouds");
-        let refined = refiner.polish(Pose::IDENTITY).expect("rigid");
-        refiner
-            .covariance(refined.target_from_source)
-            .expect("rigid")
+        refiner.polish(Pose::IDENTITY).expect("rigid").covariance
     }
 
     #[test]

@@ -13,6 +13,8 @@ pub struct Evidence {
     pub near: f32,
     /// [`Refined::within`].
     pub within: f32,
+    /// Standard deviation of the translation, target radii ([`crate::covariance::Covariance::shift_deviation`]).
+    pub shift_deviation: f32,
     /// [`Refined::distinct_points`].
     pub distinct_points: usize,
     /// [`Refined::extents_ratio`].
@@ -21,6 +23,10 @@ pub struct Evidence {
     pub mirror_score: f32,
     /// Whether other poses were tried.
     pub verified: bool,
+    /// [`Verified::support`]; 0 where no others were tried.
+    pub support: usize,
+    /// [`Verified::lead`]; infinite where no others were tried.
+    pub lead: f32,
 }
 
 /// Distinct points below which no pose is called right.
@@ -38,11 +44,13 @@ const SATURATED: [f32; 2] = [0.95, 0.992];
 const IMPROBABLE: f32 = 0.1;
 
 /// Values that the logistic model weighs.
-pub const FEATURES: usize = 6;
+pub const FEATURES: usize = 8;
 
-/// Weights of [`Evidence::features`], fitted by `host-train calibrate --data DIR --meshes MESHES --count 300 --seed 7` to pairs
+/// Weights of [`Evidence::features`], fitted by `host-train calibrate --data DIR --meshes MESHES --count 1000 --seed 7` to pairs
 /// drawn and rendered from training meshes: whole clouds, parts, views, few points, distorted sources and other objects.
-const WEIGHTS: [f32; FEATURES] = [-0.7659, 1.0596, -1.3268, -0.4719, 3.2803, 1.7152];
+const WEIGHTS: [f32; FEATURES] = [
+    -1.6058, -1.4913, -0.2082, 1.7289, -1.6314, -0.1104, 0.6833, -1.4585,
+];
 
 impl Evidence {
     /// Of a pose that was polished alone.
@@ -51,10 +59,13 @@ impl Evidence {
             residual: found.residual,
             near: found.near,
             within: found.within,
+            shift_deviation: found.covariance.shift_deviation(),
             distinct_points: found.distinct_points,
             extents_ratio: found.extents_ratio,
             mirror_score: 0.0,
             verified: false,
+            support: 0,
+            lead: f32::INFINITY,
         }
     }
 
@@ -63,6 +74,8 @@ impl Evidence {
         Evidence {
             mirror_score: found.mirror_score,
             verified: true,
+            support: found.support,
+            lead: found.lead,
             ..Evidence::polished(&found.best)
         }
     }
@@ -90,20 +103,24 @@ impl Evidence {
     }
 
     /// What the logistic model weighs: 1, and logarithms of
-    /// the number of the source's points near the target's surface (in e⁶),
-    /// the share of those in its neighbourhood that are not near it: noise is near, another shape is not,
+    /// the share of the source's points in the target's neighbourhood that are not near its surface: noise is near, another shape is
+    /// not,
     /// the share of the source outside of its neighbourhood,
-    /// and what of the target is explained; then whether other poses were tried.
+    /// what of the target is explained,
+    /// and how uncertain the translation is;
+    /// then whether other poses were tried, how many of them ended in this one, and how probable the next one is beside it.
     pub fn features(&self) -> [f32; FEATURES] {
-        let log = |x: f32| libm::logf(x.max(0.01));
-        let points = (self.distinct_points as f32).clamp(1.0, 1024.0);
+        // What is no number stays none.
+        let log = |x: f32, least: f32| libm::logf(if x < least { least } else { x });
         [
             1.0,
-            libm::logf((self.near * points).max(1.0)) - 6.0,
-            log(1.0 - self.near / self.within.max(0.01)),
-            log(1.0 - self.within),
-            log(1.0 - self.residual.target),
+            log(1.0 - self.near / self.within.max(0.01), 0.01),
+            log(1.0 - self.within, 0.01),
+            log(1.0 - self.residual.target, 0.01),
+            log(self.shift_deviation, 1e-5) + 5.0,
             f32::from(u8::from(self.verified)),
+            libm::logf(1.0 + self.support as f32),
+            libm::expf(-0.5 * self.lead.max(0.0)),
         ]
     }
 
@@ -120,6 +137,95 @@ impl Evidence {
             probability.min(IMPROBABLE)
         } else {
             probability
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A pose of a whole cloud that fits well and has no rival.
+    const GOOD: Evidence = Evidence {
+        residual: Residual {
+            source: 0.4,
+            target: 0.4,
+        },
+        near: 0.95,
+        within: 0.98,
+        shift_deviation: 0.002,
+        distinct_points: 1024,
+        extents_ratio: 1.0,
+        mirror_score: 0.0,
+        verified: true,
+        support: 12,
+        lead: 8.0,
+    };
+
+    #[test]
+    fn what_speaks_against_a_pose_makes_it_less_probable() {
+        let best = GOOD.probability();
+        assert!(best > 0.9, "{best}");
+        for worse in [
+            Evidence { near: 0.8, ..GOOD },
+            Evidence {
+                within: 0.7,
+                near: 0.68,
+                ..GOOD
+            },
+            Evidence {
+                residual: Residual {
+                    source: 0.4,
+                    target: 0.9,
+                },
+                ..GOOD
+            },
+            Evidence {
+                shift_deviation: 0.02,
+                ..GOOD
+            },
+            Evidence { support: 1, ..GOOD },
+            Evidence { lead: 0.5, ..GOOD },
+        ] {
+            let probability = worse.probability();
+            assert!(probability < best, "{probability} {best} {worse:?}");
+        }
+    }
+
+    #[test]
+    fn what_cannot_be_is_improbable_whatever_fits() {
+        let nothing_in_common = Residual {
+            source: 0.2,
+            target: 1.0,
+        };
+        for impossible in [
+            Evidence {
+                extents_ratio: 25.4,
+                ..GOOD
+            },
+            Evidence {
+                distinct_points: 20,
+                ..GOOD
+            },
+            Evidence {
+                mirror_score: 9.0,
+                ..GOOD
+            },
+            Evidence {
+                residual: nothing_in_common,
+                ..GOOD
+            },
+            Evidence {
+                near: f32::NAN,
+                ..GOOD
+            },
+            Evidence {
+                shift_deviation: f32::NAN,
+                ..GOOD
+            },
+        ] {
+            let probability = impossible.probability();
+            assert!(probability <= IMPROBABLE, "{probability} {impossible:?}");
         }
     }
 }

@@ -19,12 +19,13 @@
 //! - layer: shape, grid, critical, layer, pose, loss, outliers
 //! - layer: cloud, steps, view, kernels
 //! - layer: solve
+//! - layer: covariance
 //! - layer: decision, order, frame, chamfer, float, quant, surface, search, start
 //! - layer: cut, freespace, nearest, pairs
 //! - layer: focus, sight
 //! - layer: weights
 //! - layer: net, pretrained, polish
-//! - layer: covariance, mirror
+//! - layer: mirror
 //! - layer: verify
 //! - layer: evidence
 //! - layer: verdict

@@ -2,7 +2,6 @@
 //! a robot did can be done again elsewhere to the bit.
 
 use crate::cloud::LARGEST_COORDINATE;
-use crate::covariance::Covariance;
 use crate::error::Error;
 use crate::evidence::Evidence;
 use crate::frame::Frame;
@@ -142,8 +141,6 @@ pub struct Refinement {
     pub undetermined: Undetermined,
     /// What speaks for the pose and against it.
     pub evidence: Evidence,
-    /// How uncertain the pose is, if it is right.
-    pub covariance: Covariance,
     /// The poses that were compared, the most probable first; none where there was no comparison.
     pub ranked: [Option<Ranked>; RANKED],
 }
@@ -225,7 +222,6 @@ pub fn refine<E: From<Error>>(
             hypotheses: Some(found.hypotheses),
             undetermined: found.undetermined,
             evidence: Evidence::verified(&found),
-            covariance: refiner.covariance(found.best.target_from_source)?,
             ranked: found.ranked,
         }
     } else {
@@ -236,7 +232,6 @@ pub fn refine<E: From<Error>>(
             hypotheses: None,
             undetermined: Undetermined::NOTHING,
             evidence: Evidence::polished(&polished),
-            covariance: refiner.covariance(polished.target_from_source)?,
             ranked: [None; RANKED],
         }
     }))

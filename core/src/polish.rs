@@ -12,6 +12,7 @@
 //! Everything is f32 in a fixed order (normal equations and their solution in f64), without fused multiply-add,
 //! without the system's mathematics: the same bits on every kernel and target.
 
+use crate::covariance::Covariance;
 use crate::error::Error;
 use crate::frame::{Frame, check_cloud};
 use crate::freespace::DepthGrid;
@@ -109,6 +110,8 @@ pub struct Refined {
     pub left_out: [f32; 2],
     /// Steps made.
     pub iterations: usize,
+    /// How uncertain the pose is, if it is right.
+    pub covariance: Covariance,
 }
 
 /// How much of the source lies on the target's surface: see [`Refined`].
@@ -339,6 +342,7 @@ impl<'w> Refiner<'w> {
             extents_ratio: self.extents_ratio(),
             left_out: self.surfaces().map(|surface| surface.left_out),
             iterations: candidate.iterations,
+            covariance: self.covariance(candidate.at),
         }
     }
 
@@ -474,7 +478,7 @@ impl<'w> Refiner<'w> {
     }
 
     /// Normal equations of planes under a refined pose, summed in f64, and the weighted mean of their squared residuals.
-    pub(crate) fn information(&mut self, at: Rigid) -> (Motion, f64) {
+    fn information(&mut self, at: Rigid) -> (Motion, f64) {
         let gate = self.match_within_gate(at, &FINE);
         let [source, target] = self.surfaces();
         let (pose, mut motion) = (at.pose(), Motion::ZERO);
@@ -493,6 +497,12 @@ impl<'w> Refiner<'w> {
             }
         }
         (motion, squares / weights.max(f64::MIN_POSITIVE))
+    }
+
+    /// How uncertain a refined pose is.
+    fn covariance(&mut self, at: Rigid) -> Covariance {
+        let (equations, variance) = self.information(at);
+        Covariance::of(&equations, variance, self.target.centre, self.target.scale)
     }
 
     /// A plain pose between the user's clouds as one between those inside.
@@ -520,11 +530,6 @@ impl<'w> Refiner<'w> {
     fn extents_ratio(&mut self) -> f32 {
         let Workspace { source, target, .. } = &mut *self.workspace;
         source.extent() / target.extent().max(1e-30)
-    }
-
-    /// The target's scale, in its own units.
-    pub(crate) fn scale(&self) -> f32 {
-        self.target.scale
     }
 
     /// The target's centre, in its own units.

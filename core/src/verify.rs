@@ -36,6 +36,8 @@ const UNEXPLAINED: f32 = 0.4;
 const PAIR_POINTS: [usize; 2] = [32, 128];
 const PAIR_SLACK: f32 = 0.08;
 const MATCHED: usize = 48;
+/// Hypotheses that are sifted, at most.
+const ENDED: usize = SIFTED + MATCHED + AGAIN * SIFTED_AGAIN;
 /// Symmetric copies that are polished, and by how much more loss they count as such.
 const COPIES: usize = 4;
 const ALIKE: f32 = 0.08;
@@ -106,6 +108,11 @@ pub struct Verified {
     pub polished: Refined,
     /// Hypotheses that were tried besides.
     pub hypotheses: usize,
+    /// How many of those that were looked at closely ended in the best pose.
+    pub support: usize,
+    /// How much less probable the next of the poses compared is, the same turned about an open axis left out: a difference of
+    /// [`Ranked::energy`]; infinite where there is none.
+    pub lead: f32,
     /// What the shape leaves open.
     pub undetermined: Undetermined,
     /// By how much better the source's mirror image fits where the best pose matches points, in standard errors; 0 if it
@@ -159,6 +166,7 @@ impl Refiner<'_> {
         let mut search = Search {
             refiner: self,
             hypotheses: 0,
+            ended: [None; ENDED],
             contenders: [None; RANKED],
         };
         search.enter(polished.at, prior.as_ref());
@@ -171,7 +179,7 @@ impl Refiner<'_> {
         search.copies(prior.as_ref(), &mut go_on)?;
         let best = search.best().unwrap_or(0);
         let hypotheses = search.hypotheses;
-        let contenders = search.contenders;
+        let (contenders, ended) = (search.contenders, search.ended);
         let winner = contenders.get(best).copied().flatten();
         let found = match winner {
             Some(winner) if best > 0 || !polished.is_settled() => self.polish_inside(winner.at),
@@ -179,11 +187,16 @@ impl Refiner<'_> {
         };
         let ranked = self.ranked(best, &found, &contenders);
         let undetermined = self.undetermined(best, &found, &contenders);
+        let support = ended.iter().flatten().filter(|&&at| is_same(at, found.at));
+        let support = support.count();
+        let lead = lead(best, &contenders, undetermined.axis);
         let mirror_score = self.mirror_score(found.at);
         Ok(Verified {
             best: self.refined(&found, pose),
             polished: self.refined(&polished, pose),
             hypotheses,
+            support,
+            lead,
             undetermined,
             mirror_score,
             ranked,
@@ -313,6 +326,8 @@ impl Refiner<'_> {
 struct Search<'r, 'w> {
     refiner: &'r mut Refiner<'w>,
     hypotheses: usize,
+    /// Where those that were sifted ended.
+    ended: [Option<Rigid>; ENDED],
     contenders: [Option<Contender>; RANKED],
 }
 
@@ -463,6 +478,9 @@ impl Search<'_, '_> {
 
     fn sift(&mut self, at: Rigid, sifted: &mut Best<POLISHED>) {
         let (loss, at) = self.refiner.sifted(at);
+        if let Some(place) = self.ended.iter_mut().find(|ended| ended.is_none()) {
+            *place = Some(at);
+        }
         sifted.offer(loss, at);
     }
 
@@ -506,6 +524,20 @@ impl Search<'_, '_> {
 fn energy([loss, source]: [f32; 2], surprise: f32) -> f32 {
     let beyond = (source - HARDLY_EXPLAINED).max(0.0) * 2.0 * COMPARED as f32;
     EVIDENCE * (loss + (BEYOND - 1.0) * beyond) + surprise
+}
+
+/// How much less probable the next pose is than the best, unless the best turned about the open axis is meant.
+fn lead(best: usize, contenders: &[Option<Contender>; RANKED], open: Option<Axis>) -> f32 {
+    let Some(winner) = contenders.get(best).copied().flatten() else {
+        return f32::INFINITY;
+    };
+    let others = contenders.iter().enumerate().filter(|&(i, _)| i != best);
+    let others = others.filter_map(|(_, contender)| *contender);
+    let apart = |other: &Contender| {
+        open.is_none_or(|axis| !differ_by_turn(other.at, winner.at, axis.direction))
+    };
+    let energies = others.filter(apart).map(|other| other.energy);
+    energies.fold(f32::INFINITY, f32::min) - winner.energy
 }
 
 /// Whether two poses differ by a turn about an axis through the target's centre, and by little else.

@@ -98,9 +98,10 @@ fn mean(unit: f32, deviation: f32, same_points: bool) -> f64 {
             .map(|&p| back.apply(p.into()).to_array())
             .collect();
         let mut refiner = Refiner::new(&source, &target, &mut workspace).expect("valid clouds");
-        let refined = refiner.polish(truth).expect("rigid").target_from_source;
-        let covariance = refiner.covariance(refined).expect("rigid");
-        all.push(normalised_error_squared(truth, refined, &covariance));
+        let refined = refiner.polish(truth).expect("rigid");
+        let error =
+            normalised_error_squared(truth, refined.target_from_source, &refined.covariance);
+        all.push(error);
     }
     let by_shape = [0, 1, 2].map(|shape| all.iter().skip(shape).step_by(3).sum::<f64>() / 20.0);
     println!("{unit} {deviation} {same_points}: of each shape {by_shape:.2?}");

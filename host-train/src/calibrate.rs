@@ -1,7 +1,7 @@
 //! Fits the probability that a verdict gives ([`reagent_core::verdict`]): a logistic model of a few values, on
 //! pairs of training models drawn as they are, in parts, without noise, distorted, as views, and with the target of another mesh.
 
-use crate::augment::random_direction;
+use crate::augment::{crop, random_direction};
 use crate::dataset::pairs::PairSet;
 use crate::dataset::{Model, Point};
 use crate::measure::metrics::GroundTruth;
@@ -52,12 +52,16 @@ pub enum Kind {
     Clean,
     /// Sources of which a plane cuts off three tenths.
     Part,
+    /// Parts of both clouds, each by a plane of its own.
+    Parts,
     /// The noisy protocol with distorted sources.
     Rough,
-    /// Parts that are distorted.
+    /// Parts of the source that are distorted.
     RoughPart,
     /// Targets of another mesh.
     Wrong,
+    /// Parts of another mesh.
+    WrongParts,
     /// Rendered views.
     View,
     /// Rendered views that are distorted.
@@ -66,8 +70,10 @@ pub enum Kind {
     WrongView,
 }
 
-/// Points of each cloud in [`Kind::Sparse`].
-const SPARSE: usize = 128;
+/// Points of each cloud in [`Kind::Sparse`], of a third of the pairs each.
+const SPARSE: [usize; 3] = [64, 128, 256];
+/// Share of a cloud of which a plane cuts off the rest.
+const PART: f32 = 0.7;
 /// Points of each cloud of a view.
 const VIEW: usize = 1024;
 /// Standard deviation of the noise of distorted sources, in sizes of the source: its logarithm is uniform.
@@ -77,14 +83,16 @@ const ROUGH_BEND: f32 = 0.02;
 
 impl Kind {
     /// All of them.
-    pub const ALL: [Kind; 10] = [
+    pub const ALL: [Kind; 12] = [
         Kind::Noisy,
         Kind::Sparse,
         Kind::Clean,
         Kind::Part,
+        Kind::Parts,
         Kind::Rough,
         Kind::RoughPart,
         Kind::Wrong,
+        Kind::WrongParts,
         Kind::View,
         Kind::RoughView,
         Kind::WrongView,
@@ -92,15 +100,20 @@ impl Kind {
 
     /// Whether the clouds are of different things, so that no pose is right.
     pub fn is_wrong(self) -> bool {
-        matches!(self, Kind::Wrong | Kind::WrongView)
+        matches!(self, Kind::Wrong | Kind::WrongParts | Kind::WrongView)
+    }
+
+    /// Whether the sources are single views.
+    fn is_view(self) -> bool {
+        matches!(self, Kind::View | Kind::RoughView | Kind::WrongView)
     }
 
     /// Draws `count` pairs.
     fn draw(self, models: &[Model], views: &Views, count: usize, seed: u64) -> PairSet {
         let noisy = Conditions::of(Protocol::M40Models).expect("it samples independently");
-        let under = |conditions: Conditions| draw_under(models, &conditions, count, seed);
+        let under = |conditions: Conditions, count| draw_under(models, &conditions, count, seed);
         let part = Conditions {
-            overlap: 0.7,
+            overlap: PART,
             ..noisy
         };
         let mut set = match self {
@@ -108,11 +121,17 @@ impl Kind {
                 draw(models, Protocol::M40Models, count, seed)
             }
             Kind::Clean => draw(models, Protocol::M40Clean, count, seed),
-            Kind::Sparse => under(Conditions {
-                points: SPARSE,
-                ..noisy
-            }),
-            Kind::Part | Kind::RoughPart => under(part),
+            Kind::Sparse => {
+                let mut set = PairSet::default();
+                for points in SPARSE {
+                    set.extend(under(
+                        Conditions { points, ..noisy },
+                        count.div_ceil(SPARSE.len()),
+                    ));
+                }
+                set
+            }
+            Kind::Part | Kind::Parts | Kind::RoughPart | Kind::WrongParts => under(part, count),
             Kind::View | Kind::RoughView | Kind::WrongView => {
                 let mut set = PairSet::default();
                 views.draw(count, VIEW, seed, &mut set);
@@ -124,6 +143,11 @@ impl Kind {
             set.target.rotate_left(shift);
             if let Some(raw) = &mut set.raw {
                 raw.rotate_left(shift);
+            }
+        }
+        if matches!(self, Kind::Parts | Kind::WrongParts) {
+            for (k, target) in (0..).zip(&mut set.target) {
+                crop(&mut stream(seed, Purpose::Augment, k), target, PART);
             }
         }
         if matches!(self, Kind::Rough | Kind::RoughPart | Kind::RoughView) {
@@ -162,12 +186,13 @@ fn distort(points: &mut [Point], rng: &mut Rng) {
     }
 }
 
-/// Registers `count` pairs of each kind, with polishing and with verification: rows by kind and mode.
+/// Registers `count` pairs of each kind, with polishing and with verification: rows by kind and mode. Policies are for whole
+/// clouds and for views.
 ///
 /// # Errors
 /// Clouds that the core refuses.
 pub fn collect(
-    policy: Policy<'_>,
+    [whole, of_views]: [Policy<'_>; 2],
     models: &[Model],
     views: &Views,
     count: usize,
@@ -176,6 +201,7 @@ pub fn collect(
     let mut all = Vec::new();
     for (number, kind) in (0..).zip(Kind::ALL) {
         let set = kind.draw(models, views, count, seed + number);
+        let policy = if kind.is_view() { of_views } else { whole };
         let pairs: Result<Vec<[Row; 2]>, Error> = (0..set.source.len())
             .into_par_iter()
             .map_init(

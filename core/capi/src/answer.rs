@@ -126,8 +126,8 @@ impl ReagentAnswer {
             self.axis_direction = axis.direction.to_array();
             self.axis_half_angle_rad = axis.half_angle_rad;
         }
-        self.covariance = found.covariance.matrix;
-        self.covariance_about = found.covariance.about.to_array();
+        self.covariance = found.refined.covariance.matrix;
+        self.covariance_about = found.refined.covariance.about.to_array();
         let others = found.undetermined.poses.into_iter().flatten();
         for (place, pose) in self.other_poses.iter_mut().zip(others) {
             *place = pose.into();

@@ -40,6 +40,34 @@ fn flips_are_found_and_taken_back() {
 }
 
 #[test]
+fn a_pose_has_the_lead_unless_another_fits_as_well() {
+    let mut numbers = Numbers(11);
+    // A brick fits as well upside down.
+    let mut brick = |count: usize| -> Vec<[f32; 3]> {
+        let point = |_| {
+            let face = [1.0, 0.6, 0.3];
+            let mut p = face.map(|half| half * numbers.next());
+            let on = (3.0 * numbers.next().abs()) as usize % 3;
+            p[on] = face[on] * p[on].signum();
+            p
+        };
+        (0..count).map(point).collect()
+    };
+    let open = verify(&brick(800), &brick(900), Pose::IDENTITY);
+    let closed = verify(&part(800, 1), &part(900, 2), Pose::IDENTITY);
+    assert!(
+        closed.support > 0 && open.support > 0,
+        "{open:?} {closed:?}"
+    );
+    assert!(
+        open.lead < 1.0 && closed.lead > 3.0,
+        "{} {}",
+        open.lead,
+        closed.lead
+    );
+}
+
+#[test]
 fn it_ends_when_told_to() {
     #[derive(Debug, PartialEq)]
     enum Ended {

@@ -145,7 +145,7 @@ impl Fit {
             ..
         } = found.refined;
         let Undetermined { axis, poses } = found.undetermined;
-        let Covariance { about, matrix } = found.covariance;
+        let Covariance { about, matrix, .. } = found.refined.covariance;
         let mut triangle = [0.0; TRIANGLE];
         let lower = matrix
             .iter()

@@ -4,7 +4,7 @@ use super::output::write_json;
 use super::source;
 use crate::calibrate::{Kind, Quality, Row, collect, fit, probability};
 use crate::dataset::{self, Split, modelnet};
-use crate::policy::WeightFile;
+use crate::policy::{REAGENT, VIEWS, WeightFile};
 use crate::views::Views;
 use clap::Args;
 use reagent_core::pipeline::Mode;
@@ -28,7 +28,7 @@ pub(super) struct CalibrateArgs {
     /// Meshes of which views are rendered [default: built-in shapes]
     #[arg(long, value_name = "DIR")]
     meshes: Option<PathBuf>,
-    /// Policy [default: the bundled one]
+    /// Policy [default: the bundled ones for whole clouds and for views]
     #[arg(long, value_name = "FILE.rgw")]
     weights: Option<PathBuf>,
     /// Pairs of each kind
@@ -68,7 +68,10 @@ struct Outcomes {
 
 impl CalibrateArgs {
     pub(super) fn run(self, seed: u64) -> anyhow::Result<()> {
-        let file = WeightFile::load_or_pretrained(self.weights.as_deref())?;
+        let named = |default: &str| self.weights.clone().unwrap_or_else(|| default.into());
+        let [whole, of_views] = [REAGENT, VIEWS].map(|default| WeightFile::load(&named(default)));
+        let (whole, of_views) = (whole?, of_views?);
+        let policies = [whole.policy(), of_views.policy()];
         let models = dataset::load(&self.data, Split::Train, seed)?;
         let (fitted, tried) = modelnet::validation_split(models, seed, HELD_BACK);
         let views = match &self.meshes {
@@ -81,7 +84,7 @@ impl CalibrateArgs {
         });
         let held_back = ((self.count as f64 * HELD_BACK) as usize).max(1);
         let count = self.count - held_back;
-        let training = collect(file.policy(), &fitted, &views_fitted, count, seed)?;
+        let training = collect(policies, &fitted, &views_fitted, count, seed)?;
         let rows_but = |left_out: Option<Kind>| {
             let others = training
                 .iter()
@@ -92,7 +95,7 @@ impl CalibrateArgs {
         println!("const WEIGHTS: [f32; FEATURES] = {weights:.4?};\n");
 
         let seed = seed.wrapping_add(1000);
-        let rows = collect(file.policy(), &tried, &views_tried, held_back, seed)?;
+        let rows = collect(policies, &tried, &views_tried, held_back, seed)?;
         let line = |pairs: String, left_out: Option<Kind>, rows: &[&Row]| {
             let without = left_out.map_or(weights, |kind| fit(rows_but(Some(kind))));
             let quality = |of: &dyn Fn(&Row) -> f64| {
@@ -125,6 +128,7 @@ impl CalibrateArgs {
                 quality.push(line(format!("{mode:?} {name}"), None, &of(kinds)));
             };
             add("Noisy and Wrong", &[Kind::Noisy, Kind::Wrong]);
+            add("Parts and WrongParts", &[Kind::Parts, Kind::WrongParts]);
             add("View and WrongView", &[Kind::View, Kind::WrongView]);
             add("all", &Kind::ALL);
         }

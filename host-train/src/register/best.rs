@@ -58,6 +58,9 @@ pub fn best_and_others(
         named.push(pose);
         let evidence = Evidence {
             verified: true,
+            // It was reached, and the best is more probable.
+            support: 1,
+            lead: 0.0,
             ..Evidence::polished(&refined)
         };
         others.push(Other {

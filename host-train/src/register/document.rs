@@ -127,8 +127,8 @@ impl Fit {
                 poses: poses.iter().flatten().map(|&pose| rows(pose)).collect(),
             },
             covariance: Covariance {
-                about: far(found.covariance.about),
-                matrix: found.covariance.matrix,
+                about: far(found.refined.covariance.about),
+                matrix: found.refined.covariance.matrix,
             },
         }
     }

@@ -99,7 +99,7 @@ fn stages(found: &Refinement) -> String {
         100.0 * found.refined.overlap,
         found.refined.inlier_rmse
     );
-    let matrix = &found.covariance.matrix;
+    let matrix = &found.refined.covariance.matrix;
     let deviation = |i: usize| f64::from(matrix[i][i]).sqrt();
     let [a, b, c] = [0, 1, 2].map(|i| deviation(i).to_degrees());
     let [x, y, z] = [3, 4, 5].map(deviation);

@@ -7,9 +7,9 @@ use super::{GROUPS, Isa, search};
 #[cfg(target_arch = "x86_64")]
 use super::{
     Kind,
+    x86::amx,
     x86::avx2_bytes::{avx_vnni, avx2},
     x86::avx512_vnni,
-    x86_amx,
 };
 use crate::dims::PANEL;
 use crate::layer::{Codes, padded_codes};
@@ -92,7 +92,7 @@ impl Isa {
                 // SAFETY: as above.
                 #[cfg(target_arch = "x86_64")]
                 Kind::Amx => unsafe {
-                    x86_amx::search(layer, tile, panels, codes, scales, best, winner);
+                    amx::search(layer, tile, panels, codes, scales, best, winner);
                 },
                 _ => {
                     search::portable(layer, tile, panels, codes, scales, best, winner);

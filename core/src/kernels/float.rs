@@ -4,6 +4,7 @@
 
 #[cfg(any(arm_kernels = "neon", target_arch = "x86_64"))]
 pub(super) mod dense;
+mod portable;
 #[cfg(any(arm_kernels = "neon", target_arch = "x86_64"))]
 pub(super) mod pruned;
 #[cfg(any(arm_kernels = "neon", target_arch = "x86_64"))]
@@ -15,7 +16,7 @@ use super::Kind;
 use super::aarch64::neon;
 #[cfg(target_arch = "x86_64")]
 use super::x86::{avx2, avx512};
-use super::{Isa, portable, rows};
+use super::{Isa, rows};
 use crate::layer::Dense;
 
 impl Isa {

@@ -2,13 +2,14 @@
 //! microcontroller images have some, for pointers and for what starts a board.
 //!
 //! An algorithm stands once, on a vector of sixteen values (`float`, `byte`). An instruction set says what such a vector
-//! is (`x86`, `aarch64`) and has thin entries with its `target_feature`, into which all the rest is inlined.
+//! is (`x86`, `aarch64`) and has thin entries with its `target_feature`, into which all the rest is inlined. What is made for
+//! one alone stands there, too, and in `arm_m`.
 //!
 //! - **Network in f32** (`float`): a dense layer with ReLU over a tile of points, the last embedding layer fused with
 //!   the max over points (so that 1024 running maxima take the place of a `[1024, N]` buffer), and a matrix-vector
 //!   product for the heads. Weights come in panels of [`crate::dims::PANEL`] outputs (see [`crate::layer`]); lanes are outputs,
 //!   and sums run over the inputs in order.
-//! - **Network in integers** (`integers`): points to codes, and the same three on codes; [`crate::quant`] has the
+//! - **Network in integers** (`byte`): points to codes, and the same three on codes; [`crate::quant`] has the
 //!   numbers.
 //! - **Training** (`critical`): the search for critical points in bytes and the gradient through them.
 //! - **Refinement and metrics**: distances to the nearest points (`nearest`), plane fits over neighbours
@@ -32,45 +33,27 @@ use crate::layer::Dense;
 
 #[cfg(arm_kernels = "neon")]
 mod aarch64;
-#[cfg(arm_kernels = "dsp")]
-mod armv7em_dsp;
-#[cfg(arm_kernels = "helium")]
-mod armv81m_helium;
-#[cfg(any(arm_kernels = "neon", target_arch = "x86_64"))]
+#[cfg(any(arm_kernels = "dsp", arm_kernels = "helium"))]
+mod arm_m;
 mod byte;
-mod bytes;
 mod critical;
-#[cfg(target_arch = "x86_64")]
-mod detect;
-#[cfg(arm_kernels = "neon")]
-#[path = "detect_aarch64.rs"]
-mod detect;
 mod equations;
 mod float;
-mod integers;
 mod nearest;
 mod neighbours;
 mod packed;
 mod peak;
-mod portable;
 mod pruned;
 mod search;
 mod sieve;
 mod split;
 #[cfg(target_arch = "x86_64")]
 mod x86;
+
+#[cfg(arm_kernels = "neon")]
+use aarch64::detect;
 #[cfg(target_arch = "x86_64")]
-mod x86_amx;
-#[cfg(target_arch = "x86_64")]
-mod x86_amx_split;
-#[cfg(target_arch = "x86_64")]
-mod x86_avx2_pruned_codes;
-#[cfg(target_arch = "x86_64")]
-mod x86_avx2_wide;
-#[cfg(target_arch = "x86_64")]
-mod x86_vnni_pruned;
-#[cfg(target_arch = "x86_64")]
-mod x86_vnni_sieve;
+use x86::detect;
 
 pub use equations::{PAIRS, Pairs, Sums, Weighing};
 pub use nearest::Queries;

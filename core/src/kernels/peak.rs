@@ -29,7 +29,7 @@ impl Isa {
                 x86::f32_512(rounds)
             },
             (Kind::Avx512Vnni, Arithmetic::Bytes) => unsafe { x86::bytes_512(rounds) },
-            (Kind::Amx, Arithmetic::Bytes) => unsafe { super::x86_amx::multiply_adds(rounds) },
+            (Kind::Amx, Arithmetic::Bytes) => unsafe { super::x86::amx::multiply_adds(rounds) },
             _ => 0,
         };
         #[cfg(not(target_arch = "x86_64"))]

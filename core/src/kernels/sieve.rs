@@ -14,7 +14,7 @@ use super::Isa;
 use super::pruned::{INPUTS, fits};
 use super::split::Tile;
 #[cfg(target_arch = "x86_64")]
-use super::{Kind, x86_vnni_sieve};
+use super::{Kind, x86::avx512_vnni_sieve};
 use crate::dims::{CODES, PANEL, QUAD};
 use crate::layer::{Codes, Dense, nearest_even};
 
@@ -139,7 +139,7 @@ impl Isa {
         match self.0 {
             // SAFETY: the instruction set was detected, lengths were checked above and when packed.
             #[cfg(target_arch = "x86_64")]
-            Kind::Avx512Vnni => unsafe { x86_vnni_sieve::dense_max(sieve, points, x, max) },
+            Kind::Avx512Vnni => unsafe { avx512_vnni_sieve::dense_max(sieve, points, x, max) },
             _ => {
                 let _ = (points, x);
             }

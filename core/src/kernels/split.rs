@@ -10,7 +10,7 @@
 
 use super::Isa;
 #[cfg(target_arch = "x86_64")]
-use super::{Kind, x86_amx_split};
+use super::{Kind, x86::amx_split};
 use crate::dims::PANEL;
 use crate::layer::Dense;
 
@@ -111,7 +111,7 @@ impl Isa {
         match self.0 {
             // SAFETY: the instruction set was detected, lengths were checked above and when packed.
             #[cfg(target_arch = "x86_64")]
-            Kind::Amx => unsafe { x86_amx_split::dense_max(layer, x, max) },
+            Kind::Amx => unsafe { amx_split::dense_max(layer, x, max) },
             _ => {}
         }
     }

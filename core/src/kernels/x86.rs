@@ -68,7 +68,14 @@ macro_rules! entries {
     };
 }
 
+pub(super) mod amx;
+pub(super) mod amx_split;
 pub(super) mod avx2;
 pub(super) mod avx2_bytes;
+pub(super) mod avx2_bytes_pruned;
+pub(super) mod avx2_bytes_wide;
 pub(super) mod avx512;
 pub(super) mod avx512_vnni;
+pub(super) mod avx512_vnni_pruned;
+pub(super) mod avx512_vnni_sieve;
+pub(super) mod detect;

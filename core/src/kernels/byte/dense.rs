@@ -7,7 +7,7 @@
 
 use super::vector::Sums;
 use crate::dims::{PANEL, QUAD};
-use crate::kernels::bytes::{ROW_BITS, row_mark};
+use crate::kernels::byte::portable::{ROW_BITS, row_mark};
 use crate::layer::Codes;
 use core::ops::Range;
 
@@ -100,7 +100,7 @@ pub(super) unsafe fn layer_sums<V: Sums, const P: usize, const N: usize>(
     }
 }
 
-/// See [`crate::kernels::bytes::dense_codes_max`]; rows count from `first`.
+/// See [`crate::kernels::byte::portable::dense_codes_max`]; rows count from `first`.
 #[inline(always)]
 pub(in crate::kernels) unsafe fn max<V: Sums, const MARK: bool, const P: usize, const N: usize>(
     layer: &Codes<'_>,
@@ -182,7 +182,7 @@ unsafe fn raise<V: Sums, const MARK: bool, const P: usize, const N: usize>(
     N
 }
 
-/// See [`crate::kernels::bytes::marked`].
+/// See [`crate::kernels::byte::portable::marked`].
 #[inline(always)]
 pub(in crate::kernels) unsafe fn marked<V: Sums, const MARK: bool>(sum: V, row: usize) -> V {
     if !MARK {
@@ -195,7 +195,7 @@ pub(in crate::kernels) unsafe fn marked<V: Sums, const MARK: bool>(sum: V, row: 
     }
 }
 
-/// See [`crate::kernels::bytes::dense_codes`].
+/// See [`crate::kernels::byte::portable::dense_codes`].
 #[inline(always)]
 pub(in crate::kernels) unsafe fn codes<V: Sums, const N: usize>(
     layer: &Codes<'_>,
@@ -246,7 +246,7 @@ unsafe fn put<V: Sums, const N: usize>(
     N
 }
 
-/// See [`crate::kernels::bytes::gemv_codes`]; `P` panels at a time.
+/// See [`crate::kernels::byte::portable::gemv_codes`]; `P` panels at a time.
 #[inline(always)]
 pub(in crate::kernels) unsafe fn gemv<V: Sums, const P: usize>(
     layer: &Codes<'_>,

@@ -1,10 +1,10 @@
-//! Layers of split numbers ([`super::split`]) on AMX tiles of bf16: four tiles of 16 x 16 sums, each block of
+//! Layers of split numbers ([`crate::kernels::split`]) on AMX tiles of bf16: four tiles of 16 x 16 sums, each block of
 //! 32 inputs in six products.
 #![allow(unsafe_code, clippy::indexing_slicing)]
 
-use super::split::{PARTS, SplitDense, TILE_INPUTS, Tile};
-use super::x86_amx::Tiles;
+use super::amx::Tiles;
 use crate::dims::{EMBED, PANEL, TILE};
+use crate::kernels::split::{PARTS, SplitDense, TILE_INPUTS, Tile};
 use core::arch::asm;
 use core::arch::x86_64::*;
 
@@ -151,7 +151,7 @@ block! {
     one_by_four, [x, w0, w1, w2, w3; 5], one_point, by_four_outputs
 }
 
-/// Splits at most 16 rows, each part as [`super::split::split`] does.
+/// Splits at most 16 rows, each part as [`crate::kernels::split::split`] does.
 #[target_feature(enable = "avx512f")]
 fn split_rows(inputs: usize, x: &[f32], tiles: &mut [Tile; ROW_TILES]) {
     let upper = |x| _mm512_and_si512(x, _mm512_set1_epi32(0xffff_0000_u32 as i32));
@@ -192,12 +192,12 @@ fn raise(sums: &[Sums; 4], (rows, panels): ([usize; 4], [usize; 4]), best: &mut 
     }
 }
 
-/// See [`super::Isa::dense_max_split`].
+/// See [`crate::kernels::Isa::dense_max_split`].
 ///
 /// # Safety
 /// AMX was detected and permitted; `max` holds as many values as the layer has outputs.
 #[target_feature(enable = "avx512f")]
-pub(super) unsafe fn dense_max(layer: &SplitDense<'_>, x: &[f32], max: &mut [f32]) {
+pub(in crate::kernels) unsafe fn dense_max(layer: &SplitDense<'_>, x: &[f32], max: &mut [f32]) {
     if layer.inputs > INPUTS {
         return;
     }

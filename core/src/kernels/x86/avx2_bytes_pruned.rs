@@ -1,15 +1,15 @@
-//! The last embedding layer of integers over points that lie close together, with AVX2: as [`super::x86_avx2_wide`],
+//! The last embedding layer of integers over points that lie close together, with AVX2: as [`super::avx2_bytes_wide`],
 //! codes of points and weights are spread to 16 bits before they meet; lanes are channels where bounds are computed,
-//! and points where sums are. See [`super::pruned`].
+//! and points where sums are. See [`crate::kernels::pruned`].
 //!
 //! Every function must only be called where AVX2 was detected, with a layer whose arrays have their padded lengths and
-//! at most [`INPUTS`] inputs, and `max` as long as its outputs; [`super::Isa`] checks all of it.
+//! at most [`INPUTS`] inputs, and `max` as long as its outputs; [`crate::kernels::Isa`] checks all of it.
 #![allow(unsafe_code, clippy::indexing_slicing, clippy::needless_range_loop)]
 
-use super::pruned::{CHANNELS, INPUTS, NEAR, PANELS, Survivors, prune};
-use super::x86_avx2_wide::{PAIRS, Panel, pairs_of, spread};
+use super::avx2_bytes_wide::{PAIRS, Panel, pairs_of, spread};
 use crate::dims::PANEL;
 use crate::dims::QUAD;
+use crate::kernels::pruned::{CHANNELS, INPUTS, NEAR, PANELS, Survivors, prune};
 use crate::layer::Codes;
 use core::arch::x86_64::*;
 
@@ -64,9 +64,9 @@ impl Group {
     }
 }
 
-/// See [`super::Isa::dense_codes_max_near`].
+/// See [`crate::kernels::Isa::dense_codes_max_near`].
 #[target_feature(enable = "avx2")]
-pub(super) unsafe fn dense_codes_max(layer: &Codes<'_>, x: &[u8], max: &mut [i32]) {
+pub(in crate::kernels) unsafe fn dense_codes_max(layer: &Codes<'_>, x: &[u8], max: &mut [i32]) {
     let inputs = layer.inputs();
     let mut groups = [Group::ZERO; GROUPS];
     let mut wide: [Panel; PANELS] = [[[0; 2 * PANEL]; PAIRS]; PANELS];

@@ -3,7 +3,7 @@
 #![allow(unsafe_code)]
 
 /// Whether bytes can be multiplied by `sdot`: asked of Linux, elsewhere what this was compiled for.
-pub(super) fn has_dot_product() -> bool {
+pub(in crate::kernels) fn has_dot_product() -> bool {
     #[cfg(any(target_os = "linux", target_os = "android"))]
     {
         // SAFETY: getauxval(3) reads what the kernel gave the process, and nothing else.

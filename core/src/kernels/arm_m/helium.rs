@@ -7,8 +7,8 @@
 //! over inputs that is unrolled twice.
 #![allow(unsafe_code, clippy::indexing_slicing)]
 
-use super::bytes;
 use crate::dims::PANEL;
+use crate::kernels::byte::portable;
 use crate::layer::{Codes, Requantise};
 use core::arch::naked_asm;
 use core::ops::Range;
@@ -27,7 +27,7 @@ struct Block {
     rows: [*const u8; POINTS],
     /// `-128 Σ x` of each row.
     start: [i32; POINTS],
-    /// [`bytes::row_mark`] of each row.
+    /// [`portable::row_mark`] of each row.
     marks: [i32; POINTS],
 }
 
@@ -140,7 +140,7 @@ panel! {
 }
 
 panel! {
-    /// As [`panel_max`] of sums with the marks of their rows ([`bytes::marked`]).
+    /// As [`panel_max`] of sums with the marks of their rows ([`portable::marked`]).
     ///
     /// # Safety
     /// As for [`panel_sums`].
@@ -153,7 +153,7 @@ panel! {
     "str lr, [r2], #4"
 }
 
-const _: () = assert!(bytes::ROW_BITS == 8);
+const _: () = assert!(portable::ROW_BITS == 8);
 
 /// A panel's weights from column `from` on.
 fn panel_codes<'a>(
@@ -166,8 +166,8 @@ fn panel_codes<'a>(
     layer.panels().get(at..at + inputs * PANEL)
 }
 
-/// As [`bytes::dense_codes_max`].
-pub(super) unsafe fn dense_codes_max<const MARK: bool>(
+/// As [`portable::dense_codes_max`].
+pub(in crate::kernels) unsafe fn dense_codes_max<const MARK: bool>(
     layer: &Codes<'_>,
     panels: Range<usize>,
     x: &[u8],
@@ -179,7 +179,7 @@ pub(super) unsafe fn dense_codes_max<const MARK: bool>(
             return;
         };
         // The last row repeated has a later mark, by which it never wins.
-        block.marks = core::array::from_fn(|n| bytes::row_mark(round * POINTS + n));
+        block.marks = core::array::from_fn(|n| portable::row_mark(round * POINTS + n));
         let maxima = max.as_chunks_mut::<PANEL>().0.iter_mut();
         for (panel, max) in panels.clone().zip(maxima.skip(panels.start)) {
             let Some(weights) = panel_codes(layer, panel, 0, inputs) else {
@@ -197,8 +197,8 @@ pub(super) unsafe fn dense_codes_max<const MARK: bool>(
     }
 }
 
-/// As [`bytes::dense_codes`].
-pub(super) unsafe fn dense_codes(
+/// As [`portable::dense_codes`].
+pub(in crate::kernels) unsafe fn dense_codes(
     layer: &Codes<'_>,
     bias: &[i32],
     requantise: &[u32],
@@ -237,8 +237,8 @@ pub(super) unsafe fn dense_codes(
     }
 }
 
-/// As [`bytes::gemv_codes`].
-pub(super) unsafe fn gemv_codes(
+/// As [`portable::gemv_codes`].
+pub(in crate::kernels) unsafe fn gemv_codes(
     layer: &Codes<'_>,
     columns: Range<usize>,
     [high, low]: [&[u8]; 2],
@@ -266,5 +266,5 @@ pub(super) unsafe fn gemv_codes(
         }
     }
     let rest = columns.start + whole..columns.end;
-    bytes::gemv_codes(layer, rest, [high_rest, low_rest], y);
+    portable::gemv_codes(layer, rest, [high_rest, low_rest], y);
 }

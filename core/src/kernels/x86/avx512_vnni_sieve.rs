@@ -1,14 +1,14 @@
-//! The last embedding layer in f32 through a sieve of integers, with AVX-512 VNNI. See [`super::sieve`].
+//! The last embedding layer in f32 through a sieve of integers, with AVX-512 VNNI. See [`crate::kernels::sieve`].
 //!
 //! Every function must only be called where AVX-512F, BW and VNNI were detected, with `points` rows in `x`, none of
-//! them negative, and `max` as long as the layer's bias; [`super::Isa`] checks all but the sign.
+//! them negative, and `max` as long as the layer's bias; [`crate::kernels::Isa`] checks all but the sign.
 #![allow(unsafe_code, clippy::indexing_slicing, clippy::needless_range_loop)]
 
-use super::pruned::{INPUTS, NEAR, PANELS, prune};
-use super::sieve::{ROUNDING, SieveDense};
-use super::x86::avx512::channels_of;
-use super::x86_vnni_pruned::{Group, bounds, sums};
+use super::avx512::channels_of;
+use super::avx512_vnni_pruned::{Group, bounds, sums};
 use crate::dims::{PANEL, TILE};
+use crate::kernels::pruned::{INPUTS, NEAR, PANELS, prune};
+use crate::kernels::sieve::{ROUNDING, SieveDense};
 use core::arch::x86_64::*;
 
 /// Groups whose bounds are computed together, so that a weight is loaded once for all.
@@ -32,9 +32,14 @@ impl Doubt {
     };
 }
 
-/// See [`super::Isa::dense_max_sieve`].
+/// See [`crate::kernels::Isa::dense_max_sieve`].
 #[target_feature(enable = "avx512f,avx512bw,avx512vnni")]
-pub(super) unsafe fn dense_max(sieve: &SieveDense<'_>, points: usize, x: &[f32], max: &mut [f32]) {
+pub(in crate::kernels) unsafe fn dense_max(
+    sieve: &SieveDense<'_>,
+    points: usize,
+    x: &[f32],
+    max: &mut [f32],
+) {
     let inputs = sieve.codes.inputs();
     let mut codes = [Group::ZERO; GROUPS];
     let mut doubts = [Doubt::NONE; GROUPS];

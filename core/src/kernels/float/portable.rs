@@ -20,7 +20,7 @@ fn panel_product(panel: &[f32], start: &[f32], x: &[f32]) -> Lanes {
     sum
 }
 
-pub(super) fn dense_relu(layer: &Dense<'_>, points: usize, x: &[f32], y: &mut [f32]) {
+pub(in crate::kernels) fn dense_relu(layer: &Dense<'_>, points: usize, x: &[f32], y: &mut [f32]) {
     let panel_len = (layer.inputs() * PANEL).max(1);
     let rows = x.chunks_exact(layer.inputs().max(1)).take(points);
     for (x, y) in rows.zip(y.chunks_exact_mut(layer.width().max(1))) {
@@ -35,7 +35,7 @@ pub(super) fn dense_relu(layer: &Dense<'_>, points: usize, x: &[f32], y: &mut [f
     }
 }
 
-pub(super) fn dense_max<const ARG: bool>(
+pub(in crate::kernels) fn dense_max<const ARG: bool>(
     layer: &Dense<'_>,
     points: usize,
     x: &[f32],
@@ -67,7 +67,13 @@ pub(super) fn dense_max<const ARG: bool>(
     }
 }
 
-pub(super) fn gemv(layer: &Dense<'_>, start: &[f32], from: usize, x: &[f32], y: &mut [f32]) {
+pub(in crate::kernels) fn gemv(
+    layer: &Dense<'_>,
+    start: &[f32],
+    from: usize,
+    x: &[f32],
+    y: &mut [f32],
+) {
     let panel_len = (layer.inputs() * PANEL).max(1);
     let panels = layer.panels().chunks_exact(panel_len);
     let outputs = y.chunks_exact_mut(PANEL);

@@ -7,18 +7,18 @@ cpufeatures::new!(has_avx2, "avx2", "fma");
 cpufeatures::new!(has_avx512, "avx512f");
 cpufeatures::new!(has_avx512_bytes, "avx512bw");
 
-pub(super) const AVX2: u8 = 1;
-pub(super) const AVX_VNNI: u8 = 2;
-pub(super) const AVX512: u8 = 4;
-pub(super) const AVX512_VNNI: u8 = 8;
-pub(super) const AMX: u8 = 16;
+pub(in crate::kernels) const AVX2: u8 = 1;
+pub(in crate::kernels) const AVX_VNNI: u8 = 2;
+pub(in crate::kernels) const AVX512: u8 = 4;
+pub(in crate::kernels) const AVX512_VNNI: u8 = 8;
+pub(in crate::kernels) const AMX: u8 = 16;
 /// Set once the rest is known.
 const KNOWN: u8 = 128;
 
 static FOUND: AtomicU8 = AtomicU8::new(0);
 
 /// Whether the machine runs all of `wanted`.
-pub(super) fn has(wanted: u8) -> bool {
+pub(in crate::kernels) fn has(wanted: u8) -> bool {
     let mut found = FOUND.load(Ordering::Relaxed);
     if found == 0 {
         found = detect() | KNOWN;
@@ -44,7 +44,7 @@ fn detect() -> u8 {
         if leaf.ecx & (1 << 11) != 0 && has_avx512_bytes::get() {
             found |= AVX512_VNNI;
             let amx = (1 << 22) | (1 << 24) | (1 << 25);
-            if leaf.edx & amx == amx && super::x86_amx::permitted() {
+            if leaf.edx & amx == amx && super::amx::permitted() {
                 found |= AMX;
             }
         }

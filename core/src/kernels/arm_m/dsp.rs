@@ -6,8 +6,8 @@
 //! instructions for 16 products, besides a loop over inputs that is unrolled four times.
 #![allow(unsafe_code, clippy::indexing_slicing, clippy::needless_range_loop)]
 
-use super::bytes;
 use crate::dims::{PANEL, QUAD};
+use crate::kernels::byte::portable;
 use crate::layer::{Codes, Requantise};
 use core::arch::{asm, naked_asm};
 use core::ops::Range;
@@ -128,8 +128,8 @@ fn fits(inputs: usize) -> bool {
     (1..=INPUTS).contains(&inputs)
 }
 
-/// As [`bytes::dense_codes_max`].
-pub(super) unsafe fn dense_codes_max<const MARK: bool>(
+/// As [`portable::dense_codes_max`].
+pub(in crate::kernels) unsafe fn dense_codes_max<const MARK: bool>(
     layer: &Codes<'_>,
     panels: Range<usize>,
     x: &[u8],
@@ -137,7 +137,7 @@ pub(super) unsafe fn dense_codes_max<const MARK: bool>(
 ) {
     let inputs = layer.inputs();
     if !fits(inputs) {
-        return bytes::dense_codes_max(MARK, layer, panels, x, max);
+        return portable::dense_codes_max(MARK, layer, panels, x, max);
     }
     let outputs = panels.start * PANEL..panels.end * PANEL;
     let mut block = Block::ZERO;
@@ -149,15 +149,15 @@ pub(super) unsafe fn dense_codes_max<const MARK: bool>(
             for (x, points) in block.halves(inputs, points) {
                 let sums = sums(layer, output, x);
                 for (&sum, row) in sums.iter().take(points).zip(&mut rows) {
-                    *best = bytes::marked(MARK, sum, row).max(*best);
+                    *best = portable::marked(MARK, sum, row).max(*best);
                 }
             }
         }
     }
 }
 
-/// As [`bytes::dense_codes`].
-pub(super) unsafe fn dense_codes(
+/// As [`portable::dense_codes`].
+pub(in crate::kernels) unsafe fn dense_codes(
     layer: &Codes<'_>,
     bias: &[i32],
     requantise: &[u32],
@@ -166,7 +166,7 @@ pub(super) unsafe fn dense_codes(
 ) {
     let (inputs, outputs) = (layer.inputs(), layer.outputs());
     if !fits(inputs) || outputs == 0 {
-        return bytes::dense_codes(layer, bias, requantise, x, y);
+        return portable::dense_codes(layer, bias, requantise, x, y);
     }
     let mut block = Block::ZERO;
     for (x, y) in x
@@ -213,8 +213,8 @@ fn spread_signed(four: u32) -> Pairs {
     [first, second]
 }
 
-/// As [`bytes::gemv_codes`].
-pub(super) unsafe fn gemv_codes(
+/// As [`portable::gemv_codes`].
+pub(in crate::kernels) unsafe fn gemv_codes(
     layer: &Codes<'_>,
     columns: Range<usize>,
     [high, low]: [&[u8]; 2],

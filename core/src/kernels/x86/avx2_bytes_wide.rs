@@ -5,10 +5,10 @@
 //! The same conditions hold as for the other kernels of bytes.
 #![allow(unsafe_code, clippy::indexing_slicing, clippy::needless_range_loop)]
 
-use super::bytes::{ROW_BITS, row_mark};
-use super::x86::avx2_bytes::avx2;
+use super::avx2_bytes::avx2;
 use crate::dims::PANEL;
 use crate::dims::QUAD;
+use crate::kernels::byte::portable::{ROW_BITS, row_mark};
 use crate::layer::Codes;
 use core::arch::x86_64::*;
 use core::ops::Range;
@@ -20,18 +20,18 @@ const BLOCK: usize = 48;
 /// Points of one block of sums.
 const POINTS: usize = 6;
 /// Pairs of inputs in a row.
-pub(super) const PAIRS: usize = INPUTS / 2;
+pub(in crate::kernels) const PAIRS: usize = INPUTS / 2;
 /// Outputs in one register.
 const LANES: usize = 8;
 
 /// Codes of a block of points: of each group of four inputs the first and third, the second and fourth.
 type Rows = [[u32; PAIRS]; BLOCK];
 /// Weights of a panel in the same pairs, `[pair][output][2]`.
-pub(super) type Panel = [[i16; 2 * PANEL]; PAIRS];
+pub(in crate::kernels) type Panel = [[i16; 2 * PANEL]; PAIRS];
 
-/// As [`super::bytes::dense_codes_max`].
+/// As [`crate::kernels::byte::portable::dense_codes_max`].
 #[target_feature(enable = "avx2")]
-pub(super) unsafe fn dense_codes_max<const MARK: bool>(
+pub(in crate::kernels) unsafe fn dense_codes_max<const MARK: bool>(
     layer: &Codes<'_>,
     panels: Range<usize>,
     x: &[u8],
@@ -73,7 +73,7 @@ pub(super) unsafe fn dense_codes_max<const MARK: bool>(
 
 /// The first and third of four codes, the second and fourth.
 #[inline(always)]
-pub(super) fn pairs_of(four: [u8; QUAD]) -> [u32; 2] {
+pub(in crate::kernels) fn pairs_of(four: [u8; QUAD]) -> [u32; 2] {
     let four = u32::from_le_bytes(four);
     [four & 0x00ff_00ff, four >> 8 & 0x00ff_00ff]
 }
@@ -81,7 +81,7 @@ pub(super) fn pairs_of(four: [u8; QUAD]) -> [u32; 2] {
 /// Weights of one panel as 16-bit numbers.
 #[target_feature(enable = "avx2")]
 #[inline]
-pub(super) fn spread(weights: &[i8], wide: &mut Panel) {
+pub(in crate::kernels) fn spread(weights: &[i8], wide: &mut Panel) {
     let halves = weights.as_chunks::<{ QUAD * LANES }>().0;
     for (i, half) in halves.iter().enumerate() {
         let (pair, at) = (i / 2 * 2, i % 2 * 2 * LANES);

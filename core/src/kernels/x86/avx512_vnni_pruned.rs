@@ -1,13 +1,13 @@
 //! The last embedding layer of integers over points that lie close together, with AVX-512 VNNI: lanes are channels
-//! where bounds are computed, and points where sums are. See [`super::pruned`].
+//! where bounds are computed, and points where sums are. See [`crate::kernels::pruned`].
 //!
 //! Every function must only be called where its instruction sets were detected, with a layer whose arrays have their
-//! padded lengths and at most [`INPUTS`] inputs, and `max` as long as its outputs; [`super::Isa`] checks all of it.
+//! padded lengths and at most [`INPUTS`] inputs, and `max` as long as its outputs; [`crate::kernels::Isa`] checks all of it.
 #![allow(unsafe_code, clippy::indexing_slicing, clippy::needless_range_loop)]
 
-use super::pruned::{CHANNELS, INPUTS, NEAR, prune};
-use super::x86::avx512::channels_of;
+use super::avx512::channels_of;
 use crate::dims::{PANEL, QUAD};
+use crate::kernels::pruned::{CHANNELS, INPUTS, NEAR, prune};
 use crate::layer::Codes;
 use core::arch::x86_64::*;
 
@@ -16,7 +16,7 @@ const GROUPS: usize = 12;
 
 /// Codes of [`NEAR`] points, four inputs at a time.
 #[derive(Clone, Copy)]
-pub(super) struct Group {
+pub(in crate::kernels) struct Group {
     /// Of each point.
     points: [[u32; NEAR]; INPUTS / QUAD],
     /// The highest and the lowest of them.
@@ -25,7 +25,7 @@ pub(super) struct Group {
 }
 
 impl Group {
-    pub(super) const ZERO: Group = Group {
+    pub(in crate::kernels) const ZERO: Group = Group {
         points: [[0; NEAR]; INPUTS / QUAD],
         high: [0; INPUTS / QUAD],
         low: [0; INPUTS / QUAD],
@@ -33,7 +33,7 @@ impl Group {
 
     /// Of at most so many rows, the last one repeated where there are fewer.
     #[target_feature(enable = "avx512f,avx512bw")]
-    pub(super) unsafe fn fill(&mut self, inputs: usize, rows: &[u8]) {
+    pub(in crate::kernels) unsafe fn fill(&mut self, inputs: usize, rows: &[u8]) {
         let last = rows.len() / inputs - 1;
         // SAFETY: rows of `inputs` bytes, a multiple of 64 up to `INPUTS`.
         unsafe {
@@ -96,9 +96,9 @@ fn transposed(rows: [__m512i; 16]) -> [__m512i; 16] {
     columns
 }
 
-/// See [`super::Isa::dense_codes_max_near`].
+/// See [`crate::kernels::Isa::dense_codes_max_near`].
 #[target_feature(enable = "avx512f,avx512bw,avx512vnni")]
-pub(super) unsafe fn dense_codes_max(layer: &Codes<'_>, x: &[u8], max: &mut [i32]) {
+pub(in crate::kernels) unsafe fn dense_codes_max(layer: &Codes<'_>, x: &[u8], max: &mut [i32]) {
     let mut groups = [Group::ZERO; GROUPS];
     let whole = x.len() - x.len() % layer.inputs();
     for x in x[..whole].chunks(GROUPS * NEAR * layer.inputs()) {
@@ -156,7 +156,7 @@ unsafe fn dense_groups<const N: usize>(
 /// What no sum of one panel exceeds, for the points of each group.
 #[target_feature(enable = "avx512f,avx512bw,avx512vnni")]
 #[inline]
-pub(super) unsafe fn bounds<const N: usize>(
+pub(in crate::kernels) unsafe fn bounds<const N: usize>(
     layer: &Codes<'_>,
     panel: usize,
     groups: &[Group],
@@ -183,7 +183,7 @@ pub(super) unsafe fn bounds<const N: usize>(
 /// Sums of some channels, a lane for each point of a group.
 #[target_feature(enable = "avx512f,avx512bw,avx512vnni")]
 #[inline]
-pub(super) unsafe fn sums(
+pub(in crate::kernels) unsafe fn sums(
     layer: &Codes<'_>,
     group: &Group,
     channels: &[u16; CHANNELS],

@@ -28,9 +28,14 @@ fn quads<'a>(layer: &Codes<'a>, panel: usize) -> &'a [[i8; PANEL * QUAD]] {
     weights.unwrap_or(&[]).as_chunks().0
 }
 
-/// See [`super::Isa::point_codes`].
+/// See [`crate::kernels::Isa::point_codes`].
 #[inline(always)]
-pub(super) fn point_codes(panels: &[f32], bias: &[f32], points: &[[f32; 3]], codes: &mut [u8]) {
+pub(in crate::kernels) fn point_codes(
+    panels: &[f32],
+    bias: &[f32],
+    points: &[[f32; 3]],
+    codes: &mut [u8],
+) {
     let width = bias.len();
     let columns = panels.as_chunks::<{ 3 * PANEL }>().0;
     for (&[x, y, z], codes) in points.iter().zip(codes.chunks_exact_mut(width.max(1))) {
@@ -48,9 +53,9 @@ pub(super) fn point_codes(panels: &[f32], bias: &[f32], points: &[[f32; 3]], cod
     }
 }
 
-/// See [`super::Isa::dense_codes`]; rows of `x` and `y` as counted by the caller.
+/// See [`crate::kernels::Isa::dense_codes`]; rows of `x` and `y` as counted by the caller.
 #[inline(always)]
-pub(super) fn dense_codes(
+pub(in crate::kernels) fn dense_codes(
     layer: &Codes<'_>,
     bias: &[i32],
     requantise: &[u32],
@@ -74,26 +79,26 @@ pub(super) fn dense_codes(
 }
 
 /// Bits of a sum that hold the row which it is of.
-pub(super) const ROW_BITS: u32 = 8;
+pub(in crate::kernels) const ROW_BITS: u32 = 8;
 /// Rows that these bits tell apart.
-pub(super) const ROWS: usize = 1 << ROW_BITS;
+pub(in crate::kernels) const ROWS: usize = 1 << ROW_BITS;
 /// Inputs whose sums leave these bits: `255 * 128 * INPUTS < 2^(31 - ROW_BITS)`.
-pub(super) const INPUTS: usize = 128;
+pub(in crate::kernels) const INPUTS: usize = 128;
 
 /// The last bits of row `row`'s sums: the greater, the earlier, so that one maximum finds the first of equals.
 #[inline(always)]
-pub(super) const fn row_mark(row: usize) -> i32 {
+pub(in crate::kernels) const fn row_mark(row: usize) -> i32 {
     (ROWS - 1 - row % ROWS) as i32
 }
 
 /// The row that a marked sum is of.
-pub(super) const fn row_of(marked: i32) -> usize {
+pub(in crate::kernels) const fn row_of(marked: i32) -> usize {
     ROWS - 1 - (marked as usize & (ROWS - 1))
 }
 
 /// A sum, shifted to make room for its row's mark where one is asked for.
 #[inline(always)]
-pub(super) const fn marked(mark: bool, sum: i32, row: usize) -> i32 {
+pub(in crate::kernels) const fn marked(mark: bool, sum: i32, row: usize) -> i32 {
     if mark {
         sum << ROW_BITS | row_mark(row)
     } else {
@@ -101,8 +106,8 @@ pub(super) const fn marked(mark: bool, sum: i32, row: usize) -> i32 {
     }
 }
 
-/// See [`super::Isa::dense_codes_max`]; of sums, or of [`marked`] ones of at most [`ROWS`] rows of [`INPUTS`].
-pub(super) fn dense_codes_max(
+/// See [`crate::kernels::Isa::dense_codes_max`]; of sums, or of [`marked`] ones of at most [`ROWS`] rows of [`INPUTS`].
+pub(in crate::kernels) fn dense_codes_max(
     mark: bool,
     layer: &Codes<'_>,
     panels: Range<usize>,
@@ -120,9 +125,9 @@ pub(super) fn dense_codes_max(
     }
 }
 
-/// See [`super::Isa::gemv_codes`]; planes of `columns.len()` codes.
+/// See [`crate::kernels::Isa::gemv_codes`]; planes of `columns.len()` codes.
 #[inline(always)]
-pub(super) fn gemv_codes(
+pub(in crate::kernels) fn gemv_codes(
     layer: &Codes<'_>,
     columns: Range<usize>,
     [high, low]: [&[u8]; 2],
@@ -141,7 +146,7 @@ pub(super) fn gemv_codes(
 /// [`point_codes`] with AVX2.
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
-pub(super) fn point_codes_avx2(
+pub(in crate::kernels) fn point_codes_avx2(
     panels: &[f32],
     bias: &[f32],
     points: &[[f32; 3]],
@@ -153,7 +158,7 @@ pub(super) fn point_codes_avx2(
 /// [`point_codes`] with AVX-512F.
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f")]
-pub(super) fn point_codes_avx512(
+pub(in crate::kernels) fn point_codes_avx512(
     panels: &[f32],
     bias: &[f32],
     points: &[[f32; 3]],

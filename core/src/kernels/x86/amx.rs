@@ -4,10 +4,10 @@
 //! is live between two of them but the configuration, which [`Tiles`] sets and releases.
 #![allow(unsafe_code, clippy::indexing_slicing)]
 
-use super::byte::dense::marked;
-use super::search::{GROUPS, NONE, PanelBest, merge};
-use super::x86::avx512_vnni::{self, Whole};
+use super::avx512_vnni::{self, Whole};
 use crate::dims::PANEL;
+use crate::kernels::byte::dense::marked;
+use crate::kernels::search::{GROUPS, NONE, PanelBest, merge};
 use crate::layer::Codes;
 use core::arch::asm;
 use core::arch::x86_64::*;
@@ -23,7 +23,7 @@ const ROW_BYTES: usize = 64;
 const _: () = assert!(ROWS.is_multiple_of(GROUPS) && BLOCK == 2 * PANEL);
 
 /// Asks Linux for the right to use tile data; elsewhere nobody can be asked.
-pub(super) fn permitted() -> bool {
+pub(in crate::kernels) fn permitted() -> bool {
     #[cfg(target_os = "linux")]
     {
         const ARCH_PRCTL: i64 = 158;
@@ -65,12 +65,12 @@ const CONFIGURATION: Configuration = {
 };
 
 /// The tile registers of this thread, from configuration to release.
-pub(super) struct Tiles;
+pub(in crate::kernels) struct Tiles;
 
 impl Tiles {
     /// # Safety
     /// AMX was detected and [`permitted`].
-    pub(super) unsafe fn configure() -> Tiles {
+    pub(in crate::kernels) unsafe fn configure() -> Tiles {
         // SAFETY: the constant is a valid configuration of palette 1; the caller guarantees AMX.
         unsafe {
             asm!("ldtilecfg [{}]", in(reg) &CONFIGURATION, options(nostack, readonly));
@@ -141,7 +141,7 @@ struct Sums([[i32; PANEL]; ROWS]);
 /// As [`avx512_vnni::search`], whose conditions hold, with AMX permitted as well.
 #[target_feature(enable = "avx512f,avx512vnni")]
 #[allow(clippy::too_many_arguments)]
-pub(super) unsafe fn search(
+pub(in crate::kernels) unsafe fn search(
     layer: &Codes<'_>,
     points: Range<usize>,
     panels: Range<usize>,
@@ -245,7 +245,7 @@ unsafe fn take(
 
 /// As [`avx512_vnni::dense_codes_max`], whose conditions hold, with AMX permitted as well.
 #[target_feature(enable = "avx512f,avx512vnni")]
-pub(super) unsafe fn dense_codes_max<const MARK: bool>(
+pub(in crate::kernels) unsafe fn dense_codes_max<const MARK: bool>(
     layer: &Codes<'_>,
     panels: Range<usize>,
     x: &[u8],
@@ -297,11 +297,11 @@ pub(super) unsafe fn dense_codes_max<const MARK: bool>(
     }
 }
 
-/// Products of tiles on registers only, for [`super::Isa::multiply_adds`].
+/// Products of tiles on registers only, for [`crate::kernels::Isa::multiply_adds`].
 ///
 /// # Safety
 /// AMX was detected and [`permitted`].
-pub(super) unsafe fn multiply_adds(rounds: u64) -> u64 {
+pub(in crate::kernels) unsafe fn multiply_adds(rounds: u64) -> u64 {
     // SAFETY: the caller guarantees AMX; every tile register that is used is declared.
     unsafe {
         let _tiles = Tiles::configure();

@@ -2,6 +2,15 @@
 
 mod support;
 
+use glam::{Affine3A, Vec3};
+use host_train::bop::evaluate::Refinements;
+use host_train::dataset::mesh::Mesh;
+use host_train::dataset::pairs::{PairSet, Sample, Seen};
+use host_train::measure::eval::{EvalSettings, evaluate};
+use host_train::measure::method::{Contestant, Finish, Start};
+use host_train::random::{Purpose, stream};
+use reagent_core::Pose;
+use reagent_core::pipeline::Mode;
 use serde_json::Value;
 use support::{fail, folder, read_json, run, succeed};
 
@@ -101,4 +110,74 @@ fn usage_and_missing_data_are_explained() {
         "eval --data none --protocol bop --estimates e.csv",
         &["none", "models_eval", "bop-synth"],
     );
+}
+
+/// Free space is looked at from where the camera stood, before what it saw behind the object.
+#[test]
+fn pairs_know_from_where_and_before_what_they_were_seen() {
+    let folder = folder();
+    let root = folder.path().join("set");
+    succeed(folder.path(), &format!("{SYNTH} --out set"));
+    let estimates = root.join("estimates.csv");
+    let found = Refinements::open(&root, &estimates, None, 1).expect("a data set");
+    let PairSet { source, seen, .. } = &found.set;
+    let seen = seen.as_ref().expect("a camera");
+    assert_eq!(seen.len(), source.len());
+    for (source, seen) in source.iter().zip(seen) {
+        let eye = Vec3::from(seen.view_point);
+        let centre = reagent_core::pose::centroid(source);
+        let distance = centre.distance(eye);
+        assert!(distance > 2.0, "{distance} radii");
+        assert!(!seen.background.is_empty() && seen.background.len() < 20_000);
+        let ahead = |&p: &[f32; 3]| {
+            (Vec3::from(p) - eye)
+                .normalize()
+                .dot((centre - eye) / distance)
+        };
+        assert!(seen.background.iter().all(|p| ahead(p) > 0.5));
+    }
+}
+
+/// A face of a plate, half-way between both of its large faces: what is seen from above is the upper one, since the plate
+/// cannot stand before what was seen.
+#[test]
+fn a_refinement_knows_from_where_the_source_was_seen() {
+    let mut plate = Mesh::default();
+    plate.add_box(Affine3A::IDENTITY, Vec3::new(1.4, 0.8, 0.3));
+    let target = plate.sample(1500, &mut stream(1, Purpose::Surface, 0));
+    let face = |i: usize| {
+        let [x, y] = [i % 30, i / 30].map(|k| k as f32);
+        [(x / 29.0 - 0.5) * 1.4, (y / 19.0 - 0.5) * 0.8, 0.0]
+    };
+    let source: Vec<[f32; 3]> = (0..600).map(face).collect();
+    let mut set = PairSet::default();
+    for side in [1.0, -1.0] {
+        let truth = Pose {
+            translation: Vec3::Z * (0.15 * side),
+            ..Pose::IDENTITY
+        };
+        let sample = Sample {
+            source: source.clone(),
+            target: target.clone(),
+            target_from_source: truth,
+        };
+        set.push(sample, target.clone(), 0);
+        set.seen.get_or_insert_default().push(Seen {
+            view_point: [0.3, 0.2, 4.0 * side],
+            background: Vec::new(),
+        });
+    }
+    let contestant = Contestant {
+        name: "verify".into(),
+        method: Start::Identity.then(Finish::Core(Mode::Verify)),
+    };
+    let settings = EvalSettings {
+        steps: 0,
+        threads: 1,
+        per_step: false,
+    };
+    let found = evaluate(&set, &[contestant], &settings, &|| {}).expect("two pairs");
+    let poses = found[0].target_from_source.iter();
+    let heights: Vec<f32> = poses.map(|pose| pose.translation.z).collect();
+    assert!(heights[0] > 0.12 && heights[1] < -0.12, "{heights:?}");
 }

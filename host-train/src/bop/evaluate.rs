@@ -7,8 +7,10 @@ use super::table::Estimated;
 use crate::dataset::bop::{
     BopError, Estimate, Instance, MaskKind, Models, Scenes, read_results, targets,
 };
-use crate::dataset::pairs::{PairSet, Sample};
+use crate::dataset::depth::DepthImage;
+use crate::dataset::pairs::{PairSet, Sample, Seen};
 use crate::random::{Purpose, stream};
+use glam::Vec3;
 use rayon::prelude::*;
 use reagent_core::Pose;
 use std::collections::BTreeMap;
@@ -16,13 +18,16 @@ use std::path::Path;
 
 /// Points of source and target (the paper's).
 const POINTS: usize = 1024;
+/// Points of the background across an object's width: some for every cell in which free space is looked at.
+const ACROSS: usize = 32;
 
 /// An annotated object and its estimate, if it has one.
 type Matched = (Instance, Option<Estimate>);
 /// A sample, if the object has a depth inside its mask.
-type Drawn = Result<Option<(Sample, Normalisation)>, BopError>;
+type Drawn = Result<Option<(Sample, Normalisation, Seen)>, BopError>;
 
-/// Annotated objects with the estimates from which they are refined. Clouds take 24 kB a pair.
+/// Annotated objects with the estimates from which they are refined. Clouds take 24 kB a pair, and what is seen around the
+/// object up to 100 kB.
 #[derive(Clone, Debug)]
 pub struct Refinements {
     /// What is registered: the observed source placed by the estimate, and the model, in normalised units. The label
@@ -77,15 +82,19 @@ impl Refinements {
             let (Some(estimate), Some(model)) = (estimate, models.get(instance.object)) else {
                 return Ok(None);
             };
-            let seen = scenes.observe(instance, MaskKind::Estimated)?;
-            Ok(test_sample(
+            let image = scenes.observe(instance, MaskKind::Estimated)?;
+            let drawn = test_sample(
                 &mut stream(seed, Purpose::Pairs, place as u64),
-                &seen,
+                &image,
                 &estimate.camera_from_model,
                 &instance.camera_from_model,
                 &model.surface,
                 POINTS,
-            ))
+            );
+            Ok(drawn.map(|(sample, frame)| {
+                let seen = seen(&image, &estimate.camera_from_model, &frame);
+                (sample, frame, seen)
+            }))
         };
         let drawn: Vec<Drawn> = matched.par_iter().enumerate().map(draw).collect();
 
@@ -93,7 +102,8 @@ impl Refinements {
         let (mut refined, mut rest) = (Vec::new(), Vec::new());
         for ((instance, estimate), drawn) in matched.into_iter().zip(drawn) {
             match (estimate, drawn?) {
-                (Some(estimate), Some((sample, frame))) => {
+                (Some(estimate), Some((sample, frame, seen))) => {
+                    set.seen.get_or_insert_default().push(seen);
                     set.source.push(sample.source);
                     set.target.push(sample.target);
                     set.target_from_source.push(sample.target_from_source);
@@ -174,6 +184,19 @@ impl Refinements {
     }
 }
 
+/// From where and before what an object was seen, where the estimate places it, in normalised units.
+fn seen(image: &DepthImage, estimate: &Pose, frame: &Normalisation) -> Seen {
+    let model_from_camera = estimate.inverse();
+    let placed = |point: Vec3| frame.point(model_from_camera.apply(point));
+    let background = image.background_across(ACROSS).into_iter();
+    Seen {
+        view_point: placed(Vec3::ZERO),
+        background: background
+            .map(|point| placed(Vec3::from_array(point)))
+            .collect(),
+    }
+}
+
 /// Each annotated object with its estimate, if it has one.
 fn matched(instances: &[Instance], mut estimates: Vec<Estimate>) -> Vec<Matched> {
     let mut places: BTreeMap<(u32, u32, u32), Vec<usize>> = BTreeMap::new();
@@ -205,7 +228,6 @@ fn matched(instances: &[Instance], mut estimates: Vec<Estimate>) -> Vec<Matched>
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::Vec3;
 
     fn at(x: f32) -> Pose {
         Pose {

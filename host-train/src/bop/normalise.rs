@@ -23,10 +23,16 @@ impl Normalisation {
     /// source. `None` (and nothing changed) where all points of the target coincide.
     pub fn of(source: &mut [Point], target: &mut [Point]) -> Option<Normalisation> {
         let (centre, scale) = mesh::normalise(target)?;
+        let frame = Normalisation { centre, scale };
         for point in source {
-            *point = ((Vec3::from_array(*point) - centre) / scale).to_array();
+            *point = frame.point(Vec3::from_array(*point));
         }
-        Some(Normalisation { centre, scale })
+        Some(frame)
+    }
+
+    /// A point in the model's frame, millimetres, in normalised units.
+    pub fn point(&self, point: Vec3) -> Point {
+        ((point - self.centre) / self.scale).to_array()
     }
 
     /// A pose in the model's frame, millimetres, in normalised units.

@@ -65,6 +65,17 @@ pub struct PairSet {
     pub label: Vec<i32>,
     /// What is known of the objects' symmetries, `[M]`.
     pub symmetries: Option<Vec<Symmetry>>,
+    /// From where the sources were seen, `[M]`, if each is a view from one point.
+    pub seen: Option<Vec<Seen>>,
+}
+
+/// From where a source was seen, and what else was, in its frame and units.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Seen {
+    /// Where the sensor stood.
+    pub view_point: Point,
+    /// What it saw besides the source.
+    pub background: Vec<Point>,
 }
 
 /// What is known of an object's symmetry: an entry of the list in FILE.json beside FILE.h5.
@@ -108,6 +119,7 @@ impl PairSet {
         }
         self.label.extend(other.label);
         self.symmetries = None;
+        self.seen = None;
     }
 
     /// Reads and checks a pairs file: shapes, equal numbers of entries, finite points, rigid poses.
@@ -156,6 +168,7 @@ impl PairSet {
             raw,
             label,
             symmetries: symmetries(path, count)?,
+            seen: None,
         })
     }
 
@@ -307,6 +320,7 @@ mod tests {
             raw: Some(clouds(30, 0.25)),
             label: (0..10).collect(),
             symmetries: None,
+            seen: None,
         }
     }
 

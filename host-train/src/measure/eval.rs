@@ -116,7 +116,9 @@ pub fn evaluate(
         .map(|contestant| {
             for_each_pair(&pool, pairs, |memory, i| {
                 let pair = [set.source[i].as_slice(), &set.target[i]];
-                let found = contestant.method.register(pair, i as u64, extent, memory);
+                let seen = set.seen.as_ref().map(|seen| &seen[i]);
+                let method = &contestant.method;
+                let found = method.register(pair, seen, i as u64, extent, memory);
                 progress();
                 found
             })

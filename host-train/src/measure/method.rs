@@ -1,12 +1,14 @@
 //! Methods that are compared: each starts somewhere and is finished by something.
 
 use crate::dataset::Point;
+use crate::dataset::pairs::Seen;
 use crate::learn::env::{Accumulation, Problem};
 use crate::learn::nn::Parameters;
 use crate::learn::train::poses_of;
 use crate::measure::baselines::{FgrSettings, IcpSettings, fgr, icp};
 use crate::random::{Purpose, stream};
 use crate::register::Memory;
+use glam::Vec3;
 use reagent_core::pipeline::{Mode, Task, refine};
 use reagent_core::{Decision, Error, Frame, Policy, Pose, Registrar, start};
 use std::time::Instant;
@@ -67,6 +69,15 @@ impl<'w> Start<'w> {
     }
 }
 
+/// What core is told of a pair that is evaluated: it begins at the identity.
+pub(crate) fn task_of(seen: Option<&Seen>) -> Task<'_> {
+    Task {
+        view_point: seen.map(|seen| Vec3::from_array(seen.view_point)),
+        background: seen.map_or(&[], |seen| &seen.background),
+        ..Task::new(start::Start::at(Pose::IDENTITY))
+    }
+}
+
 /// A method and the name under which it is reported.
 #[derive(Clone, Debug)]
 pub struct Contestant<'w> {
@@ -85,10 +96,11 @@ pub(crate) struct Trajectory {
 
 impl Method<'_> {
     /// Registers pair number `index`, source and target; a policy takes `steps` steps, of which all are told where
-    /// `per_step` asks for them.
+    /// `per_step` asks for them. Core's refinement knows from where the source was `seen`.
     pub(crate) fn register(
         &self,
         [source, target]: [&[Point]; 2],
+        seen: Option<&Seen>,
         index: u64,
         (steps, per_step): (usize, bool),
         memory: &mut Memory,
@@ -144,7 +156,7 @@ impl Method<'_> {
             Finish::Core(mode) => {
                 let task = Task {
                     mode,
-                    ..Task::new(start::Start::at(Pose::IDENTITY))
+                    ..task_of(seen)
                 };
                 let (workspace, clouds) = (&mut memory.workspace, [source, target]);
                 let go_on = || Ok::<(), Error>(());

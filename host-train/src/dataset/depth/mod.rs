@@ -131,6 +131,11 @@ impl DepthImage {
 
     /// What is seen around the object: the points outside of the mask, as far from it in the image as it is wide or high.
     pub fn background(&self) -> Vec<Point> {
+        self.background_across(usize::MAX)
+    }
+
+    /// The same of every so many columns and rows, so that not many more than `across` of these meet the object.
+    pub fn background_across(&self, across: usize) -> Vec<Point> {
         let width = self.camera.size[0];
         let place = |pixel: usize| [pixel % width, pixel / width];
         let (mut low, mut high) = ([usize::MAX; 2], [0; 2]);
@@ -142,9 +147,14 @@ impl DepthImage {
         }
         let far = |axis: usize| high[axis].saturating_sub(low[axis]);
         let reach = far(0).max(far(1));
+        let every = (reach / across).max(1);
         let is_around = |&pixel: &u32| {
             let at = place(pixel as usize);
-            (0..2).all(|axis| at[axis] + reach >= low[axis] && at[axis] <= high[axis] + reach)
+            (0..2).all(|axis| {
+                at[axis].is_multiple_of(every)
+                    && at[axis] + reach >= low[axis]
+                    && at[axis] <= high[axis] + reach
+            })
         };
         let pixels = self.pixels(false).into_iter().filter(is_around);
         pixels.map(|pixel| self.point(pixel)).collect()

@@ -3,10 +3,9 @@
 use super::{Given, Header, Traced};
 use crate::dataset::pairs::PairSet;
 use crate::measure::eval::EvalError;
-use crate::measure::method::{Contestant, Finish, Method, Start};
+use crate::measure::method::{Contestant, Finish, Method, Start, task_of};
 use crate::register::register;
 use reagent_core::pipeline::{Mode, Task};
-use reagent_core::start as core_start;
 use reagent_core::{Frame, Pose};
 
 /// The first `count` pairs of a set as every policy among the contestants registers them in `steps` steps:
@@ -33,14 +32,14 @@ pub fn pairs(
             } => (policy, mode),
             _ => continue,
         };
-        let task = Task {
-            mode,
-            steps,
-            frame: Some(Frame::IDENTITY),
-            ..Task::new(core_start::Start::at(Pose::IDENTITY))
-        };
         for index in 0..count.min(set.source.len()) {
             let (source, target) = (&set.source[index], &set.target[index]);
+            let task = Task {
+                mode,
+                steps,
+                frame: Some(Frame::IDENTITY),
+                ..task_of(set.seen.as_ref().map(|seen| &seen[index]))
+            };
             let found = register(policy, source, target, &task)
                 .map_err(|source| EvalError::Pair { index, source })?;
             all.push(Traced {

@@ -30,21 +30,20 @@ const UPDATE_TIMEOUT: Duration = Duration::from_secs(30);
 /// The whole story on one machine: publish a policy, refine, train it further, publish again, refine
 ///
 /// A host and three robots, each with a Zenoh session of its own, talk over loopback. Without
-/// arguments the robots see held-out built-in shapes through a simulated depth camera; nothing is
-/// downloaded.
+/// arguments the robots see parts in single depth views, which are rendered; nothing is downloaded.
 #[derive(clap::Args, Debug)]
 pub struct DemoArgs {
     /// Time to train the second policy, seconds
     #[arg(long, value_name = "N", default_value_t = 60)]
     pub seconds: u64,
-    /// Real pairs to refine instead of built-in shapes
+    /// Real pairs to refine instead of views of built-in parts
     #[arg(long, value_name = "FILE.h5", conflicts_with = "data")]
     pub pairs: Option<PathBuf>,
     /// Real clouds instead (modelnet40_ply_hdf5_2048 layout): trains on the training split, refines
     /// pairs drawn from the test split
     #[arg(long, value_name = "DIR")]
     pub data: Option<PathBuf>,
-    /// First policy [default: the bundled one]
+    /// First policy, in f32 [default: the bundled one, for parts that for views in 8-bit integers]
     #[arg(long, value_name = "FILE.rgw")]
     pub weights: Option<PathBuf>,
     /// Pairs that each robot refines, at most
@@ -59,9 +58,13 @@ pub struct DemoArgs {
 }
 
 /// What one robot reached with one policy.
+#[derive(Default)]
 struct Round {
     initial: Vec<PairMetrics>,
-    refined: Vec<PairMetrics>,
+    /// By the policy alone.
+    policy: Vec<PairMetrics>,
+    /// Refined and compared with other poses.
+    verified: Vec<PairMetrics>,
 }
 
 impl DemoArgs {
@@ -74,7 +77,6 @@ impl DemoArgs {
         if let Some(path) = &self.json {
             check_writable(path)?;
         }
-        let first = WeightFile::load_or_pretrained(self.weights.as_deref())?;
         let scene = Scene::of(&self)?;
         println!("{}", scene.description);
 
@@ -102,10 +104,10 @@ impl DemoArgs {
         );
 
         let mut publisher = Publisher::new(host, FLEET, key)?;
-        ship(&mut publisher, &robots, 1, "bundled", first.clone()).await?;
+        ship(&mut publisher, &robots, 1, "first", scene.first.clone()).await?;
         let before = refine_all(&operator, &scene, 1).await?;
-        let second = self.train(first.clone(), &scene).await?;
-        let comparison = scene.compare(&first, &second)?;
+        let second = scene.finished(self.train(&scene).await?)?;
+        let comparison = scene.compare(&scene.first, &second)?;
         println!("host: version 2 against version 1 on pairs that neither saw: {comparison}");
         let after = if comparison.is_worse() {
             println!("host: version 2 is worse and is not published");
@@ -123,18 +125,18 @@ impl DemoArgs {
         Ok(())
     }
 
-    async fn train(&self, first: WeightFile, scene: &Scene) -> anyhow::Result<WeightFile> {
+    async fn train(&self, scene: &Scene) -> anyhow::Result<WeightFile> {
         println!(
             "training the policy for {} s on {}",
             self.seconds, scene.training_description
         );
         let (budget, seed) = (Duration::from_secs(self.seconds), self.seed);
-        let sample = scene.training.clone();
+        let (start, sample) = (scene.start.clone(), scene.training.clone());
         let training = tokio::task::spawn_blocking(move || {
             let started = Instant::now();
             let mut reported = 0;
             fine_tune(
-                &first,
+                &start,
                 |rng, i| sample(rng, i),
                 budget,
                 seed,
@@ -189,33 +191,38 @@ async fn refine_all(operator: &Client, scene: &Scene, version: u64) -> anyhow::R
     let mut rounds = Vec::new();
     let share = scene.pairs.source.len() / ROBOTS.len();
     for (number, robot) in ROBOTS.iter().enumerate() {
-        let mut round = Round {
-            initial: Vec::new(),
-            refined: Vec::new(),
-        };
-        let (mut on_robot, mut round_trips) = (Vec::new(), Vec::new());
+        let mut round = Round::default();
+        // Of the policy alone, and verified.
+        let mut on_robot = [Vec::new(), Vec::new()];
         for index in number * share..(number + 1) * share {
             let (source, target) = (&scene.pairs.source[index], &scene.pairs.target[index]);
-            let id = version * 1_000_000 + index as u64;
-            let request = RefineRequest {
-                mode: Mode::Fast,
-                ..RefineRequest::new(id, CloudView::of(source), CloudView::of(target))
-            };
-            let answer = ask(operator, robot, &request).await?;
-            if answer.reply.policy_version != version {
-                let used = answer.reply.policy_version;
-                bail!("robot {robot} answered with policy {used}, not {version}");
+            let seen = scene.pairs.seen.as_ref().map(|seen| &seen[index]);
+            for (turn, mode) in [Mode::Fast, Mode::Verify].into_iter().enumerate() {
+                let id = version * 1_000_000 + 2 * index as u64 + turn as u64;
+                let request = RefineRequest {
+                    mode,
+                    view_point: seen.map(|seen| seen.view_point),
+                    ..RefineRequest::new(id, CloudView::of(source), CloudView::of(target))
+                };
+                let answer = ask(operator, robot, &request).await?;
+                if answer.reply.policy_version != version {
+                    let used = answer.reply.policy_version;
+                    bail!("robot {robot} answered with policy {used}, not {version}");
+                }
+                let [initial, reached] = errors(&scene.pairs, index, &answer.reply)?;
+                match mode {
+                    Mode::Fast => {
+                        round.initial.push(initial);
+                        round.policy.push(reached);
+                    }
+                    _ => round.verified.push(reached),
+                }
+                on_robot[turn].push(f64::from(answer.reply.micros) / 1e3);
             }
-            let [initial, refined] = errors(&scene.pairs, index, &answer.reply)?;
-            round.initial.push(initial);
-            round.refined.push(refined);
-            on_robot.push(f64::from(answer.reply.micros) / 1e3);
-            round_trips.push(answer.round_trip_ms);
         }
+        let [policy, verified] = on_robot.each_mut().map(|ms| median(ms));
         println!(
-            "  {robot}: {share} pairs refined with version {version}, median {:.1} ms on the robot, {:.1} ms for the client",
-            median(&mut on_robot),
-            median(&mut round_trips),
+            "  {robot}: {share} pairs refined with version {version}, median {policy:.1} ms on the robot, verified {verified:.1} ms"
         );
         rounds.push(round);
     }
@@ -226,34 +233,39 @@ async fn refine_all(operator: &Client, scene: &Scene, version: u64) -> anyhow::R
 fn table(before: &[Round], after: Option<&[Round]>) -> serde_json::Value {
     println!("\n{}", Row::HEADER);
     let mut document = serde_json::Map::new();
-    let every = |rounds: &[Round], part: fn(&Round) -> &Vec<PairMetrics>| {
-        rounds.iter().flat_map(part).copied().collect::<Vec<_>>()
-    };
-    let mut print = |robot: &str, rows: Vec<(&str, Vec<PairMetrics>)>| {
+    let mut print = |robot: &str, before: &Round, after: Option<&Round>| {
+        let mut rows = vec![
+            ("initial", &before.initial),
+            ("version 1", &before.policy),
+            ("version 1, verified", &before.verified),
+        ];
+        if let Some(after) = after {
+            rows.push(("version 2", &after.policy));
+            rows.push(("version 2, verified", &after.verified));
+        }
         let mut errors = serde_json::Map::new();
         for (policy, pairs) in rows {
-            let row = Row::new(&format!("{robot:5} {policy}"), &pairs);
+            let row = Row::new(&format!("{robot:3} {policy}"), pairs);
             println!("{row}");
             errors.insert(policy.into(), json!(row.summary));
         }
         document.insert(robot.into(), errors.into());
     };
     for (number, (robot, first)) in ROBOTS.iter().zip(before).enumerate() {
-        let mut rows = vec![
-            ("initial", first.initial.clone()),
-            ("version 1", first.refined.clone()),
-        ];
-        let second = after.and_then(|after| after.get(number));
-        rows.extend(second.map(|second| ("version 2", second.refined.clone())));
-        print(robot, rows);
+        print(robot, first, after.and_then(|after| after.get(number)));
     }
-    let mut rows = vec![
-        ("initial", every(before, |round| &round.initial)),
-        ("version 1", every(before, |round| &round.refined)),
-    ];
-    rows.extend(after.map(|after| ("version 2", every(after, |round| &round.refined))));
-    print("all", rows);
+    print("all", &joined(before), after.map(joined).as_ref());
     document.into()
+}
+
+/// All robots' pairs.
+fn joined(rounds: &[Round]) -> Round {
+    let all = |part: fn(&Round) -> &Vec<PairMetrics>| rounds.iter().flat_map(part).copied();
+    Round {
+        initial: all(|round| &round.initial).collect(),
+        policy: all(|round| &round.policy).collect(),
+        verified: all(|round| &round.verified).collect(),
+    }
 }
 
 fn median(values: &mut [f64]) -> f64 {

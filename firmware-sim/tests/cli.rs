@@ -243,7 +243,13 @@ fn the_demo_runs_on_its_own_shapes_and_on_pairs() {
         let table = std::fs::read(&json).expect("it was written");
         let table: serde_json::Value = serde_json::from_slice(&table).expect("it is JSON");
         for robot in ["r1", "r2", "r3", "all"] {
-            for policy in ["initial", "version 1", "version 2"] {
+            for policy in [
+                "initial",
+                "version 1",
+                "version 1, verified",
+                "version 2",
+                "version 2, verified",
+            ] {
                 let error = &table[robot][policy]["r_iso_deg"];
                 assert!(error.is_number(), "{robot} {policy}: {error}");
             }

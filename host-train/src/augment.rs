@@ -6,7 +6,7 @@
 use crate::dataset::Point;
 use crate::dataset::pairs::Sample;
 use crate::random::{Rng, resample};
-use glam::{Affine3, Mat3, Vec3};
+use glam::{Affine3, Mat3, Quat, Vec3};
 use rand::{RngExt, seq::SliceRandom};
 use rand_distr::{Distribution, Normal, StandardNormal};
 use reagent_core::Pose;
@@ -160,6 +160,12 @@ pub fn random_affine(rng: &mut Rng, centre: Vec3) -> Affine3 {
 /// Applies an affine map.
 pub fn affine(points: &mut [Point], map_of_point: &Affine3) {
     map(points, |p| map_of_point.transform_point3(p));
+}
+
+/// Uniform over all rotations.
+pub fn random_rotation(rng: &mut Rng) -> Quat {
+    let [x, y, z, w]: [f32; 4] = std::array::from_fn(|_| StandardNormal.sample(rng));
+    Quat::from_xyzw(x, y, z, w).normalize()
 }
 
 /// Moves a source that lies on its target by a random rigid offset.

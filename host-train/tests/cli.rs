@@ -253,3 +253,32 @@ fn signing_keys_are_never_logged() {
         "the key is in the log"
     );
 }
+
+/// Nothing listens where it would be published: what is refused before that was compared.
+#[test]
+fn a_policy_that_is_worse_on_views_is_not_published_unless_it_is_said() {
+    let folder = folder();
+    let at = folder.path();
+    write_weights(&at.join("w.rgw"));
+    succeed(at, "keygen --out k.key");
+    let publish = |new: &str, old: &str, rest: &str| {
+        let to = "--key k.key --fleet lab --connect tcp/127.0.0.1:1";
+        let on = format!("--evaluate views:procedural:3 --against {old}");
+        let output = run(at, &format!("publish --weights {new} {to} {on} {rest}"));
+        assert_eq!(output.status.code(), Some(1));
+        String::from_utf8(output.stderr).expect("text")
+    };
+    let said = publish("w.rgw", "views", "");
+    assert!(said.contains("worse than views"), "{said}");
+    for said in [
+        publish("w.rgw", "views", "--anyway"),
+        publish("views", "w.rgw", ""),
+    ] {
+        assert!(said.contains("no zenoh session"), "{said}");
+    }
+    fail(
+        at,
+        "publish --weights w.rgw --key k.key --fleet lab --evaluate procedural:3 --against views",
+        &["procedural:3", "views:DIR"],
+    );
+}

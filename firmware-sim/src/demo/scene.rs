@@ -1,37 +1,41 @@
-//! What the robots of the demo see, and what their second policy is trained on.
+//! What the robots of the demo see, with which policy they begin, and what the second one is trained on.
 
 use super::{DemoArgs, ROBOTS};
-use anyhow::bail;
-use host_train::augment::{misalign, noisy_pair, noisy_sample};
-use host_train::dataset::camera::Camera;
-use host_train::dataset::pairs::{PairSet, Sample};
-use host_train::dataset::procedural::{self, Shape};
-use host_train::dataset::{Model, modelnet};
+use anyhow::{Context, bail};
+use host_train::augment::{noisy_pair, noisy_sample};
+use host_train::dataset::pairs::{PairSet, Sample, Seen};
+use host_train::dataset::{modelnet, procedural};
 use host_train::measure::eval::EvalError;
-use host_train::policy::WeightFile;
+use host_train::policy::{VIEWS, WeightFile};
 use host_train::publish::Comparison;
-use host_train::random::resample;
 use host_train::random::{Purpose, Rng, stream};
+use host_train::views::Views;
 use rand::RngExt;
+use std::path::Path;
 use std::sync::Arc;
 
 /// Points of each cloud that a robot registers.
 const POINTS: usize = 1024;
-/// Depth images of one shape, from all sides.
-const VIEWS: usize = 6;
-
+/// Parts of the site.
+const PARTS: usize = ROBOTS.len();
 /// Pairs on which the second policy must not be worse than the first.
-const COMPARED: u64 = 200;
+const COMPARED: u64 = 300;
+/// Pairs to which the integers of the second policy are fitted.
+const CALIBRATION: u64 = 96;
 
 /// Draws training sample number `i` from its own stream.
 pub(super) type Sampler = Arc<dyn Fn(&mut Rng, u64) -> Sample + Send + Sync>;
 
-/// Pairs with their true poses, and what to train on: shapes that no robot sees.
+/// Pairs with their true poses, and what to train on.
 pub(super) struct Scene {
     /// What the robots see, in a sentence.
     pub(super) description: String,
     /// As many pairs as the robots share evenly.
     pub(super) pairs: PairSet,
+    /// The policy that is published first.
+    pub(super) first: WeightFile,
+    /// The same in f32, to train on.
+    pub(super) start: WeightFile,
     /// What is trained on, in a few words.
     pub(super) training_description: String,
     /// Draws what is trained on.
@@ -43,49 +47,10 @@ impl Scene {
     /// The scene that the arguments ask for.
     pub(super) fn of(args: &DemoArgs) -> anyhow::Result<Scene> {
         let wanted = args.per_robot as usize * ROBOTS.len();
-        let seed = args.seed;
-        let mut scene = if let Some(path) = &args.pairs {
-            Scene {
-                description: format!("robots see the pairs of {}", path.display()),
-                pairs: PairSet::load(path)?,
-                training_description: "built-in shapes under sensor noise".into(),
-                seed,
-                training: Arc::new(move |rng, i| {
-                    noisy_sample(rng, &procedural::model(seed, i).points, POINTS)
-                }),
-            }
-        } else if let Some(directory) = &args.data {
-            let clouds = modelnet::load(directory, modelnet::Split::Train)?;
-            let held_out = modelnet::load(directory, modelnet::Split::Test)?;
-            let apart = (held_out.len() / wanted).max(1);
-            let spread = held_out.into_iter().step_by(apart).take(wanted);
-            Scene {
-                description: format!("robots see test clouds of {}", directory.display()),
-                pairs: pairs_of(spread, seed, |rng, cloud| {
-                    let sample = noisy_pair(rng, &cloud.points, POINTS);
-                    (sample, cloud)
-                }),
-                training_description: format!("training clouds of {}", directory.display()),
-                seed,
-                training: Arc::new(move |rng, _| {
-                    let cloud = &clouds[rng.random_range(0..clouds.len())];
-                    noisy_sample(rng, &cloud.points, POINTS)
-                }),
-            }
-        } else {
-            // The complement of the training seed: another, disjoint stream of shapes.
-            let held_out = (0..wanted as u64).map(|i| procedural::shape(!seed, i));
-            Scene {
-                description: format!(
-                    "robots see built-in shapes held out of all training, in {VIEWS} depth images each"
-                ),
-                pairs: pairs_of(held_out, seed, |rng, shape| {
-                    (seen_by_camera(rng, &shape), shape.model)
-                }),
-                training_description: "other built-in shapes, seen by the same camera".into(),
-                seed,
-                training: Arc::new(move |rng, i| seen_by_camera(rng, &procedural::shape(seed, i))),
-            }
+        let mut scene = match (&args.pairs, &args.data) {
+            (Some(path), _) => Scene::of_pairs(args, path)?,
+            (None, Some(directory)) => Scene::of_clouds(args, directory, wanted)?,
+            (None, None) => Scene::of_parts(args, wanted)?,
         };
         let found = scene.pairs.source.len().min(wanted);
         let shared = found - found % ROBOTS.len();
@@ -97,40 +62,124 @@ impl Scene {
         Ok(scene)
     }
 
+    fn of_pairs(args: &DemoArgs, path: &Path) -> anyhow::Result<Scene> {
+        let first = WeightFile::load_or_pretrained(args.weights.as_deref())?;
+        let seed = args.seed;
+        Ok(Scene {
+            description: format!("robots see the pairs of {}", path.display()),
+            pairs: PairSet::load(path)?,
+            start: first.clone(),
+            first,
+            training_description: "built-in shapes under sensor noise".into(),
+            training: Arc::new(move |rng, i| {
+                noisy_sample(rng, &procedural::model(seed, i).points, POINTS)
+            }),
+            seed,
+        })
+    }
+
+    fn of_clouds(args: &DemoArgs, directory: &Path, wanted: usize) -> anyhow::Result<Scene> {
+        let first = WeightFile::load_or_pretrained(args.weights.as_deref())?;
+        let clouds = modelnet::load(directory, modelnet::Split::Train)?;
+        let held_out = modelnet::load(directory, modelnet::Split::Test)?;
+        let apart = (held_out.len() / wanted).max(1);
+        let spread = held_out.into_iter().step_by(apart).take(wanted);
+        let mut pairs = PairSet::default();
+        for (index, cloud) in spread.enumerate() {
+            let rng = &mut stream(args.seed, Purpose::Pairs, index as u64);
+            let sample = noisy_pair(rng, &cloud.points, POINTS);
+            pairs.push(sample, cloud.points, cloud.label);
+        }
+        Ok(Scene {
+            description: format!("robots see test clouds of {}", directory.display()),
+            pairs,
+            start: first.clone(),
+            first,
+            training_description: format!("training clouds of {}", directory.display()),
+            training: Arc::new(move |rng, _| {
+                let cloud = &clouds[rng.random_range(0..clouds.len())];
+                noisy_sample(rng, &cloud.points, POINTS)
+            }),
+            seed: args.seed,
+        })
+    }
+
+    /// Parts that no policy has seen, each in depth views of its own.
+    fn of_parts(args: &DemoArgs, wanted: usize) -> anyhow::Result<Scene> {
+        let [first, start] = match &args.weights {
+            Some(path) => {
+                let first = WeightFile::load(path)?;
+                [first.clone(), first]
+            }
+            None => [WeightFile::load(Path::new(VIEWS))?, views_to_train_on()?],
+        };
+        let parts = Views::procedural(!args.seed, PARTS);
+        let mut pairs = PairSet::default();
+        for index in 0..wanted {
+            let rng = &mut stream(args.seed, Purpose::Pairs, index as u64);
+            let part = &parts.objects()[index % PARTS];
+            let seen = part.view(rng, POINTS, false);
+            let (sample, view_point) = seen.context("a part is not seen")?;
+            let clean = sample.target.clone();
+            pairs.push(sample, clean, part.label);
+            pairs.seen.get_or_insert_default().push(Seen {
+                view_point,
+                background: Vec::new(),
+            });
+        }
+        Ok(Scene {
+            description: format!(
+                "robots see {PARTS} parts, built-in shapes that no policy was trained on, in single depth views"
+            ),
+            pairs,
+            first,
+            start,
+            training_description: "other views of these parts".into(),
+            training: Arc::new(move |rng, i| {
+                let part = i as usize % PARTS;
+                let sample = parts.sample(part, rng, POINTS, false);
+                sample.expect("views of the parts were drawn before")
+            }),
+            seed: args.seed,
+        })
+    }
+
     /// Both policies on pairs of the kind that is trained on, drawn apart from training.
     pub(super) fn compare(
         &self,
         first: &WeightFile,
         second: &WeightFile,
     ) -> Result<Comparison, EvalError> {
+        Comparison::of(first, second, &self.draw(COMPARED, 0))
+    }
+
+    /// What was trained, in the first policy's number format.
+    pub(super) fn finished(&self, trained: WeightFile) -> anyhow::Result<WeightFile> {
+        if self.first.policy().f32().is_some() {
+            return Ok(trained);
+        }
+        let (policy, parameters) = (trained.policy(), trained.parameters(self.seed)?);
+        let pairs = self.draw(CALIBRATION, COMPARED);
+        let integers = WeightFile::from_parameters_int8_within(policy.sight, &parameters, &pairs)?;
+        Ok(integers.run_like(&policy))
+    }
+
+    /// Pairs of the kind that is trained on, drawn apart from training, after `skipped` others.
+    fn draw(&self, count: u64, skipped: u64) -> PairSet {
         let mut set = PairSet::default();
-        for index in u64::MAX - COMPARED..u64::MAX {
+        for index in skipped..skipped + count {
             let mut rng = stream(self.seed, Purpose::Split, index);
-            let sample = (self.training)(&mut rng, index);
+            let sample = (self.training)(&mut rng, u64::MAX - index);
             let raw = sample.target.clone();
             set.push(sample, raw, 0);
         }
-        Comparison::of(first, second, &set)
+        set
     }
 }
 
-/// The shape as depth cameras see it, moved at random; to be registered to points of its surface.
-fn seen_by_camera(rng: &mut Rng, shape: &Shape) -> Sample {
-    let source = Camera::default().observe(&shape.mesh, VIEWS, POINTS, rng);
-    let target = resample(rng, &shape.model.points, POINTS);
-    misalign(rng, source, target)
-}
-
-/// One pair of each item, each drawn from a stream of its own.
-fn pairs_of<T>(
-    items: impl Iterator<Item = T>,
-    seed: u64,
-    draw: impl Fn(&mut Rng, T) -> (Sample, Model),
-) -> PairSet {
-    let mut pairs = PairSet::default();
-    for (index, item) in items.enumerate() {
-        let (sample, model) = draw(&mut stream(seed, Purpose::Pairs, index as u64), item);
-        pairs.push(sample, model.points, model.label);
-    }
-    pairs
+/// The bundled policy for views in f32, which is not linked in.
+fn views_to_train_on() -> anyhow::Result<WeightFile> {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../core/weights/views.rgw");
+    WeightFile::load(Path::new(path))
+        .context("the second policy is trained from views.rgw of the repository; or give --weights")
 }

@@ -37,7 +37,7 @@ pub(crate) struct Row {
 
 impl Row {
     /// What the columns are.
-    pub(crate) const HEADER: &str = "                      pairs   ISO R deg          ISO t              recall\n                              median    mean     median   mean     (5 deg, .05)";
+    pub(crate) const HEADER: &str = "                          pairs   ISO R deg          ISO t              recall          AD below\n                                  median    mean     median   mean     (5 deg, .05)    .10 .05 .02 d";
 
     /// The errors of some pairs.
     pub(crate) fn new(name: &str, pairs: &[PairMetrics]) -> Row {
@@ -54,7 +54,7 @@ impl std::fmt::Display for Row {
         let s = &self.summary;
         write!(
             f,
-            "{:20} {:6} {:9.2} {:7.2} {:10.4} {:6.4} {:10.0} %",
+            "{:24} {:6} {:9.2} {:7.2} {:10.4} {:6.4} {:10.0} % {:9.0} {:3.0} {:3.0} %",
             self.name,
             self.pairs,
             s.r_iso_median_deg,
@@ -62,6 +62,9 @@ impl std::fmt::Display for Row {
             s.t_iso_median,
             s.t_iso,
             100.0 * s.recall_r5_t005,
+            s.ad10_pct,
+            s.ad05_pct,
+            s.ad02_pct,
         )
     }
 }

@@ -2,10 +2,9 @@
 
 use super::normalise::Normalisation;
 use super::segment::{inside, patch};
-use crate::augment::{random_direction, transform};
+use crate::augment::{random_direction, random_rotation, transform};
 use crate::dataset::Point;
 use crate::dataset::bop::{BopError, Instance, MaskKind, Models, Scenes, training_scenes};
-use crate::dataset::camera::random_rotation;
 use crate::dataset::depth::DepthImage;
 use crate::dataset::pairs::{PairSet, Sample};
 use crate::random::resample;

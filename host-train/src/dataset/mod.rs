@@ -4,7 +4,6 @@
 //! ModelNet40 300 MiB, ShapeNet's 51,000 models 1.2 GiB. What would exceed [`MAX_BYTES`] is refused.
 
 pub mod bop;
-pub mod camera;
 pub mod cloud_file;
 pub mod depth;
 mod error;

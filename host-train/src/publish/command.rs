@@ -6,13 +6,20 @@ use super::{
     read_key,
 };
 use crate::dataset::pairs::PairSet;
+use crate::learn::train::DataSource;
 use crate::policy::WeightFile;
+use crate::views::Views;
 use reagent_core::wire::{Manifest, PolicyName};
 use reagent_link::metrics::MetricsArgs;
 use reagent_link::stop::stop_requested;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
+
+/// Views on which policies are compared, points of each, and the seed that they are drawn by.
+const VIEWS: usize = 300;
+const POINTS: usize = 1024;
+const SEED: u64 = 42;
 
 /// Serve a policy to a fleet until Ctrl-C.
 #[derive(clap::Args, Clone, Debug)]
@@ -65,9 +72,10 @@ pub struct PublishArgs {
         requires = "stages"
     )]
     pub gate_wait: u64,
-    /// Pairs on which the policy must not be worse than the one before it; where it is, it is not published.
-    #[arg(long, value_name = "FILE.h5", requires = "against")]
-    pub evaluate: Option<PathBuf>,
+    /// Pairs, or meshes of which 300 views are rendered, on which the policy must not be worse than the one before it; where it
+    /// is, it is not published.
+    #[arg(long, value_name = "FILE.h5|views:DIR", requires = "against")]
+    pub evaluate: Option<DataSource>,
     /// The policy before it, for --evaluate and --stages.
     #[arg(long, value_name = "FILE.rgw")]
     pub against: Option<PathBuf>,
@@ -98,8 +106,8 @@ pub async fn run(args: PublishArgs) -> Result<(), PublishError> {
         since_1970.map_or(1, |time| time.as_secs())
     });
     let provenance = Provenance::read(args.run.as_deref(), args.evaluation.as_deref())?;
-    if let (Some(pairs), Some(old)) = (&args.evaluate, &args.against) {
-        compare(pairs, old, &file, args.anyway)?;
+    if let (Some(on), Some(old)) = (&args.evaluate, &args.against) {
+        compare(on, old, &file, args.anyway)?;
     }
     let session = open_session(&args.session).await?;
     let mut publisher = Publisher::new(session, &args.fleet, key)?;
@@ -196,13 +204,27 @@ async fn roll_out(
 }
 
 /// Compares the policy with the one before it, and says what came of it.
-fn compare(pairs: &Path, old: &Path, new: &WeightFile, anyway: bool) -> Result<(), PublishError> {
+fn compare(
+    on: &DataSource,
+    old: &Path,
+    new: &WeightFile,
+    anyway: bool,
+) -> Result<(), PublishError> {
     let before = WeightFile::load(old)?;
     let failed = |reason: String| PublishError::Evaluation {
-        path: pairs.into(),
+        path: on.to_string().into(),
         reason,
     };
-    let set = PairSet::load(pairs).map_err(|error| failed(error.to_string()))?;
+    let set = match on {
+        DataSource::Views(meshes) => Views::load(meshes, SEED).map(|views| {
+            let mut set = PairSet::default();
+            views.draw(VIEWS, POINTS, SEED, &mut set);
+            set
+        }),
+        DataSource::Directory(path) => PairSet::load(path),
+        _ => return Err(failed("give a file of pairs, or views:DIR".into())),
+    };
+    let set = set.map_err(|error| failed(error.to_string()))?;
     let comparison = Comparison::of(&before, new, &set);
     let comparison = comparison.map_err(|error| failed(error.to_string()))?;
     println!("against {}: {comparison}", old.display());

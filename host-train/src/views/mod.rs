@@ -14,10 +14,9 @@
 mod scene;
 pub mod start;
 
-use crate::augment::{affine, random_affine};
+use crate::augment::{affine, random_affine, random_rotation};
 use crate::bop::sample::placed;
 use crate::bop::synth::sensor::{Sensor, estimated_mask};
-use crate::dataset::camera::random_rotation;
 use crate::dataset::cloud_file::{CloudError, npy, read_file};
 use crate::dataset::mesh::Mesh;
 use crate::dataset::pairs::{PairSet, Sample};
@@ -84,8 +83,9 @@ impl Object {
         &self.surface
     }
 
-    /// A view of it and a start. `None` in the rare case that nothing of it is seen.
-    pub fn view(&self, rng: &mut Rng, points: usize, deform: bool) -> Option<Sample> {
+    /// A view of it from a start, and where the camera stood in the source's frame. `None` in the rare case that nothing of
+    /// it is seen.
+    pub fn view(&self, rng: &mut Rng, points: usize, deform: bool) -> Option<(Sample, Point)> {
         let [least, most] = RADIUS_MM.map(f32::ln);
         let radius = rng.random_range(least..most).exp();
         let shape = if deform {
@@ -105,8 +105,8 @@ impl Object {
             let estimate = start::estimate(&truth, radius, rng);
             let mut target = resample(rng, &self.surface, points);
             affine(&mut target, &model_from_mesh.into());
-            let (sample, _) = placed(source, target, &estimate, &truth)?;
-            return Some(sample);
+            let (sample, frame) = placed(source, target, &estimate, &truth)?;
+            return Some((sample, frame.point(estimate.inverse().translation)));
         }
         None
     }
@@ -223,7 +223,8 @@ impl Views {
     ) -> Option<Sample> {
         let from = self.objects.iter().cycle().skip(index);
         let mut tried = from.take(self.objects.len());
-        tried.find_map(|object| object.view(rng, points, deform))
+        let (sample, _) = tried.find_map(|object| object.view(rng, points, deform))?;
+        Some(sample)
     }
 
     /// `count` training views of the meshes in turn, as [`Views::sample`] draws them, in NumPy's format:

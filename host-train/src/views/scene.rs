@@ -1,6 +1,6 @@
 //! What surrounds an object in a training view: planes behind and below it, other things beside and before it.
 
-use crate::dataset::camera::random_rotation;
+use crate::augment::random_rotation;
 use crate::dataset::mesh::Mesh;
 use crate::dataset::raster::Pinhole;
 use crate::random::Rng;

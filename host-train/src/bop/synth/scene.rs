@@ -1,7 +1,7 @@
 //! Objects placed on a plane, and what a camera without noise sees of them.
 
 use super::objects::Object;
-use crate::dataset::camera::random_rotation;
+use crate::augment::random_rotation;
 use crate::dataset::raster::Pinhole;
 use crate::random::Rng;
 use glam::{Affine3A, Mat3, Vec2, Vec3};

@@ -2,6 +2,7 @@
 
 use super::config::{Stage, TrainConfig};
 use super::error::TrainError;
+use super::method::{Follow, RollOut};
 use super::trainer::Trainer;
 use crate::dataset::pairs::Sample;
 use crate::learn::env::Problem;
@@ -12,8 +13,14 @@ use rayon::prelude::*;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-/// Trains a policy on with imitation until the time is up, and returns the new policy. Sample number `i`
-/// is drawn by `sample` from a stream of its own; `progress` is told the updates done and the loss.
+/// Rate of the first update; it falls to zero with the time that is left.
+const LEARNING_RATE: f32 = 2e-4;
+/// Of the average over the last mini-batches ([`super::Method::average`]), of which there are a few hundred.
+const AVERAGE: f32 = 0.98;
+
+/// Trains a policy in f32 on with imitation until the time is up, and returns the new policy, which looks and decides as
+/// the first does. Sample number `i` is drawn by `sample` from a stream of its own; `progress` is told the updates done and
+/// the loss.
 ///
 /// # Errors
 /// [`TrainError::Diverged`] or [`TrainError::Policy`].
@@ -25,11 +32,15 @@ pub fn fine_tune(
     mut progress: impl FnMut(u64, f64),
 ) -> Result<WeightFile, TrainError> {
     let mut config = TrainConfig::new(Stage::Il, Vec::new(), PathBuf::new());
-    config.seed = seed;
-    // A short run: smaller buffers give more frequent, fresher ones, and the rate falls to zero with
-    // the time that is left.
-    config.roll_out.problems = 16;
-    config.roll_out.trajectories = 2;
+    // A short run: smaller buffers give more frequent, fresher ones.
+    config.roll_out = RollOut {
+        problems: 32,
+        trajectories: 1,
+        ..RollOut::default()
+    };
+    config.method.follow = Follow::Mean;
+    config.method.average = Some(AVERAGE);
+    let policy = start.policy();
     let parameters = start.parameters(seed)?;
     let adam = Adam::new(parameters.values.len());
     let mut trainer = Trainer::new(parameters, adam, 0, seed, config.roll_out, config.method);
@@ -43,13 +54,16 @@ pub fn fine_tune(
         let update = trainer.updates;
         let problems = (update * batch..(update + 1) * batch)
             .into_par_iter()
-            .map(|i| Problem::from(sample(&mut stream(seed, Purpose::Augment, i), i)))
+            .map(|i| {
+                let sample = sample(&mut stream(seed, Purpose::Augment, i), i);
+                Problem::seen(policy.sight, sample)
+            })
             .collect();
-        let rate = config.learning_rate.initial * (1.0 - spent);
+        let rate = LEARNING_RATE * (1.0 - spent);
         let stats = trainer
             .update(problems, rate)
             .map_err(|diverged| TrainError::diverged(update, &diverged, None))?;
         progress(trainer.updates, stats.loss);
     }
-    Ok(WeightFile::from_parameters(&trainer.result())?)
+    Ok(WeightFile::from_parameters(&trainer.result())?.run_like(&policy))
 }

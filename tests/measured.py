@@ -249,7 +249,7 @@ def sweeps(args):
 
 def verdict(args):
     words = ["--meshes", args.meshes.parent] if args.meshes else []
-    found = measure("calibrate", "--data", args.data, *words, "--count", 400, "--seed", 7)["quality"]
+    found = measure("calibrate", "--data", args.data, *words, "--count", 1000, "--seed", 7)["quality"]
     rows = []
     for line in found:
         fitted, left_out, built_in = line["fitted"], line["left_out"], line["built_in"]

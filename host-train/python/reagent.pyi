@@ -1,6 +1,6 @@
 """Registers an observed point cloud to a model, and says how likely the pose is right."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from os import PathLike
 from typing import Any, Literal, Union, final
 
@@ -16,6 +16,7 @@ _Verdict = Literal[
     "converged", "step limit", "oscillating", "out of range", "poor fit", "sizes differ", "too few points", "mirrored"
 ]
 _Start = Union[ArrayLike, Literal["identity", "anywhere"], None]
+_Starts = Union[_Start, Sequence[Union[ArrayLike, Literal["identity", "anywhere"]]]]
 
 class Error(ValueError): ...
 class CloudError(Error): ...
@@ -57,12 +58,27 @@ class Registration:
     @property
     def covariance_about(self) -> NDArray[float64] | None: ...
     @property
+    def start(self) -> int | None: ...
+    @property
+    def others(self) -> list[Other]: ...
+    @property
     def steps(self) -> list[Step]: ...
     @property
     def notes(self) -> list[str]: ...
     @property
     def ms(self) -> float: ...
     def to_dict(self) -> dict[str, Any]: ...
+
+@final
+class Other:
+    @property
+    def target_from_source(self) -> NDArray[float64]: ...
+    @property
+    def probability(self) -> float: ...
+    @property
+    def overlap(self) -> float: ...
+    @property
+    def rmse(self) -> float: ...
 
 @final
 class Undetermined:
@@ -109,20 +125,21 @@ class Registrar:
         self,
         source: ArrayLike,
         target: ArrayLike,
-        init: _Start = None,
+        init: _Starts = None,
         mode: _Mode = "verify",
         viewpoint: ArrayLike | None = None,
         *,
         steps: int = 10,
         points: int | None = None,
         dense: _Dense = "auto",
+        best: int = 1,
     ) -> Registration: ...
     def register_depth(
         self,
         depth: ArrayLike,
         camera: ArrayLike,
         target: ArrayLike,
-        init: _Start = None,
+        init: _Starts = None,
         mode: _Mode = "verify",
         *,
         mask: ArrayLike | None = None,
@@ -130,26 +147,29 @@ class Registrar:
         steps: int = 10,
         points: int | None = None,
         dense: _Dense = "auto",
+        best: int = 1,
     ) -> Registration: ...
     def refine(
         self,
         source: ArrayLike,
         target: ArrayLike,
-        init: _Start = None,
+        init: _Starts = None,
         viewpoint: ArrayLike | None = None,
         *,
         points: int | None = None,
         dense: _Dense = "auto",
+        best: int = 1,
     ) -> Registration: ...
     def verify(
         self,
         source: ArrayLike,
         target: ArrayLike,
-        init: _Start = None,
+        init: _Starts = None,
         viewpoint: ArrayLike | None = None,
         *,
         points: int | None = None,
         dense: _Dense = "auto",
+        best: int = 1,
     ) -> Registration: ...
     def register_batch(
         self,
@@ -168,19 +188,20 @@ class Registrar:
 def register(
     source: ArrayLike,
     target: ArrayLike,
-    init: _Start = None,
+    init: _Starts = None,
     mode: _Mode = "verify",
     viewpoint: ArrayLike | None = None,
     *,
     steps: int = 10,
     points: int | None = None,
     dense: _Dense = "auto",
+    best: int = 1,
 ) -> Registration: ...
 def register_depth(
     depth: ArrayLike,
     camera: ArrayLike,
     target: ArrayLike,
-    init: _Start = None,
+    init: _Starts = None,
     mode: _Mode = "verify",
     *,
     mask: ArrayLike | None = None,
@@ -188,24 +209,27 @@ def register_depth(
     steps: int = 10,
     points: int | None = None,
     dense: _Dense = "auto",
+    best: int = 1,
 ) -> Registration: ...
 def refine(
     source: ArrayLike,
     target: ArrayLike,
-    init: _Start = None,
+    init: _Starts = None,
     viewpoint: ArrayLike | None = None,
     *,
     points: int | None = None,
     dense: _Dense = "auto",
+    best: int = 1,
 ) -> Registration: ...
 def verify(
     source: ArrayLike,
     target: ArrayLike,
-    init: _Start = None,
+    init: _Starts = None,
     viewpoint: ArrayLike | None = None,
     *,
     points: int | None = None,
     dense: _Dense = "auto",
+    best: int = 1,
 ) -> Registration: ...
 def register_batch(
     sources: Iterable[ArrayLike] | NDArray[Any],

@@ -13,13 +13,15 @@ use pyo3::types::PyList;
 /// last refinement uses all of them.
 ///
 /// init: where to start: a pose (4x4, or the 3x4 of it), "identity" (as the clouds lie; the default) or "anywhere" (the
-///     source may be turned in any way; the command line's `--init none`).
+///     source may be turned in any way; the command line's `--init none`). Of several, in a list or an array (K, 4, 4), each
+///     is tried, the most probable pose wins, and `start` of what is returned says where it came from.
 /// mode: "fast" (the policy's steps alone), "polish" (then closest points), "verify" (then compared with other poses) or
 ///     "refine" (closest points from the start, without the policy).
 /// viewpoint: where the sensor stood in the source's coordinates, if the source is a view from one point.
 /// steps: the policy's steps at most.
 /// points: points of each cloud that the policy sees at most.
 /// dense: whether the pose is refined on all points at last: "auto" (where a cloud was thinned), "always" or "never".
+/// best: how many of the most probable poses to tell: the first is given out, those that follow are `others`.
 ///
 /// Raises CloudError or Error, which are ValueErrors. The numbers are those of `host-train register`.
 ///
@@ -27,12 +29,16 @@ use pyo3::types::PyList;
 /// >>> cloud = numpy.random.default_rng(1).normal(size=(500, 3)) * [3, 2, 1]
 /// >>> reagent.register(cloud + [0.2, 0, 0], cloud).verdict
 /// 'converged'
+/// >>> turn = numpy.diag([-1, -1, 1, 1])
+/// >>> found = reagent.register(cloud + [0.2, 0, 0], cloud, [turn, "identity"], best=2)
+/// >>> found.start, len(found.others) <= 1
+/// (1, True)
 /// >>> reagent.register(cloud[:, :2], cloud)
 /// Traceback (most recent call last):
 /// reagent.CloudError: source: expected an array of float32 or float64 of shape (N, 3), found shape (500, 2) of float64
 #[pyfunction]
 #[pyo3(signature = (source, target, init = None, mode = "verify", viewpoint = None, *, steps = 10, points = None,
-    dense = "auto"))]
+    dense = "auto", best = 1))]
 #[allow(clippy::too_many_arguments, reason = "keywords in Python")]
 pub(crate) fn register(
     py: Python<'_>,
@@ -44,9 +50,10 @@ pub(crate) fn register(
     steps: usize,
     points: Option<usize>,
     dense: &str,
+    best: usize,
 ) -> PyResult<Registration> {
     Registrar::bundled().register(
-        py, source, target, init, mode, viewpoint, steps, points, dense,
+        py, source, target, init, mode, viewpoint, steps, points, dense, best,
     )
 }
 
@@ -65,7 +72,7 @@ pub(crate) fn register(
 /// array([-0.05,  0.  ,  0.  ])
 #[pyfunction]
 #[pyo3(signature = (depth, camera, target, init = None, mode = "verify", *, mask = None, depth_scale = 1.0, steps = 10,
-    points = None, dense = "auto"))]
+    points = None, dense = "auto", best = 1))]
 #[allow(clippy::too_many_arguments, reason = "keywords in Python")]
 pub(crate) fn register_depth(
     py: Python<'_>,
@@ -79,6 +86,7 @@ pub(crate) fn register_depth(
     steps: usize,
     points: Option<usize>,
     dense: &str,
+    best: usize,
 ) -> PyResult<Registration> {
     Registrar::bundled().register_depth(
         py,
@@ -92,6 +100,7 @@ pub(crate) fn register_depth(
         steps,
         points,
         dense,
+        best,
     )
 }
 
@@ -102,7 +111,8 @@ pub(crate) fn register_depth(
 /// >>> reagent.refine(cloud + [0.02, 0, 0], cloud).steps
 /// []
 #[pyfunction]
-#[pyo3(signature = (source, target, init = None, viewpoint = None, *, points = None, dense = "auto"))]
+#[pyo3(signature = (source, target, init = None, viewpoint = None, *, points = None, dense = "auto", best = 1))]
+#[allow(clippy::too_many_arguments, reason = "keywords in Python")]
 pub(crate) fn refine(
     py: Python<'_>,
     source: &Bound<'_, PyAny>,
@@ -111,8 +121,9 @@ pub(crate) fn refine(
     viewpoint: Option<&Bound<'_, PyAny>>,
     points: Option<usize>,
     dense: &str,
+    best: usize,
 ) -> PyResult<Registration> {
-    Registrar::bundled().refine(py, source, target, init, viewpoint, points, dense)
+    Registrar::bundled().refine(py, source, target, init, viewpoint, points, dense, best)
 }
 
 /// Refines a pose that something else found and compares it with others, without the policy: says how likely it is right,
@@ -123,7 +134,8 @@ pub(crate) fn refine(
 /// >>> reagent.verify(cloud, cloud, numpy.eye(4)).converged
 /// True
 #[pyfunction]
-#[pyo3(signature = (source, target, init = None, viewpoint = None, *, points = None, dense = "auto"))]
+#[pyo3(signature = (source, target, init = None, viewpoint = None, *, points = None, dense = "auto", best = 1))]
+#[allow(clippy::too_many_arguments, reason = "keywords in Python")]
 pub(crate) fn verify(
     py: Python<'_>,
     source: &Bound<'_, PyAny>,
@@ -132,8 +144,9 @@ pub(crate) fn verify(
     viewpoint: Option<&Bound<'_, PyAny>>,
     points: Option<usize>,
     dense: &str,
+    best: usize,
 ) -> PyResult<Registration> {
-    Registrar::bundled().verify(py, source, target, init, viewpoint, points, dense)
+    Registrar::bundled().verify(py, source, target, init, viewpoint, points, dense, best)
 }
 
 /// Registers many pairs over threads: a list of Registrations in the order of the pairs.

@@ -41,7 +41,7 @@ mod module {
     #[pymodule_export]
     use crate::registrar::Registrar;
     #[pymodule_export]
-    use crate::registration::{Axis, Registration, Step, Undetermined};
+    use crate::registration::{Axis, Other, Registration, Step, Undetermined};
     use pyo3::prelude::*;
 
     #[pymodule_init]

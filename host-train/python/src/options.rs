@@ -5,9 +5,12 @@ use crate::error::bad;
 use host_train::register::Start;
 use host_train::register::dense::Dense;
 use host_train::register::request::Request;
+use numpy::PyUntypedArray;
 use pyo3::prelude::*;
 use pyo3::pybacked::PyBackedStr;
+use pyo3::types::{PySequence, PyString};
 use reagent_core::dims::MAX_POINTS;
+use reagent_core::pipeline::Mode;
 use std::ops::RangeInclusive;
 
 /// Points that the policy may be told to see.
@@ -16,10 +19,22 @@ const POINTS: RangeInclusive<usize> = 16..=MAX_POINTS;
 /// What is to be done with one pair, or with each of several.
 pub(crate) struct Options {
     common: Request,
+    /// Several for one pair, or one for each of several pairs.
     starts: Option<Vec<Start>>,
+    best: usize,
     view_points: Option<Vec<[f64; 3]>>,
     /// Points of each cloud that the policy sees at most.
     pub(crate) points: Option<usize>,
+}
+
+/// What is to be done with a pair.
+#[derive(Clone)]
+pub(crate) struct Asked {
+    pub(crate) request: Request,
+    /// From each of these; the request's own is not looked at.
+    pub(crate) starts: Vec<Start>,
+    /// How many of the most probable poses are told.
+    pub(crate) best: usize,
 }
 
 impl Options {
@@ -28,6 +43,7 @@ impl Options {
         mode: &str,
         viewpoint: Option<&Bound<'_, PyAny>>,
         (steps, points, dense): (usize, Option<usize>, &str),
+        best: usize,
     ) -> PyResult<Options> {
         let mut options = Options {
             common: Request {
@@ -42,11 +58,14 @@ impl Options {
                 ..Request::default()
             },
             starts: None,
+            best,
             view_points: None,
             points,
         };
-        if steps == 0 {
-            return Err(bad("steps", "expected a number from 1"));
+        for (name, number) in [("steps", steps), ("best", best)] {
+            if number == 0 {
+                return Err(bad(name, "expected a number from 1"));
+            }
         }
         if points.is_some_and(|count| !POINTS.contains(&count)) {
             let (least, most) = (POINTS.start(), POINTS.end());
@@ -78,27 +97,42 @@ impl Options {
     }
 
     /// For one pair.
-    pub(crate) fn one(&self) -> PyResult<Request> {
-        let wrong = |name| Err(bad(name, "expected one, for one pair of clouds"));
-        match (&self.starts, &self.view_points) {
-            (Some(_), _) => wrong("init"),
-            (_, Some(_)) => wrong("viewpoint"),
-            (None, None) => Ok(self.common),
+    pub(crate) fn one(&self) -> PyResult<Asked> {
+        if self.view_points.is_some() {
+            return Err(bad("viewpoint", "expected one, for one pair of clouds"));
         }
+        let starts = self.starts.clone().unwrap_or(vec![self.common.start]);
+        if starts.is_empty() {
+            return Err(bad("init", "expected one start or more, found none"));
+        }
+        if self.common.mode == Mode::Fast && (starts.len() > 1 || self.best > 1) {
+            return Err(bad(
+                "mode",
+                "fast does not compare poses: take another one for `best` and for several starts",
+            ));
+        }
+        Ok(Asked {
+            request: self.common,
+            starts,
+            best: self.best,
+        })
     }
 
     /// For each of so many pairs.
-    pub(crate) fn each(&self, pairs: usize) -> PyResult<Vec<Request>> {
+    pub(crate) fn each(&self, pairs: usize) -> PyResult<Vec<Asked>> {
         let starts = each("init", &self.starts, self.common.start, pairs)?;
         let points = self.view_points.as_ref();
         let points = points.map(|points| points.iter().copied().map(Some).collect());
         let points = each("viewpoint", &points, self.common.view_point, pairs)?;
-        let request = |(start, view_point)| Request {
-            start,
-            view_point,
-            ..self.common
+        let asked = |(start, view_point)| Asked {
+            request: Request {
+                view_point,
+                ..self.common
+            },
+            starts: vec![start],
+            best: self.best,
         };
-        Ok(starts.into_iter().zip(points).map(request).collect())
+        Ok(starts.into_iter().zip(points).map(asked).collect())
     }
 }
 
@@ -122,6 +156,20 @@ enum Starts {
 }
 
 fn start(given: &Bound<'_, PyAny>) -> PyResult<Starts> {
+    // Words and poses, which are no array.
+    if let Ok(listed) = given.cast::<PySequence>()
+        && !given.is_instance_of::<PyString>()
+        && !given.is_instance_of::<PyUntypedArray>()
+    {
+        let items = listed.try_iter()?.collect::<PyResult<Vec<_>>>()?;
+        if items.iter().any(|item| item.is_instance_of::<PyString>()) {
+            let each = items.iter().map(|item| match start(item)? {
+                Starts::One(start) => Ok(start),
+                Starts::Each(_) => Err(bad("init", "expected a word or one pose in each place")),
+            });
+            return each.collect::<PyResult<_>>().map(Starts::Each);
+        }
+    }
     if let Ok(word) = given.extract::<PyBackedStr>() {
         return match &*word {
             "identity" => Ok(Starts::One(Start::Identity)),

@@ -4,7 +4,7 @@ use crate::array::{Cloud, View};
 use crate::clouds::Clouds;
 use crate::depth::depth_image;
 use crate::error::{Error, bad, bad_cloud, no_threads};
-use crate::options::Options;
+use crate::options::{Asked, Options};
 use crate::policy::Policy;
 use crate::registration::Registration;
 use host_train::register::Memory;
@@ -61,7 +61,7 @@ impl Registrar {
 
     /// As the function `register`, with this policy.
     #[pyo3(signature = (source, target, init = None, mode = "verify", viewpoint = None, *, steps = 10, points = None,
-        dense = "auto"))]
+        dense = "auto", best = 1))]
     #[allow(clippy::too_many_arguments, reason = "keywords in Python")]
     pub(crate) fn register(
         &self,
@@ -74,14 +74,15 @@ impl Registrar {
         steps: usize,
         points: Option<usize>,
         dense: &str,
+        best: usize,
     ) -> PyResult<Registration> {
-        let options = Options::new(init, mode, viewpoint, (steps, points, dense))?;
+        let options = Options::new(init, mode, viewpoint, (steps, points, dense), best)?;
         self.run(py, [source, target], &options)
     }
 
     /// As the function `register_depth`, with this policy.
     #[pyo3(signature = (depth, camera, target, init = None, mode = "verify", *, mask = None, depth_scale = 1.0, steps = 10,
-        points = None, dense = "auto"))]
+        points = None, dense = "auto", best = 1))]
     #[allow(clippy::too_many_arguments, reason = "keywords in Python")]
     pub(crate) fn register_depth(
         &self,
@@ -96,16 +97,15 @@ impl Registrar {
         steps: usize,
         points: Option<usize>,
         dense: &str,
+        best: usize,
     ) -> PyResult<Registration> {
-        let options = Options::new(init, mode, None, (steps, points, dense))?;
-        let request = Request {
-            view_point: Some([0.0; 3]),
-            ..options.one()?
-        };
+        let options = Options::new(init, mode, None, (steps, points, dense), best)?;
+        let mut asked = options.one()?;
+        asked.request.view_point = Some([0.0; 3]);
         let seen = depth_image(depth, camera, mask, depth_scale)?;
         let target = Cloud::new("target", target)?;
         let target = target.view();
-        let policy = self.policy_for(&request);
+        let policy = self.policy_for(&asked.request);
         py.detach(|| {
             let object = seen.object();
             let source = Prepared::of_points(&object, Path::new("depth"), points);
@@ -113,14 +113,12 @@ impl Registrar {
             source.see(&seen.background(), 1.0);
             let names = ["depth", target.name()];
             let target = target.prepared(points).map_err(|error| bad_cloud(&error))?;
-            with_memory(|memory| {
-                register_prepared(policy, memory, [source, target], names, &request)
-            })
+            with_memory(|memory| register_prepared(policy, memory, [source, target], names, &asked))
         })
     }
 
     /// As the function `refine`.
-    #[pyo3(signature = (source, target, init = None, viewpoint = None, *, points = None, dense = "auto"))]
+    #[pyo3(signature = (source, target, init = None, viewpoint = None, *, points = None, dense = "auto", best = 1))]
     #[allow(clippy::too_many_arguments, reason = "keywords in Python")]
     pub(crate) fn refine(
         &self,
@@ -131,13 +129,14 @@ impl Registrar {
         viewpoint: Option<&Bound<'_, PyAny>>,
         points: Option<usize>,
         dense: &str,
+        best: usize,
     ) -> PyResult<Registration> {
-        let options = Options::new(init, "refine", viewpoint, (1, points, dense))?;
+        let options = Options::new(init, "refine", viewpoint, (1, points, dense), best)?;
         self.run(py, [source, target], &options)
     }
 
     /// As the function `verify`.
-    #[pyo3(signature = (source, target, init = None, viewpoint = None, *, points = None, dense = "auto"))]
+    #[pyo3(signature = (source, target, init = None, viewpoint = None, *, points = None, dense = "auto", best = 1))]
     #[allow(clippy::too_many_arguments, reason = "keywords in Python")]
     pub(crate) fn verify(
         &self,
@@ -148,8 +147,9 @@ impl Registrar {
         viewpoint: Option<&Bound<'_, PyAny>>,
         points: Option<usize>,
         dense: &str,
+        best: usize,
     ) -> PyResult<Registration> {
-        let options = Options::new(init, "verify", viewpoint, (1, points, dense))?;
+        let options = Options::new(init, "verify", viewpoint, (1, points, dense), best)?;
         self.run(py, [source, target], &options.without_policy())
     }
 
@@ -170,7 +170,7 @@ impl Registrar {
         dense: &str,
         return_exceptions: bool,
     ) -> PyResult<Bound<'py, PyList>> {
-        let options = Options::new(init, mode, viewpoint, (steps, points, dense))?;
+        let options = Options::new(init, mode, viewpoint, (steps, points, dense), 1)?;
         let clouds = [
             Clouds::new("sources", sources)?,
             Clouds::new("targets", targets)?,
@@ -216,12 +216,12 @@ impl Registrar {
         [source, target]: [&Bound<'_, PyAny>; 2],
         options: &Options,
     ) -> PyResult<Registration> {
-        let request = options.one()?;
+        let asked = options.one()?;
         let clouds = [Cloud::new("source", source)?, Cloud::new("target", target)?];
         let views = clouds.each_ref().map(Cloud::view);
-        let policy = self.policy_for(&request);
+        let policy = self.policy_for(&asked.request);
         py.detach(|| {
-            with_memory(|memory| register_views(policy, memory, views, &request, options.points))
+            with_memory(|memory| register_views(policy, memory, views, &asked, options.points))
         })
     }
 
@@ -241,7 +241,7 @@ impl Registrar {
             (Clouds::Each(each), _) | (_, Clouds::Each(each)) => each.len(),
             (Clouds::One(_), Clouds::One(_)) => 1,
         };
-        let requests = options.each(pairs)?;
+        let each = options.each(pairs)?;
         let jobs: Vec<PyResult<[View<'_>; 2]>> = (0..pairs)
             .map(|pair| Ok([sources.view(py, pair)?, targets.view(py, pair)?]))
             .collect();
@@ -255,12 +255,12 @@ impl Registrar {
                 let done = results.len();
                 let count = (pairs - done).min(BETWEEN_LOOKS * pool.current_num_threads());
                 let register = |memory: &mut Memory, i: usize| {
-                    let (request, job) = (&requests[done + i], jobs[done + i].as_ref().ok()?);
+                    let (asked, job) = (&each[done + i], jobs[done + i].as_ref().ok()?);
                     Some(register_views(
-                        self.policy_for(request),
+                        self.policy_for(&asked.request),
                         memory,
                         *job,
-                        request,
+                        asked,
                         options.points,
                     ))
                 };
@@ -293,14 +293,14 @@ fn register_views(
     policy: weights::Policy<'_>,
     memory: &mut Memory,
     views: [View<'_>; 2],
-    request: &Request,
+    asked: &Asked,
     points: Option<usize>,
 ) -> PyResult<Registration> {
     let [source, target] = views.map(|view| view.prepared(points));
     let source = source.map_err(|error| bad_cloud(&error))?;
     let target = target.map_err(|error| bad_cloud(&error))?;
     let names = views.map(View::name);
-    register_prepared(policy, memory, [source, target], names, request)
+    register_prepared(policy, memory, [source, target], names, asked)
 }
 
 fn register_prepared(
@@ -308,12 +308,17 @@ fn register_prepared(
     memory: &mut Memory,
     [source, mut target]: [Prepared<'_>; 2],
     names: [&str; 2],
-    request: &Request,
+    asked: &Asked,
 ) -> PyResult<Registration> {
+    let Asked {
+        request,
+        starts,
+        best,
+    } = asked;
     if request.view_point.is_some() {
         target.notice_missing_faces();
     }
-    let done = request.register(policy, memory, &source, &target);
+    let done = request.register_from(starts, *best, policy, memory, [&source, &target]);
     let done = done.map_err(|error| {
         let [source, target] = names;
         Error::new_err(format!("cannot register {source} to {target}: {error}"))

@@ -3,7 +3,7 @@
 use crate::array::matrix;
 use crate::json::as_json;
 use host_train::pose64::{Pose64, Position};
-use host_train::register::document::{Document, Fit, Open, OpenAxis};
+use host_train::register::document::{Document, Fit, Open, OpenAxis, OtherPose};
 use host_train::register::prepared::Prepared;
 use host_train::register::request::Done;
 use host_train::register::trace::{self, Probabilities};
@@ -104,6 +104,18 @@ impl Registration {
         Some(PyArray1::from_owned_array(py, arr1(&about)))
     }
 
+    /// Which of several starts it came from, from 0; None where there was one.
+    #[getter]
+    fn start(&self) -> Option<usize> {
+        self.document.start
+    }
+
+    /// The next best poses, the most probable first, as far as `best` asked for them.
+    #[getter]
+    fn others(&self) -> Vec<Other> {
+        self.document.others.iter().cloned().map(Other).collect()
+    }
+
     /// The policy's steps, in the order taken.
     #[getter]
     fn steps(&self) -> Vec<Step> {
@@ -143,6 +155,47 @@ impl Registration {
             text += &format!(", overlap={:.2}, rmse={:.3e}", fit.overlap, fit.inlier_rmse);
         }
         text + ")"
+    }
+}
+
+/// A pose that was not given out, and how the clouds fit under it.
+#[pyclass(module = "reagent", frozen)]
+pub struct Other(OtherPose);
+
+#[pymethods]
+impl Other {
+    /// The rigid transform from the source's coordinates to the target's: (4, 4), float64.
+    #[getter]
+    fn target_from_source<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f64>> {
+        matrix(py, self.0.target_from_source)
+    }
+
+    /// That it is right, had it been given out.
+    #[getter]
+    fn probability(&self) -> f32 {
+        self.0.probability
+    }
+
+    /// Share of the source's points that lie on the target's surface.
+    #[getter]
+    fn overlap(&self) -> f32 {
+        self.0.overlap
+    }
+
+    /// Root of the mean squared distance of those from it.
+    #[getter]
+    fn rmse(&self) -> f32 {
+        self.0.inlier_rmse
+    }
+
+    fn __repr__(&self) -> String {
+        let OtherPose {
+            probability,
+            overlap,
+            inlier_rmse,
+            ..
+        } = self.0;
+        format!("Other(probability={probability:.3}, overlap={overlap:.2}, rmse={inlier_rmse:.3e})")
     }
 }
 

@@ -50,7 +50,12 @@ def test_clouds(cloud, said):
     [
         ({"init": "near"}, 'init: expected a pose, "identity" or "anywhere"'),
         ({"init": numpy.eye(3)}, r"init: expected a pose, 4x4 or the rows of \[R \| t\], found shape \[3, 3\]"),
-        ({"init": numpy.eye(4)[None]}, "init: expected one, for one pair of clouds"),
+        ({"init": numpy.zeros((0, 4, 4))}, "init: expected one start or more, found none"),
+        ({"init": ["identity", "near"]}, 'init: expected a pose, "identity" or "anywhere"'),
+        ({"init": ["identity", numpy.eye(4)[None]]}, "init: expected a word or one pose in each place"),
+        ({"init": ["identity", "anywhere"], "mode": "fast"}, "mode: fast does not compare poses"),
+        ({"best": 2, "mode": "fast"}, "mode: fast does not compare poses"),
+        ({"best": 0}, "best: expected a number from 1"),
         ({"init": 2 * numpy.eye(4)}, "init: the last row of a pose is 0 0 0 1"),
         ({"init": 2 * numpy.eye(4)[:3]}, "init: the pose is not a rigid transform"),
         ({"init": numpy.diag([1, 1, -1, 1])}, "init: the pose is not a rigid transform"),

@@ -12,6 +12,7 @@ POLICIES = [None, "reagent", "int8", "compact", "views", "views-compact"]
 SOURCE, TARGET = bracket(1, 900), moved(pose(), bracket(2, 1000))
 FAR = numpy.array([483221.0, 5456871.0, 310.0])
 START = pose(0.8, 0.6, (0.3, 0.1, -0.2))
+FLIPPED = numpy.diag([1.0, -1.0, -1.0, 1.0])
 
 
 def rows(matrix):
@@ -31,6 +32,14 @@ CASES = {
     "start": (SOURCE, TARGET, {"init": START[:3]}, ["--init", rows(START)]),
     "anywhere": (SOURCE, TARGET, {"init": "anywhere"}, ["--init", "none"]),
     "view": (SOURCE[SOURCE[:, 2] > 0.2], TARGET, {"viewpoint": [0.5, 0, 9]}, ["--view", "0.5,0,9"]),
+    "starts": (SOURCE, TARGET, {"init": [FLIPPED, START]}, ["--init", rows(FLIPPED), "--init", rows(START)]),
+    "words among starts": (
+        SOURCE,
+        TARGET,
+        {"init": ["identity", FLIPPED], "mode": "refine"},
+        ["--mode", "refine", "--init", "identity", "--init", rows(FLIPPED)],
+    ),
+    "best": (SOURCE, TARGET, {"best": 3}, ["--best", 3]),
     "points": (SOURCE, TARGET, {"points": 256, "dense": "always"}, ["--points", 256, "--dense", "always"]),
 }
 

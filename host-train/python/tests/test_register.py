@@ -115,3 +115,19 @@ def test_policies_are_loaded_and_named(tmp_path):
         reagent.Policy.load(str(path))
     with pytest.raises(ValueError, match="name: expected int8, reagent, compact, views, views-compact"):
         reagent.Policy.pretrained("other")
+
+
+def test_several_starts_and_the_next_best_poses(pair):
+    source, target, truth = pair
+    flipped = numpy.diag([1.0, -1.0, -1.0, 1.0])
+    found = reagent.register(source, target, [flipped, truth], "refine", best=2)
+    assert found.start == 1
+    angle, distance = apart(found.target_from_source, truth)
+    assert angle < 1 and distance < 0.02
+    (other,) = found.others
+    assert apart(other.target_from_source, truth)[0] > 90
+    assert other.probability < found.probability and other.rmse > 0 and 0 <= other.overlap <= 1
+    stacked = reagent.register(source, target, numpy.stack([flipped, truth]), "refine", best=2)
+    assert (stacked.target_from_source == found.target_from_source).all()
+    alone = reagent.register(source, target, truth)
+    assert alone.start is None and alone.others == []

@@ -143,7 +143,7 @@ impl WeightFile {
 
     /// The policy in them.
     pub fn policy(&self) -> Policy<'_> {
-        let policy = Policy::parse(self.bytes()).expect("checked when the file was made");
+        let policy = Policy::parse_again(self.bytes()).expect("checked when the file was made");
         policy.with_packed(&self.packed)
     }
 

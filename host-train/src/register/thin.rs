@@ -1,9 +1,13 @@
 //! Thinning: fewer points of a cloud, spread as all of them are, the same ones every time.
 
 use crate::dataset::Point;
+use std::cmp::Ordering;
 
 /// Bits of a cell's place along each axis.
 const BITS: u32 = 21;
+/// Stretches of the curve by which points are counted first, and the bits of a code that tell places within one.
+const STRETCHES: usize = 1 << 18;
+const CODE_BITS: u32 = 3 * BITS - STRETCHES.ilog2();
 
 /// `count` of the points, none twice, or all where there are no more. They are taken at equal steps along a
 /// Z-order curve (Morton 1966) through the cloud: every region keeps its share of the points to within one,
@@ -12,6 +16,47 @@ pub fn thin(points: &[Point], count: usize) -> Vec<Point> {
     if points.len() <= count {
         return points.to_vec();
     }
+    let code = curve(points);
+    // The middle of each of `count` equal stretches.
+    let step = |i: usize| (2 * i + 1) * points.len() / (2 * count);
+    // Points are counted by their codes' first bits; only stretches with a point that is taken are put in order.
+    let stretch: Vec<u32> = points
+        .iter()
+        .map(|p| (code(p) >> CODE_BITS) as u32)
+        .collect();
+    let mut ends = vec![0usize; STRETCHES];
+    for &of in &stretch {
+        ends[of as usize] += 1;
+    }
+    for i in 1..STRETCHES {
+        ends[i] += ends[i - 1];
+    }
+    let mut is_taken = vec![false; STRETCHES];
+    for i in 0..count {
+        is_taken[ends.partition_point(|&end| end <= step(i))] = true;
+    }
+    let taken = points.iter().zip(&stretch);
+    let taken = taken.filter(|&(_, &of)| is_taken[of as usize]);
+    let mut order: Vec<(u64, Point)> = taken.map(|(p, _)| (code(p), *p)).collect();
+    order.sort_unstable_by(along);
+    // Where a stretch begins among those in order, less where it begins among all.
+    let mut before = 0;
+    let mut left_out = vec![0; STRETCHES];
+    for (i, left_out) in left_out.iter_mut().enumerate() {
+        *left_out = before;
+        if !is_taken[i] {
+            before += ends[i] - i.checked_sub(1).map_or(0, |last| ends[last]);
+        }
+    }
+    let place = |i: usize| {
+        let of = ends.partition_point(|&end| end <= step(i));
+        step(i) - left_out[of]
+    };
+    (0..count).map(|i| order[place(i)].1).collect()
+}
+
+/// Codes of places along the curve.
+fn curve(points: &[Point]) -> impl Fn(&Point) -> u64 {
     let mut low = [f32::INFINITY; 3];
     let mut high = [f32::NEG_INFINITY; 3];
     for point in points {
@@ -25,21 +70,20 @@ pub fn thin(points: &[Point], count: usize) -> Vec<Point> {
         .map(|axis| high[axis] - low[axis])
         .fold(0.0, f32::max);
     let cells = ((1u64 << BITS) - 1) as f64;
-    let code = |point: &Point| {
+    move |point| {
         let place = |axis: usize| {
             let along = f64::from(point[axis] - low[axis]) / f64::from(side).max(f64::MIN_POSITIVE);
             spread((along * cells) as u64)
         };
         place(0) | place(1) << 1 | place(2) << 2
-    };
-    let mut order: Vec<(u64, Point)> = points.iter().map(|p| (code(p), *p)).collect();
-    order.sort_unstable_by(|a, b| {
-        let places = || (0..3).map(|axis| a.1[axis].total_cmp(&b.1[axis]));
-        places().fold(a.0.cmp(&b.0), |order, next| order.then(next))
-    });
-    // The middle of each of `count` equal stretches.
-    let step = |i: usize| (2 * i + 1) * points.len() / (2 * count);
-    (0..count).map(|i| order[step(i)].1).collect()
+    }
+}
+
+/// Order along the curve; of points in one cell, by coordinates.
+fn along(a: &(u64, Point), b: &(u64, Point)) -> Ordering {
+    let places = || (0..3).map(|axis| a.1[axis].total_cmp(&b.1[axis]));
+    a.0.cmp(&b.0)
+        .then_with(|| places().fold(Ordering::Equal, Ordering::then))
 }
 
 /// The lowest 21 bits, two zeros after each.
@@ -79,6 +123,24 @@ mod tests {
         assert_eq!(thin(&points[..700], 700), points[..700]);
         assert_eq!(thin(&points, 1).len(), 1);
         assert_eq!(thin(&[[1.0; 3]; 9], 4), [[1.0; 3]; 4]);
+    }
+
+    #[test]
+    fn counting_first_takes_what_sorting_all_would() {
+        let mut points = cloud(20_000);
+        // Many in one place, and then one that makes all others a corner of the box.
+        points[..3000].fill([0.25; 3]);
+        for far in [0.0, 1e6] {
+            points[0] = [far; 3];
+            let code = curve(&points);
+            let mut sorted: Vec<_> = points.iter().map(|p| (code(p), *p)).collect();
+            sorted.sort_by(along);
+            for count in [19_999, 12_000, 700, 3, 1] {
+                let every = |i: usize| sorted[(2 * i + 1) * points.len() / (2 * count)].1;
+                let expected: Vec<Point> = (0..count).map(every).collect();
+                assert_eq!(thin(&points, count), expected, "{far} {count}");
+            }
+        }
     }
 
     /// A random draw of 2000 has 250 in an octant, give or take 15.

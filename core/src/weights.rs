@@ -154,7 +154,7 @@ impl<'a> Policy<'a> {
     /// # Errors
     /// The `Weights…` variants of [`Error`]; any flipped bit or cut gives one.
     pub fn parse(bytes: &'a [u8]) -> Result<Self, Error> {
-        Self::parse_and(bytes, true)
+        Self::parse_and::<true>(bytes)
     }
 
     /// The same of bytes that it accepted before: neither the check sum nor the weights are looked at again.
@@ -162,10 +162,12 @@ impl<'a> Policy<'a> {
     /// # Errors
     /// As [`Policy::parse`], for bytes of another length or layout.
     pub fn parse_again(bytes: &'a [u8]) -> Result<Self, Error> {
-        Self::parse_and(bytes, false)
+        Self::parse_and::<false>(bytes)
     }
 
-    fn parse_and(bytes: &'a [u8], check: bool) -> Result<Self, Error> {
+    // A function of its own costs microcontrollers 640 bytes.
+    #[inline(always)]
+    fn parse_and<const CHECK: bool>(bytes: &'a [u8]) -> Result<Self, Error> {
         let field = |at: usize| -> Option<u32> {
             Some(u32::from_le_bytes(*bytes.get(at..)?.first_chunk()?))
         };
@@ -194,7 +196,7 @@ impl<'a> Policy<'a> {
             return Err(cut_at(announced));
         }
         let (body, sum) = bytes.split_last_chunk::<4>().ok_or(cut)?;
-        if check && *sum != checksum(body).to_le_bytes() {
+        if CHECK && *sum != checksum(body).to_le_bytes() {
             return Err(Error::WeightsCrc);
         }
         let mut header = [0; 8];
@@ -234,7 +236,7 @@ impl<'a> Policy<'a> {
                 let raw = bytes.get(at..at + 4 * len).ok_or(wrong)?;
                 let values: &[f32] =
                     bytemuck::try_cast_slice(raw).map_err(|_| Error::WeightsAlignment)?;
-                if !check || values.iter().all(|v| v.is_finite()) {
+                if !CHECK || values.iter().all(|v| v.is_finite()) {
                     Ok(values)
                 } else {
                     Err(Error::WeightsNotFinite { layer: i })
@@ -278,6 +280,6 @@ pub fn checksum(body: &[u8]) -> u32 {
     type Tables = crc::Table<16>;
     #[cfg(target_os = "none")]
     type Tables = crc::Table<1>;
-    static CRC: crc::Crc<u32, Tables> = crc::Crc::<u32, Tables>::new(&crc::CRC_32_ISO_HDLC);
+    const CRC: crc::Crc<u32, Tables> = crc::Crc::<u32, Tables>::new(&crc::CRC_32_ISO_HDLC);
     CRC.checksum(body)
 }

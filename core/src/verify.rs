@@ -181,19 +181,20 @@ impl Refiner<'_> {
         let hypotheses = search.hypotheses;
         let (contenders, ended) = (search.contenders, search.ended);
         let winner = contenders.get(best).copied().flatten();
-        let found = match winner {
-            Some(winner) if best > 0 || !polished.is_settled() => self.polish_inside(winner.at),
-            _ => polished,
-        };
+        let further = winner
+            .filter(|_| best > 0 || !polished.is_settled())
+            .map(|winner| self.polish_inside(winner.at));
+        let found = further.unwrap_or(polished);
         let ranked = self.ranked(best, &found, &contenders);
         let undetermined = self.undetermined(best, &found, &contenders);
         let support = ended.iter().flatten().filter(|&&at| is_same(at, found.at));
         let support = support.count();
         let lead = lead(best, &contenders, undetermined.axis);
         let mirror_score = self.mirror_score(found.at);
+        let polished = self.refined(&polished, pose);
         Ok(Verified {
-            best: self.refined(&found, pose),
-            polished: self.refined(&polished, pose),
+            best: further.map_or(polished, |found| self.refined(&found, pose)),
+            polished,
             hypotheses,
             support,
             lead,

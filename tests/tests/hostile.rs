@@ -19,6 +19,7 @@ use reagent_core::start::Start;
 use reagent_core::{Error, Verdict};
 use std::fmt::Write;
 use std::path::Path;
+use std::sync::LazyLock;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Kind {
@@ -78,11 +79,17 @@ impl Kind {
     }
 }
 
-/// A rendered view with a sensor's noise, an estimator's mask and start, and the model or another.
-fn view(kind: Kind, number: usize) -> Case {
+/// Rendered views with a sensor's noise, an estimator's masks and starts, of twice as many shapes as there are cases.
+static VIEWED: LazyLock<PairSet> = LazyLock::new(|| {
     let mut set = PairSet::default();
-    let cases = CASES as usize;
-    Views::procedural(SEED, 2 * cases).draw(2 * cases, 1024, SEED, &mut set);
+    let shapes = 2 * CASES as usize;
+    Views::procedural(SEED, shapes).draw(shapes, 1024, SEED, &mut set);
+    set
+});
+
+/// A rendered view, and the model or another.
+fn view(kind: Kind, number: usize) -> Case {
+    let (set, cases) = (&*VIEWED, CASES as usize);
     let shown = set.target_from_source[number].inverse();
     let seen = set.target[number].iter();
     let other = if kind == Kind::OtherView { cases } else { 0 };

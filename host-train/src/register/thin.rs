@@ -31,28 +31,29 @@ pub fn thin(points: &[Point], count: usize) -> Vec<Point> {
     for i in 1..STRETCHES {
         ends[i] += ends[i - 1];
     }
+    let from: Vec<usize> = (0..count)
+        .map(|i| ends.partition_point(|&end| end <= step(i)))
+        .collect();
     let mut is_taken = vec![false; STRETCHES];
-    for i in 0..count {
-        is_taken[ends.partition_point(|&end| end <= step(i))] = true;
+    for &of in &from {
+        is_taken[of] = true;
     }
     let taken = points.iter().zip(&stretch);
     let taken = taken.filter(|&(_, &of)| is_taken[of as usize]);
     let mut order: Vec<(u64, Point)> = taken.map(|(p, _)| (code(p), *p)).collect();
     order.sort_unstable_by(along);
-    // Where a stretch begins among those in order, less where it begins among all.
-    let mut before = 0;
-    let mut left_out = vec![0; STRETCHES];
-    for (i, left_out) in left_out.iter_mut().enumerate() {
-        *left_out = before;
-        if !is_taken[i] {
-            before += ends[i] - i.checked_sub(1).map_or(0, |last| ends[last]);
+    // Points of stretches that were left out before a place.
+    let (mut passed, mut left_out) = (0, 0);
+    let places = from.into_iter().enumerate().map(|(i, of)| {
+        for stretch in passed..of {
+            if !is_taken[stretch] {
+                left_out += ends[stretch] - stretch.checked_sub(1).map_or(0, |last| ends[last]);
+            }
         }
-    }
-    let place = |i: usize| {
-        let of = ends.partition_point(|&end| end <= step(i));
-        step(i) - left_out[of]
-    };
-    (0..count).map(|i| order[place(i)].1).collect()
+        passed = of;
+        step(i) - left_out
+    });
+    places.map(|place| order[place].1).collect()
 }
 
 /// Codes of places along the curve.

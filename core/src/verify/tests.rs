@@ -3,6 +3,7 @@ use crate::evidence::Evidence;
 use crate::polish::Workspace;
 use crate::polish::tests::{Numbers, error, moved, part, pose};
 use crate::verdict::Verdict;
+use glam::Vec3;
 
 fn verify(source: &[[f32; 3]], target: &[[f32; 3]], initial: Pose) -> Verified {
     let mut workspace = Box::new(Workspace::new());

@@ -80,6 +80,14 @@ impl Losses {
         }
     }
 
+    /// Keeps those of one pose as another's, too.
+    pub(crate) fn copy(&mut self, from: usize, to: usize) {
+        if from < CONTENDERS && to < CONTENDERS {
+            self.of.copy_within(from..=from, to);
+            self.len.copy_within(from..=from, to);
+        }
+    }
+
     fn row(&self, contender: usize) -> &[u8] {
         let len = self.len.get(contender).copied().unwrap_or(0);
         let row = self.of.get(contender).map_or(&[][..], |row| &row[..]);

@@ -570,6 +570,11 @@ impl<'w> Refiner<'w> {
         &self.workspace.losses
     }
 
+    /// The losses kept, to change.
+    pub(crate) fn losses_mut(&mut self) -> &mut Losses {
+        &mut self.workspace.losses
+    }
+
     /// Keeps the losses of the points matched last; their sum, as of [`loss::COMPARED`] points of each cloud,
     /// and the mean of the source's.
     pub(crate) fn keep_matched_losses(&mut self, contender: usize, at: Rigid) -> [f32; 2] {

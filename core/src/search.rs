@@ -24,10 +24,20 @@ pub(crate) const SAME: f32 = 0.997_564;
 /// Distance below which two poses of the same rotation are one hypothesis, target radii.
 const SAME_PLACE: f32 = 0.15;
 
+/// The same for one result of refinement: 1 degree.
+const EQUAL: f32 = 0.999_962;
+const EQUAL_PLACE: f32 = 0.01;
+
 /// Whether two poses are one hypothesis.
 pub(crate) fn is_same(a: Rigid, b: Rigid) -> bool {
     a.turn.likeness(b.turn) > SAME
         && (a.centre() - b.centre()).length_squared() < SAME_PLACE * SAME_PLACE
+}
+
+/// Whether two poses are one result of refinement.
+pub(crate) fn is_equal(a: Rigid, b: Rigid) -> bool {
+    a.turn.likeness(b.turn) > EQUAL
+        && (a.centre() - b.centre()).length_squared() < EQUAL_PLACE * EQUAL_PLACE
 }
 
 /// The best hypotheses so far, the best first.
@@ -81,15 +91,33 @@ impl<const N: usize> Best<N> {
 pub(crate) fn around(seed: Rigid) -> impl Iterator<Item = Rigid> {
     const STEP: f32 = 0.2;
     const ANGLES: [f32; 2] = [0.6, 1.1];
-    let moved = AXES.map(|axis| Rigid {
-        shift: seed.shift + axis * STEP,
+    let turned = ANGLES
+        .into_iter()
+        .flat_map(move |angle| turned(seed, angle));
+    core::iter::once(seed)
+        .chain(moved(seed, STEP))
+        .chain(turned)
+}
+
+/// A pose turned by 14 degrees about the target's centre and moved, in every direction.
+pub(crate) fn nudged(seed: Rigid) -> impl Iterator<Item = Rigid> {
+    const ANGLE: f32 = 0.25;
+    const STEP: f32 = 0.15;
+    turned(seed, ANGLE).chain(moved(seed, STEP))
+}
+
+/// Turned about the target's centre about the axes of an icosahedron, in both senses.
+fn turned(seed: Rigid, angle: f32) -> impl Iterator<Item = Rigid> {
+    let (sine, cosine) = libm::sincosf(0.5 * angle);
+    icosahedron().map(move |axis| seed.turned(Turn::new(axis * sine, cosine)))
+}
+
+/// Moved along the axes, in both senses.
+fn moved(seed: Rigid, step: f32) -> impl Iterator<Item = Rigid> {
+    AXES.into_iter().map(move |axis| Rigid {
+        shift: seed.shift + axis * step,
         ..seed
-    });
-    let turned = ANGLES.into_iter().flat_map(move |angle| {
-        let (sine, cosine) = libm::sincosf(0.5 * angle);
-        icosahedron().map(move |axis| seed.turned(Turn::new(axis * sine, cosine)))
-    });
-    core::iter::once(seed).chain(moved).chain(turned)
+    })
 }
 
 /// Poses that a symmetry of the target would confuse with this one: turned about axes through the target's centre, and
@@ -263,7 +291,7 @@ fn alignments() -> impl Iterator<Item = Mat3> {
 mod tests {
     use super::*;
 
-    fn turned(x: f32) -> Rigid {
+    fn about_x(x: f32) -> Rigid {
         Rigid {
             turn: Turn::new(Vec3::X * (0.5 * x).sin(), (0.5 * x).cos()),
             shift: Vec3::ZERO,
@@ -290,7 +318,7 @@ mod tests {
 
     #[test]
     fn rotations_anywhere_leave_none_far_away() {
-        let all: Vec<Rigid> = anywhere(turned(0.0)).collect();
+        let all: Vec<Rigid> = anywhere(about_x(0.0)).collect();
         let mut numbers = crate::polish::tests::Numbers(3);
         for _ in 0..500 {
             let q = [(); 4].map(|()| numbers.next());
@@ -314,7 +342,7 @@ mod tests {
             (0.6, 2.0),
             (0.45, 1.02),
         ] {
-            best.offer(score, turned(angle));
+            best.offer(score, about_x(angle));
         }
         let scores: Vec<f32> = best.held().map(|held| held.0).collect();
         assert_eq!(scores, [0.3, 0.4]);

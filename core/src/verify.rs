@@ -8,6 +8,7 @@
 //! | again | the best of those, turned as symmetries of the target would | both stages |
 //! | polish | the best that differ | [`Refiner::polish`], briefly |
 //! | copies | the best, turned as a cube's symmetries would | the same, where they fit about as well |
+//! | nudge | the best, turned and moved a little, where it explains little | sifted, the best of them polished |
 //! | decide | the same | loss point by point, and how probable each is under the start's uncertainty |
 
 use crate::error::Error;
@@ -17,7 +18,7 @@ use crate::polish::{Candidate, Refined, Refiner};
 use crate::pose::Pose;
 use crate::search::{
     Best, SCREEN_SCALE, SIFT_POINTS, SIFT_SCALE, aligned, anywhere, around, confused, copies,
-    is_same,
+    is_equal, is_same, nudged,
 };
 use crate::solve::Rigid;
 use crate::start::{Prior, Start};
@@ -34,7 +35,8 @@ const SIFTED: usize = 24;
 const SIFTED_AGAIN: usize = 6;
 /// Best ones whose symmetric copies are tried, too.
 const AGAIN: usize = 2;
-/// Loss of the best of them above which poses are looked for by pairs of points, too: where clouds overlap in part.
+/// Loss of the best of them above which poses are looked for by pairs of points, and near the best: where clouds overlap in
+/// part.
 const UNEXPLAINED: f32 = 0.4;
 /// Points by which those are judged, first and last, by how much the first may mislead, and how many of them are sifted.
 const PAIR_POINTS: [usize; 2] = [32, 128];
@@ -45,6 +47,8 @@ const ENDED: usize = SIFTED + MATCHED + AGAIN * SIFTED_AGAIN;
 /// Symmetric copies that are polished, and by how much more loss they count as such.
 const COPIES: usize = 4;
 const ALIKE: f32 = 0.08;
+/// Poses near the best that are polished.
+const NUDGED: usize = 3;
 /// How much more loss than the best a hypothesis may have to be polished.
 const FAR_BEHIND: f32 = 0.2;
 /// Hypotheses that are polished besides the start and the policy's pose.
@@ -146,12 +150,13 @@ impl Refiner<'_> {
         search.screen(polished.at, begun, prior.as_ref(), &mut go_on)?;
         search.spin(polished, prior.as_ref(), &mut go_on)?;
         search.copies(prior.as_ref(), &mut go_on)?;
+        search.nudge(prior.as_ref(), &mut go_on)?;
         let best = search.best().unwrap_or(0);
         let hypotheses = search.hypotheses;
         let (contenders, ended) = (search.contenders, search.ended);
         let winner = contenders.get(best).copied().flatten();
         let further = winner
-            .filter(|_| best > 0 || !polished.is_settled())
+            .filter(|winner| best > 0 || winner.at != polished.at || !polished.is_settled())
             .map(|winner| self.polish_inside(winner.at));
         let found = further.unwrap_or(polished);
         let ranked = self.ranked(best, &found, &contenders);
@@ -236,34 +241,30 @@ struct Search<'r, 'w> {
 }
 
 impl Search<'_, '_> {
-    /// Enters a polished pose into the comparison.
+    /// Enters a polished pose into the comparison: in place of one that is the same, else in a free place or that of the worst,
+    /// if it is more probable. The first is the pose at hand, and stays.
     fn enter(&mut self, at: Rigid, prior: Option<&Prior>) {
-        let twin = |held: &Option<Contender>| held.is_some_and(|held| is_same(held.at, at));
-        if self.contenders.iter().any(twin) {
+        const SPARE: usize = CONTENDERS - 1;
+        if self.held().any(|held| is_equal(held.at, at)) {
             return;
         }
+        let losses = self.refiner.keep_losses(SPARE, at);
         let surprise = prior.map_or(0.0, |prior| prior.surprise(at));
-        let contender = |losses: [f32; 2]| Contender {
-            at,
-            energy: energy(losses, surprise),
-        };
-        let places = self.contenders.iter_mut().enumerate();
-        if let Some((i, place)) = places.into_iter().find(|(_, place)| place.is_none()) {
-            *place = Some(contender(self.refiner.keep_losses(i, at)));
-            return;
-        }
-        // In place of the worst; the first is the pose at hand, and stays.
-        let contender = contender(self.refiner.keep_losses(CONTENDERS - 1, at));
-        let places = self.contenders.iter_mut().enumerate();
-        let energy = |held: &Option<Contender>| held.map_or(f32::INFINITY, |held| held.energy);
-        let worst = places
-            .skip(1)
-            .max_by(|a, b| energy(a.1).total_cmp(&energy(b.1)));
-        if let Some((i, place)) = worst
-            && contender.energy < energy(place)
+        let energy = energy(losses, surprise);
+        let energy_of = |held: &Option<Contender>| held.map_or(f32::INFINITY, |held| held.energy);
+        let is_twin = |held: &Option<Contender>| held.is_some_and(|held| is_same(held.at, at));
+        let replaceable = usize::from(self.held().next().is_some());
+        let place = self.contenders.iter().position(is_twin).or_else(|| {
+            let places = self.contenders.iter().enumerate().skip(replaceable);
+            let least_probable = places.min_by(|a, b| energy_of(b.1).total_cmp(&energy_of(a.1)));
+            least_probable.map(|(i, _)| i)
+        });
+        if let Some(i) = place
+            && let Some(held) = self.contenders.get_mut(i)
+            && energy < energy_of(held)
         {
-            *place = Some(contender);
-            self.refiner.keep_losses(i, at);
+            *held = Some(Contender { at, energy });
+            self.refiner.losses_mut().copy(SPARE, i);
         }
     }
 
@@ -298,6 +299,45 @@ impl Search<'_, '_> {
             self.enter(at, prior);
         }
         Ok(())
+    }
+
+    /// Poses near the best where that explains little: there small steps end in one of several minima side by side.
+    fn nudge<E>(
+        &mut self,
+        prior: Option<&Prior>,
+        go_on: &mut impl FnMut() -> Result<(), E>,
+    ) -> Result<(), E> {
+        let best = self.best().and_then(|i| self.contenders.get(i).copied());
+        let Some(best) = best.flatten() else {
+            return Ok(());
+        };
+        let [_, compared] = SIFT_POINTS;
+        if self.refiner.coarse_loss(best.at, compared, SIFT_SCALE) < UNEXPLAINED {
+            return Ok(());
+        }
+        // By the loss alone: those beside each other are what is looked for.
+        let mut nearest = [None; NUDGED];
+        for at in nudged(best.at) {
+            go_on()?;
+            self.hypotheses += 1;
+            let mut carried = Some(self.refiner.sifted(at));
+            for held in &mut nearest {
+                let loss = |sifted: &Option<(f32, Rigid)>| sifted.map_or(f32::INFINITY, |s| s.0);
+                if loss(&carried) < loss(held) {
+                    core::mem::swap(held, &mut carried);
+                }
+            }
+        }
+        for (_, at) in nearest.into_iter().flatten() {
+            go_on()?;
+            let at = self.refiner.polish_briefly(at);
+            self.enter(at, prior);
+        }
+        Ok(())
+    }
+
+    fn held(&self) -> impl Iterator<Item = Contender> {
+        self.contenders.iter().flatten().copied()
     }
 
     fn best(&self) -> Option<usize> {

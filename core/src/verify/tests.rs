@@ -212,3 +212,29 @@ fn shared_points_tell_the_angle_of_a_surface_of_revolution() {
     assert!(angle < 1.0, "{angle} {found:?}");
     assert!(found.polished.rotation_constraint < 0.02, "{found:?}");
 }
+
+#[test]
+fn of_poses_side_by_side_the_one_that_fits_best_is_taken() {
+    // Saw teeth whose period is less than how far apart poses of one hypothesis may be.
+    const PERIOD: f32 = 0.14;
+    let mut numbers = Numbers(5);
+    let mut teeth = |count: usize| -> Vec<[f32; 3]> {
+        let point = |_| {
+            let [x, y] = [numbers.next(), 0.5 * numbers.next()];
+            let within = x / PERIOD - (x / PERIOD).floor();
+            [x, y, 0.1 * within]
+        };
+        (0..count).map(point).collect()
+    };
+    let (source, target) = (teeth(1000), teeth(1024));
+    let beside = pose([0.0; 3], [PERIOD, 0.0, 0.0]);
+    let mut workspace = Box::new(Workspace::new());
+    let mut refiner = Refiner::new(&source, &target, &mut workspace).expect("valid clouds");
+    let polished = refiner.polish(beside).expect("a rigid pose");
+    let (_, distance) = error(polished.target_from_source, beside);
+    assert!(distance < 0.02, "{distance}");
+    let found = refiner.verify(beside, &Start::Anywhere);
+    let found = found.expect("a rigid pose").best.target_from_source;
+    let (angle, distance) = error(found, Pose::IDENTITY);
+    assert!(angle < 1.0 && distance < 0.02, "{angle} {distance}");
+}

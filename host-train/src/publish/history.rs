@@ -1,34 +1,28 @@
 //! Who ran what when: a file that grows by a line of JSON for every change in the fleet.
 
 use super::Heard;
-use reagent_core::wire::{Manifest, NotTaken, PolicyId};
-use serde::Deserialize;
-use serde_json::{Value, json};
+use reagent_core::wire::{Manifest, PolicyId};
+use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
 use std::io::{self, BufRead, BufReader, Write};
 use std::path::Path;
 use std::time::SystemTime;
 
-/// The file, and what it said last of every robot.
+/// The file, and what it said last of everybody.
 #[derive(Debug)]
 pub(super) struct History {
     file: File,
     /// Whether its last line was cut short.
     cut: bool,
-    /// Epoch, version and SHA-256 of what each robot runs.
-    runs: BTreeMap<String, (u32, u64, String)>,
-    refuses: BTreeMap<String, NotTaken>,
+    /// The last line of each event and robot, without its time.
+    last: BTreeMap<(String, String), Map<String, Value>>,
 }
 
-/// What is read again of a line.
-#[derive(Deserialize)]
-struct Line {
-    event: String,
-    robot: String,
-    epoch: u32,
-    version: u64,
-    sha256: String,
+/// What a line is about: its event, and its robot where it names one.
+fn about(line: &Map<String, Value>) -> (String, String) {
+    let text = |key: &str| line.get(key).and_then(Value::as_str).unwrap_or_default();
+    (text("event").into(), text("robot").into())
 }
 
 impl History {
@@ -36,27 +30,21 @@ impl History {
     pub(super) fn open(path: &Path) -> io::Result<History> {
         let mut options = OpenOptions::new();
         let file = options.create(true).read(true).append(true).open(path)?;
-        let mut runs = BTreeMap::new();
+        let mut last = BTreeMap::new();
         let mut cut = false;
         if file.metadata()?.is_file() {
             let mut reader = BufReader::new(&file);
             let mut bytes = Vec::new();
             while reader.read_until(b'\n', &mut bytes)? > 0 {
                 cut = !bytes.ends_with(b"\n");
-                if let Ok(line) = serde_json::from_slice::<Line>(&bytes)
-                    && line.event == "runs"
-                {
-                    runs.insert(line.robot, (line.epoch, line.version, line.sha256));
+                if let Ok(mut line) = serde_json::from_slice::<Map<String, Value>>(&bytes) {
+                    line.remove("time");
+                    last.insert(about(&line), line);
                 }
                 bytes.clear();
             }
         }
-        Ok(History {
-            file,
-            cut,
-            runs,
-            refuses: BTreeMap::new(),
-        })
+        Ok(History { file, cut, last })
     }
 
     /// A policy was announced with this key.
@@ -72,48 +60,48 @@ impl History {
     /// A robot has said how it is: told where what it runs or refuses is another policy than before.
     pub(super) fn heard(&mut self, Heard { robot, status }: &Heard) -> io::Result<()> {
         if let Some(policy) = &status.policy {
-            let sha256 = const_hex::encode(policy.sha256);
-            let runs = (policy.epoch, policy.version, sha256);
-            if self.runs.get(robot) != Some(&runs) {
-                self.add("runs", json!({ "robot": robot }), policy)?;
-                self.runs.insert(robot.clone(), runs);
-            }
+            self.add("runs", json!({ "robot": robot }), policy)?;
         }
-        if let Some(not) = &status.not_taken
-            && self.refuses.get(robot) != Some(not)
-        {
+        if let Some(not) = &status.not_taken {
             let reason = not.reason.to_string();
             let more = json!({ "robot": robot, "reason": reason });
             self.add("refuses", more, &not.policy)?;
-            self.refuses.insert(robot.clone(), *not);
         }
         Ok(())
     }
 
-    /// One write for a line, so that lines of two publishers do not mix.
+    /// One write for a line, so that lines of two publishers do not mix; none for what the file said last, so that a
+    /// publisher that starts again repeats nothing.
     fn add(&mut self, event: &str, more: Value, policy: &PolicyId) -> io::Result<()> {
-        let since_1970 = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
-        let mut line = json!({
-            "time": since_1970.map_or(0, |time| time.as_secs()),
-            "event": event,
-            "epoch": policy.epoch,
-            "version": policy.version,
-            "sha256": const_hex::encode(policy.sha256),
-        });
-        if let (Value::Object(line), Value::Object(more)) = (&mut line, more) {
+        let mut line = Map::new();
+        line.insert("event".into(), event.into());
+        line.insert("epoch".into(), policy.epoch.into());
+        line.insert("version".into(), policy.version.into());
+        line.insert("sha256".into(), const_hex::encode(policy.sha256).into());
+        if let Value::Object(more) = more {
             line.extend(more);
         }
-        let before = if self.cut { "\n" } else { "" };
-        let written = self.file.write_all(format!("{before}{line}\n").as_bytes());
+        if self.last.get(&about(&line)) == Some(&line) {
+            return Ok(());
+        }
+        let since_1970 = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
+        let mut timed = line.clone();
+        let time = since_1970.map_or(0, |time| time.as_secs());
+        timed.insert("time".into(), time.into());
+        let (before, timed) = (if self.cut { "\n" } else { "" }, Value::Object(timed));
+        let written = self.file.write_all(format!("{before}{timed}\n").as_bytes());
         self.cut = written.is_err();
-        written
+        written?;
+        self.last.insert(about(&line), line);
+        Ok(())
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use reagent_core::wire::{Status, WhyNot};
+    use crate::policy::WeightFile;
+    use reagent_core::wire::{NotTaken, Status, WhyNot};
 
     fn heard(robot: &str, version: u8, refuses: Option<WhyNot>) -> Heard {
         let policy = PolicyId {
@@ -165,17 +153,35 @@ mod tests {
         let text = std::fs::read_to_string(&path).expect("readable");
         std::fs::write(&path, format!("{text}{{\"time\"")).expect("writable");
         let mut history = History::open(&path).expect("writable");
-        for (robot, version) in [("a", 2), ("b", 1), ("b", 3)] {
-            history
-                .heard(&heard(robot, version, None))
-                .expect("written");
+        for (robot, version, refuses) in [
+            ("a", 2, None),
+            ("b", 1, Some(WhyNot::SelfTest)),
+            ("b", 3, Some(WhyNot::NotKept)),
+        ] {
+            let heard = heard(robot, version, refuses);
+            history.heard(&heard).expect("written");
         }
-        assert_eq!(events(), [&first[..], &["cut", "b runs 3"]].concat());
+        let more = ["cut", "b runs 3", "b refuses 3"];
+        assert_eq!(events(), [&first[..], &more].concat());
         assert!(History::open(folder.path()).is_err());
         History::open(Path::new("/dev/null")).expect("a device is written through");
         if let Ok(mut full) = History::open(Path::new("/dev/full")) {
             let unwritten = full.heard(&heard("a", 1, None)).expect_err("it is full");
             assert_eq!(unwritten.kind(), io::ErrorKind::StorageFull);
+        }
+    }
+
+    #[test]
+    fn a_publisher_that_starts_again_has_published_nothing_new() {
+        let folder = tempfile::tempdir().expect("a temporary directory");
+        let path = folder.path().join("history.jsonl");
+        let manifest = |version| super::super::manifest(version, "p", &WeightFile::pretrained());
+        for (version, key, lines) in [(1, 1, 1), (1, 1, 1), (1, 2, 2), (2, 2, 3), (2, 2, 3)] {
+            let mut history = History::open(&path).expect("writable");
+            let manifest = manifest(version).expect("a good name");
+            history.published(&manifest, &[key; 32]).expect("written");
+            let text = std::fs::read_to_string(&path).expect("readable");
+            assert_eq!(text.lines().count(), lines, "{text}");
         }
     }
 }

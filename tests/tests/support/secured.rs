@@ -16,7 +16,7 @@ pub(crate) const LAB: &str = "lab";
 pub(crate) struct Secured {
     pub(crate) folder: tempfile::TempDir,
     pub(crate) port: u16,
-    _router: Session,
+    _router: Option<Session>,
 }
 
 pub(crate) fn make_ca(folder: &Path, port: u16) -> bool {
@@ -73,18 +73,38 @@ impl Secured {
     }
 
     async fn with(change: impl FnOnce(&Path)) -> Option<Secured> {
+        let mut secured = Secured::without_router()?;
+        change(secured.folder.path());
+        secured._router = Some(router(secured.config("router"), secured.port, vec![]).await);
+        Some(secured)
+    }
+
+    /// The files alone.
+    pub(crate) fn without_router() -> Option<Secured> {
         let folder = tempfile::tempdir().expect("a temporary directory");
         let port = free_port();
-        if !make_ca(folder.path(), port) {
-            return None;
-        }
-        change(folder.path());
-        let config = folder.path().join("router.json5");
-        Some(Secured {
-            _router: router(config, port, vec![]).await,
+        make_ca(folder.path(), port).then_some(Secured {
             folder,
             port,
+            _router: None,
         })
+    }
+
+    /// Makes every key and certificate anew, those of the authority too.
+    pub(crate) fn renew(&self) {
+        let read = || std::fs::read(self.folder.path().join("ca.pem")).expect("readable");
+        let old = read();
+        for entry in std::fs::read_dir(self.folder.path()).expect("readable") {
+            let path = entry.expect("readable").path();
+            if path
+                .extension()
+                .is_some_and(|end| end == "pem" || end == "key")
+            {
+                std::fs::remove_file(path).expect("writable");
+            }
+        }
+        assert!(make_ca(self.folder.path(), self.port));
+        assert_ne!(old, read());
     }
 
     /// One more router of the network, connected to the first.

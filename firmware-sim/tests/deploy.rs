@@ -2,7 +2,7 @@
 #![cfg(unix)]
 
 use std::path::Path;
-use std::process::Command;
+use std::process::{Command, Stdio};
 
 fn deploy(name: &str) -> std::path::PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -37,6 +37,108 @@ fn systemd_understands_every_line_of_the_units() {
     let warnings = String::from_utf8_lossy(&said.stderr);
     // It says what it does not know, and ends with status 0.
     assert!(said.status.success() && warnings.is_empty(), "{warnings}");
+}
+
+/// The arguments of every command of a file that names this program first, a line each.
+fn commands(text: &str, program: &str) -> Vec<Vec<String>> {
+    let joined = text.replace("\\\n", " ").replace("#     ", " ");
+    // The curve's base point.
+    let key = format!("58{}", "66".repeat(31));
+    let filled = joined
+        .replace("${PUBLIC_KEY}", &key)
+        .replace("PUBLIC_KEY", &key);
+    let filled = filled
+        .replace("%i", "arm1")
+        .replace("$NODE_OPTIONS", "--metrics 127.0.0.1:9100 --log json");
+    let filled = filled
+        .replace("${POLICY_VERSION}", "1")
+        .replace("${FLEET}", "lab");
+    let after = filled.lines().filter_map(|line| line.split_once(program));
+    let words = after.map(|(_, arguments)| {
+        arguments
+            .split_whitespace()
+            .map(|word| word.trim_matches('"').into())
+    });
+    words.map(Iterator::collect).collect()
+}
+
+#[test]
+fn the_program_takes_the_commands_of_units_and_container() {
+    let container = std::fs::read_to_string(deploy("Containerfile")).expect("readable");
+    let mut found = commands(&container, " reagent-robot ");
+    found.retain(|arguments| arguments[0] != ".");
+    for unit in ["reagent-router.service", "reagent-node@.service"] {
+        let text = std::fs::read_to_string(deploy("systemd").join(unit)).expect("readable");
+        found.extend(commands(&text, "ExecStart=/usr/bin/firmware-sim "));
+    }
+    assert_eq!(found.len(), 3, "{found:?}");
+    for arguments in found {
+        // What comes before is checked first.
+        let program = Command::new(env!("CARGO_BIN_EXE_firmware-sim"))
+            .args(&arguments)
+            .arg("--help")
+            .stdout(Stdio::null())
+            .output();
+        let said = program.expect("the program runs");
+        let error = String::from_utf8_lossy(&said.stderr);
+        assert!(said.status.success(), "{arguments:?}: {error}");
+    }
+}
+
+#[cfg(feature = "demo")]
+#[test]
+fn the_publisher_takes_the_command_of_its_unit() {
+    #[derive(clap::Parser)]
+    struct Publish {
+        #[command(flatten)]
+        _args: host_train::publish::PublishArgs,
+    }
+    let unit = deploy("systemd").join("reagent-publisher.service");
+    let text = std::fs::read_to_string(unit).expect("readable");
+    let found = commands(&text, "ExecStart=/usr/bin/host-train ");
+    let parsed = <Publish as clap::Parser>::try_parse_from(&found[0]);
+    if let Err(wrong) = parsed {
+        panic!("{:?}: {wrong}", found[0]);
+    }
+}
+
+#[test]
+fn the_container_holds_the_program_and_all_that_it_needs() {
+    let text = std::fs::read_to_string(deploy("Containerfile")).expect("readable");
+    let line = |start: &str| {
+        let line = text.lines().find_map(|line| line.strip_prefix(start));
+        line.unwrap_or_else(|| panic!("{start}"))
+    };
+    let built = Path::new(env!("CARGO_BIN_EXE_firmware-sim"));
+    let name = built.file_name().expect("a file").to_string_lossy();
+    let package = env!("CARGO_PKG_NAME");
+    assert!(line("RUN cargo build ").contains(&format!("-p {package} ")));
+    let copied = line("COPY --from=build ")
+        .split_once(' ')
+        .expect("from and to");
+    assert_eq!(
+        copied.0,
+        format!("{}/target/release/{name}", line("WORKDIR "))
+    );
+    assert_eq!(line("ENTRYPOINT "), format!("[{:?}]", copied.1));
+    assert!(text.contains(&format!("--state {}\n", line("VOLUME "))));
+    // Debian's smallest image has these: packages libc6 and libgcc-s1.
+    let Ok(needs) = Command::new("ldd").arg(built).output() else {
+        return eprintln!("skipped: ldd is not installed");
+    };
+    for needed in String::from_utf8_lossy(&needs.stdout).lines() {
+        let there = [
+            "linux-vdso.",
+            "ld-linux-",
+            "libc.so.6 ",
+            "libm.so.6 ",
+            "libgcc_s.so.1 ",
+        ];
+        assert!(
+            there.iter().any(|library| needed.contains(library)),
+            "{needed}"
+        );
+    }
 }
 
 #[test]

@@ -1,28 +1,196 @@
-//! Many requests to a fleet whose robots restart all the time: none is lost, none answered twice.
+//! Many requests to a fleet whose routers, robots and publisher are killed all the time: none is lost, none answered
+//! twice.
 //!
-//! `REAGENT_SOAK=10000` asks so many; fewer without.
+//! `REAGENT_SOAK=20000` asks so many; fewer without.
 
 mod support;
 
-use firmware_sim::node::Node;
+use firmware_sim::client::Client;
+use firmware_sim::session::{SessionArgs, open};
+use host_train::random::{Purpose, stream};
+use rand::RngExt;
+use rand::seq::IndexedRandom;
+use reagent_core::Decision;
 use reagent_core::wire::{self, Message, Reason, RefineRequest, keys};
+use std::net::{Ipv4Addr, TcpListener};
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
-use support::{FLEET, Network, int8_policy, publisher, random_cloud, request, until};
-use tokio::sync::Semaphore;
+use support::process::{self, Member};
+use support::{FLEET, int8_policy, random_cloud, request};
+use tokio::sync::{Semaphore, watch};
 use tokio::task::JoinSet;
+use tokio::time::timeout;
 use zenoh::Session;
+use zenoh::query::ConsolidationMode;
 
+const SOAK: &str = "no_request_is_lost_or_answered_twice_while_everybody_is_killed";
+const SEED: u64 = 1;
 const ROBOTS: [&str; 4] = ["r0", "r1", "r2", "r3"];
 /// Requests under way at once.
 const IN_FLIGHT: usize = 12;
+/// Requests between two deaths, at most.
+const PACE: usize = 60;
+/// How long whoever is killed stays away, at most.
+const AWAY: Duration = Duration::from_millis(500);
+/// A question to a robot takes no longer.
+const ANSWER: Duration = Duration::from_secs(5);
+/// A request that no robot answers is asked again when the fleet changes, or after this time.
+const AGAIN: Duration = Duration::from_millis(100);
 /// A request is asked again, of the next robot, until this time has passed.
 const PATIENCE: Duration = Duration::from_secs(60);
 
+/// The files of a fleet, and what it consists of.
+struct Fleet {
+    folder: tempfile::TempDir,
+    members: Vec<(Vec<String>, Option<Member>)>,
+    policies: [PathBuf; 2],
+    published: u64,
+}
+
+impl Fleet {
+    /// Two routers that know each other, robots that know both, and a publisher.
+    fn start() -> Fleet {
+        let folder = tempfile::tempdir().expect("a temporary directory");
+        let policy = int8_policy();
+        let policies = [Decision::default(), Decision::MostLikely].map(|decision| {
+            let path = folder.path().join(format!("{decision:?}.rgw"));
+            let file = policy.clone().deciding(decision);
+            file.save(&path).expect("writable");
+            path
+        });
+        let routers = [1, 2].map(unused_endpoint);
+        let mut fleet = Fleet {
+            folder,
+            members: Vec::new(),
+            policies,
+            published: 0,
+        };
+        for (number, router) in routers.iter().enumerate() {
+            let other = &routers[1 - number];
+            let config = fleet.config(&format!("router{number}"), Some(router), &[other]);
+            fleet.members.push((vec!["router".into(), config], None));
+        }
+        for (number, robot) in ROBOTS.iter().enumerate() {
+            let order = [&routers[number % 2], &routers[1 - number % 2]];
+            let config = fleet.config(robot, None, &order);
+            let state = text(&fleet.folder.path().join(format!("{robot}-state")));
+            let role = vec!["node".into(), config, (*robot).into(), state];
+            fleet.members.push((role, None));
+        }
+        let config = fleet.config("members", None, &[&routers[0], &routers[1]]);
+        fleet.members.push((vec!["publisher".into(), config], None));
+        for member in 0..fleet.members.len() {
+            fleet.revive(member);
+        }
+        fleet
+    }
+
+    /// Writes the configuration of a member, which waits for routers for as long as it takes.
+    fn config(&self, name: &str, listen: Option<&str>, connect: &[&String]) -> String {
+        let path = self.folder.path().join(format!("{name}.json5"));
+        let config = serde_json::json!({
+            "mode": if listen.is_some() { "router" } else { "client" },
+            "listen": { "endpoints": listen.as_slice() },
+            "connect": { "endpoints": connect, "timeout_ms": -1, "exit_on_failure": false },
+            "scouting": { "multicast": { "enabled": false } },
+        });
+        std::fs::write(&path, config.to_string()).expect("writable");
+        text(&path)
+    }
+
+    async fn join(&self) -> Session {
+        let args = SessionArgs {
+            zenoh: Some(self.folder.path().join("members.json5")),
+            ..SessionArgs::default()
+        };
+        open(&args).await.expect("routers that come")
+    }
+
+    /// Starts a member; a publisher with the next version of the other policy.
+    fn revive(&mut self, member: usize) {
+        let (role, process) = &mut self.members[member];
+        let mut role = role.clone();
+        if role[0] == "publisher" {
+            self.published += 1;
+            let policy = &self.policies[self.published as usize % 2];
+            role.extend([text(policy), self.published.to_string()]);
+        }
+        let role: Vec<_> = role.iter().map(String::as_str).collect();
+        *process = Some(Member::start(SOAK, &role));
+    }
+
+    /// Kills one after the other at random, each within a few requests, and starts them again; those that have ended by
+    /// themselves, too. Goes on until `poses` ends.
+    async fn suffer(&mut self, mut poses: watch::Receiver<u64>, allowed: &Semaphore) -> Deaths {
+        let mut rng = stream(SEED, Purpose::Shape, 0);
+        let mut deaths = Deaths::default();
+        let members: Vec<_> = (0..self.members.len()).collect();
+        let mut begun = 0;
+        loop {
+            let more = rng.random_range(1..=PACE);
+            begun += more as u64;
+            allowed.add_permits(more);
+            // Not all: some are under way when the next one dies.
+            let enough = begun.saturating_sub(IN_FLIGHT as u64);
+            while *poses.borrow() < enough {
+                let reached = poses.wait_for(|&poses| poses >= enough);
+                if let Ok(Err(_)) = timeout(AGAIN, reached).await {
+                    return deaths;
+                }
+                deaths.by_themselves += self.revive_the_dead();
+            }
+            let victim = *members.choose(&mut rng).expect("there are some");
+            match self.members[victim].0[0].as_str() {
+                "router" => deaths.routers += 1,
+                "node" => deaths.robots += 1,
+                _ => deaths.publishers += 1,
+            }
+            self.members[victim].1 = None;
+            tokio::time::sleep(AWAY.mul_f64(rng.random())).await;
+            self.revive(victim);
+        }
+    }
+
+    /// Starts again whoever has ended, as a service manager does: how many.
+    fn revive_the_dead(&mut self) -> u64 {
+        let mut count = 0;
+        for member in 0..self.members.len() {
+            let process = &mut self.members[member].1;
+            if process.as_mut().is_some_and(Member::has_ended) {
+                count += 1;
+                self.revive(member);
+            }
+        }
+        count
+    }
+}
+
+/// Who was killed how often, and how many ended and were started again, such as a robot whose name the network still
+/// held for the one before it.
+#[derive(Debug, Default)]
+struct Deaths {
+    routers: u64,
+    robots: u64,
+    publishers: u64,
+    by_themselves: u64,
+}
+
+fn text(path: &Path) -> String {
+    path.to_str().expect("a plain path").into()
+}
+
+/// On a loopback address of its own: no connection takes its port while its router is away.
+fn unused_endpoint(number: u8) -> String {
+    let [_, _, a, b] = std::process::id().to_be_bytes();
+    let listener = TcpListener::bind((Ipv4Addr::new(127, a, b, 100 + number), 0));
+    let listener = listener.expect("a free port");
+    format!("tcp/{}", listener.local_addr().expect("it is bound"))
+}
+
 #[derive(Default)]
 struct Counts {
-    poses: AtomicU64,
     again: AtomicU64,
     twice: AtomicU64,
     foreign: AtomicU64,
@@ -31,8 +199,10 @@ struct Counts {
 /// Every answer to a query, poses by their id.
 async fn answers(session: &Session, robot: &str, frame: Vec<u8>) -> Vec<Result<u64, Reason>> {
     let key = keys::refine(FLEET, robot).expect("good names");
-    let replies = session.get(key.as_str()).payload(frame);
-    let replies = replies.timeout(PATIENCE).await.expect("an open session");
+    let asked = session.get(key.as_str()).payload(frame).timeout(ANSWER);
+    // All that come, also two of one robot.
+    let asked = asked.consolidation(ConsolidationMode::None);
+    let replies = asked.await.expect("an open session");
     let mut answers = Vec::new();
     while let Ok(reply) = replies.recv_async().await {
         let payload = match reply.result() {
@@ -42,6 +212,8 @@ async fn answers(session: &Session, robot: &str, frame: Vec<u8>) -> Vec<Result<u
         match wire::decode(&payload) {
             Ok(Message::RefineReply(reply)) => answers.push(Ok(reply.id)),
             Ok(Message::Refusal(refusal)) => answers.push(Err(refusal.reason)),
+            // Zenoh's word for a time that has passed.
+            _ if payload == b"Timeout" => {}
             other => panic!("{other:?}: {}", String::from_utf8_lossy(&payload)),
         }
     }
@@ -49,7 +221,7 @@ async fn answers(session: &Session, robot: &str, frame: Vec<u8>) -> Vec<Result<u
 }
 
 /// Asks one robot after the other until there is a pose.
-async fn ask(session: &Session, id: u64, counts: &Counts) {
+async fn ask(client: &Client, id: u64, counts: &Counts) {
     let cloud = random_cloud(id % 7, 16);
     let request = RefineRequest {
         id,
@@ -61,24 +233,23 @@ async fn ask(session: &Session, id: u64, counts: &Counts) {
     let length = length.expect("it fits").len();
     frame.truncate(length);
     let started = Instant::now();
-    for robot in ROBOTS.iter().cycle().skip(id as usize) {
+    for robot in ROBOTS.iter().cycle().skip(id as usize % ROBOTS.len()) {
         assert!(started.elapsed() < PATIENCE, "request {id} is lost");
-        let answers = answers(session, robot, frame.clone()).await;
+        let mut changes = client.changes();
+        let answers = answers(client.session(), robot, frame.clone()).await;
         if answers.len() > 1 {
             counts.twice.fetch_add(1, Ordering::Relaxed);
         }
         match answers.first() {
             Some(Ok(answered)) => {
-                counts
-                    .foreign
-                    .fetch_add(u64::from(*answered != id), Ordering::Relaxed);
-                counts.poses.fetch_add(1, Ordering::Relaxed);
+                let foreign = u64::from(*answered != id);
+                counts.foreign.fetch_add(foreign, Ordering::Relaxed);
                 return;
             }
             // Gone, full, or without its policy yet.
             None | Some(Err(Reason::Busy | Reason::NoPolicy)) => {
                 counts.again.fetch_add(1, Ordering::Relaxed);
-                tokio::task::yield_now().await;
+                timeout(AGAIN, changes.changed()).await.ok();
             }
             Some(Err(other)) => panic!("{other}"),
         }
@@ -86,61 +257,49 @@ async fn ask(session: &Session, id: u64, counts: &Counts) {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn no_request_is_lost_or_answered_twice_while_robots_restart() {
+async fn no_request_is_lost_or_answered_twice_while_everybody_is_killed() {
+    process::play().await;
     let asked = std::env::var("REAGENT_SOAK")
         .ok()
         .and_then(|n| n.parse().ok());
-    let total: u64 = asked.unwrap_or(4000);
-    let network = Network::start().await;
-    let mut publisher = publisher(&network).await;
-    let published = publisher.publish(1, "first", int8_policy()).await;
-    published.expect("a good policy");
-    let mut nodes: Vec<Node> = Vec::new();
-    for robot in ROBOTS {
-        let node = network.node(FLEET, robot).await;
-        until(&node, |view| view.policy.is_some()).await;
-        nodes.push(node);
-    }
-    let session = network.join().await;
-    let (counts, done) = (
-        Arc::new(Counts::default()),
-        Arc::new(AtomicBool::new(false)),
-    );
-    let restarts = async {
-        let mut restarts = 0;
-        while !done.load(Ordering::Relaxed) {
-            let place = restarts % ROBOTS.len();
-            // Dropped as it is, with what it has in hand.
-            drop(nodes.remove(place));
-            let node = network.node(FLEET, ROBOTS[place]).await;
-            until(&node, |view| view.policy.is_some()).await;
-            nodes.insert(place, node);
-            restarts += 1;
-        }
-        restarts
-    };
-    let places = Arc::new(Semaphore::new(IN_FLIGHT));
+    let total: u64 = asked.unwrap_or(1000);
+    let mut fleet = Fleet::start();
+    let client = Client::new(fleet.join().await, FLEET).await;
+    let client = Arc::new(client.expect("a good name"));
+    client.follow_robots().await.expect("an open session");
+    let counts = Arc::new(Counts::default());
+    let (poses, seen) = watch::channel(0);
+    let poses = Arc::new(poses);
+
+    let started = Instant::now();
+    let (places, allowed) = (Arc::new(Semaphore::new(IN_FLIGHT)), Semaphore::new(0));
     let load = async {
         let mut requests = JoinSet::new();
         for id in 1..=total {
+            allowed.acquire().await.expect("open").forget();
             let place = places.clone().acquire_owned().await.expect("open");
-            let (session, counts) = (session.clone(), counts.clone());
+            let (client, counts, poses) = (client.clone(), counts.clone(), poses.clone());
             requests.spawn(async move {
-                ask(&session, id, &counts).await;
+                ask(&client, id, &counts).await;
+                poses.send_modify(|poses| *poses += 1);
                 drop(place);
             });
         }
         requests.join_all().await;
-        done.store(true, Ordering::Relaxed);
+        let answered = *poses.borrow();
+        // The end of the deaths.
+        drop(poses);
+        answered
     };
-    let (restarts, ()) = tokio::join!(restarts, load);
+    let (deaths, answered) = tokio::join!(fleet.suffer(seen, &allowed), load);
     let count = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
     let again = count(&counts.again);
-    println!("{total} requests, {restarts} restarts, {again} asked again");
-    assert_eq!(count(&counts.poses), total, "lost");
-    assert_eq!((count(&counts.twice), count(&counts.foreign)), (0, 0));
-    assert!(
-        restarts > 0 && again > 0,
-        "{restarts} restarts, {again} asked again"
+    println!(
+        "{total} requests in {:.0} s, killed {deaths:?}, {again} asked again",
+        started.elapsed().as_secs_f64()
     );
+    assert_eq!(answered, total, "lost");
+    assert_eq!((count(&counts.twice), count(&counts.foreign)), (0, 0));
+    let all_kinds = deaths.routers.min(deaths.robots).min(deaths.publishers);
+    assert!(all_kinds > 0 && again > 0, "{deaths:?}");
 }

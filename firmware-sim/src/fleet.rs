@@ -1,18 +1,18 @@
-//! `firmware-sim fleet`: a router, many robots, an update and a load of requests, on one machine over loopback.
+//! `firmware-sim fleet`: routers, many robots, an update and a load of requests, on one machine over loopback.
 
 mod figures;
+mod routers;
 mod table;
 mod watch;
 
 pub use watch::WatchArgs;
 
 use crate::client::Client;
-use crate::demo::{join, unused_endpoint};
+use crate::demo::join;
 use crate::node::{Node, NodeConfig};
 use crate::policy::Trust;
 use crate::refine::{Answer, ask};
-use crate::session::{SessionArgs, open};
-use anyhow::Context;
+use anyhow::{Context, ensure};
 use ed25519_dalek::SigningKey;
 use figures::Times;
 use host_train::cli::{check_writable, write_json};
@@ -22,6 +22,8 @@ use host_train::policy::WeightFile;
 use host_train::protocol::{self, Protocol};
 use host_train::publish::Publisher;
 use reagent_core::wire::{CloudView, Mode, RefineRequest};
+use reagent_link::stop::stop_requested;
+use routers::{Routers, peak_memory_mib};
 use serde_json::json;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -33,6 +35,8 @@ use tokio::task::JoinSet;
 const FLEET: &str = "fleet";
 /// Robots that start at once.
 const STARTING: usize = 8;
+/// Robots of one router, which takes 1000 sessions.
+const PER_ROUTER: u16 = 900;
 /// Shapes that the requests are about.
 const PAIRS: usize = 16;
 /// A robot that has not taken the policy by then has failed.
@@ -40,9 +44,9 @@ const UPDATE_TIME: Duration = Duration::from_secs(600);
 /// Time between two drawings of the table.
 const FRAME: Duration = Duration::from_millis(500);
 
-/// Run a whole fleet on this machine: a router, robots, an update and a load of requests, with their times
+/// Run a whole fleet on this machine: routers, robots, an update and a load of requests, with their times
 ///
-/// Every robot has a Zenoh session of its own, to one router over loopback. They fetch a policy of 2.5 MB in 8-bit
+/// Every robot has a Zenoh session of its own, to one of the routers over loopback. They fetch a policy of 2.5 MB in 8-bit
 /// integers; then one client asks for poses, first one request after the other, then several at once.
 #[derive(clap::Args, Clone, Debug)]
 #[command(args_conflicts_with_subcommands = true)]
@@ -50,8 +54,11 @@ pub struct FleetArgs {
     #[command(subcommand)]
     command: Option<Command>,
     /// How many robots
-    #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u16).range(1..=900))]
+    #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u16).range(1..))]
     pub robots: u16,
+    /// How many routers, each a process of its own, for at most 900 robots each
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=16))]
+    pub routers: u16,
     /// Requests one after the other, and as many again under load
     #[arg(long, value_name = "N", default_value_t = 500, value_parser = clap::value_parser!(u64).range(1..))]
     pub requests: u64,
@@ -61,7 +68,7 @@ pub struct FleetArgs {
     /// Policy to ship [default: the bundled one, in 8-bit integers]
     #[arg(long, value_name = "FILE.rgw")]
     pub weights: Option<PathBuf>,
-    /// Endpoint of the router, for `fleet watch` [default: a free port]
+    /// Endpoint of the first router, for `fleet watch` [default: a free port]
     #[arg(long, value_name = "ENDPOINT")]
     pub listen: Option<String>,
     /// Seed of shapes, poses and noise
@@ -86,6 +93,14 @@ impl FleetArgs {
         if let Some(Command::Watch(args)) = self.command.take() {
             return args.run().await;
         }
+        // Asked to end, it takes its routers along.
+        tokio::select! {
+            outcome = self.work() => outcome,
+            stopped = stop_requested() => Ok(stopped?),
+        }
+    }
+
+    async fn work(&self) -> anyhow::Result<()> {
         if let Some(path) = &self.json {
             check_writable(path)?;
         }
@@ -97,12 +112,14 @@ impl FleetArgs {
             PAIRS,
             self.seed,
         ));
-        let endpoint = self.listen.clone().map_or_else(unused_endpoint, Ok)?;
-        let _router = open(&SessionArgs {
-            listen: vec![endpoint.clone()],
-            ..SessionArgs::default()
-        })
-        .await?;
+        ensure!(
+            self.robots.div_ceil(PER_ROUTER) <= self.routers,
+            "{} robots need {} --routers: each takes {PER_ROUTER}",
+            self.robots,
+            self.robots.div_ceil(PER_ROUTER)
+        );
+        let routers = Routers::start(self.routers.into(), self.listen.as_deref())?;
+        let endpoint = routers.endpoints[0].clone();
         let key = SigningKey::from_bytes(
             &self
                 .seed
@@ -115,7 +132,7 @@ impl FleetArgs {
         let mut publisher = Publisher::new(join(&endpoint).await?, FLEET, key.clone())?;
 
         let started = Instant::now();
-        let robots = self.start_robots(&endpoint, &key).await?;
+        let robots = self.start_robots(&routers.endpoints, &key).await?;
         client.follow_robots().await?;
         println!(
             "{} robots are up on {endpoint} after {:.1} s; watch them: firmware-sim fleet watch --fleet {FLEET} --connect {endpoint}",
@@ -134,11 +151,20 @@ impl FleetArgs {
         say(format!("{} at once: {loaded}", self.in_flight));
         client.ask_for_statuses().await?;
         table.lock().expect("no holder panics").draw(&client);
-        // The router last: whoever leaves tells it.
+        let memory = (peak_memory_mib("self"), routers.memory_mib());
+        if let Some(robots) = memory.0 {
+            println!(
+                "memory at most: robots {robots} MiB, routers {:?} MiB",
+                memory.1
+            );
+        }
+        // Routers last: whoever leaves tells them.
         drop((publisher, client, robots));
         if let Some(path) = &self.json {
             let document = json!({
                 "robots": self.robots,
+                "routers": self.routers,
+                "memory_mib": { "robots": memory.0, "routers": memory.1 },
                 "update_bytes": bytes,
                 "update": updates.json(),
                 "alone": alone.json(),
@@ -159,7 +185,11 @@ impl FleetArgs {
         Ok(WeightFile::from_parameters_int8(&parameters, &calibration)?)
     }
 
-    async fn start_robots(&self, endpoint: &str, key: &SigningKey) -> anyhow::Result<Vec<Node>> {
+    async fn start_robots(
+        &self,
+        endpoints: &[String],
+        key: &SigningKey,
+    ) -> anyhow::Result<Vec<Node>> {
         let (mut starting, mut robots) = (JoinSet::new(), Vec::new());
         for number in 1..=self.robots {
             if starting.len() == STARTING
@@ -173,7 +203,7 @@ impl FleetArgs {
                 trust: Trust::Keys(vec![key.verifying_key()]),
                 state: None,
             };
-            let endpoint = endpoint.to_owned();
+            let endpoint = endpoints[usize::from(number) % endpoints.len()].clone();
             starting.spawn(async move {
                 anyhow::Ok(Node::start(join(&endpoint).await?, config).await?)
             });

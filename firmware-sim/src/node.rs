@@ -17,6 +17,7 @@ use reagent_core::wire::{Message, keys};
 use std::sync::Arc;
 use std::time::Duration;
 use thiserror::Error;
+use tokio::runtime::Handle;
 use tokio::sync::watch;
 use tokio::task::JoinHandle;
 use zenoh::handlers::RingChannel;
@@ -66,6 +67,9 @@ pub enum NodeError {
         /// As given.
         robot: String,
     },
+    /// The system gives no thread for its work.
+    #[error("no thread for the robot's work: {0}")]
+    Worker(std::io::Error),
     /// The state directory cannot be used.
     #[error(transparent)]
     Store(#[from] UpdateError),
@@ -162,10 +166,17 @@ impl Node {
             trace_key,
             view: view.clone(),
         };
-        tokio::task::spawn_blocking(move || match board {
-            Some(board) => bridge::serve(board, &jobs, policies, &outlet),
-            None => serve(&jobs, policies, &outlet),
-        });
+        let runtime = Handle::current();
+        // A thread of its own: those that the runtime has for blocking work are 512, and this one stays.
+        let work = move || {
+            let _within = runtime.enter();
+            match board {
+                Some(board) => bridge::serve(board, &jobs, policies, &outlet),
+                None => serve(&jobs, policies, &outlet),
+            }
+        };
+        let worker = std::thread::Builder::new().name(robot.clone());
+        worker.spawn(work).map_err(NodeError::Worker)?;
         let (expiring, offered) = (queue.0.clone(), queue.0.clone());
         let refine = session
             .declare_queryable(refine_key.as_str())

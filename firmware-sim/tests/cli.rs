@@ -76,6 +76,7 @@ fn bad_usage_is_status_2() {
         &["refine", "--fleet", "f", "--robot", "r", "only-one.ply"],
         &["demo", "--pairs", "a.h5", "--data", "b"],
         &["demo", "--per-robot", "0"],
+        &["fleet", "--routers", "0"],
     ] {
         let output = firmware_sim(arguments);
         assert_eq!(output.status.code(), Some(2), "{arguments:?}");
@@ -259,6 +260,12 @@ fn the_demo_runs_on_its_own_shapes_and_on_pairs() {
 }
 
 #[test]
+fn more_robots_than_a_router_takes_are_an_error_that_says_how_many_routers_they_need() {
+    let error = failure(&["fleet", "--robots", "2000", "--routers", "2"]);
+    assert!(error.contains("2000 robots need 3 --routers"), "{error}");
+}
+
+#[test]
 fn a_small_fleet_is_updated_and_asked_whether_or_not_anybody_reads() {
     let folder = tempfile::tempdir().expect("a temporary directory");
     let (policy, json) = (folder.path().join("p.rgw"), folder.path().join("f.json"));
@@ -267,6 +274,8 @@ fn a_small_fleet_is_updated_and_asked_whether_or_not_anybody_reads() {
         "fleet",
         "--robots",
         "3",
+        "--routers",
+        "2",
         "--requests",
         "4",
         "--in-flight",
@@ -279,7 +288,10 @@ fn a_small_fleet_is_updated_and_asked_whether_or_not_anybody_reads() {
     assert!(said.contains("policies in use: version 1: 3"), "{said}");
     let written = std::fs::read_to_string(&json).expect("it was written");
     let numbers: serde_json::Value = serde_json::from_str(&written).expect("JSON");
-    assert_eq!(numbers["robots"], 3);
+    assert_eq!(
+        (&numbers["robots"], &numbers["routers"]),
+        (&3.into(), &2.into())
+    );
     for load in ["alone", "loaded"] {
         assert_eq!(numbers[load]["poses"], 4, "{numbers}");
         assert!(numbers[load]["compute"]["p50"].as_f64() > Some(0.0));

@@ -36,6 +36,33 @@ async fn refused(session: &Session, request: &RefineRequest<'_>) -> Reason {
     }
 }
 
+/// A runtime has a bounded number of threads for work that blocks, and more robots than that fit one program.
+#[test]
+fn robots_work_however_few_threads_the_runtime_has_for_what_blocks() {
+    let runtime = tokio::runtime::Builder::new_multi_thread()
+        .enable_all()
+        .max_blocking_threads(1)
+        .build()
+        .expect("a runtime");
+    runtime.block_on(async {
+        let network = Network::start().await;
+        let mut publisher = publisher(&network).await;
+        let published = publisher.publish(1, "first", random_policy(1)).await;
+        published.expect("a good policy");
+        let nodes = [
+            network.node(FLEET, "r1").await,
+            network.node(FLEET, "r2").await,
+        ];
+        let session = network.join().await;
+        let cloud = random_cloud(1, 16);
+        for (node, robot) in nodes.iter().zip(["r1", "r2"]) {
+            until(node, |view| view.policy.is_some()).await;
+            let answer = client::refine(&session, FLEET, robot, &request(&cloud, &cloud)).await;
+            assert!(answer.is_ok(), "{robot}: {answer:?}");
+        }
+    });
+}
+
 #[tokio::test(flavor = "multi_thread")]
 async fn a_published_policy_is_fetched_and_answers_bit_for_bit() {
     let network = Network::start().await;

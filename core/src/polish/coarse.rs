@@ -1,7 +1,8 @@
 //! Coarse steps and losses, for searches that look at many poses: few of the source's points, and points of the target that are
 //! about nearest to them.
 
-use super::{RIDGE, Refiner, Workspace, columns, set};
+use super::equations::{RIDGE, columns, set};
+use super::{Refiner, Workspace};
 use crate::kernels::{PAIRS, Pairs, Sums, Weighing};
 use crate::loss;
 use crate::nearest::Lookup;

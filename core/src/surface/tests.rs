@@ -1,3 +1,4 @@
+use super::matching::Match;
 use super::*;
 use crate::polish::tests::{Numbers, part, pose};
 

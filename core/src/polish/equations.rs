@@ -1,0 +1,102 @@
+//! Normal equations of the points matched: those of a step, and those that tell how certain a pose is.
+
+use super::Refiner;
+use super::stage::{FINE, NEAR, Stage};
+use crate::covariance::Covariance;
+use crate::kernels::{PAIRS, Pairs, Sums, Weighing};
+use crate::solve::{Motion, Rigid, least};
+use crate::surface::Surface;
+use glam::Vec3;
+
+/// Share of the equations' trace that is added to their diagonal.
+pub(super) const RIDGE: f64 = 1e-7;
+
+impl Refiner<'_> {
+    /// The axis, through the target's centre, about which the planes matched under a pose fix a turn least, and how well
+    /// ([`super::Refined::rotation_constraint`]).
+    pub(crate) fn least_constraint(&mut self, at: Rigid) -> (Vec3, f32) {
+        let (axis, constraint) = least(self.matched_equations(at, &NEAR).turning());
+        (if axis == Vec3::ZERO { Vec3::Z } else { axis }, constraint)
+    }
+
+    /// Normal equations of a stage's step.
+    pub(super) fn matched_equations(&mut self, at: Rigid, stage: &Stage) -> Motion {
+        let by = Weighing {
+            gate: self.match_within_gate(at, stage),
+            tangential: stage.tangential,
+        };
+        let [source, target] = self.surfaces();
+        let mut matched = self.matched();
+        let (pose, mut sums) = (at.pose(), Sums::ZERO);
+        loop {
+            let mut pairs = Pairs::ZERO;
+            let count = fill(&mut pairs, &mut matched, source, target);
+            if count == 0 {
+                return Motion::of(&sums);
+            }
+            self.isa.see(&mut pairs, &pose);
+            self.isa.equations(&pairs, by, count, &mut sums);
+        }
+    }
+
+    /// Normal equations of planes under a refined pose, summed in f64, and the weighted mean of their squared residuals.
+    fn information(&mut self, at: Rigid) -> (Motion, f64) {
+        let gate = self.match_within_gate(at, &FINE);
+        let [source, target] = self.surfaces();
+        let (pose, mut motion) = (at.pose(), Motion::ZERO);
+        let (mut squares, mut weights) = (0.0f64, 0.0f64);
+        for (i, j) in self.matched() {
+            let ((p, m), (q, n)) = (source.at(i), target.at(j));
+            let (p, m) = (pose.apply(p), pose.rotation * m);
+            let (apart, middle) = (p - q, (p + q) * 0.5);
+            let share = (1.0 - apart.length_squared() / gate).max(0.0);
+            let normal = (if m.dot(n) < 0.0 { n - m } else { n + m }).normalize_or_zero();
+            let across = normal.dot(apart);
+            if share > 0.0 {
+                motion.add(middle, normal, share * share);
+                squares += f64::from(share * share * across * across);
+                weights += f64::from(share * share);
+            }
+        }
+        (motion, squares / weights.max(f64::MIN_POSITIVE))
+    }
+
+    /// How uncertain a refined pose is.
+    pub(super) fn covariance(&mut self, at: Rigid) -> Covariance {
+        let (equations, variance) = self.information(at);
+        Covariance::of(&equations, variance, self.target.centre, self.target.scale)
+    }
+}
+
+/// Sets pairs to the next matches of a place in the source and one in the target; how many there were.
+fn fill(
+    pairs: &mut Pairs,
+    matched: &mut impl Iterator<Item = (usize, usize)>,
+    source: &Surface,
+    target: &Surface,
+) -> usize {
+    let Pairs { p, m, q, n } = pairs;
+    let lanes = columns(p).zip(columns(m)).zip(columns(q).zip(columns(n)));
+    let filled = lanes.zip(matched).map(|(((p, m), (q, n)), (i, j))| {
+        set(p, m, source.at(i));
+        set(q, n, target.at(j));
+    });
+    filled.count()
+}
+
+/// The lanes of three rows.
+pub(super) fn columns(rows: &mut [[f32; PAIRS]; 3]) -> impl Iterator<Item = [&mut f32; 3]> {
+    let [x, y, z] = rows;
+    let lanes = x.iter_mut().zip(y).zip(z);
+    lanes.map(|((x, y), z)| [x, y, z])
+}
+
+/// Sets a point and its normal.
+pub(super) fn set(
+    [x, y, z]: [&mut f32; 3],
+    [a, b, c]: [&mut f32; 3],
+    (point, normal): (Vec3, Vec3),
+) {
+    [*x, *y, *z] = point.to_array();
+    [*a, *b, *c] = normal.to_array();
+}

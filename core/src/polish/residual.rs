@@ -1,0 +1,150 @@
+//! How a pose fits: the losses of the points matched, and how much of the source lies on the target.
+
+use super::{Refiner, Workspace};
+use crate::freespace::DepthGrid;
+use crate::loss;
+use crate::solve::Rigid;
+use crate::surface::Surface;
+use glam::Vec3;
+
+/// Share of the source's points in a comparison of poses: the target often has sides that the source does not show.
+const SOURCE_SHARE: f32 = 0.8;
+/// Loss of a target's point that was not seen and need not have been, of that of one that would have hidden what was.
+const UNSEEN: f32 = 0.5;
+
+/// How far two clouds are apart under a pose, each in its own way: mean over the points of a loss that is 0 for a
+/// point on the other cloud's surface and 1 for a point near nothing of it. 0 for equal clouds, about .4
+/// for two samples of one noisy surface, 1 for clouds that have nothing in common; a part that the other cloud lacks adds its
+/// share.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Residual {
+    /// Of the source's points, to the target.
+    pub source: f32,
+    /// Of the target's points, to the source.
+    pub target: f32,
+}
+
+impl Residual {
+    /// Both ways.
+    pub fn mean(&self) -> f32 {
+        0.5 * (self.source + self.target)
+    }
+}
+
+/// How much of the source lies on the target's surface: see [`super::Refined`].
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Overlap {
+    pub(super) on_surface: f32,
+    pub(super) near: f32,
+    pub(super) within: f32,
+    pub(super) inlier_rmse: f32,
+}
+
+impl Refiner<'_> {
+    /// Residual under the pose for which points were matched last, by what the view point tells.
+    pub(crate) fn matched_residual(&self, at: Rigid) -> Residual {
+        self.matched_residual_of(at, &self.workspace.seen)
+    }
+
+    pub(super) fn matched_residual_of(&self, at: Rigid, seen: &DepthGrid) -> Residual {
+        let Workspace { source, target, .. } = &*self.workspace;
+        let [source, target] =
+            matched_losses(source, target, seen, at, loss::of_match).map(|losses| {
+                let (mut sum, mut count) = (0.0f64, 0u32);
+                for loss in losses {
+                    sum += f64::from(loss);
+                    count += 1;
+                }
+                (sum / f64::from(count.max(1))) as f32
+            });
+        Residual { source, target }
+    }
+
+    /// How much of the source, matched last, lies on the target's surface.
+    pub(super) fn matched_overlap(&self, at: Rigid) -> Overlap {
+        let Workspace { source, target, .. } = &*self.workspace;
+        let pose = at.pose();
+        let mut sum = 0.0f64;
+        let [mut on_surface, mut near, mut within, mut count] = [0u32; 4];
+        for found in source.matches() {
+            let ((p, _), (q, n)) = (source.at(found.of), target.at(found.to));
+            let apart = pose.apply(p) - q;
+            count += 1;
+            near += u32::from(loss::is_near_surface(apart, n, target.radius));
+            within += u32::from(apart.length_squared() < target.radius * target.radius);
+            if loss::is_on_surface(apart, n, target.radius) {
+                let across = n.dot(apart);
+                sum += f64::from(across * across);
+                on_surface += 1;
+            }
+        }
+        let share = |of: u32| (f64::from(of) / f64::from(count.max(1))) as f32;
+        Overlap {
+            on_surface: share(on_surface),
+            near: share(near),
+            within: share(within),
+            inlier_rmse: libm::sqrt(sum / f64::from(on_surface.max(1))) as f32,
+        }
+    }
+
+    /// Keeps the losses of the points matched last; their sum, as of [`loss::COMPARED`] points of each cloud,
+    /// and the mean of the source's.
+    pub(crate) fn keep_matched_losses(&mut self, contender: usize, at: Rigid) -> [f32; 2] {
+        self.keep_losses_by(contender, at, loss::of_match);
+        let Residual { source, target } = self.matched_residual(at);
+        let mean = SOURCE_SHARE * source + (1.0 - SOURCE_SHARE) * target;
+        [mean * 2.0 * loss::COMPARED as f32, source]
+    }
+
+    /// Keeps how far the points matched last are from surfaces, and not from points: where those lie is chance.
+    pub(crate) fn keep_matched_surface_losses(&mut self, contender: usize, at: Rigid) {
+        let by = |apart, normal, radius| loss::of_surface(apart, normal, radius, loss::SURFACE);
+        self.keep_losses_by(contender, at, by);
+    }
+
+    /// Keeps what the points matched last lose by such a loss.
+    fn keep_losses_by(
+        &mut self,
+        contender: usize,
+        at: Rigid,
+        by: impl Fn(Vec3, Vec3, f32) -> f32 + Copy,
+    ) {
+        let Workspace {
+            source,
+            target,
+            seen,
+            losses,
+            ..
+        } = &mut *self.workspace;
+        let [of_source, of_target] = matched_losses(source, target, seen, at, by);
+        losses.keep(contender, of_source.chain(of_target));
+    }
+}
+
+/// Losses of the points matched last, of the source and of the target. Where a view point is known the target's
+/// are 1 for what stands in front of what was seen, and less than that for what only was not seen.
+fn matched_losses<'a>(
+    source: &'a Surface,
+    target: &'a Surface,
+    seen: &'a DepthGrid,
+    at: Rigid,
+    by: impl Fn(Vec3, Vec3, f32) -> f32 + Copy + 'a,
+) -> [impl Iterator<Item = f32> + 'a; 2] {
+    let there = at.pose();
+    [
+        (source, target, there, false),
+        (target, source, there.inverse(), seen.is_known()),
+    ]
+    .map(|(surface, other, pose, sees)| {
+        surface.matches().map(move |found| {
+            let ((p, _), (q, n)) = (surface.at(found.of), other.at(found.to));
+            let p = pose.apply(p);
+            let loss = by(p - q, n, other.radius);
+            match sees {
+                true if seen.hides(p) => 1.0,
+                true => UNSEEN * loss,
+                false => loss,
+            }
+        })
+    })
+}

@@ -1,0 +1,154 @@
+//! Nearest points of one surface to those of another.
+
+use super::boxes::{bounds_of, largest};
+use super::{BLOCK, Surface};
+use crate::kernels::{BATCH, Batch, Isa, RUN};
+use crate::pose::Pose;
+use glam::Vec3;
+
+/// A point's nearest point of the other surface.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Match {
+    /// Place of the point.
+    pub(crate) of: usize,
+    /// Place of the nearest point of the other surface.
+    pub(crate) to: usize,
+}
+
+impl Surface {
+    /// Finds the nearest point of `other` to every `every`-th point, seen under `pose`. Where none is nearer than the root of
+    /// `limit`, any may be found; what was nearest under another pose shortens the search.
+    pub(crate) fn match_to(
+        &mut self,
+        isa: Isa,
+        other: &Surface,
+        pose: Pose,
+        every: usize,
+        limit: f32,
+    ) {
+        let every = every.max(1);
+        self.every = every;
+        let of_batch = BATCH * every;
+        let points = self.points.get(..self.len).unwrap_or(&[]).chunks(of_batch);
+        let places = self.place.chunks_mut(of_batch);
+        let (keys, _) = self.keys.as_chunks_mut::<BATCH>();
+        let mut batch = Batch::EMPTY;
+        for ((points, places), keys) in points.zip(places).zip(keys) {
+            load(&mut batch, &mut every_nth(points, every, pose));
+            batch.nearest = [f32::INFINITY; BATCH];
+            if self.is_known {
+                other.show_known(&mut batch, places.iter().step_by(every));
+            }
+            other.nearest(isa, &mut batch, limit);
+            for (place, found) in places.iter_mut().step_by(every).zip(batch.place) {
+                *place = found as u16;
+            }
+            *keys = batch.nearest.map(f32::to_bits); // in the order of the distances: they are not negative
+        }
+        self.is_known |= every == 1;
+    }
+
+    /// At most so large is the median squared distance from `other` of every `every`-th point, seen under `pose`: that of the
+    /// points that were nearest when they were matched last.
+    pub(crate) fn largest_median(&mut self, other: &Surface, pose: Pose, every: usize) -> f32 {
+        if !self.is_known {
+            return f32::INFINITY;
+        }
+        let every = every.max(1);
+        let mut count = 0;
+        let points = every_nth(self.points.get(..self.len).unwrap_or(&[]), every, pose);
+        let places = self.place.iter().step_by(every);
+        for ((key, p), &place) in self.keys.iter_mut().zip(points).zip(places) {
+            let (q, _) = other.at(place.into());
+            *key = (p - q).length_squared().to_bits();
+            count += 1;
+        }
+        self.select(count, count / 2)
+    }
+
+    /// What [`Self::match_to`] found.
+    pub(crate) fn matches(&self) -> impl Iterator<Item = Match> {
+        let places = self.place.iter().enumerate().take(self.len);
+        places.step_by(self.every.max(1)).map(|(of, &to)| Match {
+            of,
+            to: usize::from(to),
+        })
+    }
+
+    /// Median squared distance of the matches, once after [`Self::match_to`].
+    pub(crate) fn median_squared(&mut self) -> f32 {
+        let count = self.len.div_ceil(self.every.max(1));
+        self.select(count, count / 2)
+    }
+
+    /// Shows each lane of a batch one point that may be near; those beyond the last, that of the last.
+    pub(crate) fn show_known<'a>(
+        &self,
+        batch: &mut Batch,
+        mut places: impl Iterator<Item = &'a u16>,
+    ) {
+        let Batch { at, nearest, place } = batch;
+        let [x, y, z] = at;
+        let mut known = 0;
+        for ((((x, y), z), nearest), place) in x.iter().zip(y).zip(z).zip(nearest).zip(place) {
+            known = places.next().copied().unwrap_or(known);
+            if let Some(&[a, b, c]) = self.points().get(usize::from(known)) {
+                let (dx, dy, dz) = (*x - a, *y - b, *z - c);
+                (*nearest, *place) = (dx * dx + dy * dy + dz * dz, known.into());
+            }
+        }
+    }
+
+    /// Nearest points to a batch, all of whose lanes are set, by distances that are known already or infinite; where no point
+    /// is nearer than the root of `limit`, any.
+    pub(crate) fn nearest(&self, isa: Isa, batch: &mut Batch, limit: f32) {
+        let gaps = self.boxes.gaps(&bounds_of(batch), self.len.div_ceil(BLOCK));
+        let mut worst = largest(&batch.nearest);
+        let mut shown = usize::MAX;
+        if worst == f32::INFINITY {
+            let nearer = |a: &(f32, usize), b: (f32, usize)| if b.0 < a.0 { b } else { *a };
+            let starts = gaps
+                .iter()
+                .zip(self.blocks())
+                .map(|(&gap, (start, _))| (gap, start));
+            (_, shown) = starts.fold((f32::INFINITY, 0), |a, b| nearer(&a, b));
+            self.show(isa, batch, shown, f32::INFINITY);
+            worst = largest(&batch.nearest);
+        }
+        for (&gap, (start, _)) in gaps.iter().zip(self.blocks()) {
+            if gap < worst && gap < limit && start != shown {
+                self.show(isa, batch, start, limit);
+                worst = largest(&batch.nearest);
+            }
+        }
+    }
+
+    /// Shows the block that starts at a place to a batch.
+    fn show(&self, isa: Isa, batch: &mut Batch, start: usize, limit: f32) {
+        let points = self.points().get(start..).unwrap_or(&[]);
+        let points = points.get(..BLOCK).unwrap_or(points);
+        let runs = self.runs.get(start / RUN..).unwrap_or(&[]);
+        isa.show(batch, points, runs, start as u32, limit);
+    }
+}
+
+/// Every so many-th point, seen under a pose.
+fn every_nth(points: &[[f32; 3]], every: usize, pose: Pose) -> impl Iterator<Item = Vec3> {
+    let sampled = points.iter().step_by(every);
+    sampled.map(move |&p| pose.apply(Vec3::from_array(p)))
+}
+
+/// Sets all lanes of a batch: to the next points, then to the last of them. Says how many there were.
+pub(super) fn load(batch: &mut Batch, points: &mut impl Iterator<Item = Vec3>) -> usize {
+    let mut count = 0;
+    let mut last = Vec3::ZERO;
+    let [xs, ys, zs] = &mut batch.at;
+    for ((x, y), z) in xs.iter_mut().zip(ys).zip(zs) {
+        if let Some(p) = points.next() {
+            last = p;
+            count += 1;
+        }
+        [*x, *y, *z] = last.to_array();
+    }
+    count
+}

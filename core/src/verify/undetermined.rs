@@ -1,6 +1,7 @@
 //! What the shape leaves open: other poses that fit as well as the best, and an axis about which the clouds may be turned.
 
-use super::{Contender, RANKED, SLIPPERY};
+use super::search::SLIPPERY;
+use super::{Contender, RANKED};
 use crate::loss::CONTENDERS;
 use crate::polish::{Candidate, Refiner};
 use crate::pose::Pose;

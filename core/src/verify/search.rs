@@ -1,0 +1,279 @@
+//! The search for poses that might be right instead: hypotheses, and which of them enter the comparison.
+
+use super::{Contender, RANKED, energy};
+use crate::loss::CONTENDERS;
+use crate::pairs::matching_pairs;
+use crate::polish::{Candidate, Refiner};
+use crate::search::{
+    Best, SCREEN_SCALE, SIFT_POINTS, SIFT_SCALE, aligned, anywhere, around, confused, copies,
+    is_equal, is_same, nudged,
+};
+use crate::solve::Rigid;
+use crate::start::Prior;
+use crate::surface::Surface;
+use crate::turn::Turn;
+
+/// Hypotheses that are sifted, and the same of the second round.
+const SIFTED: usize = 24;
+const SIFTED_AGAIN: usize = 6;
+/// Best ones whose symmetric copies are tried, too.
+const AGAIN: usize = 2;
+/// Loss of the best of them above which poses are looked for by pairs of points, and near the best: where clouds overlap in
+/// part.
+const UNEXPLAINED: f32 = 0.4;
+/// Points by which those are judged, first and last, by how much the first may mislead, and how many of them are sifted.
+const PAIR_POINTS: [usize; 2] = [32, 128];
+const PAIR_SLACK: f32 = 0.08;
+const MATCHED: usize = 48;
+/// Hypotheses that are sifted, at most.
+pub(super) const ENDED: usize = SIFTED + MATCHED + AGAIN * SIFTED_AGAIN;
+/// Symmetric copies that are polished, and by how much more loss they count as such.
+const COPIES: usize = 4;
+const ALIKE: f32 = 0.08;
+/// Poses near the best that are polished.
+const NUDGED: usize = 3;
+/// How much more loss than the best a hypothesis may have to be polished.
+const FAR_BEHIND: f32 = 0.2;
+/// Hypotheses that are polished besides the start and the policy's pose.
+const POLISHED: usize = 5;
+/// Below this share of all axes, planes do not tell an angle: spins are tried, and it is looked how far they fit.
+pub(super) const SLIPPERY: f32 = 0.06;
+/// Spins about the axis about which planes fix a rotation least: every 4.5 degrees, from two poses.
+const SPINS: usize = 80;
+/// Points of each cloud by which spins are compared.
+const SPIN_POINTS: usize = 64;
+/// Spins that are polished.
+const SPINS_POLISHED: usize = 1;
+
+/// A search under way.
+pub(super) struct Search<'r, 'w> {
+    pub(super) refiner: &'r mut Refiner<'w>,
+    pub(super) hypotheses: usize,
+    /// Where those that were sifted ended.
+    pub(super) ended: [Option<Rigid>; ENDED],
+    pub(super) contenders: [Option<Contender>; RANKED],
+}
+
+impl Search<'_, '_> {
+    /// Enters a polished pose into the comparison: in place of one that is the same, else in a free place or that of the worst,
+    /// if it is more probable. The first is the pose at hand, and stays.
+    pub(super) fn enter(&mut self, at: Rigid, prior: Option<&Prior>) {
+        const SPARE: usize = CONTENDERS - 1;
+        if self.held().any(|held| is_equal(held.at, at)) {
+            return;
+        }
+        let losses = self.refiner.keep_losses(SPARE, at);
+        let surprise = prior.map_or(0.0, |prior| prior.surprise(at));
+        let energy = energy(losses, surprise);
+        let energy_of = |held: &Option<Contender>| held.map_or(f32::INFINITY, |held| held.energy);
+        let is_twin = |held: &Option<Contender>| held.is_some_and(|held| is_same(held.at, at));
+        let replaceable = usize::from(self.held().next().is_some());
+        let place = self.contenders.iter().position(is_twin).or_else(|| {
+            let places = self.contenders.iter().enumerate().skip(replaceable);
+            let least_probable = places.min_by(|a, b| energy_of(b.1).total_cmp(&energy_of(a.1)));
+            least_probable.map(|(i, _)| i)
+        });
+        if let Some(i) = place
+            && let Some(held) = self.contenders.get_mut(i)
+            && energy < energy_of(held)
+        {
+            *held = Some(Contender { at, energy });
+            self.refiner.losses_mut().copy(SPARE, i);
+        }
+    }
+
+    /// Symmetric copies of the best pose that fit about as well: one of them may be right.
+    pub(super) fn copies<E>(
+        &mut self,
+        prior: Option<&Prior>,
+        go_on: &mut impl FnMut() -> Result<(), E>,
+    ) -> Result<(), E> {
+        let Some(best) = self
+            .best()
+            .and_then(|i| self.contenders.get(i).copied().flatten())
+        else {
+            return Ok(());
+        };
+        let [points, compared] = SIFT_POINTS;
+        let least = self.refiner.coarse_loss(best.at, points, SIFT_SCALE);
+        let [_, target] = self.refiner.surfaces();
+        let axes = target.axes();
+        let mut found = Best::<COPIES>::NONE;
+        for at in copies(best.at, axes) {
+            if self.refiner.coarse_loss(at, points, SIFT_SCALE) < least + ALIKE {
+                go_on()?;
+                self.hypotheses += 1;
+                self.refiner.match_both(at, compared);
+                found.offer(self.refiner.matched_residual(at).mean(), at);
+            }
+        }
+        for (_, at) in found.held() {
+            go_on()?;
+            let at = self.refiner.polish_briefly(at);
+            self.enter(at, prior);
+        }
+        Ok(())
+    }
+
+    /// Poses near the best where that explains little: there small steps end in one of several minima side by side.
+    pub(super) fn nudge<E>(
+        &mut self,
+        prior: Option<&Prior>,
+        go_on: &mut impl FnMut() -> Result<(), E>,
+    ) -> Result<(), E> {
+        let best = self.best().and_then(|i| self.contenders.get(i).copied());
+        let Some(best) = best.flatten() else {
+            return Ok(());
+        };
+        let [_, compared] = SIFT_POINTS;
+        if self.refiner.coarse_loss(best.at, compared, SIFT_SCALE) < UNEXPLAINED {
+            return Ok(());
+        }
+        // By the loss alone: those beside each other are what is looked for.
+        let mut nearest = [None; NUDGED];
+        for at in nudged(best.at) {
+            go_on()?;
+            self.hypotheses += 1;
+            let mut carried = Some(self.refiner.sifted(at));
+            for held in &mut nearest {
+                let loss = |sifted: &Option<(f32, Rigid)>| sifted.map_or(f32::INFINITY, |s| s.0);
+                if loss(&carried) < loss(held) {
+                    core::mem::swap(held, &mut carried);
+                }
+            }
+        }
+        for (_, at) in nearest.into_iter().flatten() {
+            go_on()?;
+            let at = self.refiner.polish_briefly(at);
+            self.enter(at, prior);
+        }
+        Ok(())
+    }
+
+    fn held(&self) -> impl Iterator<Item = Contender> {
+        self.contenders.iter().flatten().copied()
+    }
+
+    pub(super) fn best(&self) -> Option<usize> {
+        let held = self.contenders.iter().enumerate();
+        held.filter_map(|(i, contender)| contender.map(|c| (i, c.energy)))
+            .min_by(|a, b| a.1.total_cmp(&b.1))
+            .map(|(i, _)| i)
+    }
+
+    /// Screens hypotheses, sifts the best and enters the best of those.
+    pub(super) fn screen<E>(
+        &mut self,
+        polished: Rigid,
+        begun: Rigid,
+        prior: Option<&Prior>,
+        go_on: &mut impl FnMut() -> Result<(), E>,
+    ) -> Result<(), E> {
+        let [source_axes, target_axes] = self.refiner.surfaces().map(Surface::axes);
+        let mut screened = Best::<SIFTED>::NONE;
+        let begun_elsewhere = !is_same(begun, polished);
+        let hypotheses = around(polished)
+            .chain(around(begun).filter(|_| begun_elsewhere))
+            .chain(confused(polished, target_axes))
+            .chain(aligned(source_axes, target_axes, polished.shift))
+            .chain(anywhere(begun));
+        for at in hypotheses {
+            go_on()?;
+            self.offer(at, &mut screened);
+        }
+        let mut sifted = Best::<POLISHED>::NONE;
+        for (_, at) in screened.held() {
+            go_on()?;
+            self.sift(at, &mut sifted);
+        }
+        let is_explained = sifted.least().is_some_and(|least| least < UNEXPLAINED);
+        if !is_explained {
+            let mut matched = Best::<MATCHED>::NONE;
+            let [source, target] = self.refiner.surfaces();
+            for at in matching_pairs(source, target) {
+                // Most are given up after few points.
+                let [few, all] = PAIR_POINTS
+                    .map(|points| move |r: &Refiner<'_>| r.coarse_loss(at, points, SCREEN_SCALE));
+                if matched.takes(few(self.refiner) - PAIR_SLACK) {
+                    matched.offer(all(self.refiner), at);
+                }
+            }
+            for (_, at) in matched.held() {
+                go_on()?;
+                self.hypotheses += 1;
+                self.sift(at, &mut sifted);
+            }
+        }
+        // The copies of the pose at hand were tried already.
+        let firsts = sifted.clone().held().take(AGAIN);
+        for (_, first) in firsts.filter(|&(_, first)| !is_same(first, polished)) {
+            let mut screened = Best::<SIFTED_AGAIN>::NONE;
+            for at in confused(first, target_axes) {
+                go_on()?;
+                self.offer(at, &mut screened);
+            }
+            for (_, at) in screened.held() {
+                go_on()?;
+                self.sift(at, &mut sifted);
+            }
+        }
+        let least = sifted.least().unwrap_or(0.0);
+        for (_, at) in sifted
+            .held()
+            .take_while(|&(loss, _)| loss < least + FAR_BEHIND)
+        {
+            go_on()?;
+            let at = self.refiner.polish_briefly(at);
+            self.enter(at, prior);
+        }
+        Ok(())
+    }
+
+    fn offer<const N: usize>(&mut self, at: Rigid, screened: &mut Best<N>) {
+        self.hypotheses += 1;
+        self.refiner.screen(at, screened);
+    }
+
+    fn sift(&mut self, at: Rigid, sifted: &mut Best<POLISHED>) {
+        let (loss, at) = self.refiner.sifted(at);
+        if let Some(place) = self.ended.iter_mut().find(|ended| ended.is_none()) {
+            *place = Some(at);
+        }
+        sifted.offer(loss, at);
+    }
+
+    /// Where planes do not tell the angle about an axis, points that both clouds share do: copies turned about it in small
+    /// steps, and of the same upside down.
+    pub(super) fn spin<E>(
+        &mut self,
+        polished: Candidate,
+        prior: Option<&Prior>,
+        go_on: &mut impl FnMut() -> Result<(), E>,
+    ) -> Result<(), E> {
+        let best = self.best().and_then(|i| self.contenders.get(i).copied());
+        let at = best.flatten().map_or(polished.at, |best| best.at);
+        let (axis, constraint) = self.refiner.least_constraint(at);
+        if constraint >= SLIPPERY {
+            return Ok(());
+        }
+        let mut spun = Best::<SPINS_POLISHED>::NONE;
+        let upside_down = Turn::new(axis.any_orthonormal_vector(), 0.0);
+        let (sine, cosine) = libm::sincosf(core::f32::consts::PI / SPINS as f32);
+        let step = Turn::new(axis * sine, cosine);
+        for from in [at, at.turned(upside_down)] {
+            let mut at = from;
+            for _ in 0..SPINS {
+                go_on()?;
+                self.hypotheses += 1;
+                self.refiner.match_both(at, SPIN_POINTS);
+                spun.offer(self.refiner.matched_residual(at).mean(), at);
+                at = at.turned(step);
+            }
+        }
+        for (_, at) in spun.held() {
+            let at = self.refiner.polish_briefly(at);
+            self.enter(at, prior);
+        }
+        Ok(())
+    }
+}

@@ -27,6 +27,8 @@ mod presence;
 mod queue;
 #[cfg(feature = "demo")]
 pub mod refine;
+#[cfg(feature = "demo")]
+pub mod ros;
 mod routers;
 mod service;
 mod store;

@@ -32,6 +32,8 @@ enum Command {
     Demo(firmware_sim::demo::DemoArgs),
     #[cfg(feature = "demo")]
     Fleet(firmware_sim::fleet::FleetArgs),
+    #[cfg(feature = "demo")]
+    Ros(firmware_sim::ros::RosArgs),
 }
 
 /// Be a robot: fetch the fleet's policy, verify it, and answer refine requests until Ctrl-C
@@ -179,5 +181,7 @@ async fn run(command: Command) -> anyhow::Result<()> {
         Command::Demo(args) => args.run().await,
         #[cfg(feature = "demo")]
         Command::Fleet(args) => args.run().await,
+        #[cfg(feature = "demo")]
+        Command::Ros(args) => args.run().await,
     }
 }

@@ -1,0 +1,157 @@
+//! `firmware-sim ros`: a node of a ROS 2 network whose middleware is Zenoh (`rmw_zenoh`), without ROS: clouds in, the pose of a
+//! model in them out.
+
+mod cloud;
+mod keys;
+mod messages;
+mod node;
+mod outputs;
+mod pose;
+
+use crate::session::{SessionArgs, open};
+use anyhow::Context;
+use host_train::cli::Initial;
+use host_train::dataset::cloud_file::read_file;
+use host_train::policy::{REAGENT, VIEWS, WeightFile};
+use host_train::register::prepared::Prepared;
+use host_train::register::request::{Done, Request};
+use host_train::register::{Memory, Start};
+use messages::PointCloud2;
+use node::Member;
+use outputs::Outputs;
+use reagent_core::pipeline::Mode;
+use reagent_link::stop::stop_requested;
+use std::path::{Path, PathBuf};
+use std::pin::pin;
+
+/// Be a node of a ROS 2 network over rmw_zenoh (Jazzy and later): publish where a model is in the clouds of a topic, until Ctrl-C
+///
+/// Clouds are sensor_msgs/PointCloud2 of the object alone, in the model's units. For each, ~/pose (geometry_msgs/PoseStamped) and
+/// ~/pose_with_covariance say where the model's frame is in the cloud's, as far as the pose is probably right; /diagnostics says
+/// what came of every cloud. While one is registered, of those that come the newest is kept.
+#[derive(clap::Args, Clone, Debug)]
+pub struct RosArgs {
+    /// Cloud or mesh of the object (.ply .pcd .xyz .txt .asc .csv .pts .npy .off .obj .stl)
+    #[arg(long, value_name = "FILE")]
+    pub model: PathBuf,
+    /// Topic of the clouds
+    #[arg(long, value_name = "/TOPIC", value_parser = keys::absolute_name, default_value = "/points")]
+    pub cloud: String,
+    /// The clouds are views from the origin of their frame, as a depth camera gives them
+    #[arg(long)]
+    pub view: bool,
+    /// Policy: a file, or a bundled one [default: reagent, of views views]
+    #[arg(long, value_name = "FILE.rgw")]
+    pub weights: Option<PathBuf>,
+    /// What follows the policy's steps
+    #[arg(long, value_name = "MODE", default_value_t = Mode::Verify)]
+    pub mode: Mode,
+    /// Where each starts: none (turned in any way), identity, 12 numbers (rows of [R | t] from the cloud to the model), or a file
+    /// with them [default: identity]
+    #[arg(long, value_name = "POSE")]
+    pub init: Option<Initial>,
+    /// The node's name
+    #[arg(long, value_name = "NAME", value_parser = keys::base_name, default_value = "reagent")]
+    pub node: String,
+    /// The node's namespace
+    #[arg(long, value_name = "/NAMESPACE", value_parser = keys::absolute_name, default_value = "/")]
+    pub namespace: String,
+    /// The network's ROS_DOMAIN_ID
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u8).range(..=232))]
+    pub domain: u8,
+    /// Publish the pose as a transform on /tf, too, from the cloud's frame to this one
+    #[arg(long, value_name = "FRAME")]
+    pub tf: Option<String>,
+    /// Seed by which points of a mesh are drawn
+    #[arg(long, value_name = "S", default_value_t = 42)]
+    pub seed: u64,
+    /// The network: the router that `ros2 run rmw_zenoh_cpp rmw_zenohd` starts listens at tcp/HOST:7447.
+    #[command(flatten)]
+    pub session: SessionArgs,
+}
+
+/// What registers clouds to the model.
+struct Registration {
+    model: Prepared<'static>,
+    weights: WeightFile,
+    request: Request,
+    memory: Box<Memory>,
+    /// Named by errors.
+    topic: PathBuf,
+}
+
+impl RosArgs {
+    /// Runs the command.
+    ///
+    /// # Errors
+    /// Files that cannot be read, no session, and its failure; not clouds that cannot be registered.
+    pub async fn run(self) -> anyhow::Result<()> {
+        let mut registration = self.registration()?;
+        let session = open(&self.session).await?;
+        let mut member = Member::join(session, self.domain, &self.namespace, &self.node)
+            .await
+            .map_err(failed)?;
+        let model = self.model.file_stem().unwrap_or_default();
+        let model = model.to_string_lossy().into_owned();
+        let outputs = Outputs::declare(&mut member, model, self.tf.clone()).await;
+        let mut outputs = outputs.map_err(failed)?;
+        let clouds = member
+            .subscribe(&self.cloud, keys::POINT_CLOUD)
+            .await
+            .map_err(failed)?;
+        println!(
+            "node {} hears {}; Ctrl-C ends it",
+            member.node.full_name(),
+            self.cloud
+        );
+        let mut stopped = pin!(stop_requested());
+        loop {
+            tokio::select! {
+                bytes = clouds.next() => {
+                    let bytes = bytes.map_err(failed)?;
+                    tokio::task::block_in_place(|| outputs.answer(&mut registration, &bytes)).map_err(failed)?;
+                }
+                stopped = &mut stopped => return Ok(stopped?),
+            }
+        }
+    }
+
+    fn registration(&self) -> anyhow::Result<Registration> {
+        let bundled = if self.view { VIEWS } else { REAGENT };
+        let weights = self.weights.as_deref().unwrap_or(Path::new(bundled));
+        let start = self
+            .init
+            .clone()
+            .map_or(Ok(Start::Identity), Initial::load)?;
+        Ok(Registration {
+            model: Prepared::of_file(&read_file(&self.model)?, &self.model, None, self.seed)?,
+            weights: WeightFile::load(weights)?,
+            request: Request {
+                start,
+                mode: self.mode,
+                view_point: self.view.then_some([0.0; 3]),
+                ..Request::default()
+            },
+            memory: Box::new(Memory::new()),
+            topic: self.cloud.clone().into(),
+        })
+    }
+}
+
+fn failed(error: zenoh::Error) -> anyhow::Error {
+    anyhow::anyhow!("zenoh: {}", crate::session::plain(&error))
+}
+
+impl Registration {
+    fn register(&mut self, cloud: &PointCloud2) -> anyhow::Result<Done> {
+        let points = cloud::points(cloud)?;
+        let source = Prepared::of_points(&points, &self.topic, None)?;
+        let done = self.request.register(
+            self.weights.policy(),
+            &mut self.memory,
+            &source,
+            &self.model,
+        );
+        done.context("no pose")
+    }
+}

@@ -1,0 +1,294 @@
+//! The points of a `sensor_msgs/PointCloud2`, whatever lies between and beside them.
+
+use super::messages::{PointCloud2, PointField};
+use host_train::dataset::Point;
+use thiserror::Error;
+
+/// `PointField::FLOAT32` and `FLOAT64`.
+const FLOAT32: u8 = 7;
+const FLOAT64: u8 = 8;
+
+/// Why there are no points.
+#[derive(Debug, Error, PartialEq, Eq)]
+pub(crate) enum CloudMessageError {
+    /// A coordinate is missing.
+    #[error("the cloud has no field {0:?}: its fields are {1}")]
+    NoField(&'static str, String),
+    /// A coordinate is no floating-point number.
+    #[error("field {name:?} of the cloud has datatype {datatype}: give FLOAT32 (7) or FLOAT64 (8)")]
+    Datatype {
+        /// Which.
+        name: String,
+        /// As the message says.
+        datatype: u8,
+    },
+    /// A coordinate lies outside of its point.
+    #[error("field {name:?} of the cloud ends {end} bytes into a point of {point_step}")]
+    Offset {
+        /// Which.
+        name: String,
+        /// Where it ends.
+        end: u64,
+        /// Length of a point.
+        point_step: u32,
+    },
+    /// Points overlap the next row.
+    #[error("{width} points of {point_step} bytes are longer than the cloud's row of {row_step}")]
+    Row {
+        /// Points of a row.
+        width: u32,
+        /// Length of a point.
+        point_step: u32,
+        /// Length of a row.
+        row_step: u32,
+    },
+    /// Points are missing.
+    #[error("the cloud says {says} bytes and has {has}")]
+    Length {
+        /// By its rows.
+        says: u64,
+        /// Of data.
+        has: usize,
+    },
+}
+
+/// Where a coordinate lies in a point, and how many bytes it has.
+struct Coordinate {
+    at: usize,
+    is_double: bool,
+}
+
+impl Coordinate {
+    fn of(cloud: &PointCloud2, name: &'static str) -> Result<Coordinate, CloudMessageError> {
+        let field = cloud.fields.iter().find(|field| field.name == name);
+        let Some(PointField {
+            offset, datatype, ..
+        }) = field
+        else {
+            let names: Vec<_> = cloud.fields.iter().map(|f| f.name.as_str()).collect();
+            return Err(CloudMessageError::NoField(name, names.join(", ")));
+        };
+        let length = match *datatype {
+            FLOAT32 => 4,
+            FLOAT64 => 8,
+            datatype => {
+                let name = name.into();
+                return Err(CloudMessageError::Datatype { name, datatype });
+            }
+        };
+        let end = u64::from(*offset) + length;
+        if end > cloud.point_step.into() {
+            return Err(CloudMessageError::Offset {
+                name: name.into(),
+                end,
+                point_step: cloud.point_step,
+            });
+        }
+        Ok(Coordinate {
+            at: *offset as usize,
+            is_double: length == 8,
+        })
+    }
+
+    fn read(&self, point: &[u8], is_bigendian: bool) -> f32 {
+        let bytes = &point[self.at..];
+        if self.is_double {
+            let bytes = *bytes.first_chunk().expect("checked to lie in the point");
+            let [big, little] = [f64::from_be_bytes(bytes), f64::from_le_bytes(bytes)];
+            (if is_bigendian { big } else { little }) as f32
+        } else {
+            let bytes = *bytes.first_chunk().expect("checked to lie in the point");
+            let [big, little] = [f32::from_be_bytes(bytes), f32::from_le_bytes(bytes)];
+            if is_bigendian { big } else { little }
+        }
+    }
+}
+
+/// The points that are finite, row by row: an organised cloud has others where its sensor saw nothing.
+pub(crate) fn points(cloud: &PointCloud2) -> Result<Vec<Point>, CloudMessageError> {
+    let [x, y, z] = ["x", "y", "z"].map(|name| Coordinate::of(cloud, name));
+    let coordinates = [x?, y?, z?];
+    let PointCloud2 {
+        height,
+        width,
+        point_step,
+        row_step,
+        ref data,
+        ..
+    } = *cloud;
+    let row = u64::from(width) * u64::from(point_step);
+    // A single row needs no length of its own, and some drivers give none.
+    let step = if height <= 1 {
+        row.max(row_step.into())
+    } else {
+        row_step.into()
+    };
+    if row > step {
+        return Err(CloudMessageError::Row {
+            width,
+            point_step,
+            row_step,
+        });
+    }
+    // The last row may end with its last point.
+    let says = (u64::from(height).saturating_sub(1))
+        .checked_mul(step)
+        .and_then(|before| before.checked_add(if height == 0 { 0 } else { row }));
+    let says = says.unwrap_or(u64::MAX);
+    if says > data.len() as u64 {
+        let has = data.len();
+        return Err(CloudMessageError::Length { says, has });
+    }
+    let mut points = Vec::new();
+    for index in 0..height as usize {
+        let row = &data[index * step as usize..][..row as usize];
+        let read = |point: &[u8]| {
+            coordinates
+                .each_ref()
+                .map(|coordinate| coordinate.read(point, cloud.is_bigendian))
+        };
+        let rows = row.chunks_exact(point_step as usize).map(read);
+        points.extend(rows.filter(|point| point.iter().all(|x| x.is_finite())));
+    }
+    Ok(points)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const POINTS: [Point; 4] = [
+        [1.0, 2.0, 3.0],
+        [4.0, 5.0, 6.0],
+        [f32::NAN, 0.0, 0.0],
+        [7.0, 8.0, 9.0],
+    ];
+
+    /// Two rows of two points: fields in any order, of either width and byte order, with gaps in points and after rows.
+    fn cloud(
+        order: [usize; 3],
+        is_double: bool,
+        is_bigendian: bool,
+        gap: usize,
+        pad: usize,
+    ) -> PointCloud2 {
+        let length = if is_double { 8 } else { 4 };
+        let point_step = gap + 3 * length + gap;
+        let row_step = 2 * point_step + pad;
+        let names = ["x", "y", "z"];
+        let mut fields = vec![PointField {
+            name: "rgb".into(),
+            offset: 0,
+            datatype: 6,
+            count: 1,
+        }];
+        let mut data = vec![0xff; 2 * row_step];
+        for (place, &axis) in order.iter().enumerate() {
+            let offset = gap + place * length;
+            fields.push(PointField {
+                name: names[axis].into(),
+                offset: offset as u32,
+                datatype: if is_double { FLOAT64 } else { FLOAT32 },
+                count: 1,
+            });
+            for (index, point) in POINTS.iter().enumerate() {
+                let at = index / 2 * row_step + index % 2 * point_step + offset;
+                let value = point[axis];
+                let bytes = match (is_double, is_bigendian) {
+                    (true, true) => f64::from(value).to_be_bytes().to_vec(),
+                    (true, false) => f64::from(value).to_le_bytes().to_vec(),
+                    (false, true) => value.to_be_bytes().to_vec(),
+                    (false, false) => value.to_le_bytes().to_vec(),
+                };
+                data[at..at + length].copy_from_slice(&bytes);
+            }
+        }
+        PointCloud2 {
+            height: 2,
+            width: 2,
+            fields,
+            is_bigendian,
+            point_step: point_step as u32,
+            row_step: row_step as u32,
+            data,
+            ..PointCloud2::default()
+        }
+    }
+
+    #[test]
+    fn every_layout_gives_the_points_that_are_finite() {
+        let expected = vec![POINTS[0], POINTS[1], POINTS[3]];
+        for order in [[0, 1, 2], [2, 0, 1], [1, 2, 0]] {
+            for is_double in [false, true] {
+                for is_bigendian in [false, true] {
+                    for (gap, pad) in [(0, 0), (3, 0), (4, 5)] {
+                        let cloud = cloud(order, is_double, is_bigendian, gap, pad);
+                        assert_eq!(points(&cloud), Ok(expected.clone()));
+                    }
+                }
+            }
+        }
+        // The last row ends with its points.
+        let mut short = cloud([0, 1, 2], false, false, 0, 8);
+        short.data.truncate(short.data.len() - 8);
+        assert_eq!(points(&short), Ok(expected));
+        short.data.pop();
+        let (says, has) = (short.data.len() as u64 + 1, short.data.len());
+        assert_eq!(points(&short), Err(CloudMessageError::Length { says, has }));
+    }
+
+    #[test]
+    fn what_is_wrong_with_a_cloud_is_said() {
+        let good = || cloud([0, 1, 2], false, false, 0, 0);
+        assert_eq!(
+            points(&PointCloud2 {
+                height: 0,
+                ..good()
+            }),
+            Ok(vec![])
+        );
+        let mut flat = good();
+        flat.fields.retain(|field| field.name != "z");
+        let error = points(&flat).expect_err("no z").to_string();
+        assert!(
+            error.contains("\"z\"") && error.contains("rgb, x, y"),
+            "{error}"
+        );
+        let mut coded = good();
+        coded.fields[1].datatype = 3;
+        assert!(matches!(
+            points(&coded),
+            Err(CloudMessageError::Datatype { datatype: 3, .. })
+        ));
+        let mut outside = good();
+        outside.fields[3].offset = u32::MAX;
+        assert!(matches!(
+            points(&outside),
+            Err(CloudMessageError::Offset { .. })
+        ));
+        let narrow = PointCloud2 {
+            row_step: 3,
+            ..good()
+        };
+        assert!(matches!(
+            points(&narrow),
+            Err(CloudMessageError::Row { .. })
+        ));
+        let endless = PointCloud2 {
+            height: u32::MAX,
+            row_step: u32::MAX,
+            ..good()
+        };
+        assert!(matches!(
+            points(&endless),
+            Err(CloudMessageError::Length { .. })
+        ));
+        let single = PointCloud2 {
+            height: 1,
+            width: 4,
+            row_step: 0,
+            ..good()
+        };
+        assert_eq!(points(&single).map(|points| points.len()), Ok(3));
+    }
+}

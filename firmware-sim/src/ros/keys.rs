@@ -1,0 +1,248 @@
+//! Names on the network, as `rmw_zenoh` has them: key expressions of topics, liveliness tokens of nodes, publishers and
+//! subscriptions, and the identities that follow from them.
+//!
+//! Source: `rmw_zenoh_cpp` of ROS 2 Jazzy and later, `docs/design.md` and `src/detail/liveliness_utils.cpp`.
+
+use twox_hash::XxHash3_128;
+
+/// A message type, as publishers and subscriptions agree on it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Type {
+    /// As DDS names it.
+    pub(crate) name: &'static str,
+    /// SHA-256 of its definition (REP 2016).
+    pub(crate) hash: &'static str,
+}
+
+pub(crate) const POINT_CLOUD: Type = Type {
+    name: "sensor_msgs::msg::dds_::PointCloud2_",
+    hash: "RIHS01_9198cabf7da3796ae6fe19c4cb3bdd3525492988c70522628af5daa124bae2b5",
+};
+pub(crate) const POSE: Type = Type {
+    name: "geometry_msgs::msg::dds_::PoseStamped_",
+    hash: "RIHS01_10f3786d7d40fd2b54367835614bff85d4ad3b5dab62bf8bca0cc232d73b4cd8",
+};
+pub(crate) const POSE_WITH_COVARIANCE: Type = Type {
+    name: "geometry_msgs::msg::dds_::PoseWithCovarianceStamped_",
+    hash: "RIHS01_26432f9803e43727d3c8f668d1fdb3c630f548af631e2f4e31382371bfea3b6e",
+};
+pub(crate) const DIAGNOSTICS: Type = Type {
+    name: "diagnostic_msgs::msg::dds_::DiagnosticArray_",
+    hash: "RIHS01_5a8a36efb05fb25070fa0fb3810290c0e6cd4862b54a8fb975a1ee8dc55a333e",
+};
+pub(crate) const TRANSFORMS: Type = Type {
+    name: "tf2_msgs::msg::dds_::TFMessage_",
+    hash: "RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087",
+};
+
+/// Quality of service, where it is not that of `rmw_zenoh`'s default: reliable, volatile, the last 42.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Qos {
+    /// Reliable, the last ten: publishers.
+    Reliable,
+    /// Best effort, the last five: sensors.
+    Sensor,
+    /// Reliable, the last hundred: transforms.
+    Transforms,
+}
+
+impl Qos {
+    /// `<reliability>:<durability>:<history>,<depth>:<deadline>:<lifespan>:<liveliness>`.
+    fn chunk(self) -> &'static str {
+        match self {
+            Qos::Reliable => "::,10:,:,:,,",
+            Qos::Sensor => "2::,5:,:,:,,",
+            Qos::Transforms => "::,100:,:,:,,",
+        }
+    }
+}
+
+/// A node.
+#[derive(Clone, Debug)]
+pub(crate) struct Node {
+    pub(crate) domain: u8,
+    /// Of the session, as Zenoh shows it.
+    pub(crate) zid: String,
+    /// Absolute, such as `/` or `/arm`.
+    pub(crate) namespace: String,
+    pub(crate) name: String,
+}
+
+/// What a node has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Kind {
+    Publisher,
+    Subscription,
+}
+
+/// The node's own number among what its session has.
+const NODE_ID: u32 = 0;
+
+/// Slashes would begin another chunk of a key.
+fn mangled(name: &str) -> String {
+    name.replace('/', "%")
+}
+
+impl Node {
+    /// Its absolute name.
+    pub(crate) fn full_name(&self) -> String {
+        format!("{}/{}", self.namespace.trim_end_matches('/'), self.name)
+    }
+
+    /// The absolute name of a topic of the node's own.
+    pub(crate) fn own_topic(&self, topic: &str) -> String {
+        format!("{}/{topic}", self.full_name())
+    }
+
+    /// Where a topic's messages are published.
+    pub(crate) fn topic_key(&self, topic: &str, of: Type) -> String {
+        let topic = topic.trim_matches('/');
+        format!("{}/{topic}/{}/{}", self.domain, of.name, of.hash)
+    }
+
+    fn token_of(&self, id: u32, kind: &str) -> String {
+        format!(
+            "@ros2_lv/{}/{}/{NODE_ID}/{id}/{kind}/%/{}/{}",
+            self.domain,
+            self.zid,
+            mangled(&self.namespace),
+            self.name
+        )
+    }
+
+    /// The node's liveliness token.
+    pub(crate) fn token(&self) -> String {
+        self.token_of(NODE_ID, "NN")
+    }
+
+    /// The liveliness token of its publisher or subscription number `id`, from 1.
+    pub(crate) fn endpoint_token(
+        &self,
+        id: u32,
+        kind: Kind,
+        (topic, of, qos): (&str, Type, Qos),
+    ) -> String {
+        let kind = match kind {
+            Kind::Publisher => "MP",
+            Kind::Subscription => "MS",
+        };
+        let (token, topic) = (self.token_of(id, kind), mangled(topic));
+        format!("{token}/{topic}/{}/{}/{}", of.name, of.hash, qos.chunk())
+    }
+}
+
+/// The identity of a publisher or subscription: XXH3-128 of its token, the low half first.
+pub(crate) fn gid(token: &str) -> [u8; 16] {
+    XxHash3_128::oneshot(token.as_bytes()).to_le_bytes()
+}
+
+/// What comes with every message: its number from 1, its time, and whose it is, as `zenoh-ext` serialises them.
+pub(crate) fn attachment(sequence: i64, unix_ns: i64, gid: [u8; 16]) -> Vec<u8> {
+    let mut bytes = Vec::with_capacity(33);
+    bytes.extend(sequence.to_le_bytes());
+    bytes.extend(unix_ns.to_le_bytes());
+    bytes.push(16);
+    bytes.extend(gid);
+    bytes
+}
+
+/// Refuses what is no name of a topic, node or namespace: words of letters, digits and single underscores that begin with
+/// no digit, each after a slash.
+pub(crate) fn absolute_name(text: &str) -> Result<String, String> {
+    let words = text.strip_prefix('/').ok_or("it begins with a slash")?;
+    if !words.is_empty() {
+        words
+            .split('/')
+            .try_for_each(|word| base_name(word).map(|_| ()))?;
+    }
+    Ok(text.into())
+}
+
+/// The same of a single word.
+pub(crate) fn base_name(word: &str) -> Result<String, String> {
+    let plain = word.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
+    let begins = word.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_');
+    if plain && begins && !word.contains("__") {
+        Ok(word.into())
+    } else {
+        Err("names are letters, digits and single underscores, and begin with no digit".into())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const STRING: Type = Type {
+        name: "std_msgs::msg::dds_::String_",
+        hash: "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18",
+    };
+
+    fn talker(namespace: &str) -> Node {
+        Node {
+            domain: 0,
+            zid: "8b20917502ee955ac4476e0266340d5c".into(),
+            namespace: namespace.into(),
+            name: "talker".into(),
+        }
+    }
+
+    /// The keys that `docs/design.md` of `rmw_zenoh` shows.
+    #[test]
+    fn keys_and_tokens_are_those_of_the_design_document() {
+        let node = talker("/");
+        let zid = &node.zid;
+        assert_eq!(node.token(), format!("@ros2_lv/0/{zid}/0/0/NN/%/%/talker"));
+        let key = node.topic_key("/chatter", STRING);
+        assert_eq!(key, format!("0/chatter/{}/{}", STRING.name, STRING.hash));
+        let token = node.endpoint_token(10, Kind::Publisher, ("/chatter", STRING, Qos::Reliable));
+        let shown = format!(
+            "@ros2_lv/0/{zid}/0/10/MP/%/%/talker/%chatter/{}/{}/::,10:,:,:,,",
+            STRING.name, STRING.hash
+        );
+        assert_eq!(token, shown);
+    }
+
+    #[test]
+    fn namespaces_are_one_chunk_of_a_token_and_several_of_a_key() {
+        let node = talker("/lab/arm");
+        assert!(node.token().ends_with("/NN/%/%lab%arm/talker"));
+        let topic = node.own_topic("pose");
+        assert_eq!(topic, "/lab/arm/talker/pose");
+        assert!(
+            node.topic_key(&topic, POSE)
+                .starts_with("0/lab/arm/talker/pose/geometry_msgs::")
+        );
+        assert_eq!(talker("/").own_topic("pose"), "/talker/pose");
+    }
+
+    /// The hash of nothing, from xxHash's own test vectors.
+    #[test]
+    fn the_identity_is_the_hash_with_its_low_half_first() {
+        let expected = 0x99aa_06d3_0147_98d8_6001_c324_468d_497f_u128;
+        assert_eq!(gid(""), expected.to_le_bytes());
+        let bytes = attachment(1, -2, gid(""));
+        assert_eq!(
+            bytes[..17],
+            [
+                1, 0, 0, 0, 0, 0, 0, 0, 0xfe, 255, 255, 255, 255, 255, 255, 255, 16
+            ]
+        );
+        assert_eq!(bytes[17..], gid(""));
+    }
+
+    #[test]
+    fn only_names_of_ros_are_taken() {
+        for good in ["/", "/points", "/camera/depth_1/points"] {
+            assert_eq!(absolute_name(good).as_deref(), Ok(good));
+        }
+        for bad in [
+            "", "points", "//", "/a/", "/a//b", "/1a", "/a__b", "/a-b", "/a/**", "/a b", "/ä",
+        ] {
+            assert!(absolute_name(bad).is_err(), "{bad}");
+        }
+        assert!(
+            base_name("reagent").is_ok() && base_name("").is_err() && base_name("a/b").is_err()
+        );
+    }
+}

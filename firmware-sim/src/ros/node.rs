@@ -1,0 +1,131 @@
+//! A node on the network: its tokens, what it publishes, and what it hears.
+#![allow(
+    clippy::disallowed_types,
+    reason = "messages carry the time of who publishes them"
+)]
+
+use super::keys::{self, Kind, Node, Qos, Type};
+use super::messages::to_cdr;
+use serde::Serialize;
+use std::time::SystemTime;
+use zenoh::handlers::{RingChannel, RingChannelHandler};
+use zenoh::liveliness::LivelinessToken;
+use zenoh::pubsub;
+use zenoh::sample::Sample;
+use zenoh::{Session, Wait};
+
+/// A session with one node in it, as `rmw_zenoh`'s others see it.
+pub(crate) struct Member {
+    session: Session,
+    pub(crate) node: Node,
+    _token: LivelinessToken,
+    /// Publishers and subscriptions so far.
+    endpoints: u32,
+}
+
+/// A publisher of one topic. Dropping it takes it off the graph.
+pub(crate) struct Publisher {
+    publisher: pubsub::Publisher<'static>,
+    gid: [u8; 16],
+    published: i64,
+    _token: LivelinessToken,
+}
+
+/// A subscription to one topic, of which the newest message counts.
+pub(crate) struct Subscription {
+    heard: pubsub::Subscriber<RingChannelHandler<Sample>>,
+    _token: LivelinessToken,
+}
+
+impl Member {
+    /// Appears on the graph.
+    pub(crate) async fn join(
+        session: Session,
+        domain: u8,
+        namespace: &str,
+        name: &str,
+    ) -> zenoh::Result<Member> {
+        let node = Node {
+            domain,
+            zid: session.zid().to_string(),
+            namespace: namespace.into(),
+            name: name.into(),
+        };
+        let token = session.liveliness().declare_token(node.token()).await?;
+        Ok(Member {
+            session,
+            node,
+            _token: token,
+            endpoints: 0,
+        })
+    }
+
+    /// The token of its next publisher or subscription, and the identity that follows.
+    async fn declare(
+        &mut self,
+        kind: Kind,
+        what: (&str, Type, Qos),
+    ) -> zenoh::Result<(LivelinessToken, [u8; 16])> {
+        self.endpoints += 1;
+        let token = self.node.endpoint_token(self.endpoints, kind, what);
+        let gid = keys::gid(&token);
+        Ok((self.session.liveliness().declare_token(token).await?, gid))
+    }
+
+    /// Publishes on a topic.
+    pub(crate) async fn publisher(
+        &mut self,
+        topic: &str,
+        of: Type,
+        qos: Qos,
+    ) -> zenoh::Result<Publisher> {
+        let key = self.node.topic_key(topic, of);
+        let publisher = self.session.declare_publisher(key).await?;
+        let (token, gid) = self.declare(Kind::Publisher, (topic, of, qos)).await?;
+        Ok(Publisher {
+            publisher,
+            gid,
+            published: 0,
+            _token: token,
+        })
+    }
+
+    /// Hears a sensor's topic.
+    pub(crate) async fn subscribe(&mut self, topic: &str, of: Type) -> zenoh::Result<Subscription> {
+        let key = self.node.topic_key(topic, of);
+        let heard = self
+            .session
+            .declare_subscriber(key)
+            .with(RingChannel::new(1))
+            .await?;
+        let (token, _) = self
+            .declare(Kind::Subscription, (topic, of, Qos::Sensor))
+            .await?;
+        Ok(Subscription {
+            heard,
+            _token: token,
+        })
+    }
+}
+
+impl Publisher {
+    /// Publishes a message.
+    pub(crate) fn publish(&mut self, message: &impl Serialize) -> zenoh::Result<()> {
+        self.published += 1;
+        let since_1970 = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
+        let now = since_1970.map_or(0, |time| i64::try_from(time.as_nanos()).unwrap_or(i64::MAX));
+        let attachment = keys::attachment(self.published, now, self.gid);
+        self.publisher
+            .put(to_cdr(message))
+            .attachment(attachment)
+            .wait()
+    }
+}
+
+impl Subscription {
+    /// The newest message that was not taken yet, once there is one.
+    pub(crate) async fn next(&self) -> zenoh::Result<Vec<u8>> {
+        let sample = self.heard.recv_async().await?;
+        Ok(sample.payload().to_bytes().into_owned())
+    }
+}

@@ -1,0 +1,150 @@
+//! What the node publishes of each cloud.
+
+use super::messages::{
+    DiagnosticArray, DiagnosticStatus, ERROR, Header, KeyValue, OK, PointCloud2, PoseStamped,
+    PoseWithCovarianceStamped, TransformStamped, Transforms, WARN, from_cdr,
+};
+use super::node::{Member, Publisher};
+use super::{Registration, keys, pose};
+use host_train::register::request::Done;
+use keys::Qos;
+use reagent_core::verdict::Verdict;
+
+/// The publishers.
+pub(crate) struct Outputs {
+    pose: Publisher,
+    pose_with_covariance: Publisher,
+    diagnostics: Publisher,
+    /// With the name of the model's frame.
+    transforms: Option<(Publisher, String)>,
+    node: String,
+    model: String,
+}
+
+impl Outputs {
+    /// Those of a node that looks for a model.
+    pub(crate) async fn declare(
+        member: &mut Member,
+        model: String,
+        frame: Option<String>,
+    ) -> zenoh::Result<Outputs> {
+        let [pose, with_covariance] =
+            ["pose", "pose_with_covariance"].map(|topic| member.node.own_topic(topic));
+        let node = member.node.full_name().trim_matches('/').to_owned();
+        let mut publisher = async |topic, of, qos| member.publisher(topic, of, qos).await;
+        Ok(Outputs {
+            pose: publisher(&pose, keys::POSE, Qos::Reliable).await?,
+            pose_with_covariance: publisher(
+                &with_covariance,
+                keys::POSE_WITH_COVARIANCE,
+                Qos::Reliable,
+            )
+            .await?,
+            diagnostics: publisher("/diagnostics", keys::DIAGNOSTICS, Qos::Reliable).await?,
+            transforms: match frame {
+                None => None,
+                Some(frame) => {
+                    let publisher = publisher("/tf", keys::TRANSFORMS, Qos::Transforms);
+                    Some((publisher.await?, frame))
+                }
+            },
+            node,
+            model,
+        })
+    }
+
+    /// Publishes what comes of a message: a pose where it is probably right, and a diagnostic whatever it is.
+    pub(crate) fn answer(
+        &mut self,
+        registration: &mut Registration,
+        bytes: &[u8],
+    ) -> zenoh::Result<()> {
+        let cloud = match from_cdr::<PointCloud2>(bytes) {
+            Ok(cloud) => cloud,
+            Err(error) => return self.tell(Header::default(), (ERROR, error.to_string()), vec![]),
+        };
+        let header = cloud.header.clone();
+        let done = match registration.register(&cloud) {
+            Ok(done) => done,
+            Err(error) => return self.tell(header, (ERROR, format!("{error:#}")), vec![]),
+        };
+        let verdict = done.found.answer.verdict;
+        let level = match verdict {
+            Verdict::Converged => OK,
+            _ => WARN,
+        };
+        if level == OK {
+            self.publish_pose(&header, registration, &done)?;
+        }
+        self.tell(header, (level, verdict.to_string()), values(&done))
+    }
+
+    fn publish_pose(
+        &mut self,
+        header: &Header,
+        registration: &Registration,
+        done: &Done,
+    ) -> zenoh::Result<()> {
+        let pose = pose::of(&done.pose);
+        if let Some(covariance) = pose::covariance(done, &registration.model) {
+            self.pose_with_covariance
+                .publish(&PoseWithCovarianceStamped {
+                    header: header.clone(),
+                    pose,
+                    covariance,
+                })?;
+        }
+        if let Some((transforms, frame)) = &mut self.transforms {
+            let transform = TransformStamped {
+                header: header.clone(),
+                child_frame_id: frame.clone(),
+                transform: pose,
+            };
+            transforms.publish(&Transforms {
+                transforms: vec![transform],
+            })?;
+        }
+        self.pose.publish(&PoseStamped {
+            header: header.clone(),
+            pose,
+        })
+    }
+
+    fn tell(
+        &mut self,
+        header: Header,
+        (level, message): (u8, String),
+        values: Vec<KeyValue>,
+    ) -> zenoh::Result<()> {
+        let status = vec![DiagnosticStatus {
+            level,
+            name: format!("{}: registration", self.node),
+            message,
+            hardware_id: self.model.clone(),
+            values,
+        }];
+        self.diagnostics
+            .publish(&DiagnosticArray { header, status })
+    }
+}
+
+/// What a diagnostic says of a registration.
+fn values(done: &Done) -> Vec<KeyValue> {
+    let mut values = vec![("ms", format!("{:.1}", done.ms))];
+    if let Some(found) = &done.found.answer.refinement {
+        values.extend([
+            (
+                "probability",
+                format!("{:.3}", found.evidence.probability()),
+            ),
+            ("overlap", format!("{:.3}", found.refined.overlap)),
+            ("inlier_rmse", format!("{:.6}", found.refined.inlier_rmse)),
+            ("open_axis", found.undetermined.axis.is_some().to_string()),
+        ]);
+    }
+    let value = |(key, value): (&str, String)| KeyValue {
+        key: key.into(),
+        value,
+    };
+    values.into_iter().map(value).collect()
+}

@@ -1,0 +1,158 @@
+//! `firmware-sim ros` on a network, with messages written here byte by byte. `tests/ros2.py` does it with what others write.
+#![cfg(all(feature = "demo", unix))]
+
+use firmware_sim::session::{SessionArgs, open};
+use std::io::{BufRead, BufReader};
+use std::net::TcpListener;
+use std::process::{Child, Command, Stdio};
+use std::time::Duration;
+use tokio::time::timeout;
+use zenoh::handlers::FifoChannelHandler;
+use zenoh::pubsub::Subscriber;
+use zenoh::sample::Sample;
+
+const PATIENCE: Duration = Duration::from_secs(60);
+const CLOUD: &str = "0/points/sensor_msgs::msg::dds_::PointCloud2_/\
+    RIHS01_9198cabf7da3796ae6fe19c4cb3bdd3525492988c70522628af5daa124bae2b5";
+const POSE: &str = "0/reagent/pose/geometry_msgs::msg::dds_::PoseStamped_/*";
+const DIAGNOSTICS: &str = "0/diagnostics/diagnostic_msgs::msg::dds_::DiagnosticArray_/*";
+
+/// A child process that does not outlive the test.
+struct Running(Child);
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        self.0.kill().ok();
+        self.0.wait().ok();
+    }
+}
+
+/// Little-endian CDR, aligned after its header of four bytes.
+struct Cdr(Vec<u8>);
+
+impl Cdr {
+    fn numbers(&mut self, numbers: &[u32]) {
+        self.0.resize(self.0.len().next_multiple_of(4), 0);
+        self.0
+            .extend(numbers.iter().flat_map(|number| number.to_le_bytes()));
+    }
+
+    fn text(&mut self, text: &str) {
+        self.numbers(&[text.len() as u32 + 1]);
+        self.0.extend(text.bytes());
+        self.0.push(0);
+    }
+
+    fn cloud(points: &[[f32; 3]]) -> Vec<u8> {
+        let mut cdr = Cdr(vec![0, 1, 0, 0]);
+        cdr.numbers(&[7, 8]);
+        cdr.text("camera");
+        cdr.numbers(&[1, points.len() as u32, 3]);
+        for (name, offset) in [("x", 0), ("y", 4), ("z", 8)] {
+            cdr.text(name);
+            cdr.numbers(&[offset]);
+            cdr.0.push(7);
+            cdr.numbers(&[1]);
+        }
+        cdr.0.push(0);
+        let length = 12 * points.len() as u32;
+        cdr.numbers(&[12, length, length]);
+        cdr.0
+            .extend(points.iter().flatten().flat_map(|x| x.to_le_bytes()));
+        cdr.0.push(1);
+        cdr.0
+    }
+}
+
+async fn next(heard: &Subscriber<FifoChannelHandler<Sample>>) -> Vec<u8> {
+    let sample = timeout(PATIENCE, heard.recv_async())
+        .await
+        .expect("it comes");
+    let sample = sample.expect("an open session");
+    assert_eq!(sample.attachment().expect("there is one").len(), 33);
+    sample.payload().to_bytes().into_owned()
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn clouds_come_in_and_poses_and_reasons_go_out() {
+    let folder = tempfile::tempdir().expect("a temporary directory");
+    let model = folder.path().join("part.xyz");
+    // A box's three faces, twice as long as wide.
+    let points: Vec<[f32; 3]> = (0..900)
+        .map(|i| {
+            let [u, v] = [(i / 3 % 17) as f32 / 17.0, (i / 51) as f32 / 18.0];
+            [[0.0, u, v], [2.0 * u, 0.0, v], [2.0 * u, v, 0.0]][i % 3]
+        })
+        .collect();
+    let lines = points.iter().map(|[x, y, z]| format!("{x} {y} {z}\n"));
+    std::fs::write(&model, lines.collect::<String>()).expect("writable");
+    let listener = TcpListener::bind("127.0.0.1:0").expect("a free port");
+    let endpoint = format!("tcp/{}", listener.local_addr().expect("it is bound"));
+    drop(listener);
+    let args = SessionArgs {
+        listen: vec![endpoint.clone()],
+        ..SessionArgs::default()
+    };
+    let session = open(&args).await.expect("the port is free");
+    let hear = async |key| {
+        session
+            .declare_subscriber(key)
+            .await
+            .expect("an open session")
+    };
+    let (poses, diagnostics) = (hear(POSE).await, hear(DIAGNOSTICS).await);
+
+    let mut node = Command::new(env!("CARGO_BIN_EXE_firmware-sim"));
+    node.args(["ros", "--connect", &endpoint, "--model"])
+        .arg(&model);
+    let mut node = Running(
+        node.stdout(Stdio::piped())
+            .spawn()
+            .expect("the program runs"),
+    );
+    let said = BufReader::new(node.0.stdout.take().expect("piped")).lines();
+    let up = said
+        .map_while(Result::ok)
+        .any(|line| line.contains("hears /points"));
+    assert!(up, "it ended");
+    let tokens = session.liveliness();
+    let tokens = tokens.declare_subscriber("@ros2_lv/0/*/0/*/*/%/%/reagent/**");
+    let tokens = tokens.history(true).await.expect("an open session");
+    let mut kinds = Vec::new();
+    while kinds.len() < 5 {
+        let token = timeout(PATIENCE, tokens.recv_async()).await;
+        let token = token.expect("it comes").expect("an open session");
+        kinds.extend(token.key_expr().split('/').nth(5).map(str::to_owned));
+    }
+    kinds.sort();
+    assert_eq!(kinds, ["MP", "MP", "MP", "MS", "NN"]);
+
+    session
+        .put(CLOUD, Cdr::cloud(&points))
+        .await
+        .expect("an open session");
+    let said = next(&diagnostics).await;
+    assert!(
+        String::from_utf8_lossy(&said).contains("converged"),
+        "{said:?}"
+    );
+    let pose = next(&poses).await;
+    // The header, and seven numbers, of which the last is a turn by nothing.
+    assert_eq!(
+        pose[..24],
+        *b"\0\x01\0\0\x07\0\0\0\x08\0\0\0\x07\0\0\0camera\0\0"
+    );
+    let w = pose.last_chunk().map(|bytes| f64::from_le_bytes(*bytes));
+    assert!(w.is_some_and(|w| w.abs() > 0.999), "{w:?}");
+
+    for (bytes, reason) in [
+        (b"nothing".to_vec(), "plain CDR"),
+        (Cdr::cloud(&points[..1]), "point"),
+        (Cdr::cloud(&[[f32::NAN; 3]; 9]), "point"),
+    ] {
+        session.put(CLOUD, bytes).await.expect("an open session");
+        let said = next(&diagnostics).await;
+        let said = String::from_utf8_lossy(&said);
+        assert!(said.contains(reason), "{said}");
+    }
+}

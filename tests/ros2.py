@@ -1,0 +1,236 @@
+#!/usr/bin/env python3
+"""`firmware-sim ros` against what is not ours: messages by rosbags, keys by pamoja-ros2, the network by eclipse-zenoh.
+
+    pip install rosbags pamoja-ros2 eclipse-zenoh xxhash numpy
+    tests/ros2.py target/release/firmware-sim
+"""
+
+import pathlib
+import queue
+import socket
+import subprocess
+import sys
+import tempfile
+
+import numpy as np
+import xxhash
+import zenoh
+from pamoja import ros2
+from rosbags.typesys import Stores, get_typestore
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+TYPES = STORE.types
+PATIENCE = 60.0
+
+
+def type_hash(name):
+    """As rosbags computes it from the definitions."""
+    return STORE.hash_rihs01(name)
+
+
+def key(topic, name):
+    """As pamoja-ros2 assembles it."""
+    built = ros2.entity_key(0, topic, name, type_hash(name))
+    assert built, (topic, name)
+    return built
+
+
+def header(frame, stamp):
+    time = TYPES["builtin_interfaces/msg/Time"](sec=stamp, nanosec=5)
+    return TYPES["std_msgs/msg/Header"](stamp=time, frame_id=frame)
+
+
+def cloud_message(points, stamp, dtype, order, gap, height):
+    """A PointCloud2 with fields in `order`, `gap` bytes around them, and a NaN point."""
+    points = np.vstack([points, [[np.nan] * 3]])
+    points = points[: len(points) // height * height]
+    kind = np.dtype(dtype)
+    step = 2 * gap + 3 * kind.itemsize
+    data = np.full((len(points), step), 0xAB, np.uint8)
+    field = TYPES["sensor_msgs/msg/PointField"]
+    fields = []
+    for place, axis in enumerate(order):
+        offset = gap + place * kind.itemsize
+        column = np.ascontiguousarray(points[:, axis].astype(kind)).view(np.uint8)
+        data[:, offset : offset + kind.itemsize] = column.reshape(len(points), -1)
+        datatype = 7 if kind.itemsize == 4 else 8
+        fields.append(field(name="xyz"[axis], offset=offset, datatype=datatype, count=1))
+    width = len(points) // height
+    return TYPES["sensor_msgs/msg/PointCloud2"](
+        header=header("camera", stamp),
+        height=height,
+        width=width,
+        fields=fields,
+        is_bigendian=kind.byteorder == ">",
+        point_step=step,
+        row_step=width * step,
+        data=data.reshape(-1),
+        is_dense=False,
+    )
+
+
+def shape(rng, count):
+    """Points of three faces of a box, which has no symmetry."""
+    uv = rng.random((count, 2))
+    face = rng.integers(0, 3, count)
+    points = np.zeros((count, 3))
+    for axis in range(3):
+        here = face == axis
+        others = [k for k in range(3) if k != axis]
+        points[np.ix_(here, others)] = uv[here]
+    return (points - 0.4) * [0.3, 0.2, 0.1]
+
+
+def turned(angle, axis):
+    x, y, z = axis / np.linalg.norm(axis)
+    k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * k @ k
+
+
+def rotation_of(q):
+    x, y, z, w = q.x, q.y, q.z, q.w
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+class Topic:
+    """Messages of a topic, as a subscription hears them."""
+
+    def __init__(self, session, topic, name):
+        self.name, self.samples = name, queue.Queue()
+        self.subscriber = session.declare_subscriber(key(topic, name), self.samples.put)
+
+    def next(self):
+        sample = self.samples.get(timeout=PATIENCE)
+        payload = sample.payload.to_bytes()
+        assert payload[:4] == b"\0\1\0\0", payload[:4]
+        attachment = sample.attachment.to_bytes()
+        assert len(attachment) == 33 and attachment[16] == 16, attachment
+        number = int.from_bytes(attachment[:8], "little")
+        return STORE.deserialize_cdr(payload, self.name), number, attachment[17:]
+
+
+def main(program):
+    rng = np.random.default_rng(1)
+    with tempfile.TemporaryDirectory() as folder, socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+        probe.close()
+        model = pathlib.Path(folder, "part.xyz")
+        np.savetxt(model, shape(rng, 1500), fmt="%.6f")
+        config = zenoh.Config()
+        config.insert_json5("mode", '"router"')
+        config.insert_json5("listen/endpoints", f'["{endpoint}"]')
+        config.insert_json5("scouting/multicast/enabled", "false")
+        with zenoh.open(config) as session:
+            play(program, session, endpoint, model, rng)
+
+
+def play(program, session, endpoint, model, rng):
+    tokens = queue.Queue()
+    graph = session.liveliness().declare_subscriber("@ros2_lv/0/**", tokens.put, history=True)
+    pose_topic = Topic(session, "/lab/reagent/pose", "geometry_msgs/msg/PoseStamped")
+    with_covariance = Topic(
+        session, "/lab/reagent/pose_with_covariance", "geometry_msgs/msg/PoseWithCovarianceStamped"
+    )
+    transforms = Topic(session, "/tf", "tf2_msgs/msg/TFMessage")
+    diagnostics = Topic(session, "/diagnostics", "diagnostic_msgs/msg/DiagnosticArray")
+    cloud_type = "sensor_msgs/msg/PointCloud2"
+    clouds = session.declare_publisher(key("/camera/points", cloud_type))
+    arguments = ["ros", "--model", model, "--cloud", "/camera/points", "--namespace", "/lab", "--connect", endpoint, "--tf", "part"]
+    node = subprocess.Popen([program, *arguments], stdout=subprocess.PIPE, text=True)
+    try:
+        said = node.stdout.readline()
+        assert "hears /camera/points" in said, said
+        found = {}
+        while len(found) < 6:
+            parts = str(tokens.get(timeout=PATIENCE).key_expr).split("/")
+            assert parts[:2] == ["@ros2_lv", "0"] and parts[6:9] == ["%", "%lab", "reagent"], parts
+            found["/".join(parts[5:6] + parts[9:])] = "/".join(parts)
+        expected = {"NN"}
+        for kind, topic, name, qos in [
+            ("MP", "/lab/reagent/pose", pose_topic.name, "::,10:,:,:,,"),
+            ("MP", "/lab/reagent/pose_with_covariance", with_covariance.name, "::,10:,:,:,,"),
+            ("MP", "/diagnostics", diagnostics.name, "::,10:,:,:,,"),
+            ("MP", "/tf", transforms.name, "::,100:,:,:,,"),
+            ("MS", "/camera/points", cloud_type, "2::,5:,:,:,,"),
+        ]:
+            dds, mangled = ros2.dds_type_name(name), ros2.percent_mangle(topic)
+            expected.add(f"{kind}/{mangled}/{dds}/{type_hash(name)}/{qos}")
+        assert set(found) == expected, set(found) ^ expected
+
+        def put(message):
+            payload = STORE.serialize_cdr(message, cloud_type)
+            clouds.put(bytes(payload), attachment=b"\0" * 16 + b"\x10" + b"\0" * 16)
+
+        layouts = [
+            ("<f4", [0, 1, 2], 0, 1),
+            (">f4", [2, 0, 1], 4, 1),
+            ("<f8", [1, 2, 0], 3, 2),
+            (">f8", [0, 2, 1], 8, 4),
+        ]
+        gids = set()
+        for number, layout in enumerate(layouts, 1):
+            rotation = turned(0.2, rng.normal(size=3))
+            shift = np.array([0.02, -0.03, 0.05 * number])
+            seen = shape(rng, 1201) @ rotation.T + shift
+            put(cloud_message(seen, number, *layout))
+            told, _, _ = diagnostics.next()
+            status = told.status[0]
+            assert (told.header.stamp.sec, status.level) == (number, 0), status
+            assert status.name == "lab/reagent: registration" and status.message == "converged"
+            stamped, sequence, gid = pose_topic.next()
+            gids.add(gid)
+            assert sequence == number and stamped.header == header("camera", number), stamped.header
+            position = stamped.pose.position
+            error = np.array([position.x, position.y, position.z]) - shift
+            turn = rotation_of(stamped.pose.orientation) @ rotation.T
+            degrees = np.degrees(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1)))
+            assert np.linalg.norm(error) < 0.005 and degrees < 2, (error, degrees)
+            uncertain, _, _ = with_covariance.next()
+            assert uncertain.pose.pose == stamped.pose
+            moved = transforms.next()[0].transforms[0]
+            assert (moved.header, moved.child_frame_id) == (stamped.header, "part")
+            assert moved.transform.rotation == stamped.pose.orientation
+            assert moved.transform.translation.x == position.x
+            covariance = uncertain.pose.covariance.reshape(6, 6)
+            assert np.allclose(covariance, covariance.T) and np.linalg.eigvalsh(covariance)[0] > 0
+            values = {pair.key: pair.value for pair in status.values}
+            print(f"{layout[0]}: {1e3 * np.linalg.norm(error):.2f} mm, {degrees:.2f} degrees, {values}")
+        [gid] = gids
+        [token] = [token for end, token in found.items() if end.startswith("MP/%lab%reagent%pose/")]
+        assert gid == xxhash.xxh3_128_intdigest(token.encode()).to_bytes(16, "little")
+
+        # What has no pose has a reason, and the node goes on.
+        flat = cloud_message(shape(rng, 50), 9, "<f4", [0, 1, 2], 0, 1)
+        flat.fields.pop()
+        put(flat)
+        told, _, _ = diagnostics.next()
+        assert told.status[0].level == 2 and '"z"' in told.status[0].message, told
+        clouds.put(b"nothing")
+        told, _, _ = diagnostics.next()
+        assert told.status[0].level == 2 and "CDR" in told.status[0].message, told
+        put(cloud_message(rng.normal(size=(600, 3)), 11, "<f4", [0, 1, 2], 0, 1))
+        told, _, _ = diagnostics.next()
+        assert told.header.stamp.sec == 11 and told.status[0].level == 1, told
+        print(f"what fits nothing: {told.status[0].message}")
+        assert pose_topic.samples.empty()
+    finally:
+        node.terminate()
+        assert node.wait(PATIENCE) == 0
+    gone = set()
+    while len(gone) < 6:
+        sample = tokens.get(timeout=PATIENCE)
+        assert sample.kind == zenoh.SampleKind.DELETE, sample
+        gone.add(str(sample.key_expr))
+    assert gone == set(found.values())
+    print("keys, tokens, attachments and messages are those that others expect")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])

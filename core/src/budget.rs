@@ -59,4 +59,4 @@ const _: () = assert!(
     !cfg!(target_os = "none")
         || SCRATCH_BYTES + REGISTRATION_BYTES + CLOUD_BYTES + RAM_REST <= RAM_BUDGET
 );
-const _: () = assert!(WORKSPACE_BYTES < 192 * 1024);
+const _: () = assert!(WORKSPACE_BYTES < 204 * 1024);

@@ -43,7 +43,9 @@ impl Refiner<'_> {
         }
         let mut most = 0.0f32;
         for (_, at) in sifted.held() {
-            let at = self.polish_briefly(at);
+            let Some(at) = self.polish_briefly(at, |_| false) else {
+                continue;
+            };
             self.keep_surface_losses(MIRRORED, at);
             let losses = self.losses();
             most = most.max(losses.excess_where_matched(HERE, MIRRORED).score());

@@ -28,11 +28,13 @@ mod coarse;
 mod equations;
 mod matching;
 mod residual;
+mod sample;
 mod stage;
 
 use equations::RIDGE;
 use residual::Overlap;
 pub use residual::Residual;
+use sample::Sample;
 use stage::{BRIEF_FINE, BRIEF_NEAR, FINE, NEAR, Stage};
 
 /// Working memory of a [`Refiner`], [`crate::budget::WORKSPACE_BYTES`]; the caller owns it.
@@ -42,6 +44,7 @@ pub struct Workspace {
     isa: Option<Isa>,
     source: Surface,
     target: Surface,
+    sample: Sample,
     lookup: Lookup,
     pub(crate) losses: Losses,
     pub(crate) seen: DepthGrid,
@@ -54,6 +57,7 @@ impl Workspace {
             isa: None,
             source: Surface::EMPTY,
             target: Surface::EMPTY,
+            sample: Sample::EMPTY,
             lookup: Lookup::EMPTY,
             losses: Losses::EMPTY,
             seen: DepthGrid::EMPTY,
@@ -121,8 +125,6 @@ impl Candidate {
     }
 }
 
-/// A turn (radians) and shift below this end a stage.
-const STOP: f32 = 3e-4;
 /// Two clouds, prepared to be refined and compared.
 #[derive(Debug)]
 pub struct Refiner<'w> {
@@ -174,6 +176,7 @@ impl<'w> Refiner<'w> {
         } = &mut *workspace;
         seen.fill(isa, source, bulk_of_source, source_centre, factor);
         model.fill(isa, target, bulk_of_target, frame.centre, factor);
+        workspace.sample.fill(&workspace.source);
         workspace.lookup.fill(isa, &workspace.target);
         workspace.seen = DepthGrid::EMPTY;
         Ok(Refiner {
@@ -204,10 +207,14 @@ impl<'w> Refiner<'w> {
         Ok(self.refined(&found, initial))
     }
 
-    /// A few steps on some of the points, to compare with others.
-    pub(crate) fn polish_briefly(&mut self, initial: Rigid) -> Rigid {
+    /// A few steps on some of the points, to compare with others; none where the first of them lead to a pose that is known.
+    pub(crate) fn polish_briefly(
+        &mut self,
+        initial: Rigid,
+        is_known: impl Fn(Rigid) -> bool,
+    ) -> Option<Rigid> {
         let (near, _) = self.run(initial, &BRIEF_NEAR);
-        self.run(near, &BRIEF_FINE).0
+        (!is_known(near)).then(|| self.run(near, &BRIEF_FINE).0)
     }
 
     /// [`Self::polish`] in this frame.
@@ -265,7 +272,7 @@ impl<'w> Refiner<'w> {
         for i in 0..stage.iterations {
             let (turn, shift) = self.matched_equations(at, stage).solve(RIDGE);
             at = at.moved(turn, shift);
-            if turn.length_squared().max(shift.length_squared()) < STOP * STOP {
+            if turn.length_squared().max(shift.length_squared()) < stage.settled * stage.settled {
                 return (at, i + 1);
             }
         }
@@ -324,6 +331,7 @@ impl<'w> Refiner<'w> {
     /// Takes the source's mirror image in its place; twice is the same again.
     pub(crate) fn mirror_source(&mut self) {
         self.workspace.source.mirror();
+        self.workspace.sample.fill(&self.workspace.source);
         self.workspace.seen.mirror();
     }
 

@@ -31,7 +31,8 @@ pub(crate) fn least([xx, yy, zz, xy, xz, yz]: Spread) -> (Vec3, f32) {
         let value = ((root - 1.0) * root + c) * root - d;
         let slope = (3.0 * root - 2.0) * root + c;
         if slope > 1e-9 && value < 0.0 {
-            root -= value / slope;
+            // The lowest is at most a third; where all three are about equal, rounding may lead beyond.
+            root = (root - value / slope).min(1.0 / 3.0);
         }
     }
     let a = Vec3::new(xx - root, xy, xz);

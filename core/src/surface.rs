@@ -64,12 +64,6 @@ impl Surface {
         self.points.get(..self.len).unwrap_or(&[])
     }
 
-    /// Places of about so many points, evenly spread over the order.
-    pub(crate) fn sampled(&self, points: usize) -> impl Iterator<Item = usize> {
-        let every = (self.len / points.max(1)).max(1);
-        (0..self.len).step_by(every)
-    }
-
     /// Point and normal at a place, zero where there is none.
     pub(crate) fn at(&self, place: usize) -> (Vec3, Vec3) {
         match (self.points.get(place), self.normals.get(place)) {

@@ -109,8 +109,7 @@ impl Refiner<'_> {
         };
         search.enter(polished.at, prior.as_ref());
         if begun != at_hand && prior.is_some() {
-            let at = search.refiner.polish_briefly(begun);
-            search.enter(at, prior.as_ref());
+            search.polish(begun, prior.as_ref());
         }
         search.screen(polished.at, begun, prior.as_ref(), &mut go_on)?;
         search.spin(polished, prior.as_ref(), &mut go_on)?;

@@ -28,7 +28,7 @@
 #endif
 
 // Words of a ReagentWorkspace.
-#define REAGENT_WORKSPACE_WORDS 24700
+#define REAGENT_WORKSPACE_WORDS 25600
 
 // Version of this header: changes with incompatible calls.
 #define REAGENT_VERSION_MAJOR 0

@@ -12,7 +12,7 @@ use reagent_core::polish::Workspace;
 use reagent_core::{Cloud, Error, Pose, Verdict};
 
 /// Words of a ReagentWorkspace.
-pub const REAGENT_WORKSPACE_WORDS: usize = 24_700;
+pub const REAGENT_WORKSPACE_WORDS: usize = 25_600;
 
 /// Memory of reagent_register and reagent_refine: the caller's, of any content, for as long as the call.
 #[repr(C)]

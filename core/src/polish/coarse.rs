@@ -20,25 +20,20 @@ impl Refiner<'_> {
     pub(crate) fn coarse(&self, initial: Rigid, points: usize, gates: &[f32]) -> Rigid {
         const TANGENTIAL: f32 = 0.1;
         let Workspace {
-            source,
+            sample,
             target,
             lookup,
             ..
         } = &*self.workspace;
-        let mut at = initial;
+        let (mut at, mut pairs) = (initial, Pairs::ZERO);
         for &gate in gates {
             let by = Weighing {
                 gate: gate * gate,
                 tangential: TANGENTIAL,
             };
             let (pose, mut sums) = (at.pose(), Sums::ZERO);
-            let mut places = source.sampled(points);
-            loop {
-                let mut pairs = Pairs::ZERO;
-                let count = fill_first(&mut pairs, &mut places, source);
-                if count == 0 {
-                    break;
-                }
+            for (lanes, count) in sample.first(points) {
+                [pairs.p, pairs.m] = *lanes;
                 self.isa.see(&mut pairs, &pose);
                 look_up(&mut pairs, lookup, target);
                 self.isa.equations(&pairs, by, count, &mut sums);
@@ -52,20 +47,16 @@ impl Refiner<'_> {
     /// Mean loss of few of the source's points and about nearest points.
     pub(crate) fn coarse_loss(&self, at: Rigid, points: usize, scale: f32) -> f32 {
         let Workspace {
-            source,
+            sample,
             target,
             lookup,
             ..
         } = &*self.workspace;
         let pose = at.pose();
         let (mut sum, mut all) = (0.0f32, 0usize);
-        let mut places = source.sampled(points);
         let mut pairs = Pairs::ZERO;
-        loop {
-            let count = fill_first(&mut pairs, &mut places, source);
-            if count == 0 {
-                return sum / all.max(1) as f32;
-            }
+        for (lanes, count) in sample.first(points) {
+            [pairs.p, pairs.m] = *lanes;
             self.isa.see(&mut pairs, &pose);
             look_up(&mut pairs, lookup, target);
             let Pairs { p, q, n, .. } = &pairs;
@@ -75,6 +66,7 @@ impl Refiner<'_> {
             }
             all += count;
         }
+        sum / all.max(1) as f32
     }
 
     /// Offers a hypothesis after a few steps, unless it is far behind those held after the first of them.
@@ -95,17 +87,6 @@ impl Refiner<'_> {
         let at = self.coarse(at, points, &SIFT);
         (self.coarse_loss(at, compared, SIFT_SCALE), at)
     }
-}
-
-/// Sets the first of the pairs to the next points of the source; how many there were.
-fn fill_first(
-    pairs: &mut Pairs,
-    places: &mut impl Iterator<Item = usize>,
-    source: &Surface,
-) -> usize {
-    let lanes = columns(&mut pairs.p).zip(columns(&mut pairs.m));
-    let filled = lanes.zip(places).map(|((p, m), i)| set(p, m, source.at(i)));
-    filled.count()
 }
 
 /// Sets the second of the pairs to points of the target that are about nearest to the first.

@@ -13,6 +13,8 @@ pub(crate) struct Stage {
     pub(crate) widest: f32,
     /// Weight of the distance between points beside that between planes.
     pub(crate) tangential: f32,
+    /// A turn (radians) and shift below this end it.
+    pub(super) settled: f32,
 }
 
 impl Stage {
@@ -33,6 +35,7 @@ pub(super) const NEAR: Stage = Stage {
     gate: 4.0,
     widest: f32::INFINITY,
     tangential: 0.0,
+    settled: 3e-4,
 };
 /// Finishes.
 pub(super) const FINE: Stage = Stage {
@@ -41,16 +44,19 @@ pub(super) const FINE: Stage = Stage {
     gate: 3.0,
     widest: WIDEST_GATE,
     tangential: 0.2,
+    settled: 3e-4,
 };
 /// The same for a hypothesis that is to be compared with others.
 pub(super) const BRIEF_NEAR: Stage = Stage {
     iterations: 6,
     points: 256,
+    settled: 3e-3,
     ..NEAR
 };
 pub(super) const BRIEF_FINE: Stage = Stage {
     iterations: 4,
     points: 384,
+    settled: 3e-3,
     ..FINE
 };
 /// A match closer than this always counts, in radii of a neighbourhood.

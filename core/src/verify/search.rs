@@ -82,6 +82,20 @@ impl Search<'_, '_> {
         }
     }
 
+    /// Polishes a pose briefly and enters it, unless it turns out to be one that is held.
+    pub(super) fn polish(&mut self, at: Rigid, prior: Option<&Prior>) {
+        let contenders = &self.contenders;
+        let is_held = |at| {
+            contenders
+                .iter()
+                .flatten()
+                .any(|held| is_equal(held.at, at))
+        };
+        if let Some(at) = self.refiner.polish_briefly(at, is_held) {
+            self.enter(at, prior);
+        }
+    }
+
     /// Symmetric copies of the best pose that fit about as well: one of them may be right.
     pub(super) fn copies<E>(
         &mut self,
@@ -109,8 +123,7 @@ impl Search<'_, '_> {
         }
         for (_, at) in found.held() {
             go_on()?;
-            let at = self.refiner.polish_briefly(at);
-            self.enter(at, prior);
+            self.polish(at, prior);
         }
         Ok(())
     }
@@ -144,8 +157,7 @@ impl Search<'_, '_> {
         }
         for (_, at) in nearest.into_iter().flatten() {
             go_on()?;
-            let at = self.refiner.polish_briefly(at);
-            self.enter(at, prior);
+            self.polish(at, prior);
         }
         Ok(())
     }
@@ -190,14 +202,14 @@ impl Search<'_, '_> {
         if !is_explained {
             let mut matched = Best::<MATCHED>::NONE;
             let [source, target] = self.refiner.surfaces();
-            for at in matching_pairs(source, target) {
-                // Most are given up after few points.
-                let [few, all] = PAIR_POINTS
-                    .map(|points| move |r: &Refiner<'_>| r.coarse_loss(at, points, SCREEN_SCALE));
-                if matched.takes(few(self.refiner) - PAIR_SLACK) {
-                    matched.offer(all(self.refiner), at);
+            // Most are given up after few points.
+            let [few, all] = PAIR_POINTS
+                .map(|points| move |r: &Refiner<'_>, at| r.coarse_loss(at, points, SCREEN_SCALE));
+            matching_pairs(source, target, |at| {
+                if matched.takes(few(self.refiner, at) - PAIR_SLACK) {
+                    matched.offer(all(self.refiner, at), at);
                 }
-            }
+            });
             for (_, at) in matched.held() {
                 go_on()?;
                 self.hypotheses += 1;
@@ -223,8 +235,7 @@ impl Search<'_, '_> {
             .take_while(|&(loss, _)| loss < least + FAR_BEHIND)
         {
             go_on()?;
-            let at = self.refiner.polish_briefly(at);
-            self.enter(at, prior);
+            self.polish(at, prior);
         }
         Ok(())
     }
@@ -271,8 +282,7 @@ impl Search<'_, '_> {
             }
         }
         for (_, at) in spun.held() {
-            let at = self.refiner.polish_briefly(at);
-            self.enter(at, prior);
+            self.polish(at, prior);
         }
         Ok(())
     }

@@ -233,7 +233,7 @@ fn of_poses_side_by_side_the_one_that_fits_best_is_taken() {
     let polished = refiner.polish(beside).expect("a rigid pose");
     let (_, distance) = error(polished.target_from_source, beside);
     assert!(distance < 0.02, "{distance}");
-    let found = refiner.verify(beside, &Start::Anywhere);
+    let found = refiner.verify(beside, &Start::at(beside));
     let found = found.expect("a rigid pose").best.target_from_source;
     let (angle, distance) = error(found, Pose::IDENTITY);
     assert!(angle < 1.0 && distance < 0.02, "{angle} {distance}");

@@ -1,0 +1,85 @@
+//! Few of a surface's points with their normals, in lanes: what searches look at under many poses.
+
+use crate::kernels::PAIRS;
+use crate::surface::Surface;
+
+/// Points at most.
+const SAMPLED: usize = 512;
+
+/// Points, and their normals: one row an axis.
+type Lanes = [[[f32; PAIRS]; 3]; 2];
+
+/// Points evenly spread over a surface, any first of them as well.
+#[derive(Clone, Debug)]
+pub(crate) struct Sample {
+    len: usize,
+    lanes: [Lanes; SAMPLED / PAIRS],
+}
+
+impl Sample {
+    /// Of no surface. All bits are zero.
+    pub(crate) const EMPTY: Sample = Sample {
+        len: 0,
+        lanes: [[[[0.0; PAIRS]; 3]; 2]; SAMPLED / PAIRS],
+    };
+
+    /// Takes a surface's points.
+    pub(crate) fn fill(&mut self, surface: &Surface) {
+        let all = surface.points().len();
+        self.len = all.min(SAMPLED);
+        let places = spread(self.len).map(|i| i * all / self.len.max(1));
+        let mut places = places.map(|place| surface.at(place));
+        for rows in &mut self.lanes {
+            let [[x, y, z], [a, b, c]] = rows;
+            let lanes = x.iter_mut().zip(y).zip(z).zip(a).zip(b).zip(c);
+            for (((((x, y), z), a), b), c) in lanes {
+                let (point, normal) = places.next().unwrap_or_default();
+                [*x, *y, *z] = point.to_array();
+                [*a, *b, *c] = normal.to_array();
+            }
+        }
+    }
+
+    /// The first so many, and how many there are in each of the lanes.
+    pub(crate) fn first(&self, points: usize) -> impl Iterator<Item = (&Lanes, usize)> {
+        let points = points.min(self.len);
+        let counts = (0..points).step_by(PAIRS);
+        let counts = counts.map(move |first| (points - first).min(PAIRS));
+        self.lanes.iter().zip(counts)
+    }
+}
+
+/// The numbers below one, each once: the first of them lie far apart, and those that follow between them.
+fn spread(below: usize) -> impl Iterator<Item = usize> {
+    let digits = below.next_power_of_two().trailing_zeros();
+    let reversed = move |i: usize| {
+        if digits == 0 {
+            i
+        } else {
+            i.reverse_bits() >> (usize::BITS - digits)
+        }
+    };
+    (0..below.next_power_of_two())
+        .map(reversed)
+        .filter(move |&i| i < below)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_come_once_and_the_first_are_far_apart() {
+        for below in [0, 1, 2, 5, 96, 512] {
+            let mut all: Vec<usize> = spread(below).collect();
+            if below >= 96 {
+                let mut first: Vec<usize> = all[..16].to_vec();
+                first.sort_unstable();
+                let apart = first.windows(2).map(|w| w[1] - w[0]);
+                assert!(apart.min() >= Some(below / 32), "{first:?}");
+            }
+            all.sort_unstable();
+            assert!(all.into_iter().eq(0..below));
+        }
+    }
+}

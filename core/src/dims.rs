@@ -52,7 +52,11 @@ pub(crate) const TARGETS_KEPT: usize = if HOST { 2 } else { 0 };
 pub(crate) const POINTS_ORDERED: usize = if HOST { MAX_POINTS } else { 0 };
 
 /// Whether there is memory for large tiles.
-const HOST: bool = cfg!(any(target_arch = "x86_64", target_arch = "aarch64"));
+const HOST: bool = cfg!(any(
+    target_arch = "x86_64",
+    target_arch = "aarch64",
+    target_arch = "wasm32"
+));
 
 /// Layers of a policy file: three of the embedding, three of each head.
 pub const LAYERS: usize = 9;

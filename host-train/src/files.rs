@@ -1,6 +1,6 @@
 //! The one way in which outputs are written: whole or not at all.
 
-use std::fs::{self, OpenOptions, Permissions};
+use std::fs::{self, OpenOptions};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
@@ -114,11 +114,12 @@ fn target(path: &Path) -> io::Result<PathBuf> {
 
 /// A file beside the target with the mode and owner that the target has, or would get.
 fn temporary(target: &Path, before: Option<&fs::Metadata>) -> io::Result<tempfile::NamedTempFile> {
+    #[cfg_attr(not(unix), allow(unused_mut))]
     let mut builder = tempfile::Builder::new();
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt;
-        builder.permissions(Permissions::from_mode(0o666));
+        builder.permissions(fs::Permissions::from_mode(0o666));
     }
     let file = builder.tempfile_in(directory(target))?;
     if let Some(before) = before {
@@ -166,7 +167,7 @@ mod tests {
         write(&at("new"), b"new").expect("written");
         assert_eq!(mode(&at("new")), mode(&at("usual")));
         for kept in [0o600, 0o640, 0o755] {
-            fs::set_permissions(at("new"), Permissions::from_mode(kept)).expect("changed");
+            fs::set_permissions(at("new"), fs::Permissions::from_mode(kept)).expect("changed");
             write(&at("new"), b"newer").expect("written");
             assert_eq!(
                 (mode(&at("new")), &*fs::read(at("new")).expect("read")),

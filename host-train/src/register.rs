@@ -5,10 +5,12 @@ pub mod best;
 pub mod dense;
 pub mod document;
 pub mod prepared;
+#[cfg(not(target_family = "wasm"))]
 pub mod replay;
 pub mod request;
 pub mod thin;
 pub mod trace;
+pub mod view;
 
 use crate::dataset::Point;
 use crate::pose64::{Pose64, Position};

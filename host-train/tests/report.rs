@@ -3,9 +3,9 @@
 
 mod support;
 
-use serde_json::Value;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Command;
+use support::browser::{chromium, open};
 use support::{fail, folder, succeed};
 
 /// Drives the page as a user does and writes what it found into the document.
@@ -89,48 +89,6 @@ fn make_report(at: &Path) {
     );
     let plots = std::fs::read_dir(at.join("plots")).expect("made").count();
     assert!(plots > 50, "{plots}");
-}
-
-/// The findings of the driver in the page that the browser made of a file.
-fn open(browser: &Path, at: &Path, file: &str) -> Value {
-    let output = Command::new(browser)
-        .args([
-            "--headless=new",
-            "--no-sandbox",
-            "--disable-gpu",
-            "--disable-quic",
-        ])
-        .args(["--no-first-run", "--disable-background-networking"])
-        .args(["--disable-component-update", "--disable-sync"])
-        .args([
-            "--enable-logging=stderr",
-            "--virtual-time-budget=20000",
-            "--dump-dom",
-        ])
-        .arg(format!("--user-data-dir={}", at.join("profile").display()))
-        .arg(format!("file://{}", at.join(file).display()))
-        .output()
-        .expect("the browser runs");
-    let log = String::from_utf8_lossy(&output.stderr);
-    let complaints: Vec<&str> = log
-        .lines()
-        .filter(|line| line.contains("CONSOLE"))
-        .collect();
-    assert!(complaints.is_empty(), "{complaints:#?}");
-    let dom = String::from_utf8_lossy(&output.stdout);
-    let (_, found) = dom
-        .rsplit_once("<pre id=\"findings\">")
-        .unwrap_or_else(|| panic!("the driver did not finish; the browser said: {log}"));
-    let (found, _) = found.split_once("</pre>").expect("the end of the findings");
-    serde_json::from_str(found).expect("JSON")
-}
-
-fn chromium() -> Option<PathBuf> {
-    let names = ["chromium", "chromium-browser", "google-chrome"];
-    let path = std::env::var_os("PATH")?;
-    std::env::split_paths(&path)
-        .flat_map(|folder| names.map(|name| folder.join(name)))
-        .find(|candidate| candidate.is_file())
 }
 
 #[test]

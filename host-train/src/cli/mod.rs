@@ -14,6 +14,7 @@ mod import;
 mod keygen;
 mod methods;
 mod output;
+mod page;
 mod pairs;
 mod progress;
 mod register;
@@ -71,6 +72,7 @@ enum Command {
     Publish(PublishArgs),
     Calibrate(calibrate::CalibrateArgs),
     Report(report::ReportArgs),
+    Page(page::PageArgs),
     Replay(replay::ReplayArgs),
 }
 
@@ -84,6 +86,7 @@ impl Command {
             #[cfg(feature = "publish")]
             Command::Publish(_) => Some("publish"),
             Command::Report(_) => Some("report"),
+            Command::Page(_) => Some("page"),
             Command::Replay(_) => Some("replay"),
             _ => None,
         }
@@ -118,6 +121,7 @@ impl Cli {
             Command::Keygen(args) => args.run(),
             Command::Calibrate(args) => args.run(seed),
             Command::Report(args) => args.run(),
+            Command::Page(args) => args.run(),
             Command::Replay(args) => args.run(),
             #[cfg(feature = "publish")]
             Command::Publish(args) => {

@@ -81,18 +81,33 @@ pub fn read_file(path: &Path) -> Result<CloudFile, CloudError> {
         source,
     };
     let mut bytes = Vec::new();
-    let kind = if path == Path::new(STANDARD) {
+    if path == Path::new(STANDARD) {
         std::io::stdin().read_to_end(&mut bytes).map_err(io)?;
-        kind_of(&bytes).to_owned()
-    } else {
-        let kind = extension(path);
-        if !EXTENSIONS.contains(&kind.as_str()) {
-            return Err(CloudError::Extension { path: path.into() });
-        }
-        bytes = std::fs::read(path).map_err(io)?;
-        kind
-    };
-    let parse: fn(&[u8]) -> Result<CloudFile, String> = match kind.as_str() {
+        return parse(&bytes, kind_of(&bytes), path);
+    }
+    is_read(path)?;
+    read_bytes(&std::fs::read(path).map_err(io)?, path)
+}
+
+/// The same of a file's contents; the extension of `path` decides what they are, and errors name it.
+///
+/// # Errors
+/// As [`read_file`].
+pub fn read_bytes(bytes: &[u8], path: &Path) -> Result<CloudFile, CloudError> {
+    is_read(path)?;
+    parse(bytes, &extension(path), path)
+}
+
+/// Whether the extension is one of those that are read.
+fn is_read(path: &Path) -> Result<(), CloudError> {
+    match EXTENSIONS.contains(&extension(path).as_str()) {
+        true => Ok(()),
+        false => Err(CloudError::Extension { path: path.into() }),
+    }
+}
+
+fn parse(bytes: &[u8], kind: &str, path: &Path) -> Result<CloudFile, CloudError> {
+    let parse: fn(&[u8]) -> Result<CloudFile, String> = match kind {
         "ply" => ply::parse,
         "pcd" => pcd::parse,
         "npy" => npy::parse,
@@ -101,7 +116,7 @@ pub fn read_file(path: &Path) -> Result<CloudFile, CloudError> {
         "stl" => stl::parse,
         _ => table::parse,
     };
-    let file = parse(&bytes).map_err(|reason| CloudError::Malformed {
+    let file = parse(bytes).map_err(|reason| CloudError::Malformed {
         path: path.into(),
         reason,
     })?;

@@ -1,12 +1,20 @@
 //! What a policy is worth: errors of its poses, other methods beside it, time, and needs of small boards.
 
+#[cfg(not(target_family = "wasm"))]
 pub mod agreement;
 pub mod baselines;
+#[cfg(not(target_family = "wasm"))]
 pub mod document;
+#[cfg(not(target_family = "wasm"))]
 pub mod elf;
+#[cfg(not(target_family = "wasm"))]
 pub mod eval;
+#[cfg(not(target_family = "wasm"))]
 pub mod latency;
+#[cfg(not(target_family = "wasm"))]
 pub mod method;
 pub mod metrics;
+#[cfg(not(target_family = "wasm"))]
 pub mod microcontrollers;
+#[cfg(not(target_family = "wasm"))]
 pub mod sweep;

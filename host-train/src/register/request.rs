@@ -95,6 +95,23 @@ impl Request {
         [source, target]: [&Prepared<'_>; 2],
     ) -> Result<Done, Error> {
         let before = Instant::now();
+        let mut done = self.untimed(starts, best, policy, memory, [source, target])?;
+        done.ms = before.elapsed().as_secs_f64() * 1e3;
+        Ok(done)
+    }
+
+    /// The same without a clock, as a browser has none for it: the time is 0.
+    ///
+    /// # Errors
+    /// As [`Request::register`].
+    pub fn untimed(
+        &self,
+        starts: &[Start],
+        best: usize,
+        policy: Policy<'_>,
+        memory: &mut Memory,
+        [source, target]: [&Prepared<'_>; 2],
+    ) -> Result<Done, Error> {
         let relative = |at: Position| {
             let [x, y, z] = [0, 1, 2].map(|k| (at[k] - source.origin[k]) as f32);
             Vec3::new(x, y, z)
@@ -138,7 +155,7 @@ impl Request {
             initial: starts[winner].near(source.origin, target.origin),
             start: (starts.len() > 1).then_some(winner),
             others,
-            ms: before.elapsed().as_secs_f64() * 1e3,
+            ms: 0.0,
             found,
             dense,
         })

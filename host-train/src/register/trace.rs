@@ -4,8 +4,10 @@
 //! the order taken, and ends with `{"answer": {…}}` ([`Given`]), the pose that was given out, where something followed the
 //! steps. A file holds any number of registrations, one after another.
 
+#[cfg(not(target_family = "wasm"))]
 mod pairs;
 
+#[cfg(not(target_family = "wasm"))]
 pub use pairs::pairs;
 
 use crate::dataset::Point;

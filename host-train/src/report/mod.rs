@@ -16,10 +16,12 @@ mod run;
 mod section;
 mod sweep;
 mod table;
+mod try_page;
 mod value;
 mod views;
 
 pub use error::ReportError;
+pub use try_page::try_page;
 
 use crate::files;
 use chart::Chart;

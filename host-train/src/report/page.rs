@@ -6,9 +6,10 @@ use super::section::{Block, Section};
 use super::table::Table;
 use std::fmt::Write;
 
-const STYLE: &str = include_str!("page/report.css");
-const SCRIPT: &str = include_str!("page/viewer.js");
-const VIEWER: &str = include_str!("page/viewer.html");
+pub(super) const STYLE: &str = include_str!("page/report.css");
+pub(super) const SCRIPT: &str = include_str!("page/viewer.js");
+pub(super) const VIEWER: &str = include_str!("page/viewer.html");
+const START: &str = "view(JSON.parse(document.getElementById('registrations').textContent));\n";
 /// Even a mistake in the page could not load anything.
 const POLICY: &str =
     "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; img-src data:";
@@ -36,7 +37,7 @@ pub(super) fn html(sections: &[Section], notes: &[String]) -> Result<String, Rep
             .any(|block| matches!(block, Block::Viewer(_)))
     });
     let script = if has_viewer {
-        format!("<script>\n{SCRIPT}</script>\n")
+        format!("<script>\n{SCRIPT}{START}</script>\n")
     } else {
         String::new()
     };

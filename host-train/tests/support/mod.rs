@@ -1,6 +1,8 @@
 //! Runs the trainer's program as a user does.
 #![allow(dead_code, reason = "each test program uses a part")]
 
+pub(crate) mod browser;
+
 use host_train::learn::nn::{Parameters, Shape};
 use host_train::policy::WeightFile;
 use serde_json::Value;

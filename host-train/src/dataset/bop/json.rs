@@ -131,6 +131,7 @@ pub(super) fn read<T: DeserializeOwned>(
 }
 
 /// Writes a document.
+#[cfg(not(target_family = "wasm"))]
 pub(crate) fn write(path: &Path, document: &impl Serialize) -> Result<(), BopError> {
     let io = |source| BopError::Io {
         path: path.into(),

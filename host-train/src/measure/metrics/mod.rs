@@ -19,6 +19,7 @@ mod diameter;
 mod summary;
 
 pub use diameter::diameter;
+#[cfg(not(target_family = "wasm"))]
 pub(crate) use summary::quantile;
 pub use summary::{Errors, Quartiles, Summary, auc, is_right};
 

@@ -1,6 +1,6 @@
 'use strict';
-// The view of registrations: clouds on a canvas, a slider over the steps, probabilities as bars.
-(() => {
+// The view of registrations: clouds on a canvas, a slider over the steps, probabilities as bars. Returns what stops it.
+function view(registrations) {
   const SIZES = [-0.27, -0.09, -0.03, -0.01, -0.0033, 0, 0.0033, 0.01, 0.03, 0.09, 0.27];
   const AXES = [
     'Translation x', 'Translation y', 'Translation z',
@@ -17,7 +17,6 @@
   const START = multiply(turn(0, 0.45), turn(1, -0.6));
 
   const at = (id) => document.getElementById(id);
-  const registrations = JSON.parse(at('registrations').textContent);
   const canvas = at('scene');
   const pick = at('registration');
   const slider = at('step');
@@ -345,4 +344,5 @@
   window.addEventListener('resize', draw);
   matchMedia('(prefers-color-scheme: dark)').addEventListener('change', draw);
   showRegistration();
-})();
+  return stop;
+}

@@ -1,0 +1,153 @@
+//! Registration in a browser: what `host-train register` does with two files, called by the page's script.
+//!
+//! | call | what |
+//! |---|---|
+//! | `input(length)` | room for so many bytes, which the script sets |
+//! | `read(cloud, name)` | reads the scan (0) or the part (1) of them: the first `name` bytes are the file's name |
+//! | `register(anywhere)` | registers both; `anywhere`: nothing is known of how the scan is turned |
+//! | `answer()`, `answer_length()` | the JSON that the last call answered, `{"error": …}` where it failed |
+
+use host_train::dataset::cloud_file::read_bytes;
+use host_train::register::document::Document;
+use host_train::register::prepared::Prepared;
+use host_train::register::request::Request;
+use host_train::register::trace::{Given, Header, Traced};
+use host_train::register::view::View;
+use host_train::register::{Memory, Start};
+use reagent_core::Policy;
+use serde_json::{Value, json};
+use std::error::Error;
+use std::path::Path;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// The seed of `host-train`: points are drawn from meshes.
+const SEED: u64 = 42;
+/// The policy's name.
+const POLICY: &str = "compact";
+
+struct Page {
+    input: Vec<u8>,
+    answer: String,
+    clouds: [Option<Cloud>; 2],
+    memory: Memory,
+}
+
+/// A file that was read.
+struct Cloud {
+    name: String,
+    prepared: Prepared<'static>,
+}
+
+static PAGE: Mutex<Page> = Mutex::new(Page {
+    input: Vec::new(),
+    answer: String::new(),
+    clouds: [None, None],
+    memory: Memory::new(),
+});
+
+fn page() -> MutexGuard<'static, Page> {
+    PAGE.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Room for the bytes of the next file.
+#[allow(unsafe_code)] // the name alone
+#[unsafe(no_mangle)]
+pub extern "C" fn input(length: usize) -> *mut u8 {
+    let mut page = page();
+    page.input = vec![0; length];
+    page.input.as_mut_ptr()
+}
+
+/// Reads a cloud: 0 is the scan, 1 the part.
+#[allow(unsafe_code)]
+#[unsafe(no_mangle)]
+pub extern "C" fn read(cloud: usize, name: usize) {
+    let mut page = page();
+    let read = page.read(cloud, name);
+    page.answer(read);
+}
+
+/// Registers the clouds that were read.
+#[allow(unsafe_code)]
+#[unsafe(no_mangle)]
+pub extern "C" fn register(anywhere: u32) {
+    let mut page = page();
+    let registered = page.register(anywhere != 0);
+    page.answer(registered);
+}
+
+/// Where the last answer lies.
+#[allow(unsafe_code)]
+#[unsafe(no_mangle)]
+pub extern "C" fn answer() -> *const u8 {
+    page().answer.as_ptr()
+}
+
+/// Its bytes.
+#[allow(unsafe_code)]
+#[unsafe(no_mangle)]
+pub extern "C" fn answer_length() -> usize {
+    page().answer.len()
+}
+
+impl Page {
+    fn answer(&mut self, of: Result<Value, Box<dyn Error>>) {
+        let answer = of.unwrap_or_else(|error| json!({"error": error.to_string()}));
+        self.answer = answer.to_string();
+    }
+
+    fn read(&mut self, cloud: usize, name: usize) -> Result<Value, Box<dyn Error>> {
+        let input = std::mem::take(&mut self.input);
+        let (name, bytes) = input.split_at_checked(name).ok_or("a name without end")?;
+        let name = String::from_utf8_lossy(name).into_owned();
+        let place = self.clouds.get_mut(cloud).ok_or("no such cloud")?;
+        *place = None;
+        let path = Path::new(&name);
+        let file = read_bytes(bytes, path)?;
+        let prepared = Prepared::of_file(&file, path, None, SEED + cloud as u64)?;
+        let notes: Vec<String> = prepared.notes.iter().map(ToString::to_string).collect();
+        let answer = json!({
+            "points": file.points.len(),
+            "faces": file.faces.as_ref().map(Vec::len),
+            "notes": notes,
+        });
+        *place = Some(Cloud { name, prepared });
+        Ok(answer)
+    }
+
+    fn register(&mut self, anywhere: bool) -> Result<Value, Box<dyn Error>> {
+        let [Some(scan), Some(part)] = &self.clouds else {
+            return Err("a scan and a part are needed: choose a file for each".into());
+        };
+        let request = Request {
+            start: if anywhere {
+                Start::None
+            } else {
+                Start::Identity
+            },
+            ..Request::default()
+        };
+        let policy = Policy::pretrained_compact()?;
+        let clouds = [&scan.prepared, &part.prepared];
+        let done = request.untimed(&[request.start], 1, policy, &mut self.memory, clouds)?;
+        let answer = Given::of(&done.found.answer, request.mode).map(|given| Given {
+            target_from_source: done.near().to_rows(),
+            ..given
+        });
+        let [source, target] = clouds.map(|cloud| cloud.points().to_vec());
+        let document = Document::new(clouds, &done, 1.0);
+        let traced = Traced {
+            header: Header {
+                name: format!("{} to {}", scan.name, part.name),
+                policy: POLICY.into(),
+                source,
+                target,
+                truth: None,
+                initial: done.initial.to_rows(),
+            },
+            steps: done.found.trace,
+            answer,
+        };
+        Ok(json!({"view": View::of(&traced), "document": document}))
+    }
+}

@@ -117,6 +117,9 @@ pub(crate) fn points(cloud: &PointCloud2) -> Result<Vec<Point>, CloudMessageErro
         ..
     } = *cloud;
     let row = u64::from(width) * u64::from(point_step);
+    if row == 0 {
+        return Ok(Vec::new());
+    }
     // A single row needs no length of its own, and some drivers give none.
     let step = if height <= 1 {
         row.max(row_step.into())
@@ -247,6 +250,14 @@ mod tests {
             }),
             Ok(vec![])
         );
+        // As many rows as can be said, of no points.
+        let empty = PointCloud2 {
+            height: u32::MAX,
+            width: 0,
+            row_step: 0,
+            ..good()
+        };
+        assert_eq!(points(&empty), Ok(vec![]));
         let mut flat = good();
         flat.fields.retain(|field| field.name != "z");
         let error = points(&flat).expect_err("no z").to_string();

@@ -236,16 +236,20 @@ impl RegisterArgs {
     ) -> anyhow::Result<Pairing> {
         let points = self.points.map(|count| count as usize);
         // Seeds of their own: a mesh registered to itself must not be sampled at the very same points.
-        let source = match self.depth.read()? {
-            Some((object, background)) => {
-                let scale = self.scale();
-                let mut source = Input::of(object, &pair.source, scale, (points, seed))?;
-                source.cloud.see(&background, scale);
-                source
-            }
-            None => Input::read(&pair.source, self.scale(), points, seed)?,
-        };
-        let mut target = Input::read(&pair.target, 1.0, points, seed.wrapping_add(1))?;
+        let object = self.depth.read()?;
+        let (source, target) = rayon::join(
+            || match object {
+                Some((object, background)) => {
+                    let scale = self.scale();
+                    let mut source = Input::of(object, &pair.source, scale, (points, seed))?;
+                    source.cloud.see(&background, scale);
+                    Ok(source)
+                }
+                None => Input::read(&pair.source, self.scale(), points, seed),
+            },
+            || Input::read(&pair.target, 1.0, points, seed.wrapping_add(1)),
+        );
+        let (source, mut target) = (source?, target?);
         if self.view_point().is_some() {
             target.cloud.notice_missing_faces();
         }

@@ -49,7 +49,7 @@ pub const FEATURES: usize = 8;
 /// Weights of [`Evidence::features`], fitted by `host-train calibrate --data DIR --meshes MESHES --count 1000 --seed 7` to pairs
 /// drawn and rendered from training meshes: whole clouds, parts, views, few points, distorted sources and other objects.
 const WEIGHTS: [f32; FEATURES] = [
-    -1.6058, -1.4913, -0.2082, 1.7289, -1.6314, -0.1104, 0.6833, -1.4585,
+    -1.5948, -1.4683, -0.2194, 1.7139, -1.6627, -0.0548, 0.7016, -1.6954,
 ];
 
 impl Evidence {

@@ -1,5 +1,5 @@
-//! Says which Arm kernels the target runs, as `cfg(arm_kernels)`: what the compiler knows of a
-//! microcontroller's instructions is not visible to stable Rust code. Says, too, where a policy is not in the package.
+//! Says which kernels of Arm and of WebAssembly the target runs, as `cfg(arm_kernels)` and `cfg(wasm_kernels)`: what the compiler
+//! knows of a microcontroller's instructions is not visible to stable Rust code. Says, too, where a policy is not in the package.
 
 use std::env::var;
 use std::path::Path;
@@ -7,6 +7,7 @@ use std::path::Path;
 fn main() {
     println!("cargo::rerun-if-changed=build.rs");
     println!(r#"cargo::rustc-check-cfg=cfg(arm_kernels, values("neon", "dsp", "helium"))"#);
+    println!(r#"cargo::rustc-check-cfg=cfg(wasm_kernels, values("simd128"))"#);
     let read = |name: &str| var(name).unwrap_or_default();
     let policy = Path::new(&read("CARGO_MANIFEST_DIR")).join("weights/reagent.rgw");
     if var("CARGO_FEATURE_PRETRAINED").is_ok() && !policy.exists() {
@@ -27,8 +28,12 @@ fn main() {
     let cpu = flags.split('\x1f').filter_map(flag).next_back();
     let cpu = cpu.unwrap_or_default();
     let features = read("CARGO_CFG_TARGET_FEATURE");
+    let has = |feature: &str| features.split(',').any(|f| f == feature);
+    if read("CARGO_CFG_TARGET_ARCH") == "wasm32" && has("simd128") {
+        println!("cargo::rustc-cfg=wasm_kernels=\"simd128\"");
+    }
     let kernels = match read("CARGO_CFG_TARGET_ARCH").as_str() {
-        "aarch64" if features.split(',').any(|f| f == "neon") => "neon",
+        "aarch64" if has("neon") => "neon",
         "arm" if ["cortex-m52", "cortex-m55", "cortex-m85"].contains(&cpu.as_str()) => "helium",
         "arm" if target.starts_with("thumbv7em") => "dsp",
         "arm" if ["cortex-m33", "cortex-m35p"].contains(&cpu.as_str()) => "dsp",

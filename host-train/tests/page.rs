@@ -93,6 +93,34 @@ fn the_page_registers_as_the_command_line_does() {
 }
 
 #[test]
+fn kernels_of_a_browser_give_the_bits_of_the_portable_ones() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let wasm = root.join("target/page/wasm32-unknown-unknown/release/examples/kernels.wasm");
+    let (Some(browser), Ok(program)) = (chromium(), std::fs::read(&wasm)) else {
+        eprintln!(
+            "skipped: no chromium in PATH, or {} is not built",
+            wasm.display()
+        );
+        return;
+    };
+    let folder = folder();
+    let page = format!(
+        "<body><script>
+        const bytes = Uint8Array.from(atob('{}'), (c) => c.charCodeAt(0));
+        WebAssembly.instantiate(bytes).then(({{ instance }}) => {{
+          const findings = document.createElement('pre');
+          findings.id = 'findings';
+          findings.textContent = instance.exports.compared();
+          document.body.append(findings);
+        }});
+        </script></body>",
+        STANDARD.encode(program)
+    );
+    std::fs::write(folder.path().join("kernels.html"), page).expect("written");
+    assert_eq!(open(&browser, folder.path(), "kernels.html"), 60);
+}
+
+#[test]
 fn what_is_not_the_program_is_refused() {
     let folder = folder();
     let at = folder.path();

@@ -2,12 +2,12 @@
 
 #![allow(unsafe_code)]
 
-#[cfg(any(arm_kernels = "neon", target_arch = "x86_64"))]
+#[cfg(any(arm_kernels = "neon", wasm_kernels = "simd128", target_arch = "x86_64"))]
 pub(super) mod dense;
 pub(super) mod portable;
 #[cfg(target_arch = "x86_64")]
 pub(super) mod search;
-#[cfg(any(arm_kernels = "neon", target_arch = "x86_64"))]
+#[cfg(any(arm_kernels = "neon", wasm_kernels = "simd128", target_arch = "x86_64"))]
 pub(super) mod vector;
 
 use super::Isa;
@@ -23,6 +23,8 @@ use super::{
     x86::avx2_bytes::{avx_vnni, avx2},
     x86::{amx, avx2_bytes_pruned, avx2_bytes_wide, avx512_vnni, avx512_vnni_pruned},
 };
+#[cfg(wasm_kernels = "simd128")]
+use super::{Kind, wasm::bytes as wasm_bytes};
 use crate::dims::{PANEL, PANELS_TOGETHER};
 use crate::layer::{Codes, Dense, QuantLayer};
 use portable::{INPUTS, ROW_BITS, ROWS, row_of};
@@ -91,6 +93,9 @@ impl Isa {
             // SAFETY: as above.
             #[cfg(arm_kernels = "helium")]
             Kind::Helium => unsafe { helium::dense_codes(codes, bias, requantise, x, y) },
+            // SAFETY: as above; simd128 is part of the target.
+            #[cfg(wasm_kernels = "simd128")]
+            Kind::Simd128 => unsafe { wasm_bytes::dense_codes(codes, bias, requantise, x, y) },
             _ => portable::dense_codes(codes, bias, requantise, x, y),
         }
     }
@@ -211,6 +216,9 @@ impl Isa {
             // SAFETY: as above.
             #[cfg(arm_kernels = "helium")]
             Kind::Helium => unsafe { helium::dense_codes_max::<MARK>(layer, panels, x, max) },
+            // SAFETY: as above; simd128 is part of the target.
+            #[cfg(wasm_kernels = "simd128")]
+            Kind::Simd128 => unsafe { wasm_bytes::dense_codes_max::<MARK>(layer, panels, x, max) },
             _ => portable::dense_codes_max(MARK, layer, panels, x, max),
         }
     }
@@ -263,6 +271,9 @@ impl Isa {
             // SAFETY: as above.
             #[cfg(arm_kernels = "helium")]
             Kind::Helium => unsafe { helium::gemv_codes(layer, columns, planes, y) },
+            // SAFETY: as above; simd128 is part of the target.
+            #[cfg(wasm_kernels = "simd128")]
+            Kind::Simd128 => unsafe { wasm_bytes::gemv_codes(layer, columns, planes, y) },
             _ => portable::gemv_codes(layer, columns, planes, y),
         }
     }

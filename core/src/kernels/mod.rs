@@ -2,7 +2,7 @@
 //! microcontroller images have some, for pointers and for what starts a board.
 //!
 //! An algorithm stands once, on a vector of sixteen values (`float`, `byte`). An instruction set says what such a vector
-//! is (`x86`, `aarch64`) and has thin entries with its `target_feature`, into which all the rest is inlined. What is made for
+//! is (`x86`, `aarch64`, `wasm`) and has thin entries with its `target_feature`, into which all the rest is inlined. What is made for
 //! one alone stands there, too, and in `arm_m`.
 //!
 //! - **Network in f32** (`float`): a dense layer with ReLU over a tile of points, the last embedding layer fused with
@@ -25,7 +25,8 @@
 //!
 //! x86-64 and aarch64 find out at run time what the machine has. On Cortex-M the compiler decides: the
 //! DSP kernels are taken for `thumbv7em` targets (and with `-C target-cpu=cortex-m33`), the Helium
-//! kernels with `-C target-cpu=cortex-m55`, `cortex-m52` or `cortex-m85`.
+//! kernels with `-C target-cpu=cortex-m55`, `cortex-m52` or `cortex-m85`. So it does for wasm32, with
+//! `-C target-feature=+simd128`.
 
 #![allow(unsafe_code, clippy::indexing_slicing)]
 
@@ -47,6 +48,8 @@ mod pruned;
 mod search;
 mod sieve;
 mod split;
+#[cfg(wasm_kernels = "simd128")]
+mod wasm;
 #[cfg(target_arch = "x86_64")]
 mod x86;
 
@@ -94,6 +97,9 @@ enum Kind {
     /// The vector instructions of Armv8.1-M.
     #[cfg(arm_kernels = "helium")]
     Helium,
+    /// The vector instructions of WebAssembly.
+    #[cfg(wasm_kernels = "simd128")]
+    Simd128,
 }
 
 /// A set of kernels that this machine is known to run.
@@ -131,6 +137,8 @@ impl Isa {
             (Kind::Dsp, true),
             #[cfg(arm_kernels = "helium")]
             (Kind::Helium, true),
+            #[cfg(wasm_kernels = "simd128")]
+            (Kind::Simd128, true),
         ]
         .into_iter()
         .filter(|(_, runs)| *runs)
@@ -174,6 +182,8 @@ impl Isa {
             Kind::Dsp => "armv7e-m dsp",
             #[cfg(arm_kernels = "helium")]
             Kind::Helium => "helium",
+            #[cfg(wasm_kernels = "simd128")]
+            Kind::Simd128 => "simd128",
         }
     }
 

@@ -15,7 +15,7 @@
 //!
 //! Modules stand in layers, and import from layers before theirs only (`tests/tests/layers.rs`):
 //!
-//! - layer: numbers, error, dims, turn, cells
+//! - layer: numbers, error, dims, rotation, cells
 //! - layer: shape, grid, critical, layer, pose, loss, outliers
 //! - layer: cloud, steps, view, kernels
 //! - layer: solve
@@ -85,6 +85,7 @@ pub mod pose;
 mod pretrained;
 pub mod quant;
 pub mod register;
+mod rotation;
 mod search;
 pub mod shape;
 pub mod sight;
@@ -92,7 +93,6 @@ mod solve;
 pub mod start;
 pub mod steps;
 mod surface;
-mod turn;
 pub mod verdict;
 pub mod verify;
 pub mod view;

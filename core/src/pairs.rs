@@ -4,9 +4,9 @@
 //! Two points with normals have a distance and three angles, whatever the pose (Drost et al. 2010). Normals have no sign, and
 //! so two poses lay one pair on another.
 
+use crate::rotation::Rotation;
 use crate::solve::Rigid;
 use crate::surface::Surface;
-use crate::turn::Turn;
 use glam::{Mat3, Vec3};
 
 /// Pairs of the source that are held against pairs of the target.
@@ -73,7 +73,7 @@ impl Pair {
         [1.0, -1.0].map(|sign| {
             let rotation = frame(other, sign) * from;
             Rigid {
-                turn: Turn::of(&rotation),
+                turn: Rotation::of(&rotation),
                 shift: other.middle - rotation * self.middle,
             }
         })

@@ -1,7 +1,7 @@
 //! Hypotheses: poses that might be right where the one at hand is not, and the best of them.
 
+use crate::rotation::Rotation;
 use crate::solve::Rigid;
-use crate::turn::Turn;
 use glam::{Mat3, Vec3};
 
 /// Gates of a hypothesis' first steps, normalised units: wide, then narrow.
@@ -109,7 +109,7 @@ pub(crate) fn nudged(seed: Rigid) -> impl Iterator<Item = Rigid> {
 /// Turned about the target's centre about the axes of an icosahedron, in both senses.
 fn turned(seed: Rigid, angle: f32) -> impl Iterator<Item = Rigid> {
     let (sine, cosine) = libm::sincosf(0.5 * angle);
-    icosahedron().map(move |axis| seed.turned(Turn::new(axis * sine, cosine)))
+    icosahedron().map(move |axis| seed.turned(Rotation::new(axis * sine, cosine)))
 }
 
 /// Moved along the axes, in both senses.
@@ -132,14 +132,15 @@ pub(crate) fn confused(seed: Rigid, axes: Mat3) -> impl Iterator<Item = Rigid> {
 /// A pose turned as a cube's symmetries would about its centre, in the frame of the axes given and of x, y, z.
 pub(crate) fn copies(seed: Rigid, axes: Mat3) -> impl Iterator<Item = Rigid> {
     [axes, Mat3::IDENTITY].into_iter().flat_map(move |frame| {
-        alignments().map(move |signed| seed.turned(Turn::of(&(frame * signed * frame.transpose()))))
+        alignments()
+            .map(move |signed| seed.turned(Rotation::of(&(frame * signed * frame.transpose()))))
     })
 }
 
 /// Principal axes of the source on those of the target, in every way.
 pub(crate) fn aligned(source: Mat3, target: Mat3, shift: Vec3) -> impl Iterator<Item = Rigid> {
     alignments().map(move |signed| Rigid {
-        turn: Turn::of(&(target * signed * source.transpose())),
+        turn: Rotation::of(&(target * signed * source.transpose())),
         shift,
     })
 }
@@ -148,7 +149,7 @@ pub(crate) fn aligned(source: Mat3, target: Mat3, shift: Vec3) -> impl Iterator<
 /// centre and through the source's.
 pub(crate) fn mirrored(seed: Rigid, axes: Mat3) -> impl Iterator<Item = Rigid> {
     // A reflection is a half turn and an inversion; two of them are a rotation.
-    let half_turn = |normal| Turn::new(normal, 0.0);
+    let half_turn = |normal| Rotation::new(normal, 0.0);
     let normals = [axes.x_axis, axes.y_axis, axes.z_axis];
     normals.into_iter().flat_map(move |normal| {
         let turn = half_turn(normal).after(seed.turn).after(half_turn(Vec3::X));
@@ -160,7 +161,7 @@ pub(crate) fn mirrored(seed: Rigid, axes: Mat3) -> impl Iterator<Item = Rigid> {
 /// Rotations that leave no other farther than about 35 degrees away, with both clouds' centres in one place and, about
 /// the target's centre, as far apart as they are.
 pub(crate) fn anywhere(from: Rigid) -> impl Iterator<Item = Rigid> {
-    let between = Turn::new(Vec3::new(0.2, 0.25, 0.15), 1.0);
+    let between = Rotation::new(Vec3::new(0.2, 0.25, 0.15), 1.0);
     icosahedral().flat_map(move |by| {
         [by, between.after(by)].into_iter().flat_map(move |by| {
             let turned = from.turned(by);
@@ -200,7 +201,7 @@ fn icosahedron() -> impl Iterator<Item = Vec3> {
 }
 
 /// The 60 rotations that map an icosahedron onto itself.
-fn icosahedral() -> impl Iterator<Item = Turn> {
+fn icosahedral() -> impl Iterator<Item = Rotation> {
     // As quaternions, up to sign: axes, halves with even signs of three, and even places of (LONG, 1/2, SHORT, 0).
     let axes = [
         ([0.0, 0.0, 0.0], 1.0),
@@ -217,7 +218,7 @@ fn icosahedral() -> impl Iterator<Item = Turn> {
     axes.into_iter()
         .chain(halves)
         .chain(golden)
-        .map(|(vector, scalar)| Turn::new(Vec3::from_array(vector), scalar))
+        .map(|(vector, scalar)| Rotation::new(Vec3::from_array(vector), scalar))
 }
 
 /// Even permutations of (w, x, y, z) = (LONG, 1/2, SHORT, 0) whose zero stands at a place; the first of the others is positive.
@@ -250,7 +251,7 @@ fn places(zero: usize, a: f32, b: f32) -> impl Iterator<Item = ([f32; 3], f32)> 
 }
 
 /// Turns by 45, 90 and 180 degrees about the axes given and about x, y, z.
-fn turns(axes: Mat3) -> impl Iterator<Item = Turn> {
+fn turns(axes: Mat3) -> impl Iterator<Item = Rotation> {
     // Sine and cosine of half the angle.
     const HALVES: [(f32, f32); 5] = [
         (1.0, 0.0),
@@ -275,7 +276,7 @@ fn turns(axes: Mat3) -> impl Iterator<Item = Turn> {
     ];
     HALVES
         .into_iter()
-        .flat_map(move |(sine, cosine)| about.map(|axis| Turn::new(axis * sine, cosine)))
+        .flat_map(move |(sine, cosine)| about.map(|axis| Rotation::new(axis * sine, cosine)))
 }
 
 /// The 24 rotations that map axes to axes.
@@ -293,7 +294,7 @@ mod tests {
 
     fn about_x(x: f32) -> Rigid {
         Rigid {
-            turn: Turn::new(Vec3::X * (0.5 * x).sin(), (0.5 * x).cos()),
+            turn: Rotation::new(Vec3::X * (0.5 * x).sin(), (0.5 * x).cos()),
             shift: Vec3::ZERO,
         }
     }
@@ -306,7 +307,7 @@ mod tests {
         assert_eq!(turns(Mat3::IDENTITY).count(), 30);
         let corners: Vec<Vec3> = icosahedron().collect();
         assert_eq!(corners.len(), 12);
-        let rotations: Vec<Turn> = icosahedral().collect();
+        let rotations: Vec<Rotation> = icosahedral().collect();
         assert_eq!(rotations.len(), 60);
         for (i, a) in rotations.iter().enumerate() {
             // A group: no two alike, and neighbours 72 degrees apart.
@@ -322,7 +323,7 @@ mod tests {
         let mut numbers = crate::polish::tests::Numbers(3);
         for _ in 0..500 {
             let q = [(); 4].map(|()| numbers.next());
-            let any = Turn::new(Vec3::new(q[0], q[1], q[2]), q[3]);
+            let any = Rotation::new(Vec3::new(q[0], q[1], q[2]), q[3]);
             let near = all
                 .iter()
                 .map(|at| at.turn.likeness(any))

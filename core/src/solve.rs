@@ -4,7 +4,7 @@
 
 use crate::kernels::Sums;
 use crate::pose::Pose;
-use crate::turn::Turn;
+use crate::rotation::Rotation;
 use glam::{Mat3, Vec3};
 
 /// Second moments `[xx, yy, zz, xy, xz, yz]`.
@@ -148,7 +148,7 @@ impl Motion {
         core::array::from_fn(|i| core::array::from_fn(|j| columns[i.max(j)][i.min(j)]))
     }
 
-    /// Turn and shift that solve the equations, damped by a share of their trace: none where nothing asks
+    /// Rotation and shift that solve the equations, damped by a share of their trace: none where nothing asks
     /// for any.
     pub(crate) fn solve(&self, damping: f64) -> (Vec3, Vec3) {
         let mut l = [[0.0f64; 6]; 6];
@@ -191,14 +191,14 @@ impl Motion {
 /// A rotation in a form that stays one, and a translation: `x' = R x + t`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Rigid {
-    pub(crate) turn: Turn,
+    pub(crate) turn: Rotation,
     pub(crate) shift: Vec3,
 }
 
 impl Rigid {
     pub(crate) fn new(rotation: Mat3, shift: Vec3) -> Rigid {
         Rigid {
-            turn: Turn::of(&rotation),
+            turn: Rotation::of(&rotation),
             shift,
         }
     }
@@ -211,7 +211,7 @@ impl Rigid {
     }
 
     /// Turned about the target's centre.
-    pub(crate) fn turned(&self, by: Turn) -> Rigid {
+    pub(crate) fn turned(&self, by: Rotation) -> Rigid {
         Rigid {
             turn: by.after(self.turn),
             shift: by.matrix() * self.shift,
@@ -227,7 +227,7 @@ impl Rigid {
     /// a unit).
     pub(crate) fn moved(&self, turn: Vec3, shift: Vec3) -> Rigid {
         let (turn, shift) = (turn.clamp_length_max(0.5), shift.clamp_length_max(0.5));
-        let turn = Turn::new(turn * 0.5, 1.0);
+        let turn = Rotation::new(turn * 0.5, 1.0);
         Rigid {
             turn: turn.after(self.turn),
             shift: turn.matrix() * self.shift + shift,

@@ -4,6 +4,7 @@ use super::{Contender, RANKED, energy};
 use crate::loss::CONTENDERS;
 use crate::pairs::matching_pairs;
 use crate::polish::{Candidate, Refiner};
+use crate::rotation::Rotation;
 use crate::search::{
     Best, SCREEN_SCALE, SIFT_POINTS, SIFT_SCALE, aligned, anywhere, around, confused, copies,
     is_equal, is_same, nudged,
@@ -11,7 +12,6 @@ use crate::search::{
 use crate::solve::Rigid;
 use crate::start::Prior;
 use crate::surface::Surface;
-use crate::turn::Turn;
 
 /// Hypotheses that are sifted, and the same of the second round.
 const SIFTED: usize = 24;
@@ -268,9 +268,9 @@ impl Search<'_, '_> {
             return Ok(());
         }
         let mut spun = Best::<SPINS_POLISHED>::NONE;
-        let upside_down = Turn::new(axis.any_orthonormal_vector(), 0.0);
+        let upside_down = Rotation::new(axis.any_orthonormal_vector(), 0.0);
         let (sine, cosine) = libm::sincosf(core::f32::consts::PI / SPINS as f32);
-        let step = Turn::new(axis * sine, cosine);
+        let step = Rotation::new(axis * sine, cosine);
         for from in [at, at.turned(upside_down)] {
             let mut at = from;
             for _ in 0..SPINS {

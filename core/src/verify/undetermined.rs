@@ -5,9 +5,9 @@ use super::{Contender, RANKED};
 use crate::loss::CONTENDERS;
 use crate::polish::{Candidate, Refiner};
 use crate::pose::Pose;
+use crate::rotation::Rotation;
 use crate::search::is_same;
 use crate::solve::Rigid;
-use crate::turn::Turn;
 use glam::Vec3;
 
 /// Standard errors below which a difference of losses is what sampling explains: more than of independent points, since
@@ -103,7 +103,7 @@ impl Refiner<'_> {
         for angle in AXIS_TURNS {
             let fits = [0.5 * angle, -0.5 * angle].into_iter().all(|half| {
                 let (sine, cosine) = libm::sincosf(half);
-                self.keep_losses(TURNED, at.turned(Turn::new(axis * sine, cosine)));
+                self.keep_losses(TURNED, at.turned(Rotation::new(axis * sine, cosine)));
                 self.losses().excess(TURNED, HERE).score() < EXPLAINED
             });
             if !fits {

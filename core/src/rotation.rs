@@ -5,34 +5,34 @@ use glam::{Mat3, Quat, Vec3};
 
 /// A rotation.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Turn {
+pub(crate) struct Rotation {
     /// Axis times the sine of half the angle.
     vector: Vec3,
     /// Cosine of half the angle.
     scalar: f32,
 }
 
-impl Turn {
+impl Rotation {
     /// The rotation with a multiple of these parts; none for zeros.
-    pub(crate) fn new(vector: Vec3, scalar: f32) -> Turn {
+    pub(crate) fn new(vector: Vec3, scalar: f32) -> Rotation {
         let squared = vector.length_squared() + scalar * scalar;
         if squared.is_nan() || squared <= 0.0 {
-            return Turn {
+            return Rotation {
                 vector: Vec3::ZERO,
                 scalar: 1.0,
             };
         }
         let factor = 1.0 / libm::sqrtf(squared);
-        Turn {
+        Rotation {
             vector: vector * factor,
             scalar: scalar * factor,
         }
     }
 
     /// Of a rotation matrix.
-    pub(crate) fn of(rotation: &Mat3) -> Turn {
+    pub(crate) fn of(rotation: &Mat3) -> Rotation {
         let [x, y, z, w] = Quat::from_mat3(rotation).to_array();
-        Turn::new(Vec3::new(x, y, z), w)
+        Rotation::new(Vec3::new(x, y, z), w)
     }
 
     /// As a rotation matrix.
@@ -42,14 +42,14 @@ impl Turn {
     }
 
     /// This rotation after another.
-    pub(crate) fn after(self, first: Turn) -> Turn {
+    pub(crate) fn after(self, first: Rotation) -> Rotation {
         let (a, b) = (self.vector, first.vector);
         let vector = b * self.scalar + a * first.scalar + a.cross(b);
-        Turn::new(vector, self.scalar * first.scalar - a.dot(b))
+        Rotation::new(vector, self.scalar * first.scalar - a.dot(b))
     }
 
     /// Cosine of half the angle between two rotations.
-    pub(crate) fn likeness(self, other: Turn) -> f32 {
+    pub(crate) fn likeness(self, other: Rotation) -> f32 {
         (self.vector.dot(other.vector) + self.scalar * other.scalar).abs()
     }
 }
@@ -61,13 +61,13 @@ mod tests {
     #[test]
     fn products_are_those_of_matrices() {
         let (a, b) = (
-            Turn::new(Vec3::new(0.3, -0.2, 0.5), 0.9),
-            Turn::new(Vec3::new(-1.0, 2.0, 0.1), 0.2),
+            Rotation::new(Vec3::new(0.3, -0.2, 0.5), 0.9),
+            Rotation::new(Vec3::new(-1.0, 2.0, 0.1), 0.2),
         );
         let product = a.after(b).matrix();
         assert!(product.abs_diff_eq(a.matrix() * b.matrix(), 1e-6));
-        assert!(Turn::of(&product).likeness(a.after(b)) > 1.0 - 1e-6);
-        let half = Turn::new(Vec3::X, 1.0);
+        assert!(Rotation::of(&product).likeness(a.after(b)) > 1.0 - 1e-6);
+        let half = Rotation::new(Vec3::X, 1.0);
         assert!(
             (half.likeness(half.after(half)) - core::f32::consts::FRAC_PI_4.cos()).abs() < 1e-6
         );

@@ -73,7 +73,7 @@ impl Bulk {
 }
 
 /// A key in the order of numbers.
-fn ordered(x: f32) -> u32 {
+pub(crate) fn ordered(x: f32) -> u32 {
     let bits = x.to_bits();
     if bits >> 31 == 1 {
         !bits
@@ -83,7 +83,7 @@ fn ordered(x: f32) -> u32 {
 }
 
 /// The number of a key.
-fn unordered(key: u32) -> f32 {
+pub(crate) fn unordered(key: u32) -> f32 {
     f32::from_bits(if key >> 31 == 1 {
         key & !(1 << 31)
     } else {

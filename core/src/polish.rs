@@ -98,7 +98,8 @@ pub struct Refined {
     pub inlier_rmse: f32,
     /// Points that differ from all others, in the cloud with fewer of them.
     pub distinct_points: usize,
-    /// Size of the source over that of the target, each the distance from the centroid that nine in ten points keep.
+    /// Size of the source over that of the target, each the distance from the medians of the coordinates that half of the points
+    /// keep.
     pub extents_ratio: f32,
     /// Shares of the source's and of the target's points that were left out, since they lie far from all others.
     pub left_out: [f32; 2],
@@ -300,7 +301,7 @@ impl<'w> Refiner<'w> {
         source.min(target)
     }
 
-    /// Size of the source over that of the target: distance from the centroid that nine in ten points keep.
+    /// See [`Refined::extents_ratio`].
     fn extents_ratio(&mut self) -> f32 {
         let Workspace { source, target, .. } = &mut *self.workspace;
         source.extent() / target.extent().max(1e-30)

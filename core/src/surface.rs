@@ -3,7 +3,7 @@
 use crate::cells::bounds;
 use crate::dims::SURFACE_POINTS;
 use crate::kernels::{Corners, Isa, RUN};
-use crate::outliers::Bulk;
+use crate::outliers::{Bulk, ordered, unordered};
 use crate::solve::principal_axes;
 use glam::{Mat3, Vec3};
 
@@ -143,20 +143,31 @@ impl Surface {
         principal_axes(sums)
     }
 
-    /// Distance from the centroid that nine in ten points keep.
+    /// Distance from the middle, the median of each coordinate, that half of the points keep: where some are of something else
+    /// far away, this is still the size of the rest.
     pub(crate) fn extent(&mut self) -> f32 {
-        let centre = crate::pose::centroid(self.points());
+        let middle = [0, 1, 2].map(|axis: usize| {
+            for (key, p) in self.keys.iter_mut().zip(&self.points).take(self.len) {
+                *key = ordered(p.get(axis).copied().unwrap_or_default());
+            }
+            unordered(self.select_key(self.len, self.len / 2))
+        });
+        let middle = Vec3::from_array(middle);
         for (key, &p) in self.keys.iter_mut().zip(&self.points).take(self.len) {
-            *key = (Vec3::from_array(p) - centre).length_squared().to_bits();
+            *key = (Vec3::from_array(p) - middle).length_squared().to_bits();
         }
-        libm::sqrtf(self.select(self.len, self.len * 9 / 10))
+        libm::sqrtf(self.select(self.len, self.len / 2))
     }
 
     /// The `k`-th smallest of the first `count` keys, as what it stands for.
     fn select(&mut self, count: usize, k: usize) -> f32 {
+        f32::from_bits(self.select_key(count, k))
+    }
+
+    fn select_key(&mut self, count: usize, k: usize) -> u32 {
         match self.keys.get_mut(..count) {
-            Some(keys) if k < count => f32::from_bits(*keys.select_nth_unstable(k).1),
-            _ => 0.0,
+            Some(keys) if k < count => *keys.select_nth_unstable(k).1,
+            _ => 0,
         }
     }
 

@@ -254,3 +254,16 @@ fn what_would_hide_the_background_counts_against_a_pose() {
     let nothing = [[f32::NAN; 3], [0.0, 0.0, -5.0], [f32::INFINITY, 0.0, 1.0]];
     assert_eq!(residuals(&nothing)[0], residuals(&[[f32::NAN; 3]])[0]);
 }
+
+#[test]
+fn points_of_something_else_far_away_do_not_change_the_sizes() {
+    let target = part(900, 2);
+    for (share, away) in [(0, 0.0), (80, 30.0), (240, 6.0)] {
+        let mut source = part(800, 1);
+        let wall = source.iter_mut().take(share);
+        wall.for_each(|p| p[2] = away);
+        let found = polish(&source, &target, Pose::IDENTITY);
+        let ratio = found.extents_ratio;
+        assert!((0.7..1.5).contains(&ratio), "{share} {away} {ratio}");
+    }
+}

@@ -29,6 +29,8 @@ pub use undetermined::{Axis, OTHERS, Undetermined};
 /// Logarithm of probability that a whole point's loss stands for: far less than a point's own, since errors of neighbours
 /// are alike, and sensors, models and masks have faults that no sampling explains.
 const EVIDENCE: f32 = 0.014;
+/// The same of all points' loss.
+const ALL_LOST: f32 = EVIDENCE * 2.0 * COMPARED as f32;
 /// Mean loss of the source under a pose that explains so little of it that a start does not speak for it, and how many times a
 /// loss above that counts: where clouds overlap by a third, only what lies far from the start may explain them.
 const HARDLY_EXPLAINED: f32 = 0.7;

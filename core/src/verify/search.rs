@@ -1,6 +1,6 @@
 //! The search for poses that might be right instead: hypotheses, and which of them enter the comparison.
 
-use super::{Contender, RANKED, energy};
+use super::{ALL_LOST, Contender, RANKED, energy};
 use crate::loss::CONTENDERS;
 use crate::pairs::matching_pairs;
 use crate::polish::{Candidate, Refiner};
@@ -28,7 +28,7 @@ const MATCHED: usize = 48;
 /// Hypotheses that are sifted, at most.
 pub(super) const ENDED: usize = SIFTED + MATCHED + AGAIN * SIFTED_AGAIN;
 /// Symmetric copies that are polished, and by how much more loss they count as such.
-const COPIES: usize = 4;
+const COPIES: usize = 23;
 const ALIKE: f32 = 0.08;
 /// Poses near the best that are polished.
 const NUDGED: usize = 3;
@@ -196,7 +196,7 @@ impl Search<'_, '_> {
         let mut sifted = Best::<POLISHED>::NONE;
         for (_, at) in screened.held() {
             go_on()?;
-            self.sift(at, &mut sifted);
+            self.sift(at, prior, &mut sifted);
         }
         let is_explained = sifted.least().is_some_and(|least| least < UNEXPLAINED);
         if !is_explained {
@@ -213,7 +213,7 @@ impl Search<'_, '_> {
             for (_, at) in matched.held() {
                 go_on()?;
                 self.hypotheses += 1;
-                self.sift(at, &mut sifted);
+                self.sift(at, prior, &mut sifted);
             }
         }
         // The copies of the pose at hand were tried already.
@@ -226,7 +226,7 @@ impl Search<'_, '_> {
             }
             for (_, at) in screened.held() {
                 go_on()?;
-                self.sift(at, &mut sifted);
+                self.sift(at, prior, &mut sifted);
             }
         }
         let least = sifted.least().unwrap_or(0.0);
@@ -245,8 +245,11 @@ impl Search<'_, '_> {
         self.refiner.screen(at, screened);
     }
 
-    fn sift(&mut self, at: Rigid, sifted: &mut Best<POLISHED>) {
+    /// Takes further steps, and offers where they end: of those that fit alike, the most probable under the start.
+    fn sift(&mut self, at: Rigid, prior: Option<&Prior>, sifted: &mut Best<POLISHED>) {
         let (loss, at) = self.refiner.sifted(at);
+        let surprise = prior.map_or(0.0, |prior| prior.surprise(at));
+        let loss = loss + surprise / (12.0 * ALL_LOST);
         if let Some(place) = self.ended.iter_mut().find(|ended| ended.is_none()) {
             *place = Some(at);
         }

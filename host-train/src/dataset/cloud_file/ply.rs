@@ -228,11 +228,17 @@ fn unused(element: &ElementDef, used: impl Fn(&str) -> bool) -> Vec<String> {
     names.cloned().collect()
 }
 
-/// What the parser said, on one line; it repeats lines of the file, which may be long and binary.
+/// What the parser said, on one line: where and of what, without what its grammar expected. It repeats lines of the file, which
+/// may be long and binary.
 fn reason(error: ParseError) -> String {
     let said = error.to_string();
+    let (said, _) = said.split_once("Error: ").unwrap_or((&said, ""));
     let words: Vec<&str> = said.split_whitespace().collect();
-    let printable = words.join(" ").replace(|c: char| c.is_control(), "?");
+    let said = words.join(" ").replace(". String: ", ": ");
+    let said = said
+        .strip_suffix(" '")
+        .map_or(said.clone(), |said| format!("{said}'"));
+    let printable = said.replace(|c: char| c.is_control(), "?");
     printable.chars().take(200).collect()
 }
 

@@ -173,3 +173,26 @@ fn stereolithography_with_wrong_counts_and_shouting_names() {
     }
     assert!(refused(".stl", &binary(3, &[0; 20])).contains("claims 3 triangles and holds 2"));
 }
+
+#[test]
+fn of_a_broken_ply_the_line_is_named_and_no_grammar() {
+    let header = "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\nend_header\n";
+    for (text, said) in [
+        (
+            "ply\nformat".to_owned(),
+            "Line 2: Couldn't parse line: 'format'",
+        ),
+        (format!("{header}1 2 3\n4 x 6\n"), "element line: '4 x 6'"),
+        (
+            header.replace("float x", "flot x"),
+            "Line 4: Couldn't parse line: 'property flot x'",
+        ),
+        (format!("{header}1 2 3\n"), "expected 2, got 1"),
+    ] {
+        let reason = refused(".ply", text.as_bytes());
+        assert!(
+            reason.contains(said) && !reason.contains("Error"),
+            "{reason}"
+        );
+    }
+}

@@ -28,7 +28,7 @@ const MATCHED: usize = 48;
 /// Hypotheses that are sifted, at most.
 pub(super) const ENDED: usize = SIFTED + MATCHED + AGAIN * SIFTED_AGAIN;
 /// Symmetric copies that are polished, and by how much more loss they count as such.
-const COPIES: usize = 23;
+const COPIES: usize = 8;
 const ALIKE: f32 = 0.08;
 /// Poses near the best that are polished.
 const NUDGED: usize = 3;
@@ -108,14 +108,16 @@ impl Search<'_, '_> {
         else {
             return Ok(());
         };
-        let [points, compared] = SIFT_POINTS;
-        let least = self.refiner.coarse_loss(best.at, points, SIFT_SCALE);
+        let [_, compared] = SIFT_POINTS;
+        let least = self.refiner.coarse_loss(best.at, compared, SIFT_SCALE);
         let [_, target] = self.refiner.surfaces();
         let axes = target.axes();
         let mut found = Best::<COPIES>::NONE;
         for at in copies(best.at, axes) {
-            if self.refiner.coarse_loss(at, points, SIFT_SCALE) < least + ALIKE {
-                go_on()?;
+            go_on()?;
+            // The target's centre is not that of its symmetries: a few steps lead to where the copy fits.
+            let (loss, at) = self.refiner.sifted(at);
+            if loss < least + ALIKE {
                 self.hypotheses += 1;
                 self.refiner.match_both(at, compared);
                 found.offer(self.refiner.matched_residual(at).mean(), at);

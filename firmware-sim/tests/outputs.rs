@@ -28,6 +28,9 @@ struct Fleet {
     folder: tempfile::TempDir,
 }
 
+/// One test at a time: a process that another starts holds, for a moment, the locks of this one's files.
+static ALONE: tokio::sync::Mutex<()> = tokio::sync::Mutex::const_new(());
+
 fn policy(seed: u64) -> WeightFile {
     WeightFile::from_parameters(&Parameters::random(Shape::COMPACT, seed)).expect("deployable")
 }
@@ -98,6 +101,7 @@ fn mode(path: &Path) -> u32 {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn links_are_followed_modes_kept_and_devices_written_through() {
+    let _alone = ALONE.lock().await;
     let mut fleet = Fleet::start(None).await;
     fleet.give_policy(1).await;
     until(&fleet.node, |view| view.policy.is_some()).await;
@@ -190,6 +194,7 @@ impl Drop for Disk {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn on_a_full_disk_old_answers_and_traces_stay() {
+    let _alone = ALONE.lock().await;
     let Some(disk) = Disk::of(64) else { return };
     let mut fleet = Fleet::start(None).await;
     fleet.give_policy(1).await;
@@ -216,6 +221,7 @@ async fn on_a_full_disk_old_answers_and_traces_stay() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_robot_with_a_full_disk_keeps_its_policy_and_says_that_it_cannot_take_another() {
+    let _alone = ALONE.lock().await;
     // Room for one policy, and not for two.
     let Some(disk) = Disk::of(1600) else { return };
     let state = disk.at("state");

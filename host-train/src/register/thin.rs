@@ -18,7 +18,8 @@ pub fn thin(points: &[Point], count: usize) -> Vec<Point> {
     }
     let code = curve(points);
     // The middle of each of `count` equal stretches.
-    let step = |i: usize| (2 * i + 1) * points.len() / (2 * count);
+    // In 64 bits: the browser's usize has 32, which products of millions of points leave.
+    let step = |i: usize| ((2 * i as u64 + 1) * points.len() as u64 / (2 * count as u64)) as usize;
     // Points are counted by their codes' first bits; only stretches with a point that is taken are put in order.
     let stretch: Vec<u32> = points
         .iter()

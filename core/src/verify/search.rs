@@ -56,10 +56,10 @@ pub(super) struct Search<'r, 'w> {
 
 impl Search<'_, '_> {
     /// Enters a polished pose into the comparison: in place of one that is the same, else in a free place or that of the worst,
-    /// if it is more probable. The first is the pose at hand, and stays.
+    /// if it is more probable. The first place is that of the pose at hand, and only a better one of the same hypothesis takes it.
     pub(super) fn enter(&mut self, at: Rigid, prior: Option<&Prior>) {
         const SPARE: usize = CONTENDERS - 1;
-        if self.held().any(|held| is_equal(held.at, at)) {
+        if is_held(&self.contenders, at) {
             return;
         }
         let losses = self.refiner.keep_losses(SPARE, at);
@@ -67,7 +67,7 @@ impl Search<'_, '_> {
         let energy = energy(losses, surprise);
         let energy_of = |held: &Option<Contender>| held.map_or(f32::INFINITY, |held| held.energy);
         let is_twin = |held: &Option<Contender>| held.is_some_and(|held| is_same(held.at, at));
-        let replaceable = usize::from(self.held().next().is_some());
+        let replaceable = usize::from(self.contenders.iter().any(Option::is_some));
         let place = self.contenders.iter().position(is_twin).or_else(|| {
             let places = self.contenders.iter().enumerate().skip(replaceable);
             let least_probable = places.min_by(|a, b| energy_of(b.1).total_cmp(&energy_of(a.1)));
@@ -84,14 +84,8 @@ impl Search<'_, '_> {
 
     /// Polishes a pose briefly and enters it, unless it turns out to be one that is held.
     pub(super) fn polish(&mut self, at: Rigid, prior: Option<&Prior>) {
-        let contenders = &self.contenders;
-        let is_held = |at| {
-            contenders
-                .iter()
-                .flatten()
-                .any(|held| is_equal(held.at, at))
-        };
-        if let Some(at) = self.refiner.polish_briefly(at, is_held) {
+        let is_known = |at| is_held(&self.contenders, at);
+        if let Some(at) = self.refiner.polish_briefly(at, is_known) {
             self.enter(at, prior);
         }
     }
@@ -102,10 +96,7 @@ impl Search<'_, '_> {
         prior: Option<&Prior>,
         go_on: &mut impl FnMut() -> Result<(), E>,
     ) -> Result<(), E> {
-        let Some(best) = self
-            .best()
-            .and_then(|i| self.contenders.get(i).copied().flatten())
-        else {
+        let Some(best) = self.leader() else {
             return Ok(());
         };
         let [_, compared] = SIFT_POINTS;
@@ -136,8 +127,7 @@ impl Search<'_, '_> {
         prior: Option<&Prior>,
         go_on: &mut impl FnMut() -> Result<(), E>,
     ) -> Result<(), E> {
-        let best = self.best().and_then(|i| self.contenders.get(i).copied());
-        let Some(best) = best.flatten() else {
+        let Some(best) = self.leader() else {
             return Ok(());
         };
         let [_, compared] = SIFT_POINTS;
@@ -164,8 +154,10 @@ impl Search<'_, '_> {
         Ok(())
     }
 
-    fn held(&self) -> impl Iterator<Item = Contender> {
-        self.contenders.iter().flatten().copied()
+    /// The most probable pose so far.
+    fn leader(&self) -> Option<Contender> {
+        self.best()
+            .and_then(|i| self.contenders.get(i).copied().flatten())
     }
 
     pub(super) fn best(&self) -> Option<usize> {
@@ -266,8 +258,7 @@ impl Search<'_, '_> {
         prior: Option<&Prior>,
         go_on: &mut impl FnMut() -> Result<(), E>,
     ) -> Result<(), E> {
-        let best = self.best().and_then(|i| self.contenders.get(i).copied());
-        let at = best.flatten().map_or(polished.at, |best| best.at);
+        let at = self.leader().map_or(polished.at, |best| best.at);
         let (axis, constraint) = self.refiner.least_constraint(at);
         if constraint >= SLIPPERY {
             return Ok(());
@@ -291,4 +282,12 @@ impl Search<'_, '_> {
         }
         Ok(())
     }
+}
+
+/// Whether a refinement that ended in a pose was entered already.
+fn is_held(contenders: &[Option<Contender>; RANKED], at: Rigid) -> bool {
+    contenders
+        .iter()
+        .flatten()
+        .any(|held| is_equal(held.at, at))
 }

@@ -10,7 +10,7 @@ use std::path::Path;
 use support::browser::{chromium, open};
 use support::{fail, folder, succeed};
 
-/// Drives the page as a user does and writes what it found into the document.
+/// Drives the page as a user does and says what it found.
 const DRIVER: &str = include_str!("support/drive_page.js");
 
 #[test]
@@ -108,10 +108,7 @@ fn kernels_of_a_browser_give_the_bits_of_the_portable_ones() {
         "<body><script>
         const bytes = Uint8Array.from(atob('{}'), (c) => c.charCodeAt(0));
         WebAssembly.instantiate(bytes).then(({{ instance }}) => {{
-          const findings = document.createElement('pre');
-          findings.id = 'findings';
-          findings.textContent = instance.exports.compared();
-          document.body.append(findings);
+          console.log('findings ' + instance.exports.compared());
         }});
         </script></body>",
         STANDARD.encode(program)

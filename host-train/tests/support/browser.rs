@@ -1,41 +1,57 @@
 //! Pages in a browser.
 
 use serde_json::Value;
+use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::process::{Child, Command, Stdio};
 
-/// The findings of the driver in the page that the browser made of a file.
+/// What the driver in a page says it found, as `console.log("findings " + json)`.
+///
+/// The browser runs by the clock on the wall: it compiles programs beside the page, which takes as long as the
+/// machine needs.
 pub(crate) fn open(browser: &Path, at: &Path, file: &str) -> Value {
-    let output = Command::new(browser)
-        .args([
-            "--headless=new",
-            "--no-sandbox",
-            "--disable-gpu",
-            "--disable-quic",
-        ])
-        .args(["--no-first-run", "--disable-background-networking"])
-        .args(["--disable-component-update", "--disable-sync"])
-        .args([
-            "--enable-logging=stderr",
-            "--virtual-time-budget=20000",
-            "--dump-dom",
-        ])
-        .arg(format!("--user-data-dir={}", at.join("profile").display()))
-        .arg(format!("file://{}", at.join(file).display()))
-        .output()
-        .expect("the browser runs");
-    let log = String::from_utf8_lossy(&output.stderr);
-    let complaints: Vec<&str> = log
-        .lines()
-        .filter(|line| line.contains("CONSOLE"))
-        .collect();
-    assert!(complaints.is_empty(), "{complaints:#?}");
-    let dom = String::from_utf8_lossy(&output.stdout);
-    let (_, found) = dom
-        .rsplit_once("<pre id=\"findings\">")
-        .unwrap_or_else(|| panic!("the driver did not finish; the browser said: {log}"));
-    let (found, _) = found.split_once("</pre>").expect("the end of the findings");
-    serde_json::from_str(found).expect("JSON")
+    let mut browser = Running(
+        Command::new(browser)
+            .args([
+                "--headless=new",
+                "--no-sandbox",
+                "--disable-gpu",
+                "--disable-quic",
+            ])
+            .args(["--no-first-run", "--disable-background-networking"])
+            .args(["--disable-component-update", "--disable-sync"])
+            .arg("--enable-logging=stderr")
+            .arg(format!("--user-data-dir={}", at.join("profile").display()))
+            .arg(format!("file://{}", at.join(file).display()))
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("the browser runs"),
+    );
+    let log = BufReader::new(browser.0.stderr.take().expect("piped"));
+    let mut said = String::new();
+    for line in log.lines() {
+        let line = line.expect("text");
+        if let Some((_, found)) = line.split_once("\"findings ") {
+            let (found, _) = found.rsplit_once("\", source: ").expect("its source");
+            return serde_json::from_str(found).expect("JSON");
+        }
+        assert!(!line.contains("CONSOLE"), "the page complains: {line}");
+        said += &line;
+        said.push('\n');
+    }
+    panic!("the driver did not finish; the browser said: {said}");
+}
+
+/// A browser that ends with the test.
+struct Running(Child);
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        // One that has ended already is no error.
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
 }
 
 pub(crate) fn chromium() -> Option<PathBuf> {

@@ -4,7 +4,11 @@
   const found = {};
   const at = (id) => document.getElementById(id);
   const until = async (holds) => {
-    while (!holds()) await new Promise((done) => setTimeout(done, 20));
+    const began = Date.now();
+    while (!holds()) {
+      if (Date.now() - began > 120e3) throw new Error(`waited two minutes for ${holds}`);
+      await new Promise((done) => setTimeout(done, 20));
+    }
   };
   const choose = async (input, said, name, bytes) => {
     at(said).textContent = '';
@@ -39,8 +43,5 @@
   found.anywhere = at('pose').textContent;
   found.views = document.querySelectorAll('canvas').length;
   found.requests = performance.getEntriesByType('resource').length;
-  const findings = document.createElement('pre');
-  findings.id = 'findings';
-  findings.textContent = JSON.stringify(found);
-  document.body.append(findings);
+  console.log('findings ' + JSON.stringify(found));
 })();

@@ -1,8 +1,10 @@
 //! Asking a robot for a pose.
 
 mod fleet;
+mod robots;
 
-pub use fleet::{Client, Heard};
+pub use fleet::Client;
+pub use robots::Heard;
 
 use crate::session::plain;
 use reagent_core::Error;

@@ -14,8 +14,6 @@ pub mod augment;
 #[cfg(not(target_family = "wasm"))]
 pub mod bop;
 #[cfg(not(target_family = "wasm"))]
-pub mod calibrate;
-#[cfg(not(target_family = "wasm"))]
 pub mod cli;
 pub mod dataset;
 pub mod files;

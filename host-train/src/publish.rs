@@ -4,6 +4,7 @@ mod command;
 mod comparison;
 mod history;
 mod key;
+mod provenance;
 mod robots;
 mod stages;
 mod statistics;
@@ -14,6 +15,7 @@ pub use crate::policy::manifest::{chunk_table, manifest};
 pub use command::{PublishArgs, run};
 pub use comparison::{Comparison, Paired};
 pub use key::{KeyError, keygen, read_key};
+pub use provenance::Provenance;
 pub use reagent_link::session::{
     SessionArgs, SessionError, has_certificate, open as open_session, plain,
 };
@@ -22,13 +24,11 @@ pub use robots::{Heard, Reception};
 pub use stages::{Gate, Halt, Stages};
 
 use crate::learn::train::TrainError;
-use crate::learn::train::record::RunRecord;
 use crate::policy::{ExportError, WeightFile};
 use ed25519_dalek::{Signer, SigningKey};
 use reagent_core::Error;
 use reagent_core::wire::{self, Manifest, Message, Release, SignedManifest, keys};
-use sha2::{Digest, Sha256};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 use thiserror::Error;
 use zenoh::query::{Query, Queryable};
@@ -161,15 +161,6 @@ pub struct Publisher {
     pub epoch: u32,
 }
 
-/// What a policy was made from, as SHA-256; zeros where that is not known.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Provenance {
-    /// Of the training data, as the run's record says.
-    pub training: [u8; 32],
-    /// Of the file that records the policy's evaluation.
-    pub evaluation: [u8; 32],
-}
-
 impl Publisher {
     /// A publisher for `fleet` that has nothing to publish yet.
     ///
@@ -238,35 +229,7 @@ impl Publisher {
         }
         Ok(self.session.put(key.as_str(), signed).await?)
     }
-}
 
-impl Provenance {
-    /// Of a policy from this run, whose evaluation is recorded in this file.
-    ///
-    /// # Errors
-    /// `Run`, `Record`.
-    pub fn read(run: Option<&Path>, evaluation: Option<&Path>) -> Result<Self, PublishError> {
-        let mut provenance = Provenance::default();
-        if let Some(run) = run {
-            let hash = RunRecord::load(run)?.data_sha256;
-            let decoded = const_hex::decode_to_array(&hash);
-            provenance.training = decoded.map_err(|_| PublishError::Record {
-                path: run.to_owned(),
-                reason: "its record holds no SHA-256 of the training data".into(),
-            })?;
-        }
-        if let Some(path) = evaluation {
-            let bytes = std::fs::read(path).map_err(|error| PublishError::Record {
-                path: path.to_owned(),
-                reason: error.to_string(),
-            })?;
-            provenance.evaluation = Sha256::digest(bytes).into();
-        }
-        Ok(provenance)
-    }
-}
-
-impl Publisher {
     /// The manifest of a policy that the fleet may be given.
     ///
     /// # Errors
@@ -371,31 +334,4 @@ fn log_failure(sent: zenoh::Result<()>) {
 fn refused(name: &str) -> impl FnOnce(Error) -> PublishError {
     let name = name.to_owned();
     move |reason| PublishError::Name { name, reason }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn provenance_is_read_from_runs_and_records() {
-        assert_eq!(
-            Provenance::read(None, None).expect("nothing"),
-            Provenance::default()
-        );
-        let folder = tempfile::tempdir().expect("a temporary directory");
-        let record = folder.path().join("eval.json");
-        std::fs::write(&record, "{}").expect("writable");
-        let read = Provenance::read(None, Some(&record)).expect("readable");
-        let expected: [u8; 32] = Sha256::digest("{}").into();
-        assert_eq!((read.evaluation, read.training), (expected, [0; 32]));
-        let missing = folder.path().join("missing");
-        let error = Provenance::read(None, Some(&missing));
-        assert!(
-            matches!(error, Err(PublishError::Record { .. })),
-            "{error:?}"
-        );
-        let error = Provenance::read(Some(&missing), None);
-        assert!(matches!(error, Err(PublishError::Run(_))), "{error:?}");
-    }
 }

@@ -2,8 +2,9 @@
 
 use super::output::write_json;
 use super::source;
-use crate::calibrate::{Kind, Quality, Row, collect, fit, probability};
 use crate::dataset::{self, Split, modelnet};
+use crate::measure::calibrate::{Kind, Row, collect, fit, probability};
+use crate::measure::quality::Quality;
 use crate::policy::{REAGENT, VIEWS, WeightFile};
 use crate::views::Views;
 use clap::Args;

@@ -4,6 +4,8 @@
 pub mod agreement;
 pub mod baselines;
 #[cfg(not(target_family = "wasm"))]
+pub mod calibrate;
+#[cfg(not(target_family = "wasm"))]
 pub mod document;
 #[cfg(not(target_family = "wasm"))]
 pub mod elf;
@@ -16,5 +18,7 @@ pub mod method;
 pub mod metrics;
 #[cfg(not(target_family = "wasm"))]
 pub mod microcontrollers;
+#[cfg(not(target_family = "wasm"))]
+pub mod quality;
 #[cfg(not(target_family = "wasm"))]
 pub mod sweep;

@@ -2,8 +2,8 @@
 
 use super::chart::{Axis, Chart, Line, Marks, slug};
 use super::input::{Evaluation, Outcomes};
-use crate::calibrate::Quality;
 use crate::measure::metrics::is_right;
+use crate::measure::quality::Quality;
 
 /// The outcomes of an evaluation's methods that gave probabilities.
 pub(super) fn outcomes(evaluation: &Evaluation) -> Vec<(&str, Outcomes)> {

@@ -1,0 +1,155 @@
+//! What a client knows of the fleet's robots.
+
+use reagent_core::wire::Status;
+use std::collections::BTreeMap;
+use std::sync::{Mutex, MutexGuard};
+use std::time::SystemTime;
+use tokio::sync::watch;
+
+/// What is known of the fleet's robots.
+#[derive(Debug, Default)]
+pub(super) struct Robots {
+    known: Mutex<BTreeMap<String, Robot>>,
+    pub(super) changes: watch::Sender<()>,
+}
+
+/// A robot that was heard.
+#[derive(Clone, Debug)]
+pub struct Heard {
+    /// Its name.
+    pub robot: String,
+    /// Its status as heard last.
+    pub status: Status,
+    /// Two speak under this name in turns.
+    pub duplicate: bool,
+    /// Since when it has been away.
+    pub offline_since: Option<SystemTime>,
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Robot {
+    /// As heard last; none of a robot that was asked without having been heard.
+    status: Option<Status>,
+    /// Who spoke under this name before whoever speaks now.
+    former: Option<u32>,
+    duplicate: bool,
+    /// Requests of this client that it has not answered.
+    pub(super) asked: u16,
+    offline_since: Option<SystemTime>,
+    /// How often it has gone.
+    pub(super) departures: u32,
+}
+
+impl Robots {
+    pub(super) fn lock(&self) -> MutexGuard<'_, BTreeMap<String, Robot>> {
+        self.known.lock().expect("no holder panics")
+    }
+
+    pub(super) fn heard(&self, robot: &str, status: Status) {
+        self.hear(robot, status);
+        self.changes.send_replace(());
+    }
+
+    /// As [`Self::heard`], of an answer to a question asked when the robot had gone so many times: if it has gone since, the
+    /// answer is late, and says nothing of now.
+    pub(super) fn answered(&self, robot: &str, status: Status, departures: u32) {
+        if self.departures(robot) == departures {
+            self.heard(robot, status);
+        }
+    }
+
+    pub(super) fn departures(&self, robot: &str) -> u32 {
+        self.lock().get(robot).map_or(0, |known| known.departures)
+    }
+
+    pub(super) fn hear(&self, robot: &str, status: Status) {
+        let mut robots = self.lock();
+        let known = robots.entry(robot.into()).or_default();
+        known.offline_since = None;
+        if let Some(last) = known.status.replace(status)
+            && last.instance != status.instance
+        {
+            // A restart is heard once; of two robots the first speaks again.
+            known.duplicate |= known.former == Some(status.instance);
+            known.former = Some(last.instance);
+        }
+    }
+
+    /// Its liveliness token is gone: it, its link, or the router.
+    pub(super) fn gone(&self, robot: &str) {
+        let mut robots = self.lock();
+        let known = robots.entry(robot.into()).or_default();
+        known.departures += 1;
+        known.offline_since.get_or_insert_with(SystemTime::now);
+        drop(robots);
+        self.changes.send_replace(());
+    }
+
+    /// Those that were heard, in the order of their names.
+    pub(super) fn all(&self) -> Vec<Heard> {
+        let robots = self.lock();
+        let heard = robots.iter().filter_map(|(name, robot)| {
+            Some(Heard {
+                robot: name.clone(),
+                status: robot.status?,
+                duplicate: robot.duplicate,
+                offline_since: robot.offline_since,
+            })
+        });
+        heard.collect()
+    }
+
+    /// The robot with a policy that has the least to do, and of those the one that has served least, but for
+    /// some. What it has of this client's may not be in its status yet.
+    pub(super) fn least(&self, but: &[String]) -> Option<String> {
+        let load = |robot: &Robot| {
+            let status = robot.status.filter(|_| robot.offline_since.is_none())?;
+            let in_hand = status.in_hand.max(robot.asked);
+            Some((status.policy.is_none(), in_hand, status.served))
+        };
+        let robots = self.lock();
+        let eligible = robots.iter().filter(|(name, _)| !but.contains(name));
+        let loads = eligible.filter_map(|(name, robot)| Some((load(robot)?, name)));
+        loads.min().map(|(_, name)| name.clone())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_answer_that_comes_after_a_robot_has_gone_does_not_bring_it_back() {
+        let robots = Robots::default();
+        let is_there = || robots.lock()["r1"].offline_since.is_none();
+        let before = robots.departures("r1");
+        robots.answered("r1", Status::default(), before);
+        assert!(is_there());
+        let before = robots.departures("r1");
+        robots.gone("r1");
+        robots.answered("r1", Status::default(), before);
+        assert!(!is_there());
+        let before = robots.departures("r1");
+        robots.answered("r1", Status::default(), before);
+        assert!(is_there());
+        // Gone before anything was heard of it.
+        robots.gone("r2");
+        robots.answered("r2", Status::default(), 0);
+        assert!(robots.lock()["r2"].status.is_none());
+    }
+
+    #[test]
+    fn two_of_one_name_are_told_from_one_that_restarts() {
+        let robots = Robots::default();
+        let mut hear = |instance| {
+            let status = Status {
+                instance,
+                ..Status::default()
+            };
+            robots.heard("r1", status);
+            robots.lock()["r1"].duplicate
+        };
+        assert_eq!([1, 1, 2, 2, 3].map(&mut hear), [false; 5]);
+        assert_eq!([2, 3, 3].map(&mut hear), [true; 3]);
+    }
+}

@@ -1,0 +1,177 @@
+use super::*;
+use glam::Vec3;
+use reagent_core::pose::rotation_from_euler;
+
+fn sample() -> PairSet {
+    let clouds = |n: usize, phase: f32| -> Vec<Vec<Point>> {
+        let coordinate =
+            |m: usize, i: usize, axis: usize| ((m * 31 + i * 7 + axis) as f32 + phase).sin();
+        (0..10)
+            .map(|m| {
+                (0..n)
+                    .map(|i| [0, 1, 2].map(|axis| coordinate(m, i, axis)))
+                    .collect()
+            })
+            .collect()
+    };
+    let pose = |m| Pose {
+        rotation: rotation_from_euler(Vec3::new(m as f32 * 0.1, 0.2, -0.3)),
+        translation: Vec3::new(0.1, m as f32, 0.0),
+    };
+    PairSet {
+        source: clouds(20, 0.0),
+        target: clouds(24, 0.5),
+        target_from_source: (0..10).map(pose).collect(),
+        raw: Some(clouds(30, 0.25)),
+        label: (0..10).collect(),
+        symmetries: None,
+        seen: None,
+    }
+}
+
+fn refused(set: PairSet) -> String {
+    let dir = tempfile::tempdir().expect("temporary directory");
+    let path = dir.path().join("pairs.h5");
+    set.save(&path)
+        .and_then(|()| PairSet::load(&path).map(|_| ()))
+        .expect_err("must be refused")
+        .to_string()
+}
+
+#[test]
+fn saved_and_loaded_is_the_same() {
+    let dir = tempfile::tempdir().expect("temporary directory");
+    let path = dir.path().join("pairs.h5");
+    let mut set = sample();
+    set.save(&path).expect("save");
+    assert_eq!(PairSet::load(&path).expect("load"), set);
+    set.raw = None;
+    set.save(&path).expect("save");
+    assert_eq!(PairSet::load(&path).expect("load"), set);
+
+    let sets = [
+        ("policy".into(), set.target_from_source.clone()),
+        ("icp".into(), vec![Pose::IDENTITY; 2]),
+    ];
+    save_poses(&path, &sets).expect("save");
+    for (name, poses) in sets {
+        assert_eq!(load_poses(&path, &name).expect("load"), poses);
+    }
+    assert!(load_poses(&path, "gone").is_err());
+}
+
+#[test]
+fn homogeneous_poses_are_read() {
+    let dir = tempfile::tempdir().expect("temporary directory");
+    let path = dir.path().join("pairs.h5");
+    let set = sample();
+    let with_last_row = |last: [f32; 4]| {
+        let mut file = FileBuilder::new();
+        add_clouds(&mut file, "source", &set.source).expect("equal sizes");
+        add_clouds(&mut file, "target", &set.target).expect("equal sizes");
+        let values: Vec<f32> = set
+            .target_from_source
+            .iter()
+            .flat_map(|pose| pose.to_rows().into_iter().chain([last]))
+            .flatten()
+            .collect();
+        file.create_dataset("transform_gt")
+            .with_f32_data(&values)
+            .with_shape(&[set.source.len() as u64, 4, 4]);
+        write(file, &path).expect("write");
+        PairSet::load(&path)
+    };
+    let read = with_last_row([0.0, 0.0, 0.0, 1.0]).expect("load");
+    assert_eq!(read.target_from_source, set.target_from_source);
+    let said = with_last_row([0.0, 0.0, 1.0, 1.0]).expect_err("refused");
+    assert!(
+        said.to_string().contains("entry 0 is not a finite rigid"),
+        "{said}"
+    );
+}
+
+#[test]
+fn bad_numbers_are_named_by_their_place() {
+    let mut set = sample();
+    set.target[3][5][1] = f32::INFINITY;
+    assert!(refused(set).contains("\"target\", entry 3, point 5"));
+    let mut set = sample();
+    set.target_from_source[4].rotation.x_axis *= 1.1;
+    assert!(refused(set).contains("\"transform_gt\", entry 4 is not a finite rigid transform"));
+    let mut set = sample();
+    set.target_from_source[9].translation.x = f32::NAN;
+    assert!(refused(set).contains("entry 9"));
+}
+
+#[test]
+fn lists_of_unequal_length_are_refused() {
+    let mut set = sample();
+    set.label.pop();
+    assert!(refused(set).contains("9 labels for 10 source clouds"));
+    let mut set = sample();
+    set.source[7].pop();
+    assert!(refused(set).contains("source 7 has 19 points where the first has 20"));
+    let mut set = sample();
+    set.source.clear();
+    assert!(refused(set).contains("no pairs"));
+}
+
+#[test]
+fn entries_of_unequal_number_in_a_file_are_refused() {
+    let dir = tempfile::tempdir().expect("temporary directory");
+    let path = dir.path().join("pairs.h5");
+    let set = sample();
+    let mut file = FileBuilder::new();
+    add_clouds(&mut file, "source", &set.source).expect("equal sizes");
+    add_clouds(&mut file, "target", &set.target[..6]).expect("equal sizes");
+    write(file, &path).expect("write");
+    let said = PairSet::load(&path)
+        .expect_err("must be refused")
+        .to_string();
+    assert!(
+        said.contains("\"target\" has 6 entries where \"source\" has 10"),
+        "{said}"
+    );
+
+    let mut file = FileBuilder::new();
+    add_clouds(&mut file, "source", &set.source).expect("equal sizes");
+    add_clouds(&mut file, "target", &set.target).expect("equal sizes");
+    write(file, &path).expect("write");
+    let said = PairSet::load(&path)
+        .expect_err("must be refused")
+        .to_string();
+    assert!(
+        said.contains("no dataset \"transform_gt\" ([M,3,4] or [M,4,4] f32)"),
+        "{said}"
+    );
+    assert!(said.contains("source [10, 20, 3] f32"), "{said}");
+}
+
+#[test]
+fn symmetries_are_read_from_beside_the_pairs() {
+    let dir = tempfile::tempdir().expect("a directory");
+    let path = dir.path().join("pairs.h5");
+    let beside = dir.path().join("pairs.json");
+    let set = sample();
+    set.save(&path).expect("written");
+    assert_eq!(PairSet::load(&path).expect("read").symmetries, None);
+    // What an evaluation wrote under the same name says nothing of symmetries.
+    std::fs::write(&beside, r#"{"pairs": 10}"#).expect("written");
+    assert_eq!(PairSet::load(&path).expect("read").symmetries, None);
+    let one = r#"{"truths": [[[1,0,0,0],[0,1,0,0],[0,0,1,0]]], "sym": true, "what": "a can"}"#;
+    let list = |n| format!("[{}]", vec![one; n].join(","));
+    std::fs::write(&beside, list(10)).expect("written");
+    let found = PairSet::load(&path)
+        .expect("read")
+        .symmetries
+        .expect("there");
+    assert!(found.len() == 10 && found[0].sym && found[0].truths.len() == 1);
+    std::fs::write(&beside, list(9)).expect("written");
+    let error = PairSet::load(&path)
+        .expect_err("one is missing")
+        .to_string();
+    assert!(
+        error.contains("symmetries") && error.contains('9'),
+        "{error}"
+    );
+}

@@ -1,0 +1,158 @@
+//! Pairs of every kind that a verdict is fitted to.
+
+use crate::augment::{crop, random_direction};
+use crate::dataset::pairs::PairSet;
+use crate::dataset::{Model, Point};
+use crate::protocol::{Conditions, Protocol, draw, draw_under};
+use crate::random::{Purpose, Rng, stream};
+use crate::views::Views;
+use glam::Vec3;
+use rand::RngExt;
+use rand_distr::{Distribution, StandardNormal};
+use serde::Serialize;
+
+/// How the pairs of a set were drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Kind {
+    /// The noisy protocol.
+    Noisy,
+    /// The noisy protocol with few points, fewer of them in both clouds.
+    Sparse,
+    /// Equal clouds without noise.
+    Clean,
+    /// Sources of which a plane cuts off three tenths.
+    Part,
+    /// Parts of both clouds, each by a plane of its own.
+    Parts,
+    /// The noisy protocol with distorted sources.
+    Rough,
+    /// Parts of the source that are distorted.
+    RoughPart,
+    /// Targets of another mesh.
+    Wrong,
+    /// Parts of another mesh.
+    WrongParts,
+    /// Rendered views.
+    View,
+    /// Rendered views that are distorted.
+    RoughView,
+    /// Rendered views of another mesh.
+    WrongView,
+}
+
+/// Points of each cloud in [`Kind::Sparse`], of a third of the pairs each.
+const SPARSE: [usize; 3] = [64, 128, 256];
+/// Share of a cloud of which a plane cuts off the rest.
+const PART: f32 = 0.7;
+/// Points of each cloud of a view.
+const VIEW: usize = 1024;
+/// Standard deviation of the noise of distorted sources, in sizes of the source: its logarithm is uniform.
+const ROUGH_NOISE: [f32; 2] = [0.002, 0.015];
+/// Largest bend of distorted sources, in sizes of the source.
+const ROUGH_BEND: f32 = 0.02;
+
+impl Kind {
+    /// All of them.
+    pub const ALL: [Kind; 12] = [
+        Kind::Noisy,
+        Kind::Sparse,
+        Kind::Clean,
+        Kind::Part,
+        Kind::Parts,
+        Kind::Rough,
+        Kind::RoughPart,
+        Kind::Wrong,
+        Kind::WrongParts,
+        Kind::View,
+        Kind::RoughView,
+        Kind::WrongView,
+    ];
+
+    /// Whether the clouds are of different things, so that no pose is right.
+    pub fn is_wrong(self) -> bool {
+        matches!(self, Kind::Wrong | Kind::WrongParts | Kind::WrongView)
+    }
+
+    /// Whether the sources are single views.
+    pub(super) fn is_view(self) -> bool {
+        matches!(self, Kind::View | Kind::RoughView | Kind::WrongView)
+    }
+
+    /// Draws `count` pairs.
+    pub(super) fn draw(self, models: &[Model], views: &Views, count: usize, seed: u64) -> PairSet {
+        let noisy = Conditions::of(Protocol::M40Models).expect("it samples independently");
+        let under = |conditions: Conditions, count| draw_under(models, &conditions, count, seed);
+        let part = Conditions {
+            overlap: PART,
+            ..noisy
+        };
+        let mut set = match self {
+            Kind::Noisy | Kind::Rough | Kind::Wrong => {
+                draw(models, Protocol::M40Models, count, seed)
+            }
+            Kind::Clean => draw(models, Protocol::M40Clean, count, seed),
+            Kind::Sparse => {
+                let mut set = PairSet::default();
+                for points in SPARSE {
+                    set.extend(under(
+                        Conditions { points, ..noisy },
+                        count.div_ceil(SPARSE.len()),
+                    ));
+                }
+                set
+            }
+            Kind::Part | Kind::Parts | Kind::RoughPart | Kind::WrongParts => under(part, count),
+            Kind::View | Kind::RoughView | Kind::WrongView => {
+                let mut set = PairSet::default();
+                views.draw(count, VIEW, seed, &mut set);
+                set
+            }
+        };
+        if self.is_wrong() {
+            let shift = 1.min(set.target.len());
+            set.target.rotate_left(shift);
+            if let Some(raw) = &mut set.raw {
+                raw.rotate_left(shift);
+            }
+        }
+        if matches!(self, Kind::Parts | Kind::WrongParts) {
+            for (k, target) in (0..).zip(&mut set.target) {
+                crop(&mut stream(seed, Purpose::Augment, k), target, PART);
+            }
+        }
+        if matches!(self, Kind::Rough | Kind::RoughPart | Kind::RoughView) {
+            for (k, source) in (0..).zip(&mut set.source) {
+                distort(source, &mut stream(seed, Purpose::Augment, k));
+            }
+        }
+        set
+    }
+}
+
+/// Bends a cloud smoothly and adds noise: sensors are wrong in both ways, models too.
+fn distort(points: &mut [Point], rng: &mut Rng) {
+    const WAVES: usize = 4;
+    let centre = points.iter().copied().map(Vec3::from).sum::<Vec3>() / points.len() as f32;
+    // Of most points: pixels that fly lie metres away.
+    let mut distances: Vec<f32> = points.iter().map(|&p| centre.distance(p.into())).collect();
+    distances.sort_by(f32::total_cmp);
+    let size = 4.0 * distances[distances.len() / 2];
+    let [least, most] = ROUGH_NOISE.map(f32::ln);
+    let noise = size * rng.random_range(least..most).exp();
+    let bend = size * rng.random_range(0.0..ROUGH_BEND) / (WAVES as f32).sqrt();
+    let waves: [_; WAVES] = std::array::from_fn(|_| {
+        let along = random_direction(rng) * rng.random_range(2.0..10.0f32);
+        let phase = rng.random_range(0.0..std::f32::consts::TAU);
+        (along, phase, random_direction(rng) * bend)
+    });
+    for point in points {
+        let mut p = Vec3::from(*point);
+        let place = (p - centre) / size.max(f32::MIN_POSITIVE);
+        for (along, phase, by) in waves {
+            p += by * (along.dot(place) + phase).sin();
+        }
+        let normal = [(); 3].map(|()| -> f32 { StandardNormal.sample(rng) });
+        *point = (p + Vec3::from(normal) * noise).to_array();
+    }
+}

@@ -256,6 +256,8 @@ fn what_cannot_be_registered_is_refused_in_one_line() {
         "VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 1\nHEIGHT 1\nPOINTS 1\nDATA ascii\nnan nan nan\n",
     );
     write("same.xyz", &"1 1 1\n".repeat(50));
+    let row = |i: u32| format!("{} {} {}\n", i % 7, i % 11, i % 5);
+    write("cut.xyz", &(1..99).map(row).collect::<String>());
     write("noarea.off", "OFF\n3 1 0\n0 0 0\n0 0 0\n0 0 0\n3 0 1 2\n");
     for (arguments, words) in [
         ("empty.ply m.off", &["empty.ply", "no points"][..]),
@@ -273,9 +275,19 @@ fn what_cannot_be_registered_is_refused_in_one_line() {
             "m.off m.off --out no/such/folder.ply",
             &["no/such/folder.ply"],
         ),
+        ("m.off m.off --init abc", &["\"abc\": give none, identity"]),
+        ("cut.xyz m.off --scale 1e12", &["cut.xyz", "beyond 1e12"]),
     ] {
         fail(at, &format!("register {arguments}"), words);
     }
+    // Where it cannot be written, nothing is done.
+    let output = run(at, "register m.off m.off --json no/such/folder.json");
+    assert!(output.stdout.is_empty() && output.status.code() == Some(1));
+    let output = run(at, "register m.off m.off --fail-below 1");
+    let said = String::from_utf8_lossy(&output.stderr);
+    let words = "1 pose(s) with a probability below the 1 of --fail-below; the lowest is ";
+    assert!(said.contains(words) && said.ends_with(" %\n"), "{said}");
+    assert_eq!(output.status.code(), Some(3));
 }
 
 #[test]

@@ -9,7 +9,7 @@ use pyo3::types::PyList;
 ///
 /// Clouds are arrays of float32 or float64 of shape (N, 3), both in one unit of length, or whatever `numpy.asarray` makes
 /// such arrays of. They are read where they lie, and must not be written to meanwhile. Points that are NaN, infinite or
-/// beyond 1e30, and masked points, are left out. A cloud of more than 4096 points is thinned to 2048 for the policy, and a
+/// beyond 1e12, and masked points, are left out. A cloud of more than 4096 points is thinned to 2048 for the policy, and a
 /// last refinement uses all of them.
 ///
 /// init: where to start: a pose (4x4, or the 3x4 of it), "identity" (as the clouds lie; the default) or "anywhere" (the

@@ -92,7 +92,7 @@ def test_steps(command_line, tmp_path):
 
 
 def test_refusals_have_the_same_words(tmp_path):
-    with pytest.raises(reagent.CloudError, match="source: no points .1 invalid ones were left out."):
+    with pytest.raises(reagent.CloudError, match="source: no points but 1 invalid ones"):
         reagent.register(numpy.full((1, 3), numpy.nan), TARGET)
 
 

@@ -32,6 +32,7 @@ pub use register::Initial;
 #[cfg(feature = "publish")]
 use crate::publish::{self, PublishArgs};
 use clap::{Parser, Subcommand};
+use reagent_core::verdict::Percent;
 use reagent_link::log::LogArgs;
 
 /// The seed where none is given.
@@ -137,7 +138,8 @@ impl Cli {
 /// Poses were found, and are less probably right than was asked for.
 #[derive(Debug, thiserror::Error)]
 #[error(
-    "{poses} poses are less probably right than {least}; the lowest probability is {lowest:.3}"
+    "{poses} pose(s) with a probability below the {least} of --fail-below; the lowest is {}",
+    Percent(*lowest)
 )]
 pub struct BelowProbability {
     /// How many.

@@ -9,6 +9,7 @@ mod text;
 
 pub use initial::Initial;
 
+use super::output::check_writable;
 use super::{BelowProbability, bad_usage, source};
 use crate::dataset::cloud_file::{STANDARD, check_output};
 use crate::policy::{REAGENT, VIEWS, WeightFile};
@@ -34,8 +35,11 @@ use std::path::{Path, PathBuf};
 ///
 /// Files: .ply .pcd .xyz .txt .asc .csv .pts .npy .off .obj .stl; `-` is standard input or output. Of a mesh, 2048
 /// points of its surface are used; a cloud of more than 4096 points is thinned to 2048. The last refinement uses
-/// all of them. Invalid points (NaN, infinite, beyond 1e30) are left out. Whatever a reader left out or
+/// all of them. Invalid points (NaN, infinite, beyond 1e12) are left out. Whatever a reader left out or
 /// understood in a way of its own is said on stderr and listed by --json.
+///
+/// The probability is that of being right up to what is named as undetermined: an axis about which the clouds may be
+/// turned, or other poses that fit as well.
 ///
 /// Exit status: 0 with a pose, 1 without, 2 on bad usage, 3 where --fail-below was not reached.
 #[derive(Debug, Args)]
@@ -59,8 +63,8 @@ pub(super) struct RegisterArgs {
     /// poses: each is tried, and the most probable pose wins [default: identity]
     #[arg(long, value_name = "START", allow_hyphen_values = true)]
     init: Vec<Initial>,
-    /// How many of the most probable poses to tell, each another one: the first is given out, the others are listed by
-    /// --json with how they fit
+    /// How many of the most probable poses to tell, each another one: the first is given out, the others, as many as
+    /// there are, follow in the text and under "others" in --json, with how they fit
     #[arg(long, value_name = "K", default_value_t = 1, value_parser = source::positive())]
     best: usize,
     /// Unit of the source, where the target is in metres, or of both: in:mm. Units: mm, cm, m, in, ft. The source
@@ -103,7 +107,8 @@ pub(super) struct RegisterArgs {
     /// Write the pose as a 4x4 matrix, four numbers a line
     #[arg(long, value_name = "FILE.txt")]
     matrix: Option<PathBuf>,
-    /// End with status 3 where the probability that the pose is right is below this
+    /// End with status 3 where the probability that the pose is right, up to what is undetermined, is below this; none
+    /// reaches 1
     #[arg(long, value_name = "P", value_parser = probability)]
     fail_below: Option<f32>,
 }
@@ -114,8 +119,8 @@ const NO_FITS: &str =
 
 fn factor(text: &str) -> anyhow::Result<f64> {
     match text.parse::<f64>() {
-        Ok(factor) if factor.is_normal() && factor > 0.0 => Ok(factor),
-        _ => bail!("a scale is a positive number"),
+        Ok(factor) if (1e-12..=1e12).contains(&factor) => Ok(factor),
+        _ => bail!("a scale is a number from 1e-12 to 1e12"),
     }
 }
 
@@ -149,6 +154,9 @@ impl RegisterArgs {
         if let Some(path) = &self.out {
             check_output(path)?;
         }
+        for path in self.outputs().into_iter().flatten() {
+            check_writable(path)?;
+        }
         let weights = WeightFile::load(self.policy())?;
         let mut starts = Vec::new();
         for initial in &self.init {
@@ -176,9 +184,8 @@ impl RegisterArgs {
 
     /// Ends with status 2 where options contradict each other.
     fn check(&self) {
-        let outputs = [&self.out, &self.trace, &self.json, &self.matrix];
         let standard = |path: &&Option<PathBuf>| path.as_deref() == Some(Path::new(STANDARD));
-        if outputs.into_iter().filter(standard).count() > 1 {
+        if self.outputs().into_iter().filter(standard).count() > 1 {
             bad_usage("register", "only one output can be standard output");
         }
         let files = self.init.iter().map(|init| match init {
@@ -206,6 +213,10 @@ impl RegisterArgs {
                 "mode fast gives no probability for --fail-below",
             );
         }
+    }
+
+    fn outputs(&self) -> [&Option<PathBuf>; 4] {
+        [&self.out, &self.trace, &self.json, &self.matrix]
     }
 
     /// The policy's file or name.

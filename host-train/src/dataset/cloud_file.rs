@@ -9,7 +9,7 @@
 //! | `.xyz`, `.txt`, `.asc`, `.csv`, `.pts` | lines of numbers, see the module `table` |
 //! | `.npy` | `[N, 3]` or more columns of numbers, or `[3, N]` |
 //!
-//! In every format, points that are NaN, infinite or beyond 1e30 are left out, and whatever was left out or
+//! In every format, points that are NaN, infinite or beyond 1e12 are left out, and whatever was left out or
 //! understood in a way of its own is listed as a [`Note`]. Coordinates stay f64. Files are read whole; memory
 //! beside the result is a small multiple of the file's length, whatever its header claims.
 
@@ -42,8 +42,8 @@ use std::path::Path;
 /// Points drawn from a mesh, as many as ModelNet40's clouds have.
 pub const MESH_POINTS: usize = 2048;
 
-/// Coordinates beyond this are marks of what a sensor did not see, as 3.4e38 is.
-pub(crate) const MAX_COORDINATE: f64 = 1e30;
+/// Coordinates beyond this are marks of what a sensor did not see, as 3.4e38 is: those that the core refuses.
+pub(crate) const MAX_COORDINATE: f64 = 1e12;
 
 /// A cloud farther from the origin than this many times its radius is registered relative to a point of its
 /// own; nearer by, f32 resolves a millionth of the radius.

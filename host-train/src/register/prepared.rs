@@ -197,17 +197,14 @@ mod tests {
             let refused = Prepared::of_points(points, name(), None).expect_err("refused");
             refused.to_string()
         };
-        assert_eq!(
-            said(&[]),
-            "source: no points (0 invalid ones were left out)"
-        );
-        assert_eq!(
-            said(&[[f32::NAN; 3]; 4]),
-            "source: no points (4 invalid ones were left out)"
-        );
+        assert_eq!(said(&[]), "source: no points");
+        for invalid in [f32::NAN, 1e20] {
+            assert_eq!(
+                said(&[[invalid; 3]; 4]),
+                "source: no points but 4 invalid ones (NaN, infinite or beyond 1e12)"
+            );
+        }
         assert!(said(&[[1.0; 3]; 9]).starts_with("source: all points coincide"));
         assert!(said(&cloud(2, 0.0)).starts_with("source: the cloud has 2 point(s)"));
-        let far = [[0.0; 3], [1e20; 3], [1.0; 3]];
-        assert!(said(&far).starts_with("source: point 1 has a coordinate beyond"));
     }
 }

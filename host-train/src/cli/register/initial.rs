@@ -1,5 +1,6 @@
 //! Where a registration starts: `--init`.
 
+use crate::dataset::cloud_file::STANDARD;
 use crate::pose64::Pose64;
 use crate::register::Start;
 use anyhow::{Context, bail};
@@ -61,8 +62,13 @@ impl Initial {
         match self {
             Initial::Start(start) => Ok(vec![start]),
             Initial::File(path) => {
-                let poses = read_poses(&path)
-                    .with_context(|| format!("initial pose {}", path.display()))?;
+                let poses = read_poses(&path).with_context(|| match path.exists() || path == Path::new(STANDARD) {
+                    true => format!("initial pose {}", path.display()),
+                    false => format!(
+                        "initial pose \"{}\": give none, identity, 12 numbers separated by commas, or a file with them",
+                        path.display()
+                    ),
+                })?;
                 Ok(poses.into_iter().map(Start::Pose).collect())
             }
         }
@@ -70,7 +76,7 @@ impl Initial {
 }
 
 fn read_poses(path: &Path) -> anyhow::Result<Vec<Pose64>> {
-    let input: Box<dyn Read> = match path == Path::new("-") {
+    let input: Box<dyn Read> = match path == Path::new(STANDARD) {
         true => Box::new(std::io::stdin()),
         false => Box::new(File::open(path)?),
     };
@@ -156,6 +162,15 @@ mod tests {
             panic!("another start");
         };
         assert_eq!(pose.translation, Vector3::new(0.5, -2.0, 3.0));
+        let said = format!(
+            "{:#}",
+            "abc"
+                .parse::<Initial>()
+                .expect("a name")
+                .load()
+                .expect_err("no file")
+        );
+        assert!(said.contains("\"abc\": give none, identity,"), "{said}");
         std::fs::write(&path, "{\"pose\": []}").expect("written");
         let said = format!("{:#}", Initial::File(path).load().expect_err("no pose"));
         assert!(

@@ -1,12 +1,13 @@
 //! A file as it is registered.
 
-use crate::dataset::cloud_file::{CloudError, CloudFile, read_file};
+use crate::dataset::cloud_file::{CloudError, CloudFile, MAX_COORDINATE, read_file};
 use crate::register::prepared::Prepared;
 use anyhow::bail;
 use std::path::Path;
 use std::str::FromStr;
 
 /// One of the two clouds.
+#[derive(Debug)]
 pub(super) struct Input {
     /// What the file holds, scaled; all of it is written by `--out`.
     pub(super) file: CloudFile,
@@ -34,6 +35,17 @@ impl Input {
     ) -> Result<Input, CloudError> {
         for x in file.points.iter_mut().flatten() {
             *x *= scale;
+        }
+        if file
+            .points
+            .iter()
+            .flatten()
+            .any(|x| x.abs() > MAX_COORDINATE)
+        {
+            return Err(CloudError::Scaled {
+                path: path.into(),
+                scale,
+            });
         }
         let cloud = Prepared::of_file(&file, path, points, seed)?;
         Ok(Input { file, cloud })
@@ -109,6 +121,13 @@ mod tests {
         assert_eq!(
             (scaled.cloud.points().len(), scaled.file.points[0]),
             (100, [2.5e6, 0.0, 3.5])
+        );
+        let said = Input::read(&path, 1e7, None, 1)
+            .expect_err("too large")
+            .to_string();
+        assert!(
+            said.ends_with("c.xyz: multiplied by 10000000, coordinates are beyond 1e12"),
+            "{said}"
         );
     }
 }

@@ -27,8 +27,8 @@ impl RegisterArgs {
             }
         }
         let text = text::report(done);
-        let outputs = [&self.out, &self.trace, &self.json, &self.matrix];
-        if outputs
+        if self
+            .outputs()
             .iter()
             .any(|path| path.as_deref() == Some(Path::new(STANDARD)))
         {

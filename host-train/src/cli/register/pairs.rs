@@ -6,7 +6,7 @@ use crate::cli::output::write_text;
 use crate::dataset::cloud_file::EXTENSIONS;
 use crate::policy::WeightFile;
 use crate::register::Start;
-use anyhow::{Context, bail};
+use anyhow::{Context, anyhow, bail};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use walkdir::WalkDir;
@@ -18,14 +18,23 @@ pub(super) struct Pair {
     pub(super) target: PathBuf,
 }
 
+/// A file of a folder that has no partner, or several.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) struct Lone {
+    /// `source` or `target`.
+    role: &'static str,
+    path: PathBuf,
+    reason: &'static str,
+}
+
 /// The pairs of a folder: `NAME_source.EXT` and `NAME_target.EXT`, or `source.EXT` and `target.EXT` in folders of
 /// their own, by path. Of any other file, the pairs that it lists: two paths a line, relative to the file's folder,
 /// separated by a tab, a comma or blanks; `#` begins a comment.
-pub(super) fn find(path: &Path) -> anyhow::Result<Vec<Pair>> {
+pub(super) fn find(path: &Path) -> anyhow::Result<Vec<Result<Pair, Lone>>> {
     let pairs = if path.is_dir() {
         in_folder(path)?
     } else {
-        listed(path)?
+        listed(path)?.into_iter().map(Ok).collect()
     };
     if pairs.is_empty() {
         bail!("{}: no pairs", path.display());
@@ -33,7 +42,7 @@ pub(super) fn find(path: &Path) -> anyhow::Result<Vec<Pair>> {
     Ok(pairs)
 }
 
-fn in_folder(folder: &Path) -> anyhow::Result<Vec<Pair>> {
+fn in_folder(folder: &Path) -> anyhow::Result<Vec<Result<Pair, Lone>>> {
     let mut sources = Vec::new();
     let mut targets = Vec::new();
     for entry in WalkDir::new(folder).sort_by_file_name() {
@@ -54,18 +63,29 @@ fn in_folder(folder: &Path) -> anyhow::Result<Vec<Pair>> {
             targets.push((name, path));
         }
     }
-    let both = sources.into_iter().map(|(name, source)| {
-        let mut partners = targets.iter().filter(|target| target.0 == name);
-        match (partners.next(), partners.next()) {
+    let lone = |role, path: &Path, reason| Lone {
+        role,
+        path: path.into(),
+        reason,
+    };
+    let mut pairs = Vec::with_capacity(sources.len());
+    for (name, source) in &sources {
+        let mut partners = targets.iter().filter(|target| target.0 == *name);
+        pairs.push(match (partners.next(), partners.next()) {
             (Some((_, target)), None) => Ok(Pair {
-                source,
+                source: source.clone(),
                 target: target.clone(),
             }),
-            (None, _) => bail!("{}: no target beside it", source.display()),
-            (Some(_), Some(_)) => bail!("{}: two targets beside it", source.display()),
+            (None, _) => Err(lone("source", source, "no target beside it")),
+            (Some(_), Some(_)) => Err(lone("source", source, "two targets beside it")),
+        });
+    }
+    for (name, target) in &targets {
+        if !sources.iter().any(|source| source.0 == *name) {
+            pairs.push(Err(lone("target", target, "no source beside it")));
         }
-    });
-    both.collect()
+    }
+    Ok(pairs)
 }
 
 fn listed(list: &Path) -> anyhow::Result<Vec<Pair>> {
@@ -98,19 +118,28 @@ fn listed(list: &Path) -> anyhow::Result<Vec<Pair>> {
 }
 
 impl RegisterArgs {
-    /// One line a pair, as it is done; a pair that fails has a line with the reason.
+    /// One line a pair, as it is done; a pair that fails, or a file without a partner, has a line with the reason.
     pub(super) fn run_pairs(
         &self,
         weights: &WeightFile,
         starts: &[Start],
-        pairs: &[Pair],
+        pairs: &[Result<Pair, Lone>],
         seed: u64,
     ) -> anyhow::Result<()> {
         let mut lines = String::new();
         let mut done = Vec::new();
         for pair in pairs {
-            let names = json!({ "source": pair.source.display().to_string(), "target": pair.target.display().to_string() });
-            let result = match self.register(weights, starts, pair, seed) {
+            let (names, registered) = match pair {
+                Ok(pair) => (
+                    json!({ "source": pair.source.display().to_string(), "target": pair.target.display().to_string() }),
+                    self.register(weights, starts, pair, seed),
+                ),
+                Err(lone) => (
+                    json!({ lone.role: lone.path.display().to_string() }),
+                    Err(anyhow!(lone.reason)),
+                ),
+            };
+            let result = match registered {
                 Ok(found) => {
                     let document = serde_json::to_value(self.document(&found))?;
                     done.push(found);
@@ -166,9 +195,11 @@ mod tests {
         ] {
             std::fs::write(at(name), "").expect("written");
         }
-        let pair = |source: &str, target: &str| Pair {
-            source: at(source),
-            target: at(target),
+        let pair = |source: &str, target: &str| {
+            Ok(Pair {
+                source: at(source),
+                target: at(target),
+            })
         };
         let mut expected = vec![
             pair("a_source.ply", "a_target.xyz"),
@@ -182,9 +213,18 @@ mod tests {
         std::fs::write(at("list.txt"), "one\n").expect("written");
         let said = find(&at("list.txt")).expect_err("refused").to_string();
         assert!(said.contains("line 1: expected two files"), "{said}");
-        expected.clear();
+        // One that lacks its partner is named, and the others stay.
         std::fs::remove_file(at("a_target.xyz")).expect("removed");
-        let said = find(folder.path()).expect_err("refused").to_string();
-        assert!(said.contains("a_source.ply: no target"), "{said}");
+        std::fs::remove_file(at("c/source.pcd")).expect("removed");
+        let lone = |role, name: &str, reason| {
+            Err(Lone {
+                role,
+                path: at(name),
+                reason,
+            })
+        };
+        expected[0] = lone("source", "a_source.ply", "no target beside it");
+        expected[2] = lone("target", "c/target.stl", "no source beside it");
+        assert_eq!(find(folder.path()).expect("pairs"), expected);
     }
 }

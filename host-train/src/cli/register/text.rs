@@ -44,7 +44,12 @@ pub(super) fn report(done: &Done) -> String {
             text += "the mirror image of the source fits better: a left-hand part for a right-hand one, an axis the other way around, or a wrong pose of a symmetric shape\n";
         }
         let percent = Percent(refinement.evidence.probability());
-        text += &format!("right within 5 degrees and .05 target radii: {percent}\n");
+        let open = &refinement.undetermined;
+        let up_to = match open.axis.is_some() || open.poses.iter().any(Option::is_some) {
+            true => ", up to what is undetermined",
+            false => "",
+        };
+        text += &format!("right within 5 degrees and .05 target radii{up_to}: {percent}\n");
     } else {
         text += "how probably it is right is not known of the policy alone: see --mode verify\n";
     }

@@ -46,12 +46,20 @@ pub enum CloudError {
         reason: String,
     },
     /// No valid points.
-    #[error("{}: no points ({dropped} invalid ones were left out)", path.display())]
+    #[error("{}: no points{}", path.display(), invalid(*dropped))]
     Empty {
         /// File concerned.
         path: PathBuf,
         /// Invalid points that were left out.
         dropped: usize,
+    },
+    /// Multiplied by what was asked for, it is too large.
+    #[error("{}: multiplied by {scale}, coordinates are beyond 1e12", path.display())]
+    Scaled {
+        /// File concerned.
+        path: PathBuf,
+        /// The factor.
+        scale: f64,
     },
     /// A face names a vertex that does not exist.
     #[error("{}: face {face} names vertex {vertex} of {vertices}", path.display())]
@@ -85,4 +93,12 @@ pub enum CloudError {
         /// File concerned.
         path: PathBuf,
     },
+}
+
+/// Why there are no points, where there were some.
+fn invalid(dropped: usize) -> String {
+    match dropped {
+        0 => String::new(),
+        _ => format!(" but {dropped} invalid ones (NaN, infinite or beyond 1e12)"),
+    }
 }

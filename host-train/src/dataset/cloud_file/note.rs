@@ -7,7 +7,7 @@ use std::fmt;
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum Note {
-    /// Points whose coordinates are NaN, infinite or beyond 1e30, as sensors mark what they did not see.
+    /// Points whose coordinates are NaN, infinite or beyond 1e12, as sensors mark what they did not see.
     Dropped {
         /// How many.
         points: usize,
@@ -78,11 +78,11 @@ impl fmt::Display for Note {
         match self {
             Note::Dropped { points, faces: 0 } => write!(
                 f,
-                "left out {points} invalid points (NaN, infinite or beyond 1e30)"
+                "left out {points} invalid points (NaN, infinite or beyond 1e12)"
             ),
             Note::Dropped { points, faces } => write!(
                 f,
-                "left out {points} invalid points (NaN, infinite or beyond 1e30) and {faces} triangles with them"
+                "left out {points} invalid points (NaN, infinite or beyond 1e12) and {faces} triangles with them"
             ),
             Note::LongerAxis { rows, columns } => write!(
                 f,

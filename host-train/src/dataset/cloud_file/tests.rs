@@ -214,7 +214,7 @@ fn refusals_say_what_and_where() {
         refused(".xyz", b"0 0 0\n1 2\n")
             .contains("line 2: expected three coordinates, found \"1 2\"")
     );
-    assert!(refused(".xyz", b"inf 0 0\nnan 0 0\n").contains("no points (2 invalid"));
+    assert!(refused(".xyz", b"inf 0 0\nnan 0 0\n").contains("no points but 2 invalid ones"));
     assert!(refused(".xyz", b"\xff\xfe1").contains("like UTF-16"));
     assert!(refused(".xyz", b"1\0 \x002\0").contains("not text"));
     assert!(refused(".off", &OFF.as_bytes()[..38]).contains("it ends after"));

@@ -20,7 +20,7 @@ use pyo3::types::PyList;
 /// viewpoint: where the sensor stood in the source's coordinates, if the source is a view from one point.
 /// steps: the policy's steps at most.
 /// points: points of each cloud that the policy sees at most.
-/// dense: whether the pose is refined on all points at last: "auto" (where a cloud was thinned), "always" or "never".
+/// dense: whether the pose is refined at last on up to 20,000 points of each cloud: "auto" (where a cloud was thinned), "always" or "never".
 /// best: how many of the most probable poses to tell: the first is given out, those that follow are `others`.
 ///
 /// Raises CloudError or Error, which are ValueErrors. The numbers are those of `host-train register`.

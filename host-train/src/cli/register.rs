@@ -35,7 +35,7 @@ use std::path::{Path, PathBuf};
 ///
 /// Files: .ply .pcd .xyz .txt .asc .csv .pts .npy .off .obj .stl; `-` is standard input or output. Of a mesh, 2048
 /// points of its surface are used; a cloud of more than 4096 points is thinned to 2048. The last refinement uses
-/// all of them. Invalid points (NaN, infinite, beyond 1e12) are left out. Whatever a reader left out or
+/// up to 20,000. Invalid points (NaN, infinite, beyond 1e12) are left out. Whatever a reader left out or
 /// understood in a way of its own is said on stderr and listed by --json.
 ///
 /// The probability is that of being right up to what is named as undetermined: an axis about which the clouds may be
@@ -90,7 +90,7 @@ pub(super) struct RegisterArgs {
     view: Option<[f64; 3]>,
     #[command(flatten)]
     depth: DepthArgs,
-    /// Whether to refine the pose on all points at last; not in mode fast
+    /// Whether to refine the pose at last on all points, up to 20,000 of each cloud; not in mode fast
     #[arg(long, value_enum, value_name = "WHEN", default_value_t = Dense::Auto)]
     dense: Dense,
     /// Write the source, moved onto the target, with its normals, colours and intensities: .ply .pcd .xyz .npy, or of

@@ -341,8 +341,16 @@ pub(crate) fn origin_of(points: impl Iterator<Item = Position> + Clone) -> Posit
     }
 }
 
-/// Median of each coordinate, and median distance from there: points that a sensor left at zero do not count.
+/// Points of which the extent of a cloud is found at most.
+const MEDIAN_POINTS: usize = 1 << 16;
+
+/// Median of each coordinate, and median distance from there: points that a sensor left at zero do not count. Of a large cloud,
+/// points at equal steps stand for all.
 fn extent(points: impl Iterator<Item = Position> + Clone) -> (Position, f64) {
+    let count = points.clone().count();
+    let points: Vec<Position> = points
+        .step_by(count.div_ceil(MEDIAN_POINTS).max(1))
+        .collect();
     let median = |mut values: Vec<f64>| {
         let half = values.len() / 2;
         match values.is_empty() {
@@ -350,9 +358,9 @@ fn extent(points: impl Iterator<Item = Position> + Clone) -> (Position, f64) {
             false => *values.select_nth_unstable_by(half, f64::total_cmp).1,
         }
     };
-    let middle = [0, 1, 2].map(|axis| median(points.clone().map(|p| p[axis]).collect()));
-    let distance = |p: Position| (Vector3::from(p) - Vector3::from(middle)).norm();
-    (middle, median(points.map(distance).collect()))
+    let middle = [0, 1, 2].map(|axis| median(points.iter().map(|p| p[axis]).collect()));
+    let distance = |p: &Position| (Vector3::from(*p) - Vector3::from(middle)).norm();
+    (middle, median(points.iter().map(distance).collect()))
 }
 
 /// Keeps the entries that are marked.

@@ -9,9 +9,9 @@ use reagent_core::{Error, Frame, Pose};
 use serde::Serialize;
 
 /// Points of each cloud that are used at most; more do not change the pose, only the time.
-const MOST: usize = 20_000;
+pub const DENSE_POINTS: usize = 20_000;
 
-/// When to refine on all points.
+/// When to refine on up to [`DENSE_POINTS`] points of each cloud.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Dense {
     /// Where a cloud has more points than the policy saw
@@ -51,7 +51,7 @@ pub fn refine_densely(
     target: &[Point],
     from: Pose,
 ) -> Result<Option<Densely>, Error> {
-    let (source, target) = (thin(source, MOST), thin(target, MOST));
+    let (source, target) = (thin(source, DENSE_POINTS), thin(target, DENSE_POINTS));
     let frame = Frame::of(&thin(&target, MAX_POINTS))?;
     // In the target's frame the settings' lengths are shares of its radius.
     let scale = |points: &[Point]| -> Vec<Point> {

@@ -42,7 +42,7 @@ pub struct Document {
     /// The best of the poses that were compared.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub verify: Option<RefinedStage>,
-    /// The last refinement, on all points.
+    /// The last refinement, on many points.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub dense: Option<DenseStage>,
     /// Time, milliseconds.

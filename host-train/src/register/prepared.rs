@@ -6,6 +6,7 @@ use crate::dataset::cloud_file::{
 };
 use crate::pose64::Position;
 use crate::random::{Purpose, stream};
+use crate::register::dense::DENSE_POINTS;
 use crate::register::thin::thin;
 use crate::register::within_capacity;
 use reagent_core::dims::MAX_POINTS;
@@ -13,15 +14,12 @@ use reagent_core::frame::check_cloud;
 use std::borrow::Cow;
 use std::path::Path;
 
-/// Points drawn from a mesh for the last refinement; the policy sees a part of them.
-const SURFACE_POINTS: usize = 20_000;
-
 /// One of the two clouds.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Prepared<'a> {
     /// The point that coordinates below are relative to.
     pub origin: Position,
-    /// All points, or many of a mesh's surface.
+    /// Points for the last refinement, [`DENSE_POINTS`] at most, of a mesh from its surface.
     pub all: Cow<'a, [Point]>,
     /// Those that the policy sees, where it sees a part only.
     thinned: Option<Vec<Point>>,
@@ -48,7 +46,7 @@ impl<'a> Prepared<'a> {
         let origin = file.origin();
         let all = if file.faces.is_some() {
             let rng = &mut stream(seed, Purpose::Surface, 0);
-            let surface = file.clone().sampled(SURFACE_POINTS, rng);
+            let surface = file.clone().sampled(DENSE_POINTS, rng);
             let surface = surface.ok_or_else(|| CloudError::NoArea { path: path.into() })?;
             surface.relative_to(origin)
         } else {
@@ -104,6 +102,11 @@ impl<'a> Prepared<'a> {
         if all.len() > 1 && all.iter().all(|point| point == &all[0]) {
             return Err(CloudError::NoExtent { path: path.into() });
         }
+        let count_read = all.len();
+        let all = match count_read > DENSE_POINTS {
+            true => Cow::Owned(thin(&all, DENSE_POINTS)),
+            false => all,
+        };
         let thinned = match count.or(is_surface.then_some(MESH_POINTS)) {
             Some(count) if count < all.len() => Some(thin(&all, count)),
             None if all.len() > MAX_POINTS => Some(within_capacity(&all)),
@@ -114,7 +117,7 @@ impl<'a> Prepared<'a> {
         }
         if let Some(thinned) = thinned.as_ref().filter(|_| !is_surface) {
             notes.push(Note::Thinned {
-                from: all.len(),
+                from: count_read,
                 to: thinned.len(),
             });
         }

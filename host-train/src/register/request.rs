@@ -22,7 +22,7 @@ pub struct Request {
     pub steps: usize,
     /// Where the sensor stood in the source's coordinates, if the source is a view from one point.
     pub view_point: Option<Position>,
-    /// When the pose is refined on all points at last; not in [`Mode::Fast`].
+    /// When the pose is refined on many points at last; not in [`Mode::Fast`].
     pub dense: Dense,
 }
 

@@ -1,8 +1,4 @@
 //! A client that stays: robots know whether it is there, and it knows what robots have to do.
-#![allow(
-    clippy::disallowed_types,
-    reason = "the clock of who watches, not of a robot"
-)]
 
 use super::robots::{Heard, Robots};
 use super::{RefineError, STATUS_TIME, read_status, refine_from};

@@ -1,4 +1,8 @@
 //! What a client knows of the fleet's robots.
+#![allow(
+    clippy::disallowed_types,
+    reason = "the clock of who watches, not of a robot"
+)]
 
 use reagent_core::wire::Status;
 use std::collections::BTreeMap;

@@ -37,6 +37,7 @@ fn a_report_works_in_a_browser_without_errors_or_requests() {
     assert_eq!(number("registrations"), 3.0, "{found}");
     assert_eq!(number("steps"), 10.0, "{found}");
     assert_eq!(number("requests"), 0.0, "{found}");
+    assert_eq!(found["columns"], serde_json::json!([9, 9, 7]), "{found}");
     assert!(number("overflow") <= 0.0, "{found}");
     for check in [
         "drawn",

@@ -11,10 +11,12 @@ use host_train::dataset::cloud_file::read_bytes;
 use host_train::register::document::Document;
 use host_train::register::prepared::Prepared;
 use host_train::register::request::Request;
+use host_train::register::sentences::{Names, Remark, fit, probability, uncertainty};
 use host_train::register::trace::{Given, Header, Traced};
 use host_train::register::view::View;
 use host_train::register::{Memory, Start};
 use reagent_core::Policy;
+use reagent_core::pipeline::Answer;
 use serde_json::{Value, json};
 use std::error::Error;
 use std::path::Path;
@@ -24,6 +26,8 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 const SEED: u64 = 42;
 /// The policy's name.
 const POLICY: &str = "compact";
+/// What the page calls source and target.
+const NAMES: Names<'_> = ["scan", "part"];
 
 struct Page {
     input: Vec<u8>,
@@ -136,6 +140,7 @@ impl Page {
         });
         let [source, target] = clouds.map(|cloud| cloud.points().to_vec());
         let document = Document::new(clouds, &done, 1.0);
+        let sentences = sentences(&done.found.answer);
         let traced = Traced {
             header: Header {
                 name: format!("{} to {}", scan.name, part.name),
@@ -148,6 +153,21 @@ impl Page {
             steps: done.found.trace,
             answer,
         };
-        Ok(json!({"view": View::of(&traced), "document": document}))
+        Ok(json!({"view": View::of(&traced), "document": document, "sentences": sentences}))
     }
+}
+
+/// What is said of a pose, as on the command line.
+fn sentences(answer: &Answer) -> Vec<String> {
+    let Some(found) = &answer.refinement else {
+        return Vec::new();
+    };
+    let said = [
+        probability(found, NAMES),
+        fit(&found.refined, NAMES),
+        uncertainty(&found.refined, NAMES),
+    ];
+    let remarks = Remark::all(answer);
+    let remarks = remarks.iter().map(|remark| remark.sentence(NAMES));
+    said.into_iter().chain(remarks).collect()
 }

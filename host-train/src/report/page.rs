@@ -77,6 +77,7 @@ fn render(body: &mut String, block: &Block) -> Result<(), ReportError> {
             // Within a script element only "<" could end it.
             let data = data.replace('<', "\\u003c");
             *body += VIEWER;
+            *body += "<noscript><p class=\"note\">The view needs JavaScript.</p></noscript>\n";
             *body += &format!(
                 "<script type=\"application/json\" id=\"registrations\">{data}</script>\n"
             );

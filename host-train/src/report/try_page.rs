@@ -45,6 +45,11 @@ mod tests {
         let program = [MAGIC, &[1, 0, 0, 0], CALL].concat();
         let page = try_page(&program).expect("a program");
         assert!(!page.contains("{{") && page.contains(&STANDARD.encode(&program)));
+        let at = |words: &str| page.find(words).expect("a part of the page");
+        assert!(
+            at("<noscript>") < at("<template"),
+            "a template's parts are not shown"
+        );
         assert_eq!(try_page(b"\0asm of something else"), None);
         assert_eq!(try_page(b"answer_length"), None);
     }

@@ -130,6 +130,8 @@ function view(registrations) {
   const signed = (x) => (x === 0 ? '0' : (x > 0 ? '+' : '\u2212') + Math.abs(x));
   // Four significant digits at most, without an exponent where that can be.
   const length = (x) => (x === 0 ? '0' : (x > 0 ? '+' : '\u2212') + String(+Math.abs(x).toPrecision(3)));
+  // Of a probability in thousandths; never rounded to certainty.
+  const percent = (p) => (p > 999 ? 'over 99.9 %' : p > 990 ? `${p / 10} %` : p < 10 ? 'under 1 %' : `${(p / 10).toFixed(0)} %`);
 
   // One small chart an axis, made once; bars are set with each step.
   const charts = AXES.map((name) => {
@@ -176,7 +178,7 @@ function view(registrations) {
         const value = document.createElement('b');
         value.textContent = ` ${axis < 3 ? length(taken.signed[axis]) : signed(SIZES[chosen])}${unit}`;
         title.append(value);
-        if (probabilities) title.append(` ${(probabilities[chosen] / 10).toFixed(0)} %`);
+        if (probabilities) title.append(` ${percent(probabilities[chosen])}`);
       }
       bars.forEach((bar, i) => {
         const p = probabilities ? probabilities[i] / 1000 : (i === chosen ? 1 : 0);
@@ -184,7 +186,7 @@ function view(registrations) {
         bar.setAttribute('y', 72 - high);
         bar.setAttribute('height', high);
         bar.setAttribute('class', i === chosen ? 'chosen' : '');
-        bar.firstChild.textContent = `${signed(SIZES[i])}: ${(100 * p).toFixed(1)} %`;
+        bar.firstChild.textContent = signed(SIZES[i]) + (probabilities ? `: ${percent(probabilities[i])}` : '');
       });
       svg.setAttribute('aria-label', title.textContent);
     });
@@ -217,16 +219,20 @@ function view(registrations) {
   function showTable() {
     const body = at('steps').tBodies[0];
     body.replaceChildren();
+    // Where the truth is not known there are no errors.
+    for (const part of at('viewer').querySelectorAll('.of-truth')) part.hidden = !registration.errors;
     registration.poses.forEach((_, i) => {
       const row = body.insertRow();
       const taken = registration.steps[i - 1];
-      const errors = registration.errors && registration.errors[i];
       const cells = [i === 0 ? 'init' : taken ? i : 'answer'];
       for (let axis = 0; axis < 6; axis++) {
         if (!taken) cells.push('');
         else cells.push(axis < 3 ? length(taken.signed[axis]) : signed(SIZES[taken.ids[axis]]));
       }
-      cells.push(errors ? errors[0].toFixed(2) : '\u2013', errors ? errors[1].toFixed(4) : '\u2013');
+      if (registration.errors) {
+        const [angle, distance] = registration.errors[i];
+        cells.push(angle.toFixed(2), distance.toFixed(4));
+      }
       for (const text of cells) row.insertCell().textContent = text;
       row.addEventListener('click', () => goTo(i));
     });
@@ -235,7 +241,7 @@ function view(registrations) {
     stop();
     registration = registrations[+pick.value];
     slider.max = registration.poses.length - 1;
-    slider.value = 0;
+    slider.value = slider.max; // the answer is seen first
     const [n, m] = registration.points;
     at('about').textContent = `policy ${registration.policy} \u00b7 ${n} source and ${m} target points \u00b7 radius of the target ${+registration.radius.toPrecision(4)}`;
     fit = Math.max(1, radius(cloud('initial')), radius(cloud('target')));

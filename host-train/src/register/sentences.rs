@@ -1,0 +1,144 @@
+//! What is said of a refined pose, in sentences: the command line prints them, and the page in a browser shows them.
+
+use reagent_core::pipeline::{Answer, Refinement};
+use reagent_core::polish::Refined;
+use reagent_core::verdict::{Percent, Verdict};
+use reagent_core::verify::Axis;
+
+/// How the source and the target are called.
+pub type Names<'a> = [&'a str; 2];
+
+/// What is to be known of a pose before it is used.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Remark {
+    /// The turn about an axis is open.
+    OpenAxis(Axis),
+    /// So many other poses fit as well.
+    OtherPoses(usize),
+    /// Shares of the source's and of the target's points that were not looked at.
+    LeftOut([f32; 2]),
+    /// The size of the source over that of the target.
+    SizesDiffer(f32),
+    /// The mirror image fits better.
+    Mirrored,
+}
+
+impl Remark {
+    /// All that there are of an answer.
+    pub fn all(answer: &Answer) -> Vec<Remark> {
+        let Some(found) = &answer.refinement else {
+            return Vec::new();
+        };
+        let others = found.undetermined.poses.iter().flatten().count();
+        let left_out = found.refined.left_out;
+        let sizes = Remark::SizesDiffer(found.refined.extents_ratio);
+        let remarks = [
+            found.undetermined.axis.map(Remark::OpenAxis),
+            (others > 0).then_some(Remark::OtherPoses(others)),
+            (left_out != [0.0; 2]).then_some(Remark::LeftOut(left_out)),
+            (answer.verdict == Verdict::SizesDiffer).then_some(sizes),
+            (answer.verdict == Verdict::Mirrored).then_some(Remark::Mirrored),
+        ];
+        remarks.into_iter().flatten().collect()
+    }
+
+    /// In words.
+    pub fn sentence(&self, [source, target]: Names<'_>) -> String {
+        match *self {
+            Remark::OpenAxis(axis) => {
+                let [x, y, z] = axis.direction.to_array();
+                let angle = axis.half_angle_rad.to_degrees();
+                format!(
+                    "undetermined: the turn about the {target}'s axis ({x:.3}, {y:.3}, {z:.3}), by up to {angle:.0} degrees"
+                )
+            }
+            Remark::OtherPoses(1) => "undetermined: 1 other pose fits as well".into(),
+            Remark::OtherPoses(others) => {
+                format!("undetermined: {others} other poses fit as well")
+            }
+            Remark::LeftOut(shares) => {
+                let clouds = [source, target].into_iter().zip(shares);
+                let some = clouds.filter(|&(_, share)| share > 0.0);
+                let of = |(of, share)| format!("{:.1} % of the {of}'s points", 100.0 * share);
+                let parts: Vec<String> = some.map(of).collect();
+                format!("left out: {}, far from all others", parts.join(" and "))
+            }
+            Remark::SizesDiffer(ratio) => {
+                let factor = ratio.max(1.0 / ratio.max(f32::MIN_POSITIVE));
+                let which = if ratio > 1.0 { source } else { target };
+                format!(
+                    "sizes differ: the {which} is about {factor:.1} times as large as the other cloud; inch (25.4), cm (10) or m (1000) against mm?"
+                )
+            }
+            Remark::Mirrored => format!(
+                "the mirror image of the {source} fits better: a left-hand part for a right-hand one, an axis the other way around, or a wrong pose of a symmetric shape"
+            ),
+        }
+    }
+}
+
+/// How probably a pose is right.
+pub fn probability(found: &Refinement, [_, target]: Names<'_>) -> String {
+    let open = &found.undetermined;
+    let is_open = open.axis.is_some() || open.poses.iter().any(Option::is_some);
+    let up_to = if is_open {
+        ", up to what is undetermined"
+    } else {
+        ""
+    };
+    let percent = Percent(found.evidence.probability());
+    format!("right within 5 degrees and .05 radii of the {target}{up_to}: {percent}")
+}
+
+/// How the clouds fit.
+pub fn fit(refined: &Refined, [source, target]: Names<'_>) -> String {
+    let (percent, off) = (100.0 * refined.overlap, refined.inlier_rmse);
+    format!(
+        "{percent:.0} % of the {source} lies on the {target}, {off:.3e} off it (root mean square)"
+    )
+}
+
+/// How far a right pose is off.
+pub fn uncertainty(refined: &Refined, [_, target]: Names<'_>) -> String {
+    let matrix = &refined.covariance.matrix;
+    let deviation = |i: usize| f64::from(matrix[i][i]).sqrt();
+    let [a, b, c] = [0, 1, 2].map(|i| deviation(i).to_degrees());
+    let [x, y, z] = [3, 4, 5].map(deviation);
+    format!(
+        "if right, off by {a:.2}, {b:.2}, {c:.2} degrees about the {target}'s axes and {x:.1e}, {y:.1e}, {z:.1e} along them (standard deviations)"
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn clouds_are_called_as_the_reader_calls_them() {
+        let names = ["scan", "part"];
+        for (remark, words) in [
+            (
+                Remark::SizesDiffer(25.4),
+                "the scan is about 25.4 times as large",
+            ),
+            (
+                Remark::SizesDiffer(0.001),
+                "the part is about 1000.0 times as large",
+            ),
+            (
+                Remark::LeftOut([0.1, 0.0]),
+                "left out: 10.0 % of the scan's points, far",
+            ),
+            (
+                Remark::LeftOut([0.1, 0.02]),
+                "10.0 % of the scan's points and 2.0 % of the part's points, far",
+            ),
+            (Remark::Mirrored, "mirror image of the scan"),
+            (Remark::OtherPoses(1), "1 other pose fits as well"),
+            (Remark::OtherPoses(2), "2 other poses fit as well"),
+        ] {
+            let sentence = remark.sentence(names);
+            assert!(sentence.contains(words), "{sentence}");
+        }
+    }
+}

@@ -12,6 +12,7 @@
 //!    the steps ended.
 //! 5. [`polish`], for who wants more: a few robust steps of closest points; [`verify`] compares the
 //!    result with other poses, and [`verdict`] tells how probably it is right. Both have working memory of their own.
+//! 6. [`pipeline`] is all of that for one cloud; [`track`] follows an object through a stream of them.
 //!
 //! Modules stand in layers, and import from layers before theirs only (`tests/tests/layers.rs`):
 //!
@@ -31,7 +32,7 @@
 //! - layer: verdict
 //! - layer: register
 //! - layer: golden, pipeline
-//! - layer: wire, budget
+//! - layer: wire, budget, track
 //!
 //! [`wire`] holds the frames in which robots and hosts speak of all this.
 #![cfg_attr(feature = "pretrained", doc = "\n", doc = include_str!("../README.md"))]
@@ -93,6 +94,7 @@ mod solve;
 pub mod start;
 pub mod steps;
 mod surface;
+pub mod track;
 pub mod verdict;
 pub mod verify;
 pub mod view;

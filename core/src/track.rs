@@ -1,0 +1,263 @@
+//! Tracking: where an object is from one cloud of a stream to the next, for work that is known beforehand.
+//!
+//! | the object is | first | where that gives no pose that is probably right |
+//! |---|---|---|
+//! | tracked | closest points from the last pose ([`Mode::Refine`]) | the task's mode from there, else it is lost |
+//! | tracked, every thirtieth cloud | the task's mode from the last pose: closest points stay in a minimum beside the right one | it is lost |
+//! | lost | the task's mode: by turns from the last pose, far more uncertain, and from anywhere | it is still lost |
+//!
+//! So a cloud costs a refinement and a whole registration at most.
+
+use crate::error::Error;
+use crate::pipeline::{Answer, Mode, Progress, Task, register};
+use crate::polish::Workspace;
+use crate::pose::Pose;
+use crate::register::Registrar;
+use crate::start::{Start, Uncertainty};
+use crate::verdict::Verdict;
+use serde::Serialize;
+
+/// Of so many clouds in a row, the pose of one is more than refined: once a second at a camera's rate.
+const WHOLE_EVERY: u32 = 30;
+/// Of the last pose of a lost object: it may have turned by a right angle and moved by its own size meanwhile.
+const LOST: Uncertainty = Uncertainty {
+    rotation_rad: 1.5,
+    along: 2.0,
+    across: 2.0,
+};
+
+/// What is known of an object from the clouds so far.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Tracker {
+    /// target_from_source where it was seen last. Whoever changes the frame of the clouds to come changes it, too.
+    pub last: Option<Pose>,
+    /// Clouds without it since then, or so far.
+    missed: u32,
+    /// Clouds in a row whose pose was refined alone.
+    refined: u32,
+}
+
+/// What a cloud says of the object.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Sight {
+    /// It is in this cloud, as in the one before.
+    Tracked,
+    /// It is in this cloud; so far no cloud had shown it, or it was lost.
+    Found,
+    /// It is not in this cloud, as far as one can tell.
+    Lost,
+}
+
+/// A cloud, registered.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sighting {
+    /// What it says of the object.
+    pub sight: Sight,
+    /// Of the last registration; its pose is not to be relied on where the object is lost.
+    pub answer: Answer,
+    /// What was done last.
+    pub mode: Mode,
+}
+
+impl Tracker {
+    /// Of an object that no cloud has shown.
+    pub const fn new() -> Tracker {
+        Tracker {
+            last: None,
+            missed: 0,
+            refined: 0,
+        }
+    }
+
+    /// Where the object is, unless it is lost.
+    fn pose(&self) -> Option<Pose> {
+        self.last.filter(|_| self.missed == 0)
+    }
+
+    /// Takes in a cloud that has nothing to register, such as an empty one.
+    pub fn miss(&mut self) {
+        self.missed = self.missed.saturating_add(1);
+    }
+
+    /// Registers the next cloud `[source, target]`, as [`register`] does. The task's mode is for where refinement is not enough,
+    /// its start for an object that no cloud has shown.
+    ///
+    /// # Errors
+    /// As [`register`]; a cloud that is refused or given up counts as one without the object.
+    pub fn follow<'c, E: From<Error>>(
+        &mut self,
+        registrar: &mut Registrar<'_, '_>,
+        workspace: &mut Workspace,
+        clouds: [&'c [[f32; 3]]; 2],
+        task: &Task<'_>,
+        mut progress: impl FnMut(Progress<'_, 'c>) -> Result<(), E>,
+    ) -> Result<Sighting, E> {
+        let before = *self;
+        self.miss();
+        let mut register = |mode, start| {
+            let task = Task {
+                mode,
+                start,
+                ..*task
+            };
+            register(registrar, workspace, clouds, &task, &mut progress)
+        };
+        let refined = match before.pose() {
+            Some(last) if before.refined + 1 < WHOLE_EVERY => {
+                Some(register(Mode::Refine, Start::at(last))?)
+            }
+            _ => None,
+        };
+        let (answer, mode, refined) = match refined {
+            Some(answer) if is_right(&answer) => (answer, Mode::Refine, before.refined + 1),
+            _ => {
+                let start = before.search_from(task.start);
+                (register(task.mode, start)?, task.mode, 0)
+            }
+        };
+        let sight = match (is_right(&answer), before.pose()) {
+            (false, _) => Sight::Lost,
+            (true, Some(_)) => Sight::Tracked,
+            (true, None) => Sight::Found,
+        };
+        if sight != Sight::Lost {
+            *self = Tracker {
+                last: Some(answer.target_from_source),
+                missed: 0,
+                refined,
+            };
+        }
+        Ok(Sighting {
+            sight,
+            answer,
+            mode,
+        })
+    }
+
+    /// Where the object is looked for when refinement is not enough.
+    fn search_from(&self, first: Start) -> Start {
+        match (self.last.map_or(first, Start::at), self.missed) {
+            (Start::Anywhere, _) => Start::Anywhere,
+            (last, 0) => last,
+            (Start::Pose(last, _), missed) if missed % 2 == 1 => Start::Pose(last, LOST),
+            _ => Start::Anywhere,
+        }
+    }
+}
+
+fn is_right(answer: &Answer) -> bool {
+    answer.verdict == Verdict::Converged
+}
+
+#[cfg(all(test, feature = "pretrained-compact"))]
+mod tests {
+    use super::*;
+    use crate::net::Scratch;
+    use crate::polish::tests::{error, moved, part, pose};
+    use crate::weights::Policy;
+    use glam::Vec3;
+
+    /// A tracker at work, and the model of what it follows.
+    struct Following {
+        tracker: Tracker,
+        model: Vec<[f32; 3]>,
+        scratch: Box<Scratch>,
+        workspace: Box<Workspace>,
+    }
+
+    impl Following {
+        fn new() -> Following {
+            Following {
+                tracker: Tracker::new(),
+                model: part(600, 2),
+                scratch: Box::new(Scratch::new()),
+                workspace: Box::new(Workspace::new()),
+            }
+        }
+
+        /// What the next cloud says.
+        fn see(&mut self, source: &[[f32; 3]]) -> Result<Sighting, Error> {
+            let policy = Policy::pretrained_compact().expect("sound");
+            let mut registrar = Registrar::new(policy, &mut self.scratch);
+            let task = Task::new(Start::at(Pose::IDENTITY));
+            let clouds = [source, &self.model];
+            let Following {
+                tracker, workspace, ..
+            } = self;
+            tracker.follow(&mut registrar, workspace, clouds, &task, |_| Ok(()))
+        }
+
+        /// The same of the object where it is after `t`; the pose must be right.
+        fn see_part(&mut self, t: f32) -> (Sight, Mode) {
+            let truth = pose([0.4 * t, -0.3 * t, 0.5 * t], [0.2 * t, 0.3, -0.1 * t]);
+            let source = moved(&part(500, 1), truth.inverse());
+            let found = self.see(&source).expect("a cloud");
+            let (angle, distance) = error(found.answer.target_from_source, truth);
+            assert!(angle < 1.0 && distance < 0.02, "{t}: {angle} {distance}");
+            (found.sight, found.mode)
+        }
+    }
+
+    /// Another thing.
+    fn ball() -> Vec<[f32; 3]> {
+        let points = part(500, 7).into_iter();
+        points
+            .map(|p| (Vec3::from_array(p).normalize() * 0.6).to_array())
+            .collect()
+    }
+
+    #[test]
+    fn an_object_is_found_tracked_lost_and_found_again() {
+        let mut following = Following::new();
+        assert_eq!(following.see_part(0.0), (Sight::Found, Mode::Best));
+        for i in 1..WHOLE_EVERY {
+            let seen = following.see_part(0.02 * i as f32);
+            assert_eq!(seen, (Sight::Tracked, Mode::Refine));
+        }
+        assert_eq!(following.see_part(0.6), (Sight::Tracked, Mode::Best));
+        assert_eq!(following.see_part(0.7), (Sight::Tracked, Mode::Refine));
+        // Too far for closest points, in one step.
+        assert_eq!(following.see_part(4.0), (Sight::Tracked, Mode::Best));
+        for _ in 0..3 {
+            let seen = following.see(&ball()).expect("a cloud");
+            assert_eq!((seen.sight, seen.mode), (Sight::Lost, Mode::Best));
+        }
+        assert_eq!(following.see_part(4.2), (Sight::Found, Mode::Best));
+        assert_eq!(following.see_part(4.3), (Sight::Tracked, Mode::Refine));
+    }
+
+    #[test]
+    fn a_refused_cloud_is_one_without_the_object() {
+        let mut following = Following::new();
+        assert_eq!(following.see(&[]), Err(Error::EmptyCloud));
+        assert_eq!(following.see_part(0.0), (Sight::Found, Mode::Best));
+        assert_eq!(following.see(&[]), Err(Error::EmptyCloud));
+        assert_eq!(following.see_part(0.1), (Sight::Found, Mode::Best));
+    }
+
+    #[test]
+    fn a_lost_object_is_looked_for_by_turns() {
+        let first = Start::at(pose([0.1; 3], [0.0; 3]));
+        let last = pose([0.2; 3], [1.0; 3]);
+        let mut tracker = Tracker::new();
+        let starts = |tracker: Tracker, first| {
+            let mut tracker = tracker;
+            [(); 3].map(|()| {
+                let start = tracker.search_from(first);
+                tracker.miss();
+                start
+            })
+        };
+        let far = |start: Start| Start::Pose(start.pose(), LOST);
+        assert_eq!(starts(tracker, first), [first, far(first), Start::Anywhere]);
+        assert_eq!(starts(tracker, Start::Anywhere), [Start::Anywhere; 3]);
+        tracker.last = Some(last);
+        let from_last = [Start::at(last), far(Start::at(last)), Start::Anywhere];
+        assert_eq!(starts(tracker, first), from_last);
+        assert_eq!(starts(tracker, Start::Anywhere), from_last);
+        assert_eq!(tracker.pose(), Some(last));
+        tracker.miss();
+        assert_eq!(tracker.pose(), None);
+    }
+}

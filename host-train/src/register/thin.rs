@@ -5,9 +5,8 @@ use std::cmp::Ordering;
 
 /// Bits of a cell's place along each axis.
 const BITS: u32 = 21;
-/// Stretches of the curve by which points are counted first, and the bits of a code that tell places within one.
+/// Stretches of the curve by which points are counted first, at most.
 const STRETCHES: usize = 1 << 18;
-const CODE_BITS: u32 = 3 * BITS - STRETCHES.ilog2();
 
 /// `count` of the points, none twice, or all where there are no more. They are taken at equal steps along a
 /// Z-order curve (Morton 1966) through the cloud: every region keeps its share of the points to within one,
@@ -21,21 +20,23 @@ pub fn thin(points: &[Point], count: usize) -> Vec<Point> {
     // In 64 bits: the browser's usize has 32, which products of millions of points leave.
     let step = |i: usize| ((2 * i as u64 + 1) * points.len() as u64 / (2 * count as u64)) as usize;
     // Points are counted by their codes' first bits; only stretches with a point that is taken are put in order.
+    let stretches = points.len().next_power_of_two().min(STRETCHES);
+    let place_bits = 3 * BITS - stretches.ilog2();
     let stretch: Vec<u32> = points
         .iter()
-        .map(|p| (code(p) >> CODE_BITS) as u32)
+        .map(|p| (code(p) >> place_bits) as u32)
         .collect();
-    let mut ends = vec![0usize; STRETCHES];
+    let mut ends = vec![0usize; stretches];
     for &of in &stretch {
         ends[of as usize] += 1;
     }
-    for i in 1..STRETCHES {
+    for i in 1..stretches {
         ends[i] += ends[i - 1];
     }
     let from: Vec<usize> = (0..count)
         .map(|i| ends.partition_point(|&end| end <= step(i)))
         .collect();
-    let mut is_taken = vec![false; STRETCHES];
+    let mut is_taken = vec![false; stretches];
     for &of in &from {
         is_taken[of] = true;
     }

@@ -5,7 +5,8 @@
     tests/measured.py --check
 
 DIR is a collection in ModelNet40's layout, with pairs_models.h5 and pairs_categories.h5 in it (drawn with
-`host-train pairs` where they are missing). VIEWS has pairs of single views, NAME.h5 with their truths in NAME.json; MESHES has
+`host-train pairs` where they are missing). VIEWS has pairs of single views, NAME.h5 with their truths in NAME.json, and
+sequences of them, clouds/SCENE_FRAME_OBJECT.ply and models/OBJECT.ply; MESHES has
 meshes that no training saw. RUNS holds training runs; those that are missing are trained, which takes hours. A table
 stands between `<!-- measured.py NAME -->` and `<!-- end -->`; times are of one thread, and good for something where
 nothing else runs. The first page repeats some rows: `--check` says whether they are still the same. Needs Python 3.9 and
@@ -379,6 +380,38 @@ def heldout(args):
     return table(["method", "% below .10 / .05 / .02 d", "ms"], rows)
 
 
+def sequences(views):
+    """Of each object in each scene of real views: its model, its clouds in order, and those of the scene's next object."""
+    clouds = {}
+    for path in sorted((views / "clouds").glob("[0-9]*.ply")):
+        scene, _, name = path.stem.split("_", 2)
+        clouds.setdefault(scene, {}).setdefault(name, []).append(path)
+    for objects in clouds.values():
+        names = list(objects)
+        for name, other in zip(names, names[1:] + names[:1]):
+            yield views / "models" / f"{name}.ply", objects[name], objects[other]
+
+
+def tracking(args):
+    """Real sequences there and back, another object in its place, and there and back again."""
+    kinds = {}
+    for model, seen, others in sequences(args.views):
+        there_and_back = [*seen, *reversed(seen)]
+        clouds = [*there_and_back, *others, *there_and_back]
+        words = ["track", model, *clouds, "--view", "origin", "--init", "none"]
+        lines = subprocess.run([HOST, *map(str, words)], check=True, capture_output=True, text=True).stdout
+        for cloud, line in zip(clouds, map(json.loads, lines.splitlines())):
+            of = "the object" if cloud in seen else "another object"
+            kinds.setdefault((of, line["state"], line["mode"]), []).append(line["ms"])
+    kinds = dict(sorted(kinds.items(), reverse=True))
+    every = [ms for times in kinds.values() for ms in times]
+    rows = []
+    for kind, times in [*kinds.items(), (("all", "", ""), every)]:
+        places = statistics.quantiles(times * 2, n=100, method="inclusive")
+        rows.append([*kind, str(len(times)), *(f"{places[q - 1]:.1f}" for q in (50, 95, 99)), f"{max(times):.1f}"])
+    return table(["cloud of", "state", "done last", "clouds", "ms, median", "p95", "p99", "most"], rows)
+
+
 # Rows of the first page, as the table of halves calls them.
 CHOSEN = (
     "ICP to planes",
@@ -402,7 +435,7 @@ def first():
     return table(["method", "rotation, mean", "median", "translation", "within 5 degrees and .05", "ms"], rows)
 
 
-TABLES = [builtin, halves, scans, views, heldout, verdict, sweeps, steps, int8, protocol, seeds, design, tried]
+TABLES = [builtin, halves, scans, views, heldout, tracking, verdict, sweeps, steps, int8, protocol, seeds, design, tried]
 
 
 def main():
@@ -423,9 +456,9 @@ def main():
         parser.error("target/release/host-train is not there: cargo build --release --locked")
     chosen = [make for make in TABLES if not args.only or make.__name__ in args.only]
     if not args.only:
-        missing = {views: args.views, heldout: args.meshes}
+        missing = {views: args.views, tracking: args.views, heldout: args.meshes}
         chosen = [make for make in chosen if missing.get(make, True)]
-    if args.data is None and any(make not in (builtin, views, heldout) for make in chosen):
+    if args.data is None and any(make not in (builtin, views, heldout, tracking) for make in chosen):
         parser.error("give DIR, the collection")
     for make in chosen:
         page = TRIED_PAGE if make == tried else MEASURED

@@ -11,6 +11,7 @@ pub mod request;
 pub mod sentences;
 pub mod thin;
 pub mod trace;
+pub mod track;
 pub mod view;
 
 use crate::dataset::Point;

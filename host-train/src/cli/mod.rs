@@ -23,6 +23,7 @@ mod report;
 mod source;
 mod sweep;
 mod table;
+mod track;
 mod train;
 mod views;
 
@@ -62,6 +63,7 @@ enum Command {
     Eval(eval::EvalArgs),
     Sweep(sweep::SweepArgs),
     Register(register::RegisterArgs),
+    Track(track::TrackArgs),
     Pairs(pairs::PairsArgs),
     Views(views::ViewsArgs),
     BopSynth(bop_synth::BopSynthArgs),
@@ -113,6 +115,7 @@ impl Cli {
             Command::Eval(args) => args.run(seed),
             Command::Sweep(args) => args.run(seed),
             Command::Register(args) => args.run(seed),
+            Command::Track(args) => args.run(seed),
             Command::Pairs(args) => args.run(seed),
             Command::Views(args) => args.run(seed),
             Command::BopSynth(args) => args.run(seed),

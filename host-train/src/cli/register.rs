@@ -2,7 +2,7 @@
 
 mod depth;
 mod initial;
-mod input;
+pub(super) mod input;
 mod one;
 mod pairs;
 mod text;
@@ -117,14 +117,14 @@ pub(super) struct RegisterArgs {
 const NO_FITS: &str =
     "mode fast does not compare poses: take another mode for --best and for several starts";
 
-fn factor(text: &str) -> anyhow::Result<f64> {
+pub(super) fn factor(text: &str) -> anyhow::Result<f64> {
     match text.parse::<f64>() {
         Ok(factor) if (1e-12..=1e12).contains(&factor) => Ok(factor),
         _ => bail!("a scale is a number from 1e-12 to 1e12"),
     }
 }
 
-fn view_point(text: &str) -> anyhow::Result<[f64; 3]> {
+pub(super) fn view_point(text: &str) -> anyhow::Result<[f64; 3]> {
     if text == "origin" {
         return Ok([0.0; 3]);
     }

@@ -112,26 +112,15 @@ impl Request {
         memory: &mut Memory,
         [source, target]: [&Prepared<'_>; 2],
     ) -> Result<Done, Error> {
-        let relative = |at: Position| {
-            let [x, y, z] = [0, 1, 2].map(|k| (at[k] - source.origin[k]) as f32);
-            Vec3::new(x, y, z)
-        };
-        let view_point = self.view_point.map(relative);
         let clouds = [source.points(), target.points()];
         let mut found = Vec::with_capacity(starts.len());
         for start in starts {
-            let start = start.start(source.origin, target.origin);
-            let task = Task {
-                mode: self.mode,
-                steps: self.steps,
-                view_point,
-                background: &source.background,
-                ..Task::new(start)
-            };
+            let task = self.task(start, [source, target]);
             let registered = register_in(memory, policy, clouds[0], clouds[1], &task)?;
-            found.push((start, registered));
+            found.push((task.start, registered));
         }
         let (winner, others) = if starts.len() > 1 || best > 1 {
+            let view_point = self.seen_from(source);
             let seen = view_point.map(|point| (point, source.background.as_slice()));
             best_and_others(memory, clouds, seen, &found, best.saturating_sub(1))?
         } else {
@@ -159,6 +148,27 @@ impl Request {
             found,
             dense,
         })
+    }
+
+    /// What the core is to do from one start, with coordinates relative to the clouds' origins.
+    pub(super) fn task<'s>(
+        &self,
+        start: &Start,
+        [source, target]: [&'s Prepared<'_>; 2],
+    ) -> Task<'s> {
+        Task {
+            mode: self.mode,
+            steps: self.steps,
+            view_point: self.seen_from(source),
+            background: &source.background,
+            ..Task::new(start.start(source.origin, target.origin))
+        }
+    }
+
+    /// The view point relative to the source's origin.
+    fn seen_from(&self, source: &Prepared<'_>) -> Option<Vec3> {
+        let relative = |at: Position| [0, 1, 2].map(|k| (at[k] - source.origin[k]) as f32).into();
+        self.view_point.map(relative)
     }
 }
 

@@ -8,16 +8,16 @@ use std::str::FromStr;
 
 /// One of the two clouds.
 #[derive(Debug)]
-pub(super) struct Input {
+pub(in crate::cli) struct Input {
     /// What the file holds, scaled; all of it is written by `--out`.
-    pub(super) file: CloudFile,
+    pub(in crate::cli) file: CloudFile,
     /// What is registered.
-    pub(super) cloud: Prepared<'static>,
+    pub(in crate::cli) cloud: Prepared<'static>,
 }
 
 impl Input {
     /// Reads a file. Of a mesh, the seed decides which points of the surface are taken.
-    pub(super) fn read(
+    pub(in crate::cli) fn read(
         path: &Path,
         scale: f64,
         points: Option<usize>,
@@ -27,7 +27,7 @@ impl Input {
     }
 
     /// The same of what was read already, from `path`.
-    pub(super) fn of(
+    pub(in crate::cli) fn of(
         mut file: CloudFile,
         path: &Path,
         scale: f64,
@@ -54,9 +54,9 @@ impl Input {
 
 /// Units of length: that of the source, and that of the target.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Units {
+pub(in crate::cli) struct Units {
     /// Source units in a target unit.
-    pub(super) scale: f64,
+    pub(in crate::cli) scale: f64,
 }
 
 impl FromStr for Units {

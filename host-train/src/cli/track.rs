@@ -1,0 +1,208 @@
+//! `host-train track`
+
+use super::one_line;
+use super::output::{check_writable, write_text};
+use super::register::input::{Input, Units};
+use super::register::{Initial, factor, view_point};
+use crate::dataset::cloud_file::{CloudError, CloudFile, EXTENSIONS, read_file};
+use crate::measure::metrics::quantile;
+use crate::policy::{REAGENT, VIEWS, WeightFile};
+use crate::register::Memory;
+use crate::register::request::Request;
+use crate::register::track::{Tracked, Tracking};
+use anyhow::bail;
+use clap::Args;
+use reagent_core::dims::MAX_POINTS;
+use reagent_core::track::Sight;
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+use walkdir::WalkDir;
+
+/// Follow an object through a sequence of clouds and print a JSON line for each
+///
+/// Each cloud is refined by closest points from the last pose. Where that is not probably right, and at first, it is registered
+/// as `register` does. Where that is not either, the object is lost, and looked for in each of the next clouds: by turns
+/// about the last pose, far more uncertain, and turned in any way. Lines say whether it is tracked, found or lost, the pose of the cloud on
+/// the model, its probability, what was done last and the time without reading files; the end of stderr sums up.
+///
+/// Exit status: 0 whether the object was seen or not, 1 where a file cannot be read, 2 on bad usage.
+#[derive(Debug, Args)]
+pub(super) struct TrackArgs {
+    /// Cloud or mesh of the object
+    model: PathBuf,
+    /// Clouds in the order in which they were seen: files, and folders, of which all clouds are taken by name
+    #[arg(required = true)]
+    scans: Vec<PathBuf>,
+    /// Policy, as of `register` [default: "views" where --view is given, else "reagent"]
+    #[arg(long, value_name = "FILE.rgw|NAME")]
+    weights: Option<PathBuf>,
+    /// Where to start: none (turned in any way), identity, 12 numbers separated by commas (rows of [R | t]), or a file with them
+    #[arg(
+        long,
+        value_name = "START",
+        allow_hyphen_values = true,
+        default_value = "identity"
+    )]
+    init: Initial,
+    /// Unit of the clouds, where the model is in metres, or of both: in:mm
+    #[arg(long, value_name = "UNIT[:UNIT]", conflicts_with = "scale")]
+    unit: Option<Units>,
+    /// Number by which the clouds are multiplied before anything else
+    #[arg(long, value_name = "FACTOR", value_parser = factor)]
+    scale: Option<f64>,
+    /// Points of each cloud that are used at most: fewer take less time
+    #[arg(long, value_name = "N", default_value_t = 1024, value_parser = clap::value_parser!(u64).range(16..=MAX_POINTS as u64))]
+    points: u64,
+    /// Where the sensor stood in the clouds' coordinates, scaled, three numbers separated by commas, or "origin": each cloud is a view
+    /// from there
+    #[arg(long, value_name = "X,Y,Z", value_parser = view_point, allow_hyphen_values = true)]
+    view: Option<[f64; 3]>,
+    /// Write the lines here, not to standard output
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+}
+
+/// A line of the output.
+#[derive(Serialize)]
+struct Line {
+    source: String,
+    state: Sight,
+    #[serde(flatten)]
+    done: Option<Done>,
+    /// Why nothing was done.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    error: Option<String>,
+    ms: f64,
+}
+
+/// What was done last, and what came of it.
+#[derive(Serialize)]
+struct Done {
+    mode: String,
+    verdict: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    probability: Option<f32>,
+    /// Unless the object is lost.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    target_from_source: Option<[[f64; 4]; 3]>,
+}
+
+impl Line {
+    fn new(path: &Path, tracked: anyhow::Result<Tracked>, time: Duration) -> Line {
+        let sight = |tracked: &Tracked| tracked.sighting.sight;
+        Line {
+            source: path.display().to_string(),
+            state: tracked.as_ref().map_or(Sight::Lost, sight),
+            error: tracked.as_ref().err().map(one_line),
+            done: tracked.ok().map(Done::from),
+            ms: time.as_secs_f64() * 1e3,
+        }
+    }
+}
+
+impl From<Tracked> for Done {
+    fn from(Tracked { sighting, pose }: Tracked) -> Done {
+        let answer = &sighting.answer;
+        Done {
+            mode: sighting.mode.to_string(),
+            verdict: answer.verdict.to_string(),
+            probability: answer.probability,
+            target_from_source: (sighting.sight != Sight::Lost).then(|| pose.to_rows()),
+        }
+    }
+}
+
+impl TrackArgs {
+    pub(super) fn run(self, seed: u64) -> anyhow::Result<()> {
+        let scans = clouds(&self.scans)?;
+        if let Some(path) = &self.json {
+            check_writable(path)?;
+        }
+        let bundled = if self.view.is_some() { VIEWS } else { REAGENT };
+        let weights = WeightFile::load(self.weights.as_deref().unwrap_or(Path::new(bundled)))?;
+        let request = Request {
+            start: self.init.clone().load()?,
+            view_point: self.view,
+            ..Request::default()
+        };
+        let scale = self.scale.or(self.unit.map(|units| units.scale));
+        let points = Some(self.points as usize);
+        // Seeds of their own: a mesh registered to itself must not be sampled at the very same points.
+        let model = Input::read(&self.model, 1.0, points, seed.wrapping_add(1))?.cloud;
+        let mut memory = Box::new(Memory::new());
+        let mut tracking = Tracking::new();
+        let mut follow = |file: Result<CloudFile, CloudError>, path: &Path| {
+            let source =
+                file.and_then(|file| Input::of(file, path, scale.unwrap_or(1.0), (points, seed)));
+            let source = source.inspect_err(|_| tracking.miss())?.cloud;
+            let clouds = [&source, &model];
+            anyhow::Ok(tracking.follow(&request, weights.policy(), &mut memory, clouds)?)
+        };
+        let (mut lines, mut text, mut unread) = (Vec::new(), String::new(), 0);
+        for path in scans {
+            let file = read_file(&path);
+            // An empty cloud is one without the object.
+            unread +=
+                usize::from(matches!(&file, Err(e) if !matches!(e, CloudError::Empty { .. })));
+            let before = Instant::now();
+            let tracked = follow(file, &path);
+            let line = Line::new(&path, tracked, before.elapsed());
+            let json = serde_json::to_string(&line)? + "\n";
+            match self.json {
+                Some(_) => text += &json,
+                None => print!("{json}"),
+            }
+            lines.push(line);
+        }
+        if let Some(path) = &self.json {
+            write_text(path, &text)?;
+        }
+        eprintln!("{}", summary(&lines));
+        match unread {
+            0 => Ok(()),
+            _ => bail!("{unread} of {} clouds could not be read", lines.len()),
+        }
+    }
+}
+
+/// Files in their order, and of folders what is a cloud by its extension, by name.
+fn clouds(scans: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
+    let mut files = Vec::new();
+    for scan in scans {
+        if !scan.is_dir() {
+            files.push(scan.clone());
+            continue;
+        }
+        let before = files.len();
+        for entry in WalkDir::new(scan).sort_by_file_name() {
+            let path = entry?.into_path();
+            let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("");
+            if EXTENSIONS.contains(&&*extension.to_ascii_lowercase()) {
+                files.push(path);
+            }
+        }
+        if files.len() == before {
+            bail!(
+                "{}: no clouds; give {}",
+                scan.display(),
+                EXTENSIONS.join(" ")
+            );
+        }
+    }
+    Ok(files)
+}
+
+/// How many clouds were in which state, and how long they took.
+fn summary(lines: &[Line]) -> String {
+    let in_state = |sight| lines.iter().filter(|line| line.state == sight).count();
+    let times: Vec<f64> = lines.iter().map(|line| line.ms).collect();
+    let [median, p95, p99] = [0.5, 0.95, 0.99].map(|q| quantile(times.clone(), q));
+    format!(
+        "{} clouds: {} tracked, {} found, {} lost; {median:.1} ms in the median, {p95:.1} p95, {p99:.1} p99",
+        lines.len(),
+        in_state(Sight::Tracked),
+        in_state(Sight::Found),
+        in_state(Sight::Lost),
+    )
+}

@@ -1,0 +1,128 @@
+//! Tracking of an object in a stream of clouds, in their own coordinates.
+
+use crate::pose64::{Pose64, Position};
+use crate::register::Memory;
+use crate::register::prepared::Prepared;
+use crate::register::request::Request;
+use reagent_core::track::{Sighting, Tracker};
+use reagent_core::{Error, Policy, Registrar};
+
+/// What is known of an object from the clouds so far.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Tracking {
+    tracker: Tracker,
+    /// Of the last cloud.
+    source_origin: Position,
+}
+
+/// A cloud, registered.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tracked {
+    /// What is known now, between coordinates relative to the clouds' origins.
+    pub sighting: Sighting,
+    /// The pose between the clouds' own coordinates.
+    pub pose: Pose64,
+}
+
+impl Tracking {
+    /// Of an object that no cloud has shown.
+    pub const fn new() -> Tracking {
+        Tracking {
+            tracker: Tracker::new(),
+            source_origin: [0.0; 3],
+        }
+    }
+
+    /// Takes in a cloud that has nothing to register, such as an empty one.
+    pub fn miss(&mut self) {
+        self.tracker.miss();
+    }
+
+    /// Registers the next cloud ([`Tracker::follow`]). The request's mode is for where refinement is not enough, its start for an
+    /// object that no cloud has shown; poses are not refined on more points than the policy sees.
+    ///
+    /// # Errors
+    /// As [`Request::register`].
+    pub fn follow(
+        &mut self,
+        request: &Request,
+        policy: Policy<'_>,
+        memory: &mut Memory,
+        [source, target]: [&Prepared<'_>; 2],
+    ) -> Result<Tracked, Error> {
+        let before = std::mem::replace(&mut self.source_origin, source.origin);
+        if let Some(last) = &mut self.tracker.last
+            && before != source.origin
+        {
+            *last = Pose64::of(*last, before, target.origin).near(source.origin, target.origin);
+        }
+        let sighting = self.tracker.follow(
+            &mut Registrar::new(policy, &mut memory.scratch),
+            &mut memory.workspace,
+            [source.points(), target.points()],
+            &request.task(&request.start, [source, target]),
+            |_| Ok::<(), Error>(()),
+        )?;
+        let near = sighting.answer.target_from_source;
+        Ok(Tracked {
+            sighting,
+            pose: Pose64::of(near, source.origin, target.origin),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dataset::procedural;
+    use crate::policy::WeightFile;
+    use crate::random::{Purpose, stream};
+    use crate::register::Start;
+    use glam::Vec3;
+    use reagent_core::Pose;
+    use reagent_core::pipeline::Mode;
+    use reagent_core::pose::rotation_from_euler;
+    use reagent_core::track::Sight;
+    use std::path::Path;
+
+    /// Clouds on a map are registered relative to a point of their own, each to another one.
+    #[test]
+    fn the_last_pose_follows_the_clouds_origins() {
+        let mesh = procedural::shape(1, 1).mesh;
+        let cloud = |i| mesh.sample(500, &mut stream(3, Purpose::Surface, i));
+        let name = Path::new("cloud");
+        let model = cloud(0);
+        let model = Prepared::of_points(&model, name, None).expect("a cloud");
+        let offset = [5e5, 5.4e6, 0.0];
+        let truth = |step: u64| {
+            let t = step as f32;
+            Pose {
+                rotation: rotation_from_euler(Vec3::new(0.3, 0.05 * t, -0.04 * t)),
+                translation: Vec3::new(0.1 * t, 0.0, 0.0),
+            }
+        };
+        let on_map = |point: Vec3| [0, 1, 2].map(|k| f64::from(point[k]) + offset[k]);
+        let request = Request {
+            start: Start::Pose(Pose64::of(truth(0), offset, [0.0; 3])),
+            ..Request::default()
+        };
+        let file = WeightFile::pretrained();
+        let (mut tracking, mut memory) = (Tracking::new(), Box::new(Memory::new()));
+        for step in 0..4 {
+            let back = truth(step).inverse();
+            let seen = cloud(step + 1).into_iter();
+            let seen = seen.map(|p| on_map(back.apply(p.into())));
+            let source = Prepared::of_positions(seen.collect(), name, None).expect("a cloud");
+            let clouds = [&source, &model];
+            let found = tracking.follow(&request, file.policy(), &mut memory, clouds);
+            let Tracked { sighting, pose } = found.expect("two clouds");
+            let expected = match step {
+                0 => (Sight::Found, Mode::Verify),
+                _ => (Sight::Tracked, Mode::Refine),
+            };
+            assert_eq!((sighting.sight, sighting.mode), expected, "{step}");
+            let centre = pose.apply(on_map(back.translation));
+            assert!(centre.iter().all(|x| x.abs() < 0.02), "{step}: {centre:?}");
+        }
+    }
+}

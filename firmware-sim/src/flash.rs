@@ -59,7 +59,10 @@ pub struct StateFile {
 
 impl StateFile {
     fn open(directory: &Path, path: &Path) -> io::Result<StateFile> {
-        std::fs::create_dir_all(directory)?;
+        std::fs::create_dir_all(directory).map_err(|error| match error.kind() {
+            io::ErrorKind::AlreadyExists => io::Error::new(error.kind(), "it is no directory"),
+            _ => error,
+        })?;
         let file = OpenOptions::new()
             .read(true)
             .write(true)

@@ -22,6 +22,7 @@ use host_train::policy::WeightFile;
 use host_train::protocol::{self, Protocol};
 use host_train::publish::Publisher;
 use reagent_core::wire::{CloudView, Mode, RefineRequest};
+use reagent_link::session::endpoint;
 use reagent_link::stop::stop_requested;
 use routers::{Routers, peak_memory_mib};
 use serde_json::json;
@@ -69,7 +70,7 @@ pub struct FleetArgs {
     #[arg(long, value_name = "FILE.rgw")]
     pub weights: Option<PathBuf>,
     /// Endpoint of the first router, for `fleet watch` [default: a free port]
-    #[arg(long, value_name = "ENDPOINT")]
+    #[arg(long, value_name = "ENDPOINT", value_parser = endpoint)]
     pub listen: Option<String>,
     /// Seed of shapes, poses and noise
     #[arg(long, value_name = "S", default_value_t = 42)]

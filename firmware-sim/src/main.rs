@@ -8,6 +8,7 @@ use firmware_sim::policy::Trust;
 use firmware_sim::session::{SessionArgs, certificates, has_certificate, open};
 use reagent_link::log::LogArgs;
 use reagent_link::metrics::{Figures, MetricsArgs};
+use reagent_link::name::name;
 use reagent_link::stop::stop_requested;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -40,10 +41,10 @@ enum Command {
 #[derive(clap::Args, Debug)]
 struct NodeArgs {
     /// Fleet it belongs to (a-z A-Z 0-9 _ -)
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, value_name = "NAME", value_parser = name)]
     fleet: String,
     /// Its own name in the fleet
-    #[arg(long, value_name = "ID")]
+    #[arg(long, value_name = "ID", value_parser = name)]
     robot: String,
     /// Public key (64 hexadecimal digits) whose policies it takes; may be repeated
     #[arg(long, value_name = "HEX", value_parser = public_key, required_unless_present = "trust_any")]
@@ -161,11 +162,7 @@ fn main() -> ExitCode {
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            let text = format!("{error:#}")
-                .split_whitespace()
-                .collect::<Vec<_>>()
-                .join(" ");
-            cli.log.failed(&text);
+            cli.log.failed(error.as_ref());
             ExitCode::FAILURE
         }
     }

@@ -19,6 +19,8 @@ use reagent_core::dims::STEPS;
 use reagent_core::verdict::Percent;
 use reagent_core::wire::{CloudView, Mode, RefineReply, RefineRequest};
 use reagent_core::{Grid, Pose};
+use reagent_link::log::one_line;
+use reagent_link::name::name;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -31,10 +33,10 @@ use traces::Traces;
 #[derive(clap::Args, Clone, Debug)]
 pub struct RefineArgs {
     /// Fleet to ask (a-z A-Z 0-9 _ -)
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, value_name = "NAME", value_parser = name)]
     pub fleet: String,
     /// Robot to ask, or "any" for the one with the least to do
-    #[arg(long, value_name = "ID")]
+    #[arg(long, value_name = "ID", value_parser = name)]
     pub robot: String,
     /// Pairs to register, with their true poses
     #[arg(long, value_name = "FILE.h5", conflicts_with_all = ["source", "target"])]
@@ -47,7 +49,8 @@ pub struct RefineArgs {
     /// Refinement steps at most
     #[arg(long, value_name = "N", default_value_t = STEPS as u8)]
     pub steps: u8,
-    /// What follows the steps [default: verify, or the most that the robot can do]
+    /// What follows the steps: fast (nothing), polish (closest points), verify (then compared with other poses), best (the most that
+    /// the robot has memory for); or refine (closest points from the start, without the policy) [default: best]
     #[arg(long, value_enum, value_name = "MODE")]
     pub mode: Option<Mode>,
     /// Where to start: none (turned in any way), identity, 12 numbers separated by commas (rows of [R | t]), or a file
@@ -85,14 +88,11 @@ pub enum CloudFormat {
 
 /// A time in seconds, from a millisecond on.
 fn seconds(text: &str) -> Result<Duration, String> {
-    let number: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
-    let time = Duration::try_from_secs_f64(number).map_err(|error| error.to_string())?;
+    let number = text.parse().ok();
+    let time = number.and_then(|number| Duration::try_from_secs_f64(number).ok());
     let allowed = Duration::from_millis(1)..=Duration::from_secs(3600);
-    if allowed.contains(&time) {
-        Ok(time)
-    } else {
-        Err("give .001 to 3600 seconds".into())
-    }
+    let time = time.filter(|time| allowed.contains(time));
+    time.ok_or_else(|| "give .001 to 3600 seconds".into())
 }
 
 /// A robot's answer and how long it took from here.
@@ -310,7 +310,7 @@ impl Asking {
                 Ok(answer) => answer,
                 // The next one may be answered: a robot that restarts, a request that takes long.
                 Err(error) => {
-                    answers.push(json!({ "error": format!("{error:#}") }));
+                    answers.push(json!({ "error": one_line(error.as_ref()) }));
                     failed += 1;
                     first.get_or_insert(error.context(format!("pair {index}")));
                     continue;

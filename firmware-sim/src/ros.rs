@@ -4,12 +4,13 @@
 mod cloud;
 mod keys;
 mod messages;
+mod names;
 mod node;
 mod outputs;
 mod pose;
 
 use crate::session::{SessionArgs, open};
-use anyhow::Context;
+use anyhow::{Context, anyhow};
 use host_train::cli::Initial;
 use host_train::dataset::cloud_file::read_file;
 use host_train::policy::{REAGENT, VIEWS, WeightFile};
@@ -35,7 +36,7 @@ pub struct RosArgs {
     #[arg(long, value_name = "FILE")]
     pub model: PathBuf,
     /// Topic of the clouds
-    #[arg(long, value_name = "/TOPIC", value_parser = keys::absolute_name, default_value = "/points")]
+    #[arg(long, value_name = "/TOPIC", value_parser = names::topic, default_value = "/points")]
     pub cloud: String,
     /// The clouds are views from the origin of their frame, as a depth camera gives them
     #[arg(long)]
@@ -43,7 +44,8 @@ pub struct RosArgs {
     /// Policy: a file, or a bundled one [default: reagent, of views views]
     #[arg(long, value_name = "FILE.rgw")]
     pub weights: Option<PathBuf>,
-    /// What follows the policy's steps
+    /// What follows the policy's steps: fast (nothing), polish (closest points), verify (then compared with other poses), best (the
+    /// most that there is memory for, here verify); or refine (closest points from the start, without the policy)
     #[arg(long, value_name = "MODE", default_value_t = Mode::Verify)]
     pub mode: Mode,
     /// Where each starts: none (turned in any way), identity, 12 numbers (rows of [R | t] from the cloud to the model), or a file
@@ -51,16 +53,16 @@ pub struct RosArgs {
     #[arg(long, value_name = "POSE")]
     pub init: Option<Initial>,
     /// The node's name
-    #[arg(long, value_name = "NAME", value_parser = keys::base_name, default_value = "reagent")]
+    #[arg(long, value_name = "NAME", value_parser = names::node, default_value = "reagent")]
     pub node: String,
     /// The node's namespace
-    #[arg(long, value_name = "/NAMESPACE", value_parser = keys::absolute_name, default_value = "/")]
+    #[arg(long, value_name = "/NAMESPACE", value_parser = names::namespace, default_value = "/")]
     pub namespace: String,
     /// The network's ROS_DOMAIN_ID
-    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u8).range(..=232))]
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = names::domain, allow_negative_numbers = true)]
     pub domain: u8,
     /// Publish the pose as a transform on /tf, too, from the cloud's frame to this one
-    #[arg(long, value_name = "FRAME")]
+    #[arg(long, value_name = "FRAME", value_parser = names::frame)]
     pub tf: Option<String>,
     /// Seed by which points of a mesh are drawn
     #[arg(long, value_name = "S", default_value_t = 42)]
@@ -87,10 +89,21 @@ impl RosArgs {
     /// Files that cannot be read, no session, and its failure; not clouds that cannot be registered.
     pub async fn run(self) -> anyhow::Result<()> {
         let mut registration = self.registration()?;
+        let namespace = self.namespace.trim_end_matches('/');
+        let longest = format!("{namespace}/{}/{}", self.node, outputs::LONGEST_TOPIC);
+        names::short(&longest).map_err(|wrong| {
+            anyhow!("--namespace and --node are too long for {longest}: {wrong}")
+        })?;
         let session = open(&self.session).await?;
         let mut member = Member::join(session, self.domain, &self.namespace, &self.node)
             .await
             .map_err(failed)?;
+        if member.has_namesake().await.map_err(failed)? {
+            let name = member.node.full_name();
+            eprintln!(
+                "another node is called {name}: both publish on its topics; see --node and --namespace"
+            );
+        }
         let model = self.model.file_stem().unwrap_or_default();
         let model = model.to_string_lossy().into_owned();
         let outputs = Outputs::declare(&mut member, model, self.tf.clone()).await;
@@ -122,10 +135,11 @@ impl RosArgs {
         let start = self
             .init
             .clone()
-            .map_or(Ok(Start::Identity), Initial::load)?;
+            .map_or(Ok(Start::Identity), Initial::load)
+            .context("--init")?;
         Ok(Registration {
-            model: Prepared::of_file(&read_file(&self.model)?, &self.model, None, self.seed)?,
-            weights: WeightFile::load(weights)?,
+            model: self.prepared().context("--model")?,
+            weights: WeightFile::load(weights).context("--weights")?,
             request: Request {
                 start,
                 mode: self.mode,
@@ -136,10 +150,15 @@ impl RosArgs {
             topic: self.cloud.clone().into(),
         })
     }
+
+    fn prepared(&self) -> anyhow::Result<Prepared<'static>> {
+        let file = read_file(&self.model)?;
+        Ok(Prepared::of_file(&file, &self.model, None, self.seed)?)
+    }
 }
 
 fn failed(error: zenoh::Error) -> anyhow::Error {
-    anyhow::anyhow!("zenoh: {}", crate::session::plain(&error))
+    anyhow!("zenoh: {}", crate::session::plain(&error))
 }
 
 impl Registration {

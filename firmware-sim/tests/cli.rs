@@ -1,4 +1,4 @@
-//! The program's exit status and its one line of error.
+//! The program as a user runs it.
 #![cfg(feature = "demo")]
 
 use ed25519_dalek::SigningKey;
@@ -63,59 +63,6 @@ fn write_policy(path: &Path) {
     let parameters = Parameters::random(Shape::PAPER, 1);
     let policy = WeightFile::from_parameters(&parameters).expect("deployable");
     policy.save(path).expect("a writable directory");
-}
-
-#[test]
-fn bad_usage_is_status_2() {
-    for arguments in [
-        &[][..],
-        &["node", "--fleet", "f"],
-        &["node", "--fleet", "f", "--robot", "r"],
-        &["node", "--fleet", "f", "--robot", "r", "--trust", "abc"],
-        &["refine", "--fleet", "f", "--robot", "r"],
-        &["refine", "--fleet", "f", "--robot", "r", "only-one.ply"],
-        &["demo", "--pairs", "a.h5", "--data", "b"],
-        &["demo", "--per-robot", "0"],
-        &["fleet", "--routers", "0"],
-    ] {
-        let output = firmware_sim(arguments);
-        assert_eq!(output.status.code(), Some(2), "{arguments:?}");
-    }
-}
-
-#[test]
-fn no_router_is_an_error_that_names_the_endpoint() {
-    let endpoint = unused_endpoint();
-    let error = failure(&[
-        "node",
-        "--fleet",
-        "f",
-        "--robot",
-        "r",
-        "--trust-any",
-        "--connect",
-        &endpoint,
-    ]);
-    assert!(error.contains(&endpoint), "{error}");
-}
-
-#[test]
-fn a_bad_configuration_file_is_named() {
-    let directory = tempfile::tempdir().expect("a temporary directory");
-    let config = directory.path().join("zenoh.json5");
-    let node = [
-        "node",
-        "--fleet",
-        "f",
-        "--robot",
-        "r",
-        "--trust-any",
-        "--zenoh",
-        text(&config),
-    ];
-    assert!(failure(&node).contains("zenoh.json5"));
-    std::fs::write(&config, "{ mode: \"nonsense\" }").expect("a writable directory");
-    assert!(failure(&node).contains("zenoh.json5"));
 }
 
 #[test]

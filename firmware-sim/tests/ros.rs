@@ -2,11 +2,13 @@
 #![cfg(all(feature = "demo", unix))]
 
 use firmware_sim::session::{SessionArgs, open};
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Read};
 use std::net::TcpListener;
+use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 use tokio::time::timeout;
+use zenoh::Session;
 use zenoh::handlers::FifoChannelHandler;
 use zenoh::pubsub::Subscriber;
 use zenoh::sample::Sample;
@@ -73,6 +75,43 @@ async fn next(heard: &Subscriber<FifoChannelHandler<Sample>>) -> Vec<u8> {
     sample.payload().to_bytes().into_owned()
 }
 
+/// A node that hears clouds.
+fn node(endpoint: &str, model: &Path) -> Running {
+    let mut node = Command::new(env!("CARGO_BIN_EXE_firmware-sim"));
+    node.args(["ros", "--connect", endpoint, "--model"])
+        .arg(model)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped());
+    let mut node = Running(node.spawn().expect("the program runs"));
+    let lines = BufReader::new(node.0.stdout.take().expect("piped")).lines();
+    let up = lines
+        .map_while(Result::ok)
+        .any(|line| line.contains("hears /points"));
+    assert!(up, "it ended");
+    node
+}
+
+/// Ends a node and takes what it has said on standard error.
+fn complaints(mut node: Running) -> String {
+    node.0.kill().expect("it runs");
+    let mut said = String::new();
+    let errors = node.0.stderr.as_mut().expect("piped");
+    errors.read_to_string(&mut said).expect("text");
+    said
+}
+
+/// A network of its own.
+async fn network() -> (Session, String) {
+    let listener = TcpListener::bind("127.0.0.1:0").expect("a free port");
+    let endpoint = format!("tcp/{}", listener.local_addr().expect("it is bound"));
+    drop(listener);
+    let args = SessionArgs {
+        listen: vec![endpoint.clone()],
+        ..SessionArgs::default()
+    };
+    (open(&args).await.expect("the port is free"), endpoint)
+}
+
 #[tokio::test(flavor = "multi_thread")]
 async fn clouds_come_in_and_poses_and_reasons_go_out() {
     let folder = tempfile::tempdir().expect("a temporary directory");
@@ -86,14 +125,7 @@ async fn clouds_come_in_and_poses_and_reasons_go_out() {
         .collect();
     let lines = points.iter().map(|[x, y, z]| format!("{x} {y} {z}\n"));
     std::fs::write(&model, lines.collect::<String>()).expect("writable");
-    let listener = TcpListener::bind("127.0.0.1:0").expect("a free port");
-    let endpoint = format!("tcp/{}", listener.local_addr().expect("it is bound"));
-    drop(listener);
-    let args = SessionArgs {
-        listen: vec![endpoint.clone()],
-        ..SessionArgs::default()
-    };
-    let session = open(&args).await.expect("the port is free");
+    let (session, endpoint) = network().await;
     let hear = async |key| {
         session
             .declare_subscriber(key)
@@ -102,19 +134,7 @@ async fn clouds_come_in_and_poses_and_reasons_go_out() {
     };
     let (poses, diagnostics) = (hear(POSE).await, hear(DIAGNOSTICS).await);
 
-    let mut node = Command::new(env!("CARGO_BIN_EXE_firmware-sim"));
-    node.args(["ros", "--connect", &endpoint, "--model"])
-        .arg(&model);
-    let mut node = Running(
-        node.stdout(Stdio::piped())
-            .spawn()
-            .expect("the program runs"),
-    );
-    let said = BufReader::new(node.0.stdout.take().expect("piped")).lines();
-    let up = said
-        .map_while(Result::ok)
-        .any(|line| line.contains("hears /points"));
-    assert!(up, "it ended");
+    let _node = node(&endpoint, &model);
     let tokens = session.liveliness();
     let tokens = tokens.declare_subscriber("@ros2_lv/0/*/0/*/*/%/%/reagent/**");
     let tokens = tokens.history(true).await.expect("an open session");
@@ -155,4 +175,19 @@ async fn clouds_come_in_and_poses_and_reasons_go_out() {
         let said = String::from_utf8_lossy(&said);
         assert!(said.contains(reason), "{said}");
     }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn two_nodes_of_one_name_are_told() {
+    let folder = tempfile::tempdir().expect("a temporary directory");
+    let model = folder.path().join("part.xyz");
+    std::fs::write(&model, "0 0 0\n1 0 0\n0 1 0\n0 0 1\n").expect("writable");
+    let (_session, endpoint) = network().await;
+    let nodes = [(); 2].map(|()| node(&endpoint, &model));
+    let said = nodes.map(complaints);
+    assert_eq!(said[0], "");
+    assert!(
+        said[1].starts_with("another node is called /reagent: "),
+        "{said:?}"
+    );
 }

@@ -1,7 +1,7 @@
 //! The command line of the trainer; see `host-train --help`.
 
 use clap::Parser;
-use host_train::cli::{Cli, one_line, status};
+use host_train::cli::{Cli, status};
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
@@ -11,7 +11,7 @@ fn main() -> ExitCode {
     match cli.run() {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            log.failed(&one_line(&error));
+            log.failed(error.as_ref());
             ExitCode::from(status(&error))
         }
     }

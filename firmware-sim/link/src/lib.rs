@@ -7,6 +7,7 @@ pub mod certificate;
 pub mod log;
 #[cfg(feature = "session")]
 pub mod metrics;
+pub mod name;
 pub mod print;
 #[cfg(feature = "session")]
 pub mod session;

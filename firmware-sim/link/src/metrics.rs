@@ -35,8 +35,13 @@ const PATIENCE: Duration = Duration::from_secs(5);
 #[derive(clap::Args, Clone, Copy, Debug, Default)]
 pub struct MetricsArgs {
     /// Serve figures for Prometheus (/metrics) and whether all is well (/health) over HTTP, such as at 127.0.0.1:9100
-    #[arg(long, value_name = "ADDRESS:PORT")]
+    #[arg(long, value_name = "ADDRESS:PORT", value_parser = address)]
     pub metrics: Option<SocketAddr>,
+}
+
+fn address(text: &str) -> Result<SocketAddr, String> {
+    text.parse()
+        .map_err(|_| "give a numeric address and a port, such as 127.0.0.1:9100".into())
 }
 
 /// A robot as it is known.

@@ -14,11 +14,26 @@ pub struct SessionArgs {
     #[arg(long, value_name = "CONFIG.json5")]
     pub zenoh: Option<PathBuf>,
     /// Endpoint of a router to connect to, such as tcp/127.0.0.1:7447; may be repeated.
-    #[arg(long, value_name = "ENDPOINT")]
+    #[arg(long, value_name = "ENDPOINT", value_parser = endpoint)]
     pub connect: Vec<String>,
     /// Endpoint to listen on as a router; may be repeated.
-    #[arg(long, value_name = "ENDPOINT")]
+    #[arg(long, value_name = "ENDPOINT", value_parser = endpoint)]
     pub listen: Vec<String>,
+}
+
+/// Refuses what is no endpoint of a protocol that is built in.
+///
+/// # Errors
+/// What an endpoint looks like.
+pub fn endpoint(text: &str) -> Result<String, String> {
+    let rest = ["tcp/", "quic/"].iter().find_map(|p| text.strip_prefix(p));
+    let address = rest.and_then(|rest| rest.split(['?', '#']).next());
+    match address.and_then(|address| address.rsplit_once(':')) {
+        Some((host, port)) if !host.is_empty() && port.parse::<u16>().is_ok() => Ok(text.into()),
+        _ => {
+            Err("an endpoint is tcp/HOST:PORT or quic/HOST:PORT, such as tcp/127.0.0.1:7447".into())
+        }
+    }
 }
 
 /// Why there is no session.
@@ -62,22 +77,34 @@ const AGAINST_SILENCE: [(&str, &str); 2] = [
 pub async fn open(args: &SessionArgs) -> Result<Session, SessionError> {
     let config = config(args)?;
     let (certificates, now) = (certificate::named_in(&config), certificate::now());
-    let mut hint = "is the router running there?".to_owned();
+    let mut notice_of_expiry = None;
     for certificate in &certificates {
         let Some(notice) = certificate.notice(now) else {
             continue;
         };
         tracing::warn!("{notice}");
         if !certificate.holds(now) {
-            hint = notice;
+            notice_of_expiry = Some(notice);
         }
     }
     let opened = zenoh::open(config).await;
     opened.map_err(|reason| SessionError::Open {
         endpoints: endpoints(args),
+        hint: notice_of_expiry.unwrap_or_else(|| hint(args, &reason).into()),
         reason,
-        hint,
     })
+}
+
+/// What the cause may be.
+fn hint(args: &SessionArgs, reason: &zenoh::Error) -> &'static str {
+    let mut endpoints = args.connect.iter().chain(&args.listen);
+    if args.zenoh.is_none() && endpoints.any(|endpoint| endpoint.starts_with("quic/")) {
+        "quic needs certificates: name them in a configuration, --zenoh"
+    } else if reason.to_string().contains("Unable to connect") {
+        "is the router running there?"
+    } else {
+        "is it an address of this machine, and is its port free?"
+    }
 }
 
 /// The certificates of a session.
@@ -140,13 +167,30 @@ fn config(args: &SessionArgs) -> Result<Config, SessionError> {
     Ok(config)
 }
 
-/// What Zenoh says, without the places in its sources that it names.
+/// What Zenoh says, without the places in its sources that it names and without the shapes of its types.
 pub fn plain(error: &zenoh::Error) -> String {
     let mut text = error.to_string();
     while let Some(place) = source_place(&text) {
         text.replace_range(place, "");
     }
-    text
+    if let Some(parsed) = parsed(&text) {
+        return parsed;
+    }
+    let mut parts = text.split("Single(");
+    let before = parts.next().unwrap_or_default().to_owned();
+    parts.fold(before, |said, part| said + &part.replacen(')', "", 1))
+}
+
+/// What a parser says, and where, of `Message { msg: "…", location: Some(Location { line: 1, column: 9 }) }` and the like.
+fn parsed(text: &str) -> Option<String> {
+    let number = |name| {
+        let (_, rest) = text.rsplit_once(name)?;
+        rest.split(|c: char| !c.is_ascii_digit()).next()
+    };
+    let (line, column) = (number("line: ")?, number("column: ")?);
+    let (_, rest) = text.split_once('"')?;
+    let (message, _) = rest.rsplit_once('"')?;
+    Some(format!("{message}, line {line}, column {column}"))
 }
 
 /// Where a text says ` at FOLDER/FILE.rs:LINE.`
@@ -191,6 +235,47 @@ mod tests {
                 .into();
         let expected = "Unable to connect to tcp/127.0.0.1:9 - Caused by refused";
         assert_eq!(plain(&error), expected);
+        for (said, expected) in [
+            (
+                "Unable to connect to any of [Single(tcp/a:1), Single(tcp/b:2)]. Timeout!",
+                "Unable to connect to any of [tcp/a:1, tcp/b:2]. Timeout!",
+            ),
+            (
+                "Json5Err(Message { msg: \"no `x` here\", location: Some(Location { line: 3, column: 20 }) })",
+                "no `x` here, line 3, column 20",
+            ),
+            (
+                "YAML error: Error(\"mode: wrong\", line: 1, column: 7)",
+                "mode: wrong, line 1, column 7",
+            ),
+        ] {
+            assert_eq!(plain(&said.into()), expected);
+        }
         assert_eq!(plain(&"at a time".into()), "at a time");
+    }
+
+    #[test]
+    fn endpoints_have_a_protocol_that_is_built_in_a_host_and_a_port() {
+        for good in [
+            "tcp/127.0.0.1:7447",
+            "tcp/[::]:0",
+            "quic/router.lab:7447?multistream=0",
+            "tcp/localhost:1#iface=lo",
+        ] {
+            assert_eq!(endpoint(good).as_deref(), Ok(good));
+        }
+        for bad in [
+            "",
+            "foo",
+            "127.0.0.1:7447",
+            "tcp/127.0.0.1",
+            "tcp/127.0.0.1:",
+            "tcp/127.0.0.1:99999",
+            "tcp/:7447",
+            "tls/127.0.0.1:7447",
+            "tcp/127.0.0.1?x:1",
+        ] {
+            assert!(endpoint(bad).is_err(), "{bad}");
+        }
     }
 }

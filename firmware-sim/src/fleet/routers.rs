@@ -43,11 +43,12 @@ impl Routers {
         let log = process.stderr.take().expect("piped");
         self.processes.push(process);
         let mut log = BufReader::new(log);
-        let mut line = String::new();
-        while !line.contains(UP) {
-            line.clear();
-            let ended = log.read_line(&mut line).context("a router's log")? == 0;
-            anyhow::ensure!(!ended, "no router can listen on {endpoint}");
+        let mut lines = String::new();
+        while !lines.lines().last().is_some_and(|line| line.contains(UP)) {
+            let ended = log.read_line(&mut lines).context("a router's log")? == 0;
+            let said = lines.lines().last().unwrap_or_default();
+            let said = said.trim_start_matches("error: ");
+            anyhow::ensure!(!ended, "no router at {endpoint}: {said}");
         }
         std::thread::spawn(move || copy(&mut log, &mut sink()));
         self.endpoints.push(endpoint);

@@ -11,6 +11,7 @@ use anyhow::bail;
 use reagent_core::verdict::Verdict;
 use reagent_core::wire::{PolicyId, Status, WhyNot};
 use reagent_link::metrics::{Figures, MetricsArgs, Robot};
+use reagent_link::name::name;
 use reagent_link::stop::stop_requested;
 use serde_json::{Map, Value, json};
 use std::collections::BTreeSet;
@@ -24,7 +25,7 @@ const FRAME: Duration = Duration::from_millis(500);
 #[derive(clap::Args, Clone, Debug)]
 pub struct WatchArgs {
     /// Fleet to watch (a-z A-Z 0-9 _ -)
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, value_name = "NAME", value_parser = name)]
     pub fleet: String,
     /// Print one table and end
     #[arg(long)]

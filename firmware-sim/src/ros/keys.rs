@@ -146,29 +146,6 @@ pub(crate) fn attachment(sequence: i64, unix_ns: i64, gid: [u8; 16]) -> Vec<u8> 
     bytes
 }
 
-/// Refuses what is no name of a topic, node or namespace: words of letters, digits and single underscores that begin with
-/// no digit, each after a slash.
-pub(crate) fn absolute_name(text: &str) -> Result<String, String> {
-    let words = text.strip_prefix('/').ok_or("it begins with a slash")?;
-    if !words.is_empty() {
-        words
-            .split('/')
-            .try_for_each(|word| base_name(word).map(|_| ()))?;
-    }
-    Ok(text.into())
-}
-
-/// The same of a single word.
-pub(crate) fn base_name(word: &str) -> Result<String, String> {
-    let plain = word.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
-    let begins = word.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_');
-    if plain && begins && !word.contains("__") {
-        Ok(word.into())
-    } else {
-        Err("names are letters, digits and single underscores, and begin with no digit".into())
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -229,20 +206,5 @@ mod tests {
             ]
         );
         assert_eq!(bytes[17..], gid(""));
-    }
-
-    #[test]
-    fn only_names_of_ros_are_taken() {
-        for good in ["/", "/points", "/camera/depth_1/points"] {
-            assert_eq!(absolute_name(good).as_deref(), Ok(good));
-        }
-        for bad in [
-            "", "points", "//", "/a/", "/a//b", "/1a", "/a__b", "/a-b", "/a/**", "/a b", "/ä",
-        ] {
-            assert!(absolute_name(bad).is_err(), "{bad}");
-        }
-        assert!(
-            base_name("reagent").is_ok() && base_name("").is_err() && base_name("a/b").is_err()
-        );
     }
 }

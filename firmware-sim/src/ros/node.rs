@@ -7,12 +7,15 @@
 use super::keys::{self, Kind, Node, Qos, Type};
 use super::messages::to_cdr;
 use serde::Serialize;
-use std::time::SystemTime;
+use std::time::{Duration, SystemTime};
 use zenoh::handlers::{RingChannel, RingChannelHandler};
 use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub;
 use zenoh::sample::Sample;
 use zenoh::{Session, Wait};
+
+/// Time that the network has to tell of other nodes.
+const PATIENCE: Duration = Duration::from_secs(1);
 
 /// A session with one node in it, as `rmw_zenoh`'s others see it.
 pub(crate) struct Member {
@@ -58,6 +61,24 @@ impl Member {
             _token: token,
             endpoints: 0,
         })
+    }
+
+    /// Whether another node has its name.
+    pub(crate) async fn has_namesake(&self) -> zenoh::Result<bool> {
+        let Node { domain, zid, .. } = &self.node;
+        let own = self.node.token();
+        let (_, name) = own.split_once("/NN/").unwrap_or_default();
+        let nodes = format!("@ros2_lv/{domain}/*/*/*/NN/{name}");
+        let found = self.session.liveliness().get(nodes);
+        let found = found.timeout(PATIENCE).await?;
+        while let Ok(reply) = found.recv_async().await {
+            let of_another =
+                |sample: &Sample| !sample.key_expr().split('/').any(|part| part == zid);
+            if reply.result().is_ok_and(of_another) {
+                return Ok(true);
+            }
+        }
+        Ok(false)
     }
 
     /// The token of its next publisher or subscription, and the identity that follows.

@@ -9,6 +9,10 @@ use super::{Registration, keys, pose};
 use host_train::register::request::Done;
 use keys::Qos;
 use reagent_core::verdict::Verdict;
+use reagent_link::log::one_line;
+
+/// The longest name of a topic of the node's own.
+pub(super) const LONGEST_TOPIC: &str = "pose_with_covariance";
 
 /// The publishers.
 pub(crate) struct Outputs {
@@ -29,7 +33,7 @@ impl Outputs {
         frame: Option<String>,
     ) -> zenoh::Result<Outputs> {
         let [pose, with_covariance] =
-            ["pose", "pose_with_covariance"].map(|topic| member.node.own_topic(topic));
+            ["pose", LONGEST_TOPIC].map(|topic| member.node.own_topic(topic));
         let node = member.node.full_name().trim_matches('/').to_owned();
         let mut publisher = async |topic, of, qos| member.publisher(topic, of, qos).await;
         Ok(Outputs {
@@ -66,7 +70,7 @@ impl Outputs {
         let header = cloud.header.clone();
         let done = match registration.register(&cloud) {
             Ok(done) => done,
-            Err(error) => return self.tell(header, (ERROR, format!("{error:#}")), vec![]),
+            Err(error) => return self.tell(header, (ERROR, one_line(error.as_ref())), vec![]),
         };
         let verdict = done.found.answer.verdict;
         let level = match verdict {

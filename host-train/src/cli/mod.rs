@@ -158,23 +158,6 @@ pub fn status(error: &anyhow::Error) -> u8 {
     if error.is::<BelowProbability>() { 3 } else { 1 }
 }
 
-/// The chain of causes on one line.
-pub fn one_line(error: &anyhow::Error) -> String {
-    let mut parts: Vec<String> = Vec::new();
-    for cause in error.chain() {
-        let text = cause
-            .to_string()
-            .split_whitespace()
-            .collect::<Vec<_>>()
-            .join(" ");
-        // Some libraries repeat their cause in their own text.
-        if !parts.last().is_some_and(|last| last.ends_with(&text)) {
-            parts.push(text);
-        }
-    }
-    parts.join(": ")
-}
-
 /// Ends the process as clap does on bad usage: message, usage, status 2.
 fn bad_usage(command: &str, message: &str) -> ! {
     use clap::CommandFactory;
@@ -196,13 +179,5 @@ mod tests {
     fn the_command_line_is_consistent() {
         use clap::CommandFactory;
         Cli::command().debug_assert();
-    }
-
-    #[test]
-    fn errors_become_one_line_without_repetition() {
-        let error = anyhow::anyhow!("no such\n  file")
-            .context("read a.ply: no such file")
-            .context("register");
-        assert_eq!(one_line(&error), "register: read a.ply: no such file");
     }
 }

@@ -1,6 +1,5 @@
 //! `host-train track`
 
-use super::one_line;
 use super::output::{check_writable, write_text};
 use super::register::input::{Input, Units};
 use super::register::{Initial, factor, view_point};
@@ -14,6 +13,7 @@ use anyhow::bail;
 use clap::Args;
 use reagent_core::dims::MAX_POINTS;
 use reagent_core::track::Sight;
+use reagent_link::log::one_line;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -94,7 +94,7 @@ impl Line {
         Line {
             source: path.display().to_string(),
             state: tracked.as_ref().map_or(Sight::Lost, sight),
-            error: tracked.as_ref().err().map(one_line),
+            error: tracked.as_ref().err().map(|e| one_line(e.as_ref())),
             done: tracked.ok().map(Done::from),
             ms: time.as_secs_f64() * 1e3,
         }

@@ -11,6 +11,7 @@ use crate::policy::WeightFile;
 use crate::views::Views;
 use reagent_core::wire::{Manifest, PolicyName};
 use reagent_link::metrics::MetricsArgs;
+use reagent_link::name::name;
 use reagent_link::stop::stop_requested;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
@@ -31,7 +32,7 @@ pub struct PublishArgs {
     #[arg(long, value_name = "SIGNING_KEY")]
     pub key: PathBuf,
     /// Fleet to ship to.
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, value_name = "NAME", value_parser = name)]
     pub fleet: String,
     /// Version of the policy; robots take only newer ones. Default: the time, in seconds since 1970.
     #[arg(long, value_name = "N")]

@@ -1,12 +1,12 @@
 //! Many pairs in one call: a folder, or a list.
 
 use super::RegisterArgs;
-use crate::cli::one_line;
 use crate::cli::output::write_text;
 use crate::dataset::cloud_file::EXTENSIONS;
 use crate::policy::WeightFile;
 use crate::register::Start;
 use anyhow::{Context, anyhow, bail};
+use reagent_link::log::one_line;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use walkdir::WalkDir;
@@ -145,7 +145,7 @@ impl RegisterArgs {
                     done.push(found);
                     document
                 }
-                Err(error) => json!({ "error": one_line(&error) }),
+                Err(error) => json!({ "error": one_line(error.as_ref()) }),
             };
             let line = merged(names, result).to_string() + "\n";
             if self.json.is_some() {

@@ -15,6 +15,7 @@ import tempfile
 import numpy as np
 import xxhash
 import zenoh
+import zenoh.ext
 from pamoja import ros2
 from rosbags.typesys import Stores, get_typestore
 
@@ -115,6 +116,17 @@ class Topic:
         return STORE.deserialize_cdr(payload, self.name), number, attachment[17:]
 
 
+class Latched(Topic):
+    """The same of a subscription that is transient local, as rmw_zenoh has it."""
+
+    def __init__(self, session, topic, name):
+        self.name, self.samples = name, queue.Queue()
+        history = zenoh.ext.HistoryConfig(detect_late_publishers=True, max_samples=1)
+        self.subscriber = zenoh.ext.declare_advanced_subscriber(
+            session, key(topic, name), self.samples.put, history=history, subscriber_detection=True
+        )
+
+
 def main(program):
     rng = np.random.default_rng(1)
     with tempfile.TemporaryDirectory() as folder, socket.socket() as probe:
@@ -142,13 +154,14 @@ def play(program, session, endpoint, model, rng):
     diagnostics = Topic(session, "/diagnostics", "diagnostic_msgs/msg/DiagnosticArray")
     cloud_type = "sensor_msgs/msg/PointCloud2"
     clouds = session.declare_publisher(key("/camera/points", cloud_type))
+    early = Latched(session, "/lab/reagent/model", cloud_type)
     arguments = ["ros", "--model", model, "--cloud", "/camera/points", "--namespace", "/lab", "--connect", endpoint, "--tf", "part"]
     node = subprocess.Popen([program, *arguments], stdout=subprocess.PIPE, text=True)
     try:
         said = node.stdout.readline()
         assert "hears /camera/points" in said, said
         found = {}
-        while len(found) < 6:
+        while len(found) < 7:
             parts = str(tokens.get(timeout=PATIENCE).key_expr).split("/")
             assert parts[:2] == ["@ros2_lv", "0"] and parts[6:9] == ["%", "%lab", "reagent"], parts
             found["/".join(parts[5:6] + parts[9:])] = "/".join(parts)
@@ -158,11 +171,20 @@ def play(program, session, endpoint, model, rng):
             ("MP", "/lab/reagent/pose_with_covariance", with_covariance.name, "::,10:,:,:,,"),
             ("MP", "/diagnostics", diagnostics.name, "::,10:,:,:,,"),
             ("MP", "/tf", transforms.name, "::,100:,:,:,,"),
+            ("MP", "/lab/reagent/model", cloud_type, ":1:,1:,:,:,,"),
             ("MS", "/camera/points", cloud_type, "2::,5:,:,:,,"),
         ]:
             dds, mangled = ros2.dds_type_name(name), ros2.percent_mangle(topic)
             expected.add(f"{kind}/{mangled}/{dds}/{type_hash(name)}/{qos}")
         assert set(found) == expected, set(found) ^ expected
+
+        # Whoever is there before the node has the model, and whoever comes after it; both have it once.
+        late = Latched(session, "/lab/reagent/model", cloud_type)
+        expected = np.loadtxt(model)
+        for latched in [early, late]:
+            shown, number, _ = latched.next()
+            assert number == 1 and shown.header.frame_id == "part" and shown.is_dense, shown.header
+            assert np.allclose(shown.data.view("<f4").reshape(-1, 3), expected)
 
         def put(message):
             payload = STORE.serialize_cdr(message, cloud_type)
@@ -220,11 +242,12 @@ def play(program, session, endpoint, model, rng):
         assert told.header.stamp.sec == 11 and told.status[0].level == 1, told
         print(f"what fits nothing: {told.status[0].message}")
         assert pose_topic.samples.empty()
+        assert early.samples.empty() and late.samples.empty()
     finally:
         node.terminate()
         assert node.wait(PATIENCE) == 0
     gone = set()
-    while len(gone) < 6:
+    while len(gone) < 7:
         sample = tokens.get(timeout=PATIENCE)
         assert sample.kind == zenoh.SampleKind.DELETE, sample
         gone.add(str(sample.key_expr))

@@ -12,6 +12,7 @@ mod pose;
 use crate::session::{SessionArgs, open};
 use anyhow::{Context, anyhow};
 use host_train::cli::Initial;
+use host_train::dataset::Point;
 use host_train::dataset::cloud_file::read_file;
 use host_train::policy::{REAGENT, VIEWS, WeightFile};
 use host_train::register::prepared::Prepared;
@@ -29,7 +30,7 @@ use std::pin::pin;
 ///
 /// Clouds are sensor_msgs/PointCloud2 of the object alone, in the model's units. For each, ~/pose (geometry_msgs/PoseStamped) and
 /// ~/pose_with_covariance say where the model's frame is in the cloud's, as far as the pose is probably right; /diagnostics says
-/// what came of every cloud. While one is registered, of those that come the newest is kept.
+/// what came of every cloud. ~/model is the model, latched, in the frame of --tf or of the file's name. While one is registered, of those that come the newest is kept.
 #[derive(clap::Args, Clone, Debug)]
 pub struct RosArgs {
     /// Cloud or mesh of the object (.ply .pcd .xyz .txt .asc .csv .pts .npy .off .obj .stl)
@@ -106,6 +107,11 @@ impl RosArgs {
         }
         let model = self.model.file_stem().unwrap_or_default();
         let model = model.to_string_lossy().into_owned();
+        let frame = self.tf.clone().unwrap_or_else(|| model.clone());
+        let shown = registration.model_message(frame);
+        let topic = member.node.own_topic("model");
+        let shown = member.latch(&topic, keys::POINT_CLOUD, &shown).await;
+        let _shown = shown.map_err(failed)?;
         let outputs = Outputs::declare(&mut member, model, self.tf.clone()).await;
         let mut outputs = outputs.map_err(failed)?;
         let clouds = member
@@ -162,6 +168,13 @@ fn failed(error: zenoh::Error) -> anyhow::Error {
 }
 
 impl Registration {
+    /// The model as a cloud in its own frame.
+    fn model_message(&self, frame: String) -> PointCloud2 {
+        let origin = self.model.origin;
+        let placed = |p: &Point| std::array::from_fn(|k| (f64::from(p[k]) + origin[k]) as f32);
+        cloud::message(self.model.all.iter().map(placed), frame)
+    }
+
     fn register(&mut self, cloud: &PointCloud2) -> anyhow::Result<Done> {
         let points = cloud::points(cloud)?;
         let source = Prepared::of_points(&points, &self.topic, None)?;

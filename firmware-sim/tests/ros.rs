@@ -11,10 +11,13 @@ use tokio::time::timeout;
 use zenoh::Session;
 use zenoh::handlers::FifoChannelHandler;
 use zenoh::pubsub::Subscriber;
+use zenoh::query::ReplyKeyExpr;
 use zenoh::sample::Sample;
 
 const PATIENCE: Duration = Duration::from_secs(60);
 const CLOUD: &str = "0/points/sensor_msgs::msg::dds_::PointCloud2_/\
+    RIHS01_9198cabf7da3796ae6fe19c4cb3bdd3525492988c70522628af5daa124bae2b5";
+const MODEL: &str = "0/reagent/model/sensor_msgs::msg::dds_::PointCloud2_/\
     RIHS01_9198cabf7da3796ae6fe19c4cb3bdd3525492988c70522628af5daa124bae2b5";
 const POSE: &str = "0/reagent/pose/geometry_msgs::msg::dds_::PoseStamped_/*";
 const DIAGNOSTICS: &str = "0/diagnostics/diagnostic_msgs::msg::dds_::DiagnosticArray_/*";
@@ -139,13 +142,28 @@ async fn clouds_come_in_and_poses_and_reasons_go_out() {
     let tokens = tokens.declare_subscriber("@ros2_lv/0/*/0/*/*/%/%/reagent/**");
     let tokens = tokens.history(true).await.expect("an open session");
     let mut kinds = Vec::new();
-    while kinds.len() < 5 {
+    while kinds.len() < 6 {
         let token = timeout(PATIENCE, tokens.recv_async()).await;
         let token = token.expect("it comes").expect("an open session");
         kinds.extend(token.key_expr().split('/').nth(5).map(str::to_owned));
     }
     kinds.sort();
-    assert_eq!(kinds, ["MP", "MP", "MP", "MS", "NN"]);
+    assert_eq!(kinds, ["MP", "MP", "MP", "MP", "MS", "NN"]);
+
+    // The model is there for whoever comes late, as `zenoh-ext` asks for it.
+    let asked = session.get(format!("{MODEL}/@adv/**"));
+    let asked = asked.accept_replies(ReplyKeyExpr::Any).await;
+    let kept = asked.expect("an open session").recv_async().await;
+    let kept = kept.expect("the model").into_result().expect("the model");
+    assert_eq!(kept.key_expr().as_str(), MODEL);
+    assert_eq!(kept.source_info().map(|info| info.source_sn()), Some(0));
+    let bytes = kept.payload().to_bytes();
+    assert_eq!(bytes[12..24], *b"\x05\0\0\0part\0\0\0\0");
+    let last: Vec<u8> = points[899].iter().flat_map(|x| x.to_le_bytes()).collect();
+    assert!(
+        bytes.ends_with(&[&last[..], &[1]].concat()),
+        "the last point, and that all are finite"
+    );
 
     session
         .put(CLOUD, Cdr::cloud(&points))

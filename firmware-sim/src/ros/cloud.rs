@@ -1,6 +1,6 @@
 //! The points of a `sensor_msgs/PointCloud2`, whatever lies between and beside them.
 
-use super::messages::{PointCloud2, PointField};
+use super::messages::{Header, PointCloud2, PointField};
 use host_train::dataset::Point;
 use thiserror::Error;
 
@@ -101,6 +101,32 @@ impl Coordinate {
             let [big, little] = [f32::from_be_bytes(bytes), f32::from_le_bytes(bytes)];
             if is_bigendian { big } else { little }
         }
+    }
+}
+
+/// A message of points in a frame.
+pub(crate) fn message(points: impl Iterator<Item = Point>, frame: String) -> PointCloud2 {
+    let data: Vec<u8> = points.flatten().flat_map(f32::to_le_bytes).collect();
+    let field = |(name, offset): (&str, u32)| PointField {
+        name: name.into(),
+        offset,
+        datatype: FLOAT32,
+        count: 1,
+    };
+    let point_step = 12;
+    PointCloud2 {
+        header: Header {
+            frame_id: frame,
+            ..Header::default()
+        },
+        height: 1,
+        width: data.len() as u32 / point_step,
+        fields: [("x", 0), ("y", 4), ("z", 8)].map(field).into(),
+        is_bigendian: false,
+        point_step,
+        row_step: data.len() as u32,
+        data,
+        is_dense: true,
     }
 }
 

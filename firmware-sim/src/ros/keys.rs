@@ -44,6 +44,8 @@ pub(crate) enum Qos {
     Sensor,
     /// Reliable, the last hundred: transforms.
     Transforms,
+    /// Reliable, the last one, which whoever subscribes later gets, too (transient local).
+    Latched,
 }
 
 impl Qos {
@@ -53,6 +55,7 @@ impl Qos {
             Qos::Reliable => "::,10:,:,:,,",
             Qos::Sensor => "2::,5:,:,:,,",
             Qos::Transforms => "::,100:,:,:,,",
+            Qos::Latched => ":1:,1:,:,:,,",
         }
     }
 }

@@ -8,10 +8,12 @@ use super::keys::{self, Kind, Node, Qos, Type};
 use super::messages::to_cdr;
 use serde::Serialize;
 use std::time::{Duration, SystemTime};
+use zenoh::bytes::ZBytes;
 use zenoh::handlers::{RingChannel, RingChannelHandler};
 use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub;
-use zenoh::sample::Sample;
+use zenoh::query::{Query, Queryable};
+use zenoh::sample::{Sample, SourceInfo};
 use zenoh::{Session, Wait};
 
 /// Time that the network has to tell of other nodes.
@@ -32,6 +34,13 @@ pub(crate) struct Publisher {
     gid: [u8; 16],
     published: i64,
     _token: LivelinessToken,
+}
+
+/// A message of a topic of its own, which whoever subscribes later gets, too. Dropping it takes it off the graph.
+pub(crate) struct Latched {
+    _publisher: Publisher,
+    _cache: Queryable<()>,
+    _found: LivelinessToken,
 }
 
 /// A subscription to one topic, of which the newest message counts.
@@ -111,6 +120,40 @@ impl Member {
         })
     }
 
+    /// Publishes one message for all who subscribe, now or later: those ask, where the publishers of `zenoh-ext` keep what they
+    /// published last, and are told that there is something to ask for.
+    pub(crate) async fn latch(
+        &mut self,
+        topic: &str,
+        of: Type,
+        message: &impl Serialize,
+    ) -> zenoh::Result<Latched> {
+        let mut publisher = self.publisher(topic, of, Qos::Latched).await?;
+        let (key, id) = (
+            publisher.publisher.key_expr().clone(),
+            publisher.publisher.id(),
+        );
+        let kept_at = format!("{key}/@adv/pub/{}/{}/_", id.zid(), id.eid());
+        let [bytes, attachment] = publisher.next(message);
+        // By this those who hear it twice know that it is one message.
+        let source = SourceInfo::new(id, 0);
+        let first = publisher.publisher.put(bytes.clone());
+        let first = first.attachment(attachment.clone());
+        first.source_info(source.clone()).await?;
+        let answer = move |query: Query| {
+            let reply = query.reply(&key, bytes.clone());
+            let reply = reply.attachment(attachment.clone());
+            // Whoever asked is gone where it fails.
+            let _ = reply.source_info(source.clone()).wait();
+        };
+        let cache = self.session.declare_queryable(&kept_at).callback(answer);
+        Ok(Latched {
+            _cache: cache.await?,
+            _found: self.session.liveliness().declare_token(kept_at).await?,
+            _publisher: publisher,
+        })
+    }
+
     /// Hears a sensor's topic.
     pub(crate) async fn subscribe(&mut self, topic: &str, of: Type) -> zenoh::Result<Subscription> {
         let key = self.node.topic_key(topic, of);
@@ -132,14 +175,18 @@ impl Member {
 impl Publisher {
     /// Publishes a message.
     pub(crate) fn publish(&mut self, message: &impl Serialize) -> zenoh::Result<()> {
+        let [bytes, attachment] = self.next(message);
+        let put = self.publisher.put(bytes);
+        put.attachment(attachment).wait()
+    }
+
+    /// The next message and what comes with it.
+    fn next(&mut self, message: &impl Serialize) -> [ZBytes; 2] {
         self.published += 1;
         let since_1970 = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
         let now = since_1970.map_or(0, |time| i64::try_from(time.as_nanos()).unwrap_or(i64::MAX));
         let attachment = keys::attachment(self.published, now, self.gid);
-        self.publisher
-            .put(to_cdr(message))
-            .attachment(attachment)
-            .wait()
+        [to_cdr(message).into(), attachment.into()]
     }
 }
 

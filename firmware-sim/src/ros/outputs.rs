@@ -139,7 +139,8 @@ fn values(done: &Done) -> Vec<KeyValue> {
         values.extend([
             (
                 "probability",
-                format!("{:.3}", found.evidence.probability()),
+                // Nothing is certain.
+                format!("{:.3}", found.evidence.probability().min(0.999)),
             ),
             ("overlap", format!("{:.3}", found.refined.overlap)),
             ("inlier_rmse", format!("{:.6}", found.refined.inlier_rmse)),

@@ -173,9 +173,10 @@ fn files_that_are_none_are_named_once() {
             "ros --model point.obj",
             "--model: point.obj: the cloud has 1 point(s); give at least 3",
         ),
+        ("ros --model .", "--model: .: is a directory"),
         (
-            "ros --model .",
-            "--model: .: unknown kind of file; give .ply",
+            "demo --data procedural",
+            "--data: no directory procedural; unpack https://",
         ),
         (
             "ros --model part.xyz --weights none.rgw",

@@ -1,10 +1,10 @@
 //! What the robots of the demo see, with which policy they begin, and what the second one is trained on.
 
 use super::{DemoArgs, ROBOTS};
-use anyhow::{Context, bail};
+use anyhow::{Context, bail, ensure};
 use host_train::augment::{noisy_pair, noisy_sample};
 use host_train::dataset::pairs::{PairSet, Sample, Seen};
-use host_train::dataset::{modelnet, procedural};
+use host_train::dataset::{MODELNET40_URL, modelnet, procedural};
 use host_train::measure::eval::EvalError;
 use host_train::policy::{VIEWS, WeightFile};
 use host_train::publish::Comparison;
@@ -79,6 +79,11 @@ impl Scene {
     }
 
     fn of_clouds(args: &DemoArgs, directory: &Path, wanted: usize) -> anyhow::Result<Scene> {
+        ensure!(
+            directory.is_dir(),
+            "--data: no directory {}; unpack {MODELNET40_URL} there, or leave the option out for built-in parts",
+            directory.display()
+        );
         let first = WeightFile::load_or_pretrained(args.weights.as_deref())?;
         let clouds = modelnet::load(directory, modelnet::Split::Train)?;
         let held_out = modelnet::load(directory, modelnet::Split::Test)?;

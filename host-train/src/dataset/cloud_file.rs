@@ -85,6 +85,9 @@ pub fn read_file(path: &Path) -> Result<CloudFile, CloudError> {
         std::io::stdin().read_to_end(&mut bytes).map_err(io)?;
         return parse(&bytes, kind_of(&bytes), path);
     }
+    if path.is_dir() {
+        return Err(io(std::io::ErrorKind::IsADirectory.into()));
+    }
     is_read(path)?;
     read_bytes(&std::fs::read(path).map_err(io)?, path)
 }

@@ -15,7 +15,7 @@ use crate::pose::Pose;
 use crate::register::Registrar;
 use crate::start::{Start, Uncertainty};
 use crate::verdict::Verdict;
-use serde::Serialize;
+use core::fmt;
 
 /// Of so many clouds in a row, the pose of one is more than refined: once a second at a camera's rate.
 const WHOLE_EVERY: u32 = 30;
@@ -38,8 +38,7 @@ pub struct Tracker {
 }
 
 /// What a cloud says of the object.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "lowercase")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sight {
     /// It is in this cloud, as in the one before.
     Tracked,
@@ -47,6 +46,16 @@ pub enum Sight {
     Found,
     /// It is not in this cloud, as far as one can tell.
     Lost,
+}
+
+impl fmt::Display for Sight {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Sight::Tracked => "tracked",
+            Sight::Found => "found",
+            Sight::Lost => "lost",
+        })
+    }
 }
 
 /// A cloud, registered.

@@ -17,11 +17,13 @@ use host_train::dataset::cloud_file::read_file;
 use host_train::policy::{REAGENT, VIEWS, WeightFile};
 use host_train::register::prepared::Prepared;
 use host_train::register::request::{Done, Request};
+use host_train::register::track::{POINTS, Tracking, bundled_policy};
 use host_train::register::{Memory, Start};
 use messages::PointCloud2;
 use node::Member;
 use outputs::Outputs;
 use reagent_core::pipeline::Mode;
+use reagent_core::track::Sight;
 use reagent_link::stop::stop_requested;
 use std::path::{Path, PathBuf};
 use std::pin::pin;
@@ -53,6 +55,10 @@ pub struct RosArgs {
     /// with them [default: identity]
     #[arg(long, value_name = "POSE")]
     pub init: Option<Initial>,
+    /// Follow one object from cloud to cloud, as `host-train track` does: --mode is for where refinement from the last pose is not
+    /// enough, --init for an object that no cloud has shown
+    #[arg(long)]
+    pub track: bool,
     /// The node's name
     #[arg(long, value_name = "NAME", value_parser = names::node, default_value = "reagent")]
     pub node: String,
@@ -79,6 +85,10 @@ struct Registration {
     weights: WeightFile,
     request: Request,
     memory: Box<Memory>,
+    /// Where it follows an object.
+    tracking: Option<Tracking>,
+    /// Points of each cloud that are used at most.
+    points: Option<usize>,
     /// Named by errors.
     topic: PathBuf,
 }
@@ -136,15 +146,20 @@ impl RosArgs {
     }
 
     fn registration(&self) -> anyhow::Result<Registration> {
-        let bundled = if self.view { VIEWS } else { REAGENT };
+        let bundled = match (self.track, self.view) {
+            (true, of_views) => bundled_policy(of_views),
+            (false, true) => VIEWS,
+            (false, false) => REAGENT,
+        };
         let weights = self.weights.as_deref().unwrap_or(Path::new(bundled));
         let start = self
             .init
             .clone()
             .map_or(Ok(Start::Identity), Initial::load)
             .context("--init")?;
+        let points = self.track.then_some(POINTS);
         Ok(Registration {
-            model: self.prepared().context("--model")?,
+            model: self.prepared(points).context("--model")?,
             weights: WeightFile::load(weights).context("--weights")?,
             request: Request {
                 start,
@@ -153,13 +168,15 @@ impl RosArgs {
                 ..Request::default()
             },
             memory: Box::new(Memory::new()),
+            tracking: self.track.then(Tracking::new),
+            points,
             topic: self.cloud.clone().into(),
         })
     }
 
-    fn prepared(&self) -> anyhow::Result<Prepared<'static>> {
+    fn prepared(&self, points: Option<usize>) -> anyhow::Result<Prepared<'static>> {
         let file = read_file(&self.model)?;
-        Ok(Prepared::of_file(&file, &self.model, None, self.seed)?)
+        Ok(Prepared::of_file(&file, &self.model, points, self.seed)?)
     }
 }
 
@@ -175,15 +192,19 @@ impl Registration {
         cloud::message(self.model.all.iter().map(placed), frame)
     }
 
-    fn register(&mut self, cloud: &PointCloud2) -> anyhow::Result<Done> {
+    /// The pose, and of an object that is followed, whether it is there.
+    fn register(&mut self, cloud: &PointCloud2) -> anyhow::Result<(Done, Option<Sight>)> {
         let points = cloud::points(cloud)?;
-        let source = Prepared::of_points(&points, &self.topic, None)?;
-        let done = self.request.register(
-            self.weights.policy(),
-            &mut self.memory,
-            &source,
-            &self.model,
-        );
-        done.context("no pose")
+        let source = Prepared::of_points(&points, &self.topic, self.points)?;
+        let (policy, memory) = (self.weights.policy(), &mut self.memory);
+        let clouds = [&source, &self.model];
+        let Some(tracking) = &mut self.tracking else {
+            let [source, model] = clouds;
+            let done = self.request.register(policy, memory, source, model);
+            return Ok((done.context("no pose")?, None));
+        };
+        let tracked = tracking.follow(&self.request, policy, memory, clouds);
+        let tracked = tracked.context("no pose")?;
+        Ok((tracked.done, Some(tracked.sight)))
     }
 }

@@ -69,6 +69,8 @@ impl Cdr {
     }
 }
 
+type Heard = Subscriber<FifoChannelHandler<Sample>>;
+
 async fn next(heard: &Subscriber<FifoChannelHandler<Sample>>) -> Vec<u8> {
     let sample = timeout(PATIENCE, heard.recv_async())
         .await
@@ -79,10 +81,11 @@ async fn next(heard: &Subscriber<FifoChannelHandler<Sample>>) -> Vec<u8> {
 }
 
 /// A node that hears clouds.
-fn node(endpoint: &str, model: &Path) -> Running {
+fn node(endpoint: &str, model: &Path, options: &[&str]) -> Running {
     let mut node = Command::new(env!("CARGO_BIN_EXE_firmware-sim"));
     node.args(["ros", "--connect", endpoint, "--model"])
         .arg(model)
+        .args(options)
         .stdout(Stdio::piped())
         .stderr(Stdio::piped());
     let mut node = Running(node.spawn().expect("the program runs"));
@@ -115,29 +118,29 @@ async fn network() -> (Session, String) {
     (open(&args).await.expect("the port is free"), endpoint)
 }
 
-#[tokio::test(flavor = "multi_thread")]
-async fn clouds_come_in_and_poses_and_reasons_go_out() {
-    let folder = tempfile::tempdir().expect("a temporary directory");
-    let model = folder.path().join("part.xyz");
-    // A box's three faces, twice as long as wide.
-    let points: Vec<[f32; 3]> = (0..900)
-        .map(|i| {
-            let [u, v] = [(i / 3 % 17) as f32 / 17.0, (i / 51) as f32 / 18.0];
-            [[0.0, u, v], [2.0 * u, 0.0, v], [2.0 * u, v, 0.0]][i % 3]
-        })
-        .collect();
-    let lines = points.iter().map(|[x, y, z]| format!("{x} {y} {z}\n"));
+/// A box's three faces, twice as long as wide.
+fn part() -> Vec<[f32; 3]> {
+    let point = |i: usize| {
+        let [u, v] = [(i / 3 % 17) as f32 / 17.0, (i / 51) as f32 / 18.0];
+        [[0.0, u, v], [2.0 * u, 0.0, v], [2.0 * u, v, 0.0]][i % 3]
+    };
+    (0..900).map(point).collect()
+}
+
+/// A network with a node that knows the part, and the poses and diagnostics that it publishes.
+async fn looking_for_a_part(folder: &Path, options: &[&str]) -> (Session, Running, [Heard; 2]) {
+    let model = folder.join("part.xyz");
+    let lines = part().into_iter();
+    let lines = lines.map(|[x, y, z]| format!("{x} {y} {z}\n"));
     std::fs::write(&model, lines.collect::<String>()).expect("writable");
     let (session, endpoint) = network().await;
     let hear = async |key| {
-        session
-            .declare_subscriber(key)
-            .await
-            .expect("an open session")
+        let heard = session.declare_subscriber(key).await;
+        heard.expect("an open session")
     };
-    let (poses, diagnostics) = (hear(POSE).await, hear(DIAGNOSTICS).await);
+    let heard = [hear(POSE).await, hear(DIAGNOSTICS).await];
 
-    let _node = node(&endpoint, &model);
+    let node = node(&endpoint, &model, options);
     let tokens = session.liveliness();
     let tokens = tokens.declare_subscriber("@ros2_lv/0/*/0/*/*/%/%/reagent/**");
     let tokens = tokens.history(true).await.expect("an open session");
@@ -149,7 +152,38 @@ async fn clouds_come_in_and_poses_and_reasons_go_out() {
     }
     kinds.sort();
     assert_eq!(kinds, ["MP", "MP", "MP", "MP", "MS", "NN"]);
+    (session, node, heard)
+}
 
+#[tokio::test(flavor = "multi_thread")]
+async fn an_object_is_followed() {
+    let folder = tempfile::tempdir().expect("a temporary directory");
+    let (session, _node, [_, diagnostics]) = looking_for_a_part(folder.path(), &["--track"]).await;
+    let moved = |by: f32| part().into_iter().map(move |[x, y, z]| [x + by, y, z]);
+    let on_ball = |[x, y, z]: [f32; 3]| {
+        let [x, y, z] = [x - 0.9, y - 0.4, z - 0.4];
+        let distance = (x * x + y * y + z * z).sqrt();
+        [x, y, z].map(|along| 0.8 * along / distance)
+    };
+    for (cloud, state) in [
+        (moved(0.0).collect::<Vec<_>>(), "found"),
+        (moved(0.05).collect(), "tracked"),
+        (moved(0.0).map(on_ball).collect(), "lost"),
+        (moved(0.1).collect(), "found"),
+    ] {
+        let cloud = Cdr::cloud(&cloud);
+        session.put(CLOUD, cloud).await.expect("an open session");
+        let said = next(&diagnostics).await;
+        let said = String::from_utf8_lossy(&said);
+        assert!(said.contains(state), "{state}: {said}");
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn clouds_come_in_and_poses_and_reasons_go_out() {
+    let folder = tempfile::tempdir().expect("a temporary directory");
+    let (session, _node, [poses, diagnostics]) = looking_for_a_part(folder.path(), &[]).await;
+    let points = part();
     // The model is there for whoever comes late, as `zenoh-ext` asks for it.
     let asked = session.get(format!("{MODEL}/@adv/**"));
     let asked = asked.accept_replies(ReplyKeyExpr::Any).await;
@@ -201,7 +235,7 @@ async fn two_nodes_of_one_name_are_told() {
     let model = folder.path().join("part.xyz");
     std::fs::write(&model, "0 0 0\n1 0 0\n0 1 0\n0 0 1\n").expect("writable");
     let (_session, endpoint) = network().await;
-    let nodes = [(); 2].map(|()| node(&endpoint, &model));
+    let nodes = [(); 2].map(|()| node(&endpoint, &model, &[]));
     let said = nodes.map(complaints);
     assert_eq!(said[0], "");
     assert!(

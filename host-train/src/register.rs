@@ -118,18 +118,25 @@ pub fn register_in(
 ) -> Result<Registered, Error> {
     let Memory { scratch, workspace } = memory;
     let mut registrar = Registrar::new(policy, scratch);
-    let frame = Frame::of(target)?;
     let mut trace = Vec::with_capacity(task.steps);
-    let record = |progress: Progress<'_, '_>| {
+    let record = recorder(&mut trace, Frame::of(target)?);
+    let clouds = [source, target];
+    let answer = pipeline::register(&mut registrar, workspace, clouds, task, record)?;
+    Ok(Registered { answer, trace })
+}
+
+/// Keeps every step that the policy takes.
+fn recorder<'c>(
+    trace: &mut Vec<Step>,
+    frame: Frame,
+) -> impl FnMut(Progress<'_, 'c>) -> Result<(), Error> {
+    move |progress| {
         if let Progress::Step(step, registration) = progress {
             let pose = registration.target_from_source();
             trace.push(Step::new(registration.steps(), step, frame, pose));
         }
-        Ok::<(), Error>(())
-    };
-    let clouds = [source, target];
-    let answer = pipeline::register(&mut registrar, workspace, clouds, task, record)?;
-    Ok(Registered { answer, trace })
+        Ok(())
+    }
 }
 
 /// A cloud within the core's capacity: itself, or [`SUBSAMPLE`] of its points ([`thin::thin`]).

@@ -8,6 +8,7 @@ use super::node::{Member, Publisher};
 use super::{Registration, keys, pose};
 use host_train::register::request::Done;
 use keys::Qos;
+use reagent_core::track::Sight;
 use reagent_core::verdict::Verdict;
 use reagent_link::log::one_line;
 
@@ -68,8 +69,8 @@ impl Outputs {
             Err(error) => return self.tell(Header::default(), (ERROR, error.to_string()), vec![]),
         };
         let header = cloud.header.clone();
-        let done = match registration.register(&cloud) {
-            Ok(done) => done,
+        let (done, sight) = match registration.register(&cloud) {
+            Ok(registered) => registered,
             Err(error) => return self.tell(header, (ERROR, one_line(error.as_ref())), vec![]),
         };
         let verdict = done.found.answer.verdict;
@@ -80,7 +81,7 @@ impl Outputs {
         if level == OK {
             self.publish_pose(&header, registration, &done)?;
         }
-        self.tell(header, (level, verdict.to_string()), values(&done))
+        self.tell(header, (level, verdict.to_string()), values(&done, sight))
     }
 
     fn publish_pose(
@@ -133,8 +134,9 @@ impl Outputs {
 }
 
 /// What a diagnostic says of a registration.
-fn values(done: &Done) -> Vec<KeyValue> {
+fn values(done: &Done, sight: Option<Sight>) -> Vec<KeyValue> {
     let mut values = vec![("ms", format!("{:.1}", done.ms))];
+    values.extend(sight.map(|sight| ("state", sight.to_string())));
     if let Some(found) = &done.found.answer.refinement {
         values.extend([
             (

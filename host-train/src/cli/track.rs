@@ -5,10 +5,10 @@ use super::register::input::{Input, Units};
 use super::register::{Initial, factor, view_point};
 use crate::dataset::cloud_file::{CloudError, CloudFile, EXTENSIONS, read_file};
 use crate::measure::metrics::quantile;
-use crate::policy::{REAGENT, VIEWS, WeightFile};
+use crate::policy::WeightFile;
 use crate::register::Memory;
 use crate::register::request::Request;
-use crate::register::track::{Tracked, Tracking};
+use crate::register::track::{POINTS, Tracked, Tracking, bundled_policy};
 use anyhow::bail;
 use clap::Args;
 use reagent_core::dims::MAX_POINTS;
@@ -34,7 +34,7 @@ pub(super) struct TrackArgs {
     /// Clouds in the order in which they were seen: files, and folders, of which all clouds are taken by name
     #[arg(required = true)]
     scans: Vec<PathBuf>,
-    /// Policy, as of `register` [default: "views" where --view is given, else "reagent"]
+    /// Policy, as of `register` [default: "views-compact" where --view is given, else "compact"]
     #[arg(long, value_name = "FILE.rgw|NAME")]
     weights: Option<PathBuf>,
     /// Where to start: none (turned in any way), identity, 12 numbers separated by commas (rows of [R | t]), or a file with them
@@ -52,7 +52,7 @@ pub(super) struct TrackArgs {
     #[arg(long, value_name = "FACTOR", value_parser = factor)]
     scale: Option<f64>,
     /// Points of each cloud that are used at most: fewer take less time
-    #[arg(long, value_name = "N", default_value_t = 1024, value_parser = clap::value_parser!(u64).range(16..=MAX_POINTS as u64))]
+    #[arg(long, value_name = "N", default_value_t = POINTS as u64, value_parser = clap::value_parser!(u64).range(16..=MAX_POINTS as u64))]
     points: u64,
     /// Where the sensor stood in the clouds' coordinates, scaled, three numbers separated by commas, or "origin": each cloud is a view
     /// from there
@@ -67,7 +67,7 @@ pub(super) struct TrackArgs {
 #[derive(Serialize)]
 struct Line {
     source: String,
-    state: Sight,
+    state: String,
     #[serde(flatten)]
     done: Option<Done>,
     /// Why nothing was done.
@@ -90,10 +90,10 @@ struct Done {
 
 impl Line {
     fn new(path: &Path, tracked: anyhow::Result<Tracked>, time: Duration) -> Line {
-        let sight = |tracked: &Tracked| tracked.sighting.sight;
+        let sight = |tracked: &Tracked| tracked.sight;
         Line {
             source: path.display().to_string(),
-            state: tracked.as_ref().map_or(Sight::Lost, sight),
+            state: tracked.as_ref().map_or(Sight::Lost, sight).to_string(),
             error: tracked.as_ref().err().map(|e| one_line(e.as_ref())),
             done: tracked.ok().map(Done::from),
             ms: time.as_secs_f64() * 1e3,
@@ -102,13 +102,13 @@ impl Line {
 }
 
 impl From<Tracked> for Done {
-    fn from(Tracked { sighting, pose }: Tracked) -> Done {
-        let answer = &sighting.answer;
+    fn from(Tracked { sight, mode, done }: Tracked) -> Done {
+        let answer = &done.found.answer;
         Done {
-            mode: sighting.mode.to_string(),
+            mode: mode.to_string(),
             verdict: answer.verdict.to_string(),
             probability: answer.probability,
-            target_from_source: (sighting.sight != Sight::Lost).then(|| pose.to_rows()),
+            target_from_source: (sight != Sight::Lost).then(|| done.pose.to_rows()),
         }
     }
 }
@@ -119,8 +119,8 @@ impl TrackArgs {
         if let Some(path) = &self.json {
             check_writable(path)?;
         }
-        let bundled = if self.view.is_some() { VIEWS } else { REAGENT };
-        let weights = WeightFile::load(self.weights.as_deref().unwrap_or(Path::new(bundled)))?;
+        let bundled = Path::new(bundled_policy(self.view.is_some()));
+        let weights = WeightFile::load(self.weights.as_deref().unwrap_or(bundled))?;
         let request = Request {
             start: self.init.clone().load()?,
             view_point: self.view,
@@ -195,7 +195,10 @@ fn clouds(scans: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
 
 /// How many clouds were in which state, and how long they took.
 fn summary(lines: &[Line]) -> String {
-    let in_state = |sight| lines.iter().filter(|line| line.state == sight).count();
+    let in_state = |sight: Sight| {
+        let lines = lines.iter();
+        lines.filter(|line| line.state == sight.to_string()).count()
+    };
     let times: Vec<f64> = lines.iter().map(|line| line.ms).collect();
     let [median, p95, p99] = [0.5, 0.95, 0.99].map(|q| quantile(times.clone(), q));
     format!(

@@ -24,14 +24,18 @@ pub struct WeightFile {
 /// Policies that are linked in, by name.
 pub static BUNDLED: [(&str, &[u8]); 4] = [
     (REAGENT, Policy::pretrained_bytes()),
-    ("compact", Policy::pretrained_compact_bytes()),
+    (COMPACT, Policy::pretrained_compact_bytes()),
     (VIEWS, Policy::pretrained_views_int8_bytes()),
-    ("views-compact", Policy::pretrained_views_compact_bytes()),
+    (VIEWS_COMPACT, Policy::pretrained_views_compact_bytes()),
 ];
 /// The bundled policy for whole clouds.
 pub const REAGENT: &str = "reagent";
 /// The bundled policy for a source that is a single depth view.
 pub const VIEWS: &str = "views";
+/// The bundled small policy for whole clouds.
+pub const COMPACT: &str = "compact";
+/// The bundled small policy for a source that is a single depth view.
+pub const VIEWS_COMPACT: &str = "views-compact";
 
 /// The byte of the header that says how to decide, and when the target's points are chosen.
 fn how(decision: Decision, sight: Sight) -> u8 {

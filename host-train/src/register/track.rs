@@ -1,11 +1,23 @@
 //! Tracking of an object in a stream of clouds, in their own coordinates.
 
+use crate::policy::{COMPACT, VIEWS_COMPACT};
 use crate::pose64::{Pose64, Position};
-use crate::register::Memory;
 use crate::register::prepared::Prepared;
-use crate::register::request::Request;
-use reagent_core::track::{Sighting, Tracker};
-use reagent_core::{Error, Policy, Registrar};
+use crate::register::request::{Done, Request};
+use crate::register::{Memory, Registered, recorder};
+use reagent_core::pipeline::Mode;
+use reagent_core::track::{Sight, Tracker};
+use reagent_core::{Error, Frame, Policy, Registrar};
+use std::time::Instant;
+
+/// Points of each cloud that are used unless told otherwise: as many as one core keeps up with at a camera's rate.
+pub const POINTS: usize = 1024;
+
+/// The bundled policy for clouds that are views from one point, or not: the compact ones take a third of the time, and verification
+/// makes up for what they lack.
+pub fn bundled_policy(of_views: bool) -> &'static str {
+    if of_views { VIEWS_COMPACT } else { COMPACT }
+}
 
 /// What is known of an object from the clouds so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -16,12 +28,14 @@ pub struct Tracking {
 }
 
 /// A cloud, registered.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Tracked {
-    /// What is known now, between coordinates relative to the clouds' origins.
-    pub sighting: Sighting,
-    /// The pose between the clouds' own coordinates.
-    pub pose: Pose64,
+    /// What it says of the object.
+    pub sight: Sight,
+    /// What was done last.
+    pub mode: Mode,
+    /// What came of it; the pose is not to be relied on where the object is lost.
+    pub done: Done,
 }
 
 impl Tracking {
@@ -50,23 +64,36 @@ impl Tracking {
         memory: &mut Memory,
         [source, target]: [&Prepared<'_>; 2],
     ) -> Result<Tracked, Error> {
+        let begun = Instant::now();
         let before = std::mem::replace(&mut self.source_origin, source.origin);
         if let Some(last) = &mut self.tracker.last
             && before != source.origin
         {
             *last = Pose64::of(*last, before, target.origin).near(source.origin, target.origin);
         }
+        let task = request.task(&request.start, [source, target]);
+        let initial = self.tracker.last.unwrap_or(task.start.pose());
+        let mut trace = Vec::new();
         let sighting = self.tracker.follow(
             &mut Registrar::new(policy, &mut memory.scratch),
             &mut memory.workspace,
             [source.points(), target.points()],
-            &request.task(&request.start, [source, target]),
-            |_| Ok::<(), Error>(()),
+            &task,
+            recorder(&mut trace, Frame::of(target.points())?),
         )?;
-        let near = sighting.answer.target_from_source;
+        let answer = sighting.answer;
         Ok(Tracked {
-            sighting,
-            pose: Pose64::of(near, source.origin, target.origin),
+            sight: sighting.sight,
+            mode: sighting.mode,
+            done: Done {
+                pose: Pose64::of(answer.target_from_source, source.origin, target.origin),
+                found: Registered { answer, trace },
+                dense: None,
+                initial,
+                start: None,
+                others: Vec::new(),
+                ms: begun.elapsed().as_secs_f64() * 1e3,
+            },
         })
     }
 }
@@ -80,9 +107,7 @@ mod tests {
     use crate::register::Start;
     use glam::Vec3;
     use reagent_core::Pose;
-    use reagent_core::pipeline::Mode;
     use reagent_core::pose::rotation_from_euler;
-    use reagent_core::track::Sight;
     use std::path::Path;
 
     /// Clouds on a map are registered relative to a point of their own, each to another one.
@@ -115,13 +140,13 @@ mod tests {
             let source = Prepared::of_positions(seen.collect(), name, None).expect("a cloud");
             let clouds = [&source, &model];
             let found = tracking.follow(&request, file.policy(), &mut memory, clouds);
-            let Tracked { sighting, pose } = found.expect("two clouds");
+            let Tracked { sight, mode, done } = found.expect("two clouds");
             let expected = match step {
                 0 => (Sight::Found, Mode::Verify),
                 _ => (Sight::Tracked, Mode::Refine),
             };
-            assert_eq!((sighting.sight, sighting.mode), expected, "{step}");
-            let centre = pose.apply(on_map(back.translation));
+            assert_eq!((sight, mode), expected, "{step}");
+            let centre = done.pose.apply(on_map(back.translation));
             assert!(centre.iter().all(|x| x.abs() < 0.02), "{step}: {centre:?}");
         }
     }

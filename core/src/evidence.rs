@@ -9,6 +9,8 @@ use crate::verify::Verified;
 pub struct Evidence {
     /// How the clouds fit.
     pub residual: Residual,
+    /// [`Refined::inlier_rmse`], in target radii.
+    pub inlier_rmse: f32,
     /// [`Refined::near`].
     pub near: f32,
     /// [`Refined::within`].
@@ -46,10 +48,15 @@ const IMPROBABLE: f32 = 0.1;
 /// Values that the logistic model weighs.
 pub const FEATURES: usize = 8;
 
-/// Weights of [`Evidence::features`], fitted by `host-train calibrate --data DIR --meshes MESHES --count 1000 --seed 7` to pairs
+/// Weights of [`Evidence::features`], of a pose that was polished alone and of one that was compared with others, fitted by `host-train calibrate --data DIR --meshes MESHES --count 1000 --seed 7` to pairs
 /// drawn and rendered from training meshes: whole clouds, parts, views, few points, distorted sources and other objects.
-const WEIGHTS: [f32; FEATURES] = [
-    -1.5948, -1.4683, -0.2194, 1.7139, -1.6627, -0.0548, 0.7016, -1.6954,
+const WEIGHTS: [[f32; FEATURES]; 2] = [
+    [
+        2.8561, 14.1657, -9.1087, -6.8089, -1.2011, -6.2214, 0.0, 0.0,
+    ],
+    [
+        3.7014, 12.9121, -5.3359, -10.3769, -1.6616, -7.8277, 0.4686, -1.8238,
+    ],
 ];
 
 impl Evidence {
@@ -57,6 +64,7 @@ impl Evidence {
     pub fn polished(found: &Refined) -> Evidence {
         Evidence {
             residual: found.residual,
+            inlier_rmse: found.inlier_rmse / found.covariance.radius,
             near: found.near,
             within: found.within,
             shift_deviation: found.covariance.shift_deviation(),
@@ -102,23 +110,21 @@ impl Evidence {
         !(source < most_source && target < most_target)
     }
 
-    /// What the logistic model weighs: 1, and logarithms of
-    /// the share of the source's points in the target's neighbourhood that are not near its surface: noise is near, another shape is
-    /// not,
-    /// the share of the source outside of its neighbourhood,
-    /// what of the target is explained,
-    /// and how uncertain the translation is;
-    /// then whether other poses were tried, how many of them ended in this one, and how probable the next one is beside it.
+    /// What the logistic model weighs, each of the order of 1:
+    /// 1; the share of the source's points near the target's surface, and the share in its neighbourhood: noise is near, another
+    /// shape is not; how little of the target is explained; how uncertain the translation is, its logarithm; how far what lies on
+    /// the surface is off it; how many of the other poses ended in this one, and how probable the next one is beside it.
     pub fn features(&self) -> [f32; FEATURES] {
         // What is no number stays none.
-        let log = |x: f32, least: f32| libm::logf(if x < least { least } else { x });
+        let most = |x: f32, most: f32| if x > most { most } else { x };
+        let least = |x: f32, least: f32| if x < least { least } else { x };
         [
             1.0,
-            log(1.0 - self.near / self.within.max(0.01), 0.01),
-            log(1.0 - self.within, 0.01),
-            log(1.0 - self.residual.target, 0.01),
-            log(self.shift_deviation, 1e-5) + 5.0,
-            f32::from(u8::from(self.verified)),
+            self.near,
+            self.within,
+            self.residual.target,
+            libm::logf(least(self.shift_deviation, 1e-5)) + 5.0,
+            10.0 * most(self.inlier_rmse, 0.1),
             libm::logf(1.0 + self.support as f32),
             libm::expf(-0.5 * self.lead.max(0.0)),
         ]
@@ -127,7 +133,9 @@ impl Evidence {
     /// Calibrated probability that the pose is within 5 degrees and .05 target radii of the truth, or of what is named
     /// as fitting as well, or cannot be told from it (ADI below .02 diameters).
     pub fn probability(&self) -> f32 {
-        let weighted = self.features().into_iter().zip(WEIGHTS).map(|(x, w)| x * w);
+        let [alone, compared] = &WEIGHTS;
+        let weights = if self.verified { compared } else { alone };
+        let weighted = self.features().into_iter().zip(weights).map(|(x, w)| x * w);
         let probability = 1.0 / (1.0 + libm::expf(-weighted.sum::<f32>()));
         let speaks_against = self.sizes_differ()
             || self.has_too_few_points()
@@ -151,6 +159,7 @@ mod tests {
             source: 0.4,
             target: 0.4,
         },
+        inlier_rmse: 0.01,
         near: 0.95,
         within: 0.98,
         shift_deviation: 0.002,
@@ -185,6 +194,10 @@ mod tests {
                 ..GOOD
             },
             Evidence { support: 1, ..GOOD },
+            Evidence {
+                inlier_rmse: 0.03,
+                ..GOOD
+            },
             Evidence { lead: 0.5, ..GOOD },
         ] {
             let probability = worse.probability();
@@ -217,6 +230,10 @@ mod tests {
             },
             Evidence {
                 near: f32::NAN,
+                ..GOOD
+            },
+            Evidence {
+                inlier_rmse: f32::NAN,
                 ..GOOD
             },
             Evidence {

@@ -40,13 +40,16 @@ pub(super) struct CalibrateArgs {
     json: Option<PathBuf>,
 }
 
+/// Each has weights of its own.
+const MODES: [Mode; 2] = [Mode::Polish, Mode::Verify];
 /// Built-in shapes of which views are rendered where no meshes are given.
 const BUILT_IN: usize = 200;
 
 /// What `--json` writes.
 #[derive(Serialize)]
 struct Document {
-    weights: Vec<f64>,
+    /// Of a pose that was polished alone, and of one that was compared with others.
+    weights: [Vec<f64>; 2],
     quality: Vec<Line>,
 }
 
@@ -86,19 +89,20 @@ impl CalibrateArgs {
         let held_back = ((self.count as f64 * HELD_BACK) as usize).max(1);
         let count = self.count - held_back;
         let training = collect(policies, &fitted, &views_fitted, count, seed)?;
-        let rows_but = |left_out: Option<Kind>| {
+        let rows_but = |mode: Mode, left_out: Option<Kind>| {
             let others = training
                 .iter()
-                .filter(move |(kind, ..)| Some(*kind) != left_out);
+                .filter(move |(kind, of, _)| *of == mode && Some(*kind) != left_out);
             others.flat_map(|(_, _, rows)| rows)
         };
-        let weights = fit(rows_but(None));
-        println!("const WEIGHTS: [f32; FEATURES] = {weights:.4?};\n");
+        let weights = MODES.map(|mode| fit(rows_but(mode, None)));
+        println!("const WEIGHTS: [[f32; FEATURES]; 2] = {weights:.4?};\n");
 
         let seed = seed.wrapping_add(1000);
         let rows = collect(policies, &tried, &views_tried, held_back, seed)?;
-        let line = |pairs: String, left_out: Option<Kind>, rows: &[&Row]| {
-            let without = left_out.map_or(weights, |kind| fit(rows_but(Some(kind))));
+        let line = |(place, pairs): (usize, String), left_out: Option<Kind>, rows: &[&Row]| {
+            let (mode, weights) = (MODES[place], weights[place]);
+            let without = left_out.map_or(weights, |kind| fit(rows_but(mode, Some(kind))));
             let quality = |of: &dyn Fn(&Row) -> f64| {
                 Quality::of(rows.iter().map(|row| (of(row), row.right)).collect())
             };
@@ -114,7 +118,7 @@ impl CalibrateArgs {
             }
         };
         let mut quality = Vec::new();
-        for mode in [Mode::Polish, Mode::Verify] {
+        for (place, mode) in MODES.into_iter().enumerate() {
             let of = |kinds: &[Kind]| -> Vec<&Row> {
                 rows.iter()
                     .filter(|(kind, of, _)| kinds.contains(kind) && *of == mode)
@@ -123,10 +127,11 @@ impl CalibrateArgs {
             };
             for kind in Kind::ALL {
                 let name = format!("{mode:?} {kind:?}");
-                quality.push(line(name, Some(kind), &of(&[kind])));
+                quality.push(line((place, name), Some(kind), &of(&[kind])));
             }
             let mut add = |name: &str, kinds: &[Kind]| {
-                quality.push(line(format!("{mode:?} {name}"), None, &of(kinds)));
+                let name = format!("{mode:?} {name}");
+                quality.push(line((place, name), None, &of(kinds)));
             };
             add("Noisy and Wrong", &[Kind::Noisy, Kind::Wrong]);
             add("Parts and WrongParts", &[Kind::Parts, Kind::WrongParts]);
@@ -158,7 +163,7 @@ impl CalibrateArgs {
             );
         }
         if let Some(path) = &self.json {
-            let weights = weights.to_vec();
+            let weights = weights.map(Vec::from);
             write_json(path, &Document { weights, quality })?;
         }
         Ok(())

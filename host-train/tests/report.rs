@@ -12,6 +12,28 @@ use support::{fail, folder, succeed};
 const DRIVER: &str = include_str!("support/drive_report.js");
 
 #[test]
+fn a_registration_is_written_as_a_page() {
+    let folder = folder();
+    let at = folder.path();
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/data");
+    let [scan, part] = ["scan.ply", "part.ply"].map(|name| data.join(name));
+    let command = format!(
+        "register {} {} --html look.html --trace look.jsonl",
+        scan.display(),
+        part.display()
+    );
+    succeed(at, &command);
+    // The same view as the report's of the trace.
+    succeed(at, "report look.jsonl --out report.html");
+    let view = |name: &str| {
+        let page = std::fs::read_to_string(at.join(name)).expect("written");
+        let (_, view) = page.split_once("scan.ply to part.ply").expect("its name");
+        view.to_owned()
+    };
+    assert_eq!(view("look.html"), view("report.html"));
+}
+
+#[test]
 fn a_report_works_in_a_browser_without_errors_or_requests() {
     let folder = folder();
     let at = folder.path();

@@ -56,7 +56,7 @@ pub(super) struct RegisterArgs {
     target: Option<PathBuf>,
     /// Register many pairs, and print one JSON line each: a folder with NAME_source.EXT and NAME_target.EXT, or a
     /// list with two paths a line
-    #[arg(long, value_name = "FOLDER|LIST", conflicts_with_all = ["source", "target", "out", "trace", "matrix"])]
+    #[arg(long, value_name = "FOLDER|LIST", conflicts_with_all = ["source", "target", "out", "trace", "html", "matrix"])]
     pairs: Option<PathBuf>,
     /// Where to start: none (turned in any way), identity, 12 numbers separated by commas (rows of [R | t]), or a
     /// file with them: .txt, .json, also what --json wrote. May be given several times, and a file may hold several
@@ -80,8 +80,8 @@ pub(super) struct RegisterArgs {
     /// Refinement steps at most
     #[arg(long, value_name = "N", default_value_t = STEPS, value_parser = source::positive())]
     steps: usize,
-    /// What is done: fast (the policy's steps alone), polish (then closest points), verify (then compared with other
-    /// poses), refine (closest points from the start, without the policy)
+    /// What is done: fast (the policy's steps alone), polish (then closest points), verify, which is best (then compared
+    /// with other poses), refine (closest points from the start, without the policy)
     #[arg(long, value_name = "MODE", default_value_t = Mode::Verify)]
     mode: Mode,
     /// Where the sensor stood in the source's coordinates, scaled, three numbers separated by commas, or "origin": the
@@ -101,6 +101,9 @@ pub(super) struct RegisterArgs {
     /// probabilities; `report` shows it. Coordinates are those that the policy started from
     #[arg(long, value_name = "FILE")]
     trace: Option<PathBuf>,
+    /// Write a page to look at, one HTML file: the clouds, to be turned, step by step, and the verdict
+    #[arg(long, value_name = "FILE.html")]
+    html: Option<PathBuf>,
     /// Write pose, verdict, probability, stages, notes and time (milliseconds) as JSON; of pairs a line each
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
@@ -215,8 +218,8 @@ impl RegisterArgs {
         }
     }
 
-    fn outputs(&self) -> [&Option<PathBuf>; 4] {
-        [&self.out, &self.trace, &self.json, &self.matrix]
+    fn outputs(&self) -> [&Option<PathBuf>; 5] {
+        [&self.out, &self.trace, &self.html, &self.json, &self.matrix]
     }
 
     /// The policy's file or name.

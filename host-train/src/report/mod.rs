@@ -24,6 +24,7 @@ pub use error::ReportError;
 pub use try_page::try_page;
 
 use crate::files;
+use crate::register::trace::Traced;
 use chart::Chart;
 use input::{Input, Run, TraceFile};
 use section::Section;
@@ -72,6 +73,21 @@ impl Report {
             sections.push(run::section(&runs));
         }
         Ok(Report { sections, notes })
+    }
+
+    /// Of registrations, to turn and step through.
+    pub fn of_registrations(traced: Vec<Traced>) -> Report {
+        let count = traced.len();
+        let file = TraceFile {
+            name: "registrations".into(),
+            traced,
+            count,
+        };
+        let (section, left_out) = views::section(&[file]);
+        Report {
+            sections: vec![section],
+            notes: left_out.into_iter().collect(),
+        }
     }
 
     /// What the reader should know: what was left out, and why.

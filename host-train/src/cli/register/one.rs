@@ -8,6 +8,7 @@ use crate::dataset::cloud_file::{CloudFile, STANDARD, write_cloud};
 use crate::policy::WeightFile;
 use crate::register::Start;
 use crate::register::trace::{self, Given, Header, Traced};
+use crate::report::Report;
 use std::path::Path;
 
 impl RegisterArgs {
@@ -41,6 +42,10 @@ impl RegisterArgs {
         }
         if let Some(path) = &self.trace {
             write_text(path, &trace::to_text(&[self.traced(&pairing, pair)])?)?;
+        }
+        if let Some(path) = &self.html {
+            let report = Report::of_registrations(vec![self.traced(&pairing, pair)]);
+            write_text(path, &report.html()?)?;
         }
         if let Some(path) = &self.json {
             write_json(path, &self.document(&pairing))?;

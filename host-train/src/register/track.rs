@@ -133,6 +133,7 @@ mod tests {
         };
         let file = WeightFile::pretrained();
         let (mut tracking, mut memory) = (Tracking::new(), Box::new(Memory::new()));
+        let mut last = Pose64::of(truth(0), offset, [0.0; 3]);
         for step in 0..4 {
             let back = truth(step).inverse();
             let seen = cloud(step + 1).into_iter();
@@ -146,6 +147,11 @@ mod tests {
                 _ => (Sight::Tracked, Mode::Refine),
             };
             assert_eq!((sight, mode), expected, "{step}");
+            let begun = Pose64::of(done.initial, source.origin, model.origin);
+            let ends = [0, 1].map(|i| [begun, last][i].apply(source.origin));
+            let apart = [0, 1, 2].map(|k| (ends[0][k] - ends[1][k]).abs());
+            assert!(apart.iter().all(|x| *x < 1e-3), "{step}: {apart:?}");
+            last = done.pose;
             let centre = done.pose.apply(on_map(back.translation));
             assert!(centre.iter().all(|x| x.abs() < 0.02), "{step}: {centre:?}");
         }

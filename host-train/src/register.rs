@@ -11,6 +11,7 @@ pub mod request;
 pub mod sentences;
 pub mod thin;
 pub mod trace;
+#[cfg(not(target_family = "wasm"))]
 pub mod track;
 pub mod view;
 

@@ -113,7 +113,7 @@ impl CalibrateArgs {
                 built_in: quality(&|row| f64::from(row.probability)),
                 outcomes: Outcomes {
                     probability: rows.iter().map(|row| row.probability).collect(),
-                    right: rows.iter().map(|row| row.right.into()).collect(),
+                    right: rows.iter().map(|row| u8::from(row.right)).collect(),
                 },
             }
         };

@@ -301,10 +301,7 @@ impl RegisterArgs {
         let Some(least) = self.fail_below else {
             return Ok(());
         };
-        let probability = |done: &Done| {
-            let refinement = done.found.answer.refinement.as_ref();
-            refinement.map_or(0.0, |found| found.evidence.probability())
-        };
+        let probability = |done: &Done| done.found.answer.probability.unwrap_or(0.0);
         let below: Vec<f32> = done.map(probability).filter(|&p| p < least).collect();
         match below.iter().copied().reduce(f32::min) {
             None => Ok(()),

@@ -3,7 +3,7 @@
 use super::output::{check_writable, write_text};
 use super::register::input::{Input, Units};
 use super::register::{Initial, factor, view_point};
-use crate::dataset::cloud_file::{CloudError, CloudFile, EXTENSIONS, read_file};
+use crate::dataset::cloud_file::{CloudError, CloudFile, EXTENSIONS, extension, read_file};
 use crate::measure::metrics::quantile;
 use crate::policy::WeightFile;
 use crate::register::Memory;
@@ -177,8 +177,7 @@ fn clouds(scans: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
         let before = files.len();
         for entry in WalkDir::new(scan).sort_by_file_name() {
             let path = entry?.into_path();
-            let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("");
-            if EXTENSIONS.contains(&&*extension.to_ascii_lowercase()) {
+            if EXTENSIONS.contains(&extension(&path).as_str()) {
                 files.push(path);
             }
         }

@@ -224,7 +224,7 @@ impl Document {
         Document {
             target_from_source: done.pose.to_rows(),
             verdict: answer.verdict.to_string(),
-            probability: refinement.map(|r| r.evidence.probability()),
+            probability: answer.probability,
             fit: refinement.map(|found| Fit::of(found, rows, target.origin)),
             start: done.start,
             others: done.others.iter().map(other).collect(),

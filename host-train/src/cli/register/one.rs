@@ -4,7 +4,7 @@ use super::pairs::Pair;
 use super::{Pairing, RegisterArgs, text};
 use crate::cli::output::{write_json, write_text};
 use crate::dataset::Point;
-use crate::dataset::cloud_file::{CloudFile, STANDARD, write_cloud};
+use crate::dataset::cloud_file::{CloudFile, STANDARD, extension, write_cloud};
 use crate::policy::WeightFile;
 use crate::register::Start;
 use crate::register::trace::{self, Given, Header, Traced};
@@ -82,11 +82,7 @@ fn aligned(pairing: &Pairing, path: &Path) -> CloudFile {
     let Pairing { inputs, done } = pairing;
     let [source, _] = inputs;
     let mut moved = source.file.moved(&done.pose);
-    let extension = path
-        .extension()
-        .and_then(|e| e.to_str())
-        .unwrap_or_default();
-    let cloud_only = ["pcd", "npy", "xyz"].contains(&&*extension.to_ascii_lowercase());
+    let cloud_only = ["pcd", "npy", "xyz"].contains(&extension(path).as_str());
     if moved.faces.is_some() && cloud_only {
         let [a, b, c] = source.cloud.origin;
         let placed = |p: &Point| {

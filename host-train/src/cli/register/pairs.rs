@@ -2,7 +2,7 @@
 
 use super::RegisterArgs;
 use crate::cli::output::write_text;
-use crate::dataset::cloud_file::EXTENSIONS;
+use crate::dataset::cloud_file::{EXTENSIONS, extension};
 use crate::policy::WeightFile;
 use crate::register::Start;
 use anyhow::{Context, anyhow, bail};
@@ -47,9 +47,8 @@ fn in_folder(folder: &Path) -> anyhow::Result<Vec<Result<Pair, Lone>>> {
     let mut targets = Vec::new();
     for entry in WalkDir::new(folder).sort_by_file_name() {
         let path = entry?.into_path();
-        let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("");
         let stem = path.file_stem().and_then(|s| s.to_str()).unwrap_or("");
-        if !EXTENSIONS.contains(&&*extension.to_ascii_lowercase()) {
+        if !EXTENSIONS.contains(&extension(&path).as_str()) {
             continue;
         }
         let named = |role: &str| {

@@ -196,7 +196,7 @@ async fn refine_all(operator: &Client, scene: &Scene, version: u64) -> anyhow::R
         let mut on_robot = [Vec::new(), Vec::new()];
         for index in number * share..(number + 1) * share {
             let (source, target) = (&scene.pairs.source[index], &scene.pairs.target[index]);
-            let seen = scene.pairs.seen.as_ref().map(|seen| &seen[index]);
+            let seen = scene.pairs.seen(index);
             for (turn, mode) in [Mode::Fast, Mode::Verify].into_iter().enumerate() {
                 let id = version * 1_000_000 + 2 * index as u64 + turn as u64;
                 let request = RefineRequest {

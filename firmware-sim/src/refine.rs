@@ -160,6 +160,8 @@ struct Sent {
     points: Vec<Point>,
     /// In the file's own coordinates.
     origin: Position,
+    /// Where the sensor stood, relative to the origin, of a source that is a view from one point.
+    view_point: Option<Point>,
 }
 
 impl Sent {
@@ -173,6 +175,7 @@ impl Sent {
         Ok(Sent {
             points: within_capacity(&cloud.relative_to(origin)),
             origin,
+            view_point: None,
         })
     }
 }
@@ -242,6 +245,7 @@ impl Asking {
     }
 
     async fn ask(&mut self, id: u64, [source, target]: [&Sent; 2]) -> anyhow::Result<Answer> {
+        let view_point = source.view_point;
         let initial = self.start.near(source.origin, target.origin);
         let (source, target) = (&source.points, &target.points);
         let codes = |cloud: &[Point]| {
@@ -266,6 +270,7 @@ impl Asking {
             trace: self.traces.is_some(),
             initial: (initial != Pose::IDENTITY).then(|| initial.to_rows()),
             anywhere: self.start == Start::None,
+            view_point,
             ..RefineRequest::new(id, source, target)
         };
         let answer = ask(&self.client, &self.args.robot, &request).await?;
@@ -302,9 +307,11 @@ impl Asking {
         let (mut answers, mut before, mut after) = (Vec::new(), Vec::new(), Vec::new());
         let (mut failed, mut first) = (0, None);
         for index in 0..pairs.source.len() {
+            let view_point = pairs.seen(index).map(|seen| seen.view_point);
             let clouds = [&pairs.source, &pairs.target].map(|clouds| Sent {
                 points: within_capacity(&clouds[index]),
                 origin: [0.0; 3],
+                view_point,
             });
             let answer = match self.ask(index as u64 + 1, clouds.each_ref()).await {
                 Ok(answer) => answer,

@@ -54,7 +54,7 @@ fn write_pairs(path: &Path) {
         raw: Some(vec![cloud; 3]),
         label: vec![0; 3],
         symmetries: None,
-        seen: None,
+        seen: vec![None; 3],
     };
     pairs.save(path).expect("a writable directory");
 }

@@ -5,7 +5,7 @@ mod support;
 use glam::{Affine3A, Vec3};
 use host_train::bop::evaluate::Refinements;
 use host_train::dataset::mesh::Mesh;
-use host_train::dataset::pairs::{PairSet, Sample, Seen};
+use host_train::dataset::pairs::{PairSet, Sample};
 use host_train::measure::eval::{EvalSettings, evaluate};
 use host_train::measure::method::{Contestant, Finish, Start};
 use host_train::random::{Purpose, stream};
@@ -121,9 +121,9 @@ fn pairs_know_from_where_and_before_what_they_were_seen() {
     let estimates = root.join("estimates.csv");
     let found = Refinements::open(&root, &estimates, None, 1).expect("a data set");
     let PairSet { source, seen, .. } = &found.set;
-    let seen = seen.as_ref().expect("a camera");
     assert_eq!(seen.len(), source.len());
     for (source, seen) in source.iter().zip(seen) {
+        let seen = seen.as_ref().expect("a camera");
         let eye = Vec3::from(seen.view_point);
         let centre = reagent_core::pose::centroid(source);
         let distance = centre.distance(eye);
@@ -161,12 +161,13 @@ fn a_refinement_knows_from_where_the_source_was_seen() {
             target: target.clone(),
             target_from_source: truth,
         };
-        set.push(sample, target.clone(), 0);
-        set.seen.get_or_insert_default().push(Seen {
-            view_point: [0.3, 0.2, 4.0 * side],
-            background: Vec::new(),
-        });
+        set.push_view(sample, [0.3, 0.2, 4.0 * side], 0);
     }
+    // A file keeps it.
+    let folder = folder();
+    let path = folder.path().join("views.h5");
+    set.save(&path).expect("written");
+    let set = PairSet::load(&path).expect("read");
     let contestant = Contestant {
         name: "verify".into(),
         method: Start::Identity.then(Finish::Core(Mode::Verify)),
@@ -180,4 +181,45 @@ fn a_refinement_knows_from_where_the_source_was_seen() {
     let poses = found[0].target_from_source.iter();
     let heights: Vec<f32> = poses.map(|pose| pose.translation.z).collect();
     assert!(heights[0] > 0.12 && heights[1] < -0.12, "{heights:?}");
+}
+
+/// Views that are drawn as pairs know from where they were seen: the policy for views registers them.
+#[test]
+fn view_points_are_written_with_the_pairs() {
+    let folder = folder();
+    let at = folder.path();
+    succeed(
+        at,
+        "pairs --data views:procedural:24 --count 24 --out views.h5",
+    );
+    let set = PairSet::load(&at.join("views.h5")).expect("pairs");
+    let mut nearer = 0;
+    for (i, sample) in set.samples().enumerate() {
+        let eye = Vec3::from(set.seen(i).expect("a camera").view_point);
+        let model = sample.target_from_source.inverse();
+        let target = sample.target.iter().map(|&p| model.apply(p.into()));
+        let median = |points: &mut dyn Iterator<Item = Vec3>| {
+            let mut distances: Vec<f32> = points.map(|p| p.distance(eye)).collect();
+            distances.sort_by(f32::total_cmp);
+            distances[distances.len() / 2]
+        };
+        let seen = median(&mut sample.source.iter().map(|&p| Vec3::from(p)));
+        assert!(seen > 2.0, "{seen} radii");
+        // What is seen is the side towards the camera.
+        nearer += u32::from(seen < median(&mut target.into_iter()));
+    }
+    assert!(nearer >= 19, "{nearer} of 24");
+
+    let eval = "eval --pairs views.h5 --methods policy+verify --json eval.json";
+    succeed(at, eval);
+    let found = read_json(&at.join("eval.json"));
+    assert!(found["methods"]["views+verify"]["ad02_pct"].as_f64() > Some(50.0));
+
+    for usage in [
+        "pairs --data procedural --out p.h5",
+        "pairs --data views:procedural --protocol scan --out p.h5",
+        "eval --data procedural --methods icp",
+    ] {
+        assert_eq!(run(at, usage).status.code(), Some(2), "{usage}");
+    }
 }

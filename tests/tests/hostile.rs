@@ -83,7 +83,7 @@ impl Kind {
 static VIEWED: LazyLock<PairSet> = LazyLock::new(|| {
     let mut set = PairSet::default();
     let shapes = 2 * CASES as usize;
-    Views::procedural(SEED, shapes).draw(shapes, 1024, SEED, &mut set);
+    Views::procedural(SEED, 0..shapes as u64).draw(shapes, 1024, SEED, &mut set);
     set
 });
 

@@ -182,7 +182,7 @@ fn the_trainer_looks_where_the_robot_does() {
         cut: Cut::within(1.25).expect("a number of radii"),
         focus: 3,
     };
-    let views = Views::procedural(4, 6);
+    let views = Views::procedural(4, 0..6);
     let mut pairs = PairSet::default();
     views.draw(6, 300, 9, &mut pairs);
     let samples = pairs.samples();

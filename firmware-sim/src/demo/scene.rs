@@ -3,7 +3,7 @@
 use super::{DemoArgs, ROBOTS};
 use anyhow::{Context, bail, ensure};
 use host_train::augment::{noisy_pair, noisy_sample};
-use host_train::dataset::pairs::{PairSet, Sample, Seen};
+use host_train::dataset::pairs::{PairSet, Sample};
 use host_train::dataset::{MODELNET40_URL, modelnet, procedural};
 use host_train::measure::eval::EvalError;
 use host_train::policy::{VIEWS, WeightFile};
@@ -118,19 +118,14 @@ impl Scene {
             }
             None => [WeightFile::load(Path::new(VIEWS))?, views_to_train_on()?],
         };
-        let parts = Views::procedural(!args.seed, PARTS);
+        let parts = Views::procedural(!args.seed, 0..PARTS as u64);
         let mut pairs = PairSet::default();
         for index in 0..wanted {
             let rng = &mut stream(args.seed, Purpose::Pairs, index as u64);
             let part = &parts.objects()[index % PARTS];
             let seen = part.view(rng, POINTS, false);
             let (sample, view_point) = seen.context("a part is not seen")?;
-            let clean = sample.target.clone();
-            pairs.push(sample, clean, part.label);
-            pairs.seen.get_or_insert_default().push(Seen {
-                view_point,
-                background: Vec::new(),
-            });
+            pairs.push_view(sample, view_point, part.label);
         }
         Ok(Scene {
             description: format!(

@@ -103,7 +103,7 @@ impl Refinements {
         for ((instance, estimate), drawn) in matched.into_iter().zip(drawn) {
             match (estimate, drawn?) {
                 (Some(estimate), Some((sample, frame, seen))) => {
-                    set.seen.get_or_insert_default().push(seen);
+                    set.seen.push(Some(seen));
                     set.source.push(sample.source);
                     set.target.push(sample.target);
                     set.target_from_source.push(sample.target_from_source);

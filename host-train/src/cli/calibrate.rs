@@ -43,7 +43,7 @@ pub(super) struct CalibrateArgs {
 /// Each has weights of its own.
 const MODES: [Mode; 2] = [Mode::Polish, Mode::Verify];
 /// Built-in shapes of which views are rendered where no meshes are given.
-const BUILT_IN: usize = 200;
+const BUILT_IN: u64 = 200;
 
 /// What `--json` writes.
 #[derive(Serialize)]
@@ -80,7 +80,7 @@ impl CalibrateArgs {
         let (fitted, tried) = modelnet::validation_split(models, seed, HELD_BACK);
         let views = match &self.meshes {
             Some(dir) => Views::open(dir, Split::Train, seed)?,
-            None => Views::procedural(seed, BUILT_IN),
+            None => Views::procedural(seed, 0..BUILT_IN),
         };
         let [views_fitted, views_tried] = views.split(|objects| {
             let (fitted, tried) = modelnet::validation_split(objects, seed, HELD_BACK);

@@ -30,13 +30,13 @@ use std::path::PathBuf;
 pub(super) struct EvalArgs {
     #[command(flatten)]
     methods: MethodArgs,
-    /// Pairs drawn beforehand (source, target, transform_gt; raw and label if there)
+    /// Pairs drawn beforehand (source, target, transform_gt; raw, label and view_point if there)
     #[arg(long, value_name = "FILE.h5")]
     pairs: Option<PathBuf>,
-    /// Draw pairs from the test split of a data set, or from the built-in shapes
-    #[arg(long, value_name = "DIR|procedural", requires = "protocol")]
+    /// Draw pairs from the test split of a data set, or from the built-in shapes, or single depth views of such meshes
+    #[arg(long, value_name = "DIR|procedural|views:DIR")]
     data: Option<DataSource>,
-    /// How to draw them
+    /// How to draw them, unless they are views
     #[arg(long, value_enum, value_name = "NAME", conflicts_with = "pairs")]
     protocol: Option<EvalProtocol>,
     /// Initial poses for protocol bop, in the BOP results format (scene_id,im_id,obj_id,score,R,t,time; mm)
@@ -88,22 +88,9 @@ struct Record<'a> {
 
 impl EvalArgs {
     pub(super) fn run(self, seed: u64) -> anyhow::Result<()> {
-        let bundled = match self.protocol {
-            Some(EvalProtocol::Bop) => VIEWS,
-            _ => REAGENT,
-        };
-        let policies = self.methods.policies("eval", bundled)?;
-        let contestants = self.methods.contestants(&policies, seed);
         let mut refinements = None;
         let (set, origin) = match (&self.pairs, &self.data, self.protocol) {
             (Some(path), _, _) => (PairSet::load(path)?, path.display().to_string()),
-            (None, Some(data), Some(EvalProtocol::Models(protocol))) => {
-                if self.estimates.is_some() {
-                    bad_usage("eval", "--estimates is for --protocol bop");
-                }
-                let set = source::draw(data, protocol, self.count, seed)?;
-                (set, data.to_string())
-            }
             (
                 None,
                 Some(DataSource::Bop(root) | DataSource::Directory(root)),
@@ -121,11 +108,25 @@ impl EvalArgs {
                 refinements = Some(found);
                 (set, origin)
             }
-            _ => bad_usage(
-                "eval",
-                "give --pairs FILE.h5, or --data and --protocol; bop needs a directory",
-            ),
+            (None, Some(_), Some(EvalProtocol::Bop)) => {
+                bad_usage("eval", "--protocol bop needs a directory");
+            }
+            (None, Some(data), protocol) => {
+                if self.estimates.is_some() {
+                    bad_usage("eval", "--estimates is for --protocol bop");
+                }
+                let protocol = match protocol {
+                    Some(EvalProtocol::Models(protocol)) => Some(protocol),
+                    _ => None,
+                };
+                let set = source::draw("eval", data, protocol, self.count, seed)?;
+                (set, data.to_string())
+            }
+            (None, None, _) => bad_usage("eval", "give --pairs FILE.h5 or --data"),
         };
+        let bundled = if set.is_of_views() { VIEWS } else { REAGENT };
+        let policies = self.methods.policies("eval", bundled)?;
+        let contestants = self.methods.contestants(&policies, seed);
         let settings = EvalSettings {
             steps: self.methods.steps,
             threads: self.methods.threads,

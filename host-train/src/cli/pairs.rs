@@ -8,16 +8,16 @@ use std::path::PathBuf;
 /// Draw registration pairs once and write them to a file
 ///
 /// The file holds source and target [M,N,3], transform_gt [M,3,4] (maps source to target), raw [M,K,3]
-/// (the noise-free target) and label [M], all in normalised units.
+/// (the noise-free target) and label [M], all in normalised units; of views also view_point [M,3].
 #[derive(Debug, Args)]
 pub(super) struct PairsArgs {
     /// Data set whose test split is used: modelnet40_ply_hdf5_2048, ScanObjectNN, or a tree of loose meshes and
-    /// clouds; or the built-in shapes
-    #[arg(long, value_name = "DIR|FILE.h5|procedural")]
+    /// clouds; or the built-in shapes; or single depth views of such meshes, rendered as for training
+    #[arg(long, value_name = "DIR|FILE.h5|procedural|views:DIR")]
     data: DataSource,
-    /// How to draw
+    /// How to draw, unless it is views
     #[arg(long, value_enum, value_name = "NAME")]
-    protocol: Protocol,
+    protocol: Option<Protocol>,
     /// How many pairs [default: one a model; 100 of the built-in shapes]
     #[arg(long, value_name = "M", value_parser = source::positive())]
     count: Option<usize>,
@@ -28,7 +28,7 @@ pub(super) struct PairsArgs {
 
 impl PairsArgs {
     pub(super) fn run(self, seed: u64) -> anyhow::Result<()> {
-        let set = source::draw(&self.data, self.protocol, self.count, seed)?;
+        let set = source::draw("pairs", &self.data, self.protocol, self.count, seed)?;
         set.save(&self.out)?;
         println!(
             "{} pairs of {} in {}",

@@ -45,7 +45,7 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, Args)]
 pub(super) struct RegisterArgs {
     /// Policy: a file, or a bundled one: "reagent", "compact", and for single depth views "views", "views-compact"
-    /// [default: "views" where --view or --depth is given, else "reagent"]
+    /// [default: "views" where all sources are views from known points, as with --view or --depth, else "reagent"]
     #[arg(long, value_name = "FILE.rgw|NAME")]
     weights: Option<PathBuf>,
     /// Cloud to move; leave it out with --depth
@@ -55,7 +55,7 @@ pub(super) struct RegisterArgs {
     #[arg(required_unless_present_any = ["pairs", "depth"])]
     target: Option<PathBuf>,
     /// Register many pairs, and print one JSON line each: a folder with NAME_source.EXT and NAME_target.EXT, or a
-    /// list with two paths a line
+    /// list with two paths a line, and the three coordinates of --view where a source has a view point of its own
     #[arg(long, value_name = "FOLDER|LIST", conflicts_with_all = ["source", "target", "out", "trace", "html", "matrix"])]
     pairs: Option<PathBuf>,
     /// Where to start: none (turned in any way), identity, 12 numbers separated by commas (rows of [R | t]), or a
@@ -160,7 +160,13 @@ impl RegisterArgs {
         for path in self.outputs().into_iter().flatten() {
             check_writable(path)?;
         }
-        let weights = WeightFile::load(self.policy())?;
+        let pairs = match &self.pairs {
+            Some(list) => Some(pairs::find(list)?),
+            None => None,
+        };
+        let mut of_views = pairs.iter().flatten().flatten();
+        let are_views = pairs.is_some() && of_views.all(|pair| pair.view_point.is_some());
+        let weights = WeightFile::load(self.policy(are_views))?;
         let mut starts = Vec::new();
         for initial in &self.init {
             starts.extend(initial.clone().load_all()?);
@@ -171,8 +177,8 @@ impl RegisterArgs {
         if self.mode == Mode::Fast && starts.len() > 1 {
             bad_usage("register", NO_FITS);
         }
-        if let Some(list) = &self.pairs {
-            return self.run_pairs(&weights, &starts, &pairs::find(list)?, seed);
+        if let Some(pairs) = &pairs {
+            return self.run_pairs(&weights, &starts, pairs, seed);
         }
         // With a depth image the only file named is the target.
         let (source, target) = match &self.depth.depth {
@@ -182,7 +188,12 @@ impl RegisterArgs {
         let (Some(source), Some(target)) = (source.cloned(), target.cloned()) else {
             bail!("give SOURCE and TARGET, --depth and TARGET, or --pairs");
         };
-        self.run_one(&weights, &starts, &Pair { source, target }, seed)
+        let pair = Pair {
+            source,
+            target,
+            view_point: None,
+        };
+        self.run_one(&weights, &starts, &pair, seed)
     }
 
     /// Ends with status 2 where options contradict each other.
@@ -222,16 +233,16 @@ impl RegisterArgs {
         [&self.out, &self.trace, &self.html, &self.json, &self.matrix]
     }
 
-    /// The policy's file or name.
-    fn policy(&self) -> &Path {
-        let fitting = match self.view_point() {
-            Some(_) => VIEWS,
-            None => REAGENT,
+    /// The policy's file or name, by whether all sources have view points of their own.
+    fn policy(&self, are_views: bool) -> &Path {
+        let fitting = match are_views || self.view_point().is_some() {
+            true => VIEWS,
+            false => REAGENT,
         };
         self.weights.as_deref().unwrap_or(Path::new(fitting))
     }
 
-    /// Where the sensor stood, if the source is a view.
+    /// Where the sensor stood, if the sources are views from one point.
     fn view_point(&self) -> Option<[f64; 3]> {
         self.view.or(self.depth.depth.is_some().then_some([0.0; 3]))
     }
@@ -264,14 +275,15 @@ impl RegisterArgs {
             || Input::read(&pair.target, 1.0, points, seed.wrapping_add(1)),
         );
         let (source, mut target) = (source?, target?);
-        if self.view_point().is_some() {
+        let view_point = pair.view_point.or(self.view_point());
+        if view_point.is_some() {
             target.cloud.notice_missing_faces();
         }
         let request = Request {
             start: starts[0],
             mode: self.mode,
             steps: self.steps,
-            view_point: self.view_point(),
+            view_point,
             dense: self.dense,
         };
         let mut memory = Box::new(Memory::new());

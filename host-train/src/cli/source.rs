@@ -1,5 +1,6 @@
 //! Where a command's models come from.
 
+use super::bad_usage;
 use crate::bop::sample::{BopSampling, BopTraining};
 use crate::dataset::pairs::PairSet;
 use crate::dataset::{self, Model, Split, modelnet, procedural};
@@ -11,6 +12,7 @@ use clap::builder::RangedU64ValueParser;
 use std::path::Path;
 
 pub(super) use crate::learn::train::DataSource;
+use crate::learn::train::Meshes;
 
 /// Pairs drawn from the built-in shapes where no number is given.
 const PROCEDURAL_PAIRS: usize = 100;
@@ -22,16 +24,46 @@ pub(super) fn positive() -> RangedU64ValueParser<usize> {
     RangedU64ValueParser::new().range(1..=1_000_000)
 }
 
-/// Draws pairs from the test models of a data set under a protocol.
+/// Draws pairs from the test models of a data set under a protocol; views of meshes have one of their own.
+///
+/// Ends with status 2 where one is given for views, or none for other models.
 pub(super) fn draw(
+    command: &str,
     data: &DataSource,
-    protocol: Protocol,
+    protocol: Option<Protocol>,
     count: Option<usize>,
     seed: u64,
 ) -> anyhow::Result<PairSet> {
+    let protocol = match (data, protocol) {
+        (DataSource::Views(meshes), None) => return views(meshes, count, seed),
+        (DataSource::Views(_), Some(_)) => bad_usage(
+            command,
+            "views are drawn in one way only: leave --protocol out",
+        ),
+        (_, Some(protocol)) => protocol,
+        (_, None) => bad_usage(
+            command,
+            "--protocol says how pairs are drawn; only views:DIR goes without",
+        ),
+    };
     let models = models(data, protocol, count, seed)?;
     let count = count.unwrap_or(models.len());
     Ok(protocol::draw(&models, protocol, count, seed))
+}
+
+/// Views of the test split of a directory of meshes, or of built-in shapes that training never gets to.
+fn views(meshes: &Meshes, count: Option<usize>, seed: u64) -> anyhow::Result<PairSet> {
+    let views = match meshes {
+        Meshes::Directory(dir) => Views::open(dir, Split::Test, seed)?,
+        Meshes::Procedural(shapes) => {
+            let drawn = count.unwrap_or(PROCEDURAL_PAIRS).min(*shapes) as u64;
+            Views::procedural(seed, HELD_OUT..HELD_OUT + drawn)
+        }
+    };
+    let count = count.unwrap_or(views.objects().len());
+    let mut pairs = PairSet::default();
+    views.draw(count, BopSampling::default().points, seed, &mut pairs);
+    Ok(pairs)
 }
 
 /// The test models that a protocol takes of a data set; built-in shapes as many as pairs are asked for.
@@ -48,7 +80,9 @@ pub(super) fn models(
             dir.display()
         ),
         DataSource::Views(_) => {
-            bail!("{data} is for training and calibration: use bop-synth and eval --protocol bop")
+            bail!(
+                "{data} is for train, eval, pairs, and calibration of integers: a sweep varies clouds of models"
+            )
         }
         DataSource::Procedural(shapes) => {
             let drawn = count.unwrap_or(PROCEDURAL_PAIRS).min(*shapes);

@@ -182,6 +182,17 @@ pub enum DatasetError {
         /// Index of the pose.
         entry: usize,
     },
+    /// A view point is neither a point nor absent.
+    #[error(
+        "{}: dataset \"view_point\", entry {entry} is no point: give three numbers up to 1e12, or three NaN for a source that is no view from one point",
+        path.display()
+    )]
+    BadViewPoint {
+        /// File concerned.
+        path: PathBuf,
+        /// Index of the view point.
+        entry: usize,
+    },
     /// Two clouds to be written into one dataset differ in their number of points.
     #[error("cannot save pairs: {what} {entry} has {found} points where the first has {expected}")]
     Ragged {

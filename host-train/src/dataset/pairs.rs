@@ -7,12 +7,14 @@
 //! | `transform_gt` | `[M,3,4]` or `[M,4,4]` f32 | rows of `[R \| t]`, target_from_source |
 //! | `raw` | `[M,K,3]` f32 | noise-free target; may be absent |
 //! | `label` | `[M]` integer | category; may be absent |
+//! | `view_point` | `[M,3]` f32 | where the sensor stood, in the source's frame and units, if the source is a view from one point, else three NaN; may be absent |
 
 use super::h5::H5File;
 use super::{DatasetError, Point};
 use crate::files;
 use hdf5_pure::FileBuilder;
 use reagent_core::Pose;
+use reagent_core::cloud::LARGEST_COORDINATE;
 use serde::Deserialize;
 use std::path::Path;
 
@@ -36,6 +38,9 @@ fn symmetries(pairs: &Path, count: usize) -> Result<Option<Vec<Symmetry>>, Datas
 
 const CLOUDS: &str = "[M,N,3] f32";
 const POSES: &str = "[M,3,4] or [M,4,4] f32";
+const VIEW_POINTS: &str = "[M,3] f32";
+/// View point of a source that is none from one point.
+const NOWHERE: Point = [f32::NAN; 3];
 /// Label of a pair whose category is not known.
 pub const NO_LABEL: i32 = -1;
 
@@ -65,8 +70,8 @@ pub struct PairSet {
     pub label: Vec<i32>,
     /// What is known of the objects' symmetries, `[M]`.
     pub symmetries: Option<Vec<Symmetry>>,
-    /// From where the sources were seen, `[M]`, if each is a view from one point.
-    pub seen: Option<Vec<Seen>>,
+    /// From where the sources were seen, those that are views from one point.
+    pub seen: Vec<Option<Seen>>,
 }
 
 /// From where a source was seen, and what else was, in its frame and units.
@@ -74,7 +79,7 @@ pub struct PairSet {
 pub struct Seen {
     /// Where the sensor stood.
     pub view_point: Point,
-    /// What it saw besides the source.
+    /// What it saw besides the source. Files do not hold it.
     pub background: Vec<Point>,
 }
 
@@ -95,6 +100,28 @@ impl PairSet {
         self.target_from_source.push(sample.target_from_source);
         self.raw.get_or_insert_default().push(raw);
         self.label.push(i32::try_from(label).unwrap_or(NO_LABEL));
+        self.seen.push(None);
+    }
+
+    /// The same of a source that was seen from a point, and of a target without noise.
+    pub fn push_view(&mut self, sample: Sample, view_point: Point, label: u32) {
+        let clean = sample.target.clone();
+        self.push(sample, clean, label);
+        self.seen.pop();
+        self.seen.push(Some(Seen {
+            view_point,
+            background: Vec::new(),
+        }));
+    }
+
+    /// From where the source of a pair was seen, if that is known.
+    pub fn seen(&self, index: usize) -> Option<&Seen> {
+        self.seen.get(index)?.as_ref()
+    }
+
+    /// Whether all sources are views from known points.
+    pub fn is_of_views(&self) -> bool {
+        !self.seen.is_empty() && self.seen.iter().all(Option::is_some)
     }
 
     /// The pairs, without what they are measured by.
@@ -119,7 +146,7 @@ impl PairSet {
         }
         self.label.extend(other.label);
         self.symmetries = None;
-        self.seen = None;
+        self.seen.extend(other.seen);
     }
 
     /// Reads and checks a pairs file: shapes, equal numbers of entries, finite points, rigid poses.
@@ -161,6 +188,11 @@ impl PairSet {
         } else {
             vec![NO_LABEL; count]
         };
+        let seen = if has("view_point") {
+            seen(&file, path, count)?
+        } else {
+            vec![None; count]
+        };
         Ok(PairSet {
             source,
             target,
@@ -168,7 +200,7 @@ impl PairSet {
             raw,
             label,
             symmetries: symmetries(path, count)?,
-            seen: None,
+            seen,
         })
     }
 
@@ -183,6 +215,7 @@ impl PairSet {
             ("poses", self.target_from_source.len()),
             ("raw clouds", self.raw.as_ref().map_or(count, Vec::len)),
             ("labels", self.label.len()),
+            ("view points", self.seen.len()),
         ];
         if let Some(&(what, found)) = lengths.iter().find(|(_, found)| *found != count) {
             return Err(DatasetError::Lengths {
@@ -201,6 +234,13 @@ impl PairSet {
         file.create_dataset("label")
             .with_i32_data(&self.label)
             .with_shape(&[count as u64]);
+        if self.seen.iter().any(Option::is_some) {
+            let point = |seen: &Option<Seen>| seen.as_ref().map_or(NOWHERE, |seen| seen.view_point);
+            let points: Vec<f32> = self.seen.iter().flat_map(point).collect();
+            file.create_dataset("view_point")
+                .with_f32_data(&points)
+                .with_shape(&[count as u64, 3]);
+        }
         write(file, path)
     }
 }
@@ -217,6 +257,38 @@ pub fn save_poses(path: &Path, sets: &[(String, Vec<Pose>)]) -> Result<(), Datas
 /// Reads a dataset `[M,3,4]` or `[M,4,4]` of rigid transforms.
 pub fn load_poses(path: &Path, dataset: &str) -> Result<Vec<Pose>, DatasetError> {
     poses(&H5File::open(path)?, path, dataset)
+}
+
+/// View points, of each pair that has one.
+fn seen(file: &H5File, path: &Path, count: usize) -> Result<Vec<Option<Seen>>, DatasetError> {
+    let (shape, values) = file.read_f32("view_point", 2, VIEW_POINTS)?;
+    if shape[1] != 3 {
+        return Err(DatasetError::WrongDataset {
+            path: path.into(),
+            dataset: "view_point".into(),
+            expected: VIEW_POINTS,
+            found: format!("{shape:?}"),
+        });
+    }
+    file.same_count("view_point", shape[0], "source", count)?;
+    let (points, _) = values.as_chunks::<3>();
+    let checked = points.iter().enumerate().map(|(entry, &view_point)| {
+        if view_point.iter().all(|x| x.is_nan()) {
+            Ok(None)
+        } else if view_point.iter().all(|x| x.abs() <= LARGEST_COORDINATE) {
+            let background = Vec::new();
+            Ok(Some(Seen {
+                view_point,
+                background,
+            }))
+        } else {
+            Err(DatasetError::BadViewPoint {
+                path: path.into(),
+                entry,
+            })
+        }
+    });
+    checked.collect()
 }
 
 fn poses(file: &H5File, path: &Path, name: &str) -> Result<Vec<Pose>, DatasetError> {

@@ -116,9 +116,8 @@ pub fn evaluate(
         .map(|contestant| {
             for_each_pair(&pool, pairs, |memory, i| {
                 let pair = [set.source[i].as_slice(), &set.target[i]];
-                let seen = set.seen.as_ref().map(|seen| &seen[i]);
                 let method = &contestant.method;
-                let found = method.register(pair, seen, i as u64, extent, memory);
+                let found = method.register(pair, set.seen(i), i as u64, extent, memory);
                 progress();
                 found
             })

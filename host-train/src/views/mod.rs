@@ -31,6 +31,7 @@ use rand::seq::{SliceRandom, index};
 use rayon::prelude::*;
 use reagent_core::Pose;
 use scene::Scene;
+use std::ops::Range;
 use std::path::Path;
 
 /// Points of a mesh's surface from which targets are drawn.
@@ -170,7 +171,7 @@ impl Views {
     pub fn load(meshes: &Meshes, seed: u64) -> Result<Views, DatasetError> {
         match meshes {
             Meshes::Directory(dir) => Views::open(dir, Split::Train, seed),
-            Meshes::Procedural(count) => Ok(Views::procedural(seed, *count)),
+            Meshes::Procedural(count) => Ok(Views::procedural(seed, 0..*count as u64)),
         }
     }
 
@@ -191,9 +192,9 @@ impl Views {
         })
     }
 
-    /// Built-in shapes, this many.
-    pub fn procedural(seed: u64, count: usize) -> Views {
-        let objects = (0..count as u64).into_par_iter().map(|index| {
+    /// Built-in shapes of these numbers.
+    pub fn procedural(seed: u64, numbers: Range<u64>) -> Views {
+        let objects = numbers.into_par_iter().map(|index| {
             let shape = procedural::shape(seed, index);
             let rng = &mut stream(seed, Purpose::Surface, index);
             Object::new(shape.mesh, shape.model.label, rng).expect("every family has an extent")
@@ -221,10 +222,21 @@ impl Views {
         points: usize,
         deform: bool,
     ) -> Option<Sample> {
+        let (sample, _) = self.view(index, rng, points, deform)?;
+        Some(sample)
+    }
+
+    /// The same, and where the camera stood in the source's frame.
+    fn view(
+        &self,
+        index: usize,
+        rng: &mut Rng,
+        points: usize,
+        deform: bool,
+    ) -> Option<(Sample, Point)> {
         let from = self.objects.iter().cycle().skip(index);
         let mut tried = from.take(self.objects.len());
-        let (sample, _) = tried.find_map(|object| object.view(rng, points, deform))?;
-        Some(sample)
+        tried.find_map(|object| object.view(rng, points, deform))
     }
 
     /// `count` training views of the meshes in turn, as [`Views::sample`] draws them, in NumPy's format:
@@ -257,14 +269,13 @@ impl Views {
         Some(bytes)
     }
 
-    /// Adds `count` pairs to a set, of the meshes in turn, as they are.
+    /// Adds `count` pairs to a set, of the meshes in turn, as they are, with their view points.
     pub fn draw(&self, count: usize, points: usize, seed: u64, set: &mut PairSet) {
         for k in 0..count {
             let rng = &mut stream(seed, Purpose::Pairs, k as u64);
             let index = k % self.objects.len().max(1);
-            if let Some(sample) = self.sample(index, rng, points, false) {
-                let clean = sample.target.clone();
-                set.push(sample, clean, self.objects[index].label);
+            if let Some((sample, view_point)) = self.view(index, rng, points, false) {
+                set.push_view(sample, view_point, self.objects[index].label);
             }
         }
     }

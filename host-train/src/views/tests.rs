@@ -1,7 +1,7 @@
 use super::*;
 
 fn views() -> Views {
-    Views::procedural(5, 12)
+    Views::procedural(5, 0..12)
 }
 
 fn seen(views: &Views, index: usize, stream_of: u64) -> Sample {

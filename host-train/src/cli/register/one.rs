@@ -62,7 +62,7 @@ impl RegisterArgs {
         Traced {
             header: Header {
                 name: format!("{} to {}", file_name(&pair.source), file_name(&pair.target)),
-                policy: stem(self.policy()),
+                policy: stem(self.policy(false)),
                 source,
                 target,
                 truth: None,

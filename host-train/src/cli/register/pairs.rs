@@ -12,10 +12,12 @@ use std::path::{Path, PathBuf};
 use walkdir::WalkDir;
 
 /// Two files to be registered.
-#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Debug, PartialEq)]
 pub(super) struct Pair {
     pub(super) source: PathBuf,
     pub(super) target: PathBuf,
+    /// Where the sensor stood, if the source is a view from a point of its own.
+    pub(super) view_point: Option<[f64; 3]>,
 }
 
 /// A file of a folder that has no partner, or several.
@@ -28,8 +30,9 @@ pub(super) struct Lone {
 }
 
 /// The pairs of a folder: `NAME_source.EXT` and `NAME_target.EXT`, or `source.EXT` and `target.EXT` in folders of
-/// their own, by path. Of any other file, the pairs that it lists: two paths a line, relative to the file's folder,
-/// separated by a tab, a comma or blanks; `#` begins a comment.
+/// their own, by path. Of any other file, the pairs that it lists: two paths a line, relative to the file's folder, and
+/// the three coordinates of the source's view point if it has one of its own, separated by tabs, commas or blanks; `#`
+/// begins a comment.
 pub(super) fn find(path: &Path) -> anyhow::Result<Vec<Result<Pair, Lone>>> {
     let pairs = if path.is_dir() {
         in_folder(path)?
@@ -74,6 +77,7 @@ fn in_folder(folder: &Path) -> anyhow::Result<Vec<Result<Pair, Lone>>> {
             (Some((_, target)), None) => Ok(Pair {
                 source: source.clone(),
                 target: target.clone(),
+                view_point: None,
             }),
             (None, _) => Err(lone("source", source, "no target beside it")),
             (Some(_), Some(_)) => Err(lone("source", source, "two targets beside it")),
@@ -101,16 +105,23 @@ fn listed(list: &Path) -> anyhow::Result<Vec<Pair>> {
             Some(c) => line.split(c).map(str::trim).collect(),
             None => line.split_whitespace().collect(),
         };
-        let &[source, target] = names.as_slice() else {
-            bail!(
-                "{}: line {number}: expected two files, separated by a tab, found {}",
+        let (source, target, view_point) = match names.as_slice() {
+            &[source, target] => (source, target, None),
+            &[source, target, x, y, z] => {
+                let point = super::view_point(&[x, y, z].join(","));
+                let point = point.with_context(|| format!("{}: line {number}", list.display()))?;
+                (source, target, Some(point))
+            }
+            names => bail!(
+                "{}: line {number}: expected two files, and three coordinates where the sensor stood, or not, separated by tabs; found {} values",
                 list.display(),
                 names.len()
-            );
+            ),
         };
         pairs.push(Pair {
             source: folder.join(source),
             target: folder.join(target),
+            view_point,
         });
     }
     Ok(pairs)
@@ -198,6 +209,7 @@ mod tests {
             Ok(Pair {
                 source: at(source),
                 target: at(target),
+                view_point: None,
             })
         };
         let mut expected = vec![
@@ -212,6 +224,18 @@ mod tests {
         std::fs::write(at("list.txt"), "one\n").expect("written");
         let said = find(&at("list.txt")).expect_err("refused").to_string();
         assert!(said.contains("line 1: expected two files"), "{said}");
+        // A view from a point of its own.
+        let views = "a_source.ply a_target.xyz 1 -2.5 3e2\nb-source.PLY, b-target.ply\n";
+        std::fs::write(at("list.txt"), views).expect("written");
+        let found = find(&at("list.txt")).expect("pairs");
+        let points: Vec<_> = found.iter().flatten().map(|pair| pair.view_point).collect();
+        assert_eq!(points, [Some([1.0, -2.5, 300.0]), None]);
+        std::fs::write(at("list.txt"), "a b 1 2 nan\n").expect("written");
+        let said = format!("{:#}", find(&at("list.txt")).expect_err("refused"));
+        assert!(
+            said.contains("line 1: a view point is three finite"),
+            "{said}"
+        );
         // One that lacks its partner is named, and the others stay.
         std::fs::remove_file(at("a_target.xyz")).expect("removed");
         std::fs::remove_file(at("c/source.pcd")).expect("removed");

@@ -25,7 +25,21 @@ fn sample() -> PairSet {
         raw: Some(clouds(30, 0.25)),
         label: (0..10).collect(),
         symmetries: None,
-        seen: None,
+        seen: vec![None; 10],
+    }
+}
+
+/// The same, of which some sources are views.
+fn views() -> PairSet {
+    let seen = |m: usize| {
+        (m % 3 == 1).then(|| Seen {
+            view_point: [m as f32, 0.5, -2.0],
+            background: Vec::new(),
+        })
+    };
+    PairSet {
+        seen: (0..10).map(seen).collect(),
+        ..sample()
     }
 }
 
@@ -46,6 +60,9 @@ fn saved_and_loaded_is_the_same() {
     set.save(&path).expect("save");
     assert_eq!(PairSet::load(&path).expect("load"), set);
     set.raw = None;
+    set.save(&path).expect("save");
+    assert_eq!(PairSet::load(&path).expect("load"), set);
+    let set = views();
     set.save(&path).expect("save");
     assert_eq!(PairSet::load(&path).expect("load"), set);
 
@@ -101,6 +118,11 @@ fn bad_numbers_are_named_by_their_place() {
     let mut set = sample();
     set.target_from_source[9].translation.x = f32::NAN;
     assert!(refused(set).contains("entry 9"));
+    for bad in [f32::INFINITY, f32::NAN, -2e12] {
+        let mut set = views();
+        set.seen[4].as_mut().expect("a view").view_point[2] = bad;
+        assert!(refused(set).contains("\"view_point\", entry 4 is no point"));
+    }
 }
 
 #[test]
@@ -108,6 +130,9 @@ fn lists_of_unequal_length_are_refused() {
     let mut set = sample();
     set.label.pop();
     assert!(refused(set).contains("9 labels for 10 source clouds"));
+    let mut set = views();
+    set.seen.pop();
+    assert!(refused(set).contains("9 view points for 10 source clouds"));
     let mut set = sample();
     set.source[7].pop();
     assert!(refused(set).contains("source 7 has 19 points where the first has 20"));

@@ -38,7 +38,7 @@ pub fn pairs(
                 mode,
                 steps,
                 frame: Some(Frame::IDENTITY),
-                ..task_of(set.seen.as_ref().map(|seen| &seen[index]))
+                ..task_of(set.seen(index))
             };
             let found = register(policy, source, target, &task)
                 .map_err(|source| EvalError::Pair { index, source })?;

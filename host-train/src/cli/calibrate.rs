@@ -17,8 +17,8 @@ const HELD_BACK: f64 = 0.3;
 
 /// Fit the probability of a verdict on pairs of training models
 ///
-/// Registers training models as they are, in part, without noise, distorted, as rendered views and against another mesh, by
-/// policy and polishing or verification; fits a logistic model on seven tenths of the meshes and tries it on the rest, beside
+/// Registers training models as they are, in part, without noise, distorted, as rendered views, whose view points are known or
+/// not, and against another mesh, by policy and polishing or verification; fits a logistic model on seven tenths of the meshes and tries it on the rest, beside
 /// the one that is built in and one that is fitted without the kind of pair at hand. Prints the weights as they stand in
 /// core's evidence.rs, and quality by kind of pair.
 #[derive(Debug, Args)]
@@ -136,10 +136,12 @@ impl CalibrateArgs {
             add("Noisy and Wrong", &[Kind::Noisy, Kind::Wrong]);
             add("Parts and WrongParts", &[Kind::Parts, Kind::WrongParts]);
             add("View and WrongView", &[Kind::View, Kind::WrongView]);
+            let seen = [Kind::SeenView, Kind::SeenWrongView];
+            add("SeenView and SeenWrongView", &seen);
             add("all", &Kind::ALL);
         }
         println!(
-            "on meshes held back        pairs  right  fitted: AUC  ECE    held right: wrong, right  kind left out: ECE  built in: AUC  ECE"
+            "on meshes held back               pairs  right  fitted: AUC  ECE    held right: wrong, right  kind left out: ECE  built in: AUC  ECE"
         );
         for Line {
             pairs,
@@ -150,7 +152,7 @@ impl CalibrateArgs {
         } in &quality
         {
             println!(
-                "{pairs:26} {:<6} {:<6.3} {:<12.4} {:<6.3} {:<17.3} {:<7.3} {:<20.3} {:<14.4} {:.3}",
+                "{pairs:33} {:<6} {:<6.3} {:<12.4} {:<6.3} {:<17.3} {:<7.3} {:<20.3} {:<14.4} {:.3}",
                 f.count,
                 f.right,
                 f.auc,

@@ -1,5 +1,6 @@
 //! Fits the probability that a verdict gives ([`reagent_core::verdict`]): a logistic model of a few values, on
-//! pairs of training models drawn as they are, in parts, without noise, distorted, as views, and with the target of another mesh.
+//! pairs of training models drawn as they are, in parts, without noise, distorted, as views with and without their view points, and
+//! with the target of another mesh.
 
 mod fit;
 mod kind;
@@ -7,6 +8,7 @@ mod kind;
 pub use fit::{fit, probability};
 pub use kind::Kind;
 
+use super::method::task_of;
 use super::metrics::GroundTruth;
 use crate::dataset::Model;
 use crate::dataset::pairs::PairSet;
@@ -18,7 +20,6 @@ use reagent_core::evidence::FEATURES;
 use reagent_core::net::Scratch;
 use reagent_core::pipeline::{Mode, Refinement, Task, refine};
 use reagent_core::polish::Workspace;
-use reagent_core::start::Start;
 use reagent_core::{Error, Frame, Policy, Pose, Registrar};
 
 /// One refined registration.
@@ -45,8 +46,8 @@ pub fn collect(
     seed: u64,
 ) -> Result<Vec<(Kind, Mode, Vec<Row>)>, Error> {
     let mut all = Vec::new();
-    for (number, kind) in (0..).zip(Kind::ALL) {
-        let set = kind.draw(models, views, count, seed + number);
+    for kind in Kind::ALL {
+        let set = kind.draw(models, views, count, seed);
         let policy = if kind.is_view() { of_views } else { whole };
         let pairs: Result<Vec<[Row; 2]>, Error> = (0..set.source.len())
             .into_par_iter()
@@ -83,7 +84,7 @@ fn rows(
     let mut row = |mode| -> Result<Row, Error> {
         let task = Task {
             mode,
-            ..Task::new(Start::at(Pose::IDENTITY))
+            ..task_of(set.seen(i))
         };
         let go_on = || Ok::<(), Error>(());
         let found = refine(&mut memory.1, [source, target], initial, &task, go_on)?;

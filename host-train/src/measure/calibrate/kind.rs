@@ -39,6 +39,12 @@ pub enum Kind {
     RoughView,
     /// Rendered views of another mesh.
     WrongView,
+    /// [`Kind::View`] with the view point known.
+    SeenView,
+    /// [`Kind::RoughView`] with the view point known.
+    SeenRoughView,
+    /// [`Kind::WrongView`] with the view point known.
+    SeenWrongView,
 }
 
 /// Points of each cloud in [`Kind::Sparse`], of a third of the pairs each.
@@ -54,7 +60,7 @@ const ROUGH_BEND: f32 = 0.02;
 
 impl Kind {
     /// All of them.
-    pub const ALL: [Kind; 12] = [
+    pub const ALL: [Kind; 15] = [
         Kind::Noisy,
         Kind::Sparse,
         Kind::Clean,
@@ -67,20 +73,47 @@ impl Kind {
         Kind::View,
         Kind::RoughView,
         Kind::WrongView,
+        Kind::SeenView,
+        Kind::SeenRoughView,
+        Kind::SeenWrongView,
     ];
+
+    /// The kind of which these are the same pairs, if the view point is known.
+    fn blind(self) -> Option<Kind> {
+        match self {
+            Kind::SeenView => Some(Kind::View),
+            Kind::SeenRoughView => Some(Kind::RoughView),
+            Kind::SeenWrongView => Some(Kind::WrongView),
+            _ => None,
+        }
+    }
 
     /// Whether the clouds are of different things, so that no pose is right.
     pub fn is_wrong(self) -> bool {
-        matches!(self, Kind::Wrong | Kind::WrongParts | Kind::WrongView)
+        let kind = self.blind().unwrap_or(self);
+        matches!(kind, Kind::Wrong | Kind::WrongParts | Kind::WrongView)
     }
 
     /// Whether the sources are single views.
     pub(super) fn is_view(self) -> bool {
-        matches!(self, Kind::View | Kind::RoughView | Kind::WrongView)
+        let kind = self.blind().unwrap_or(self);
+        matches!(kind, Kind::View | Kind::RoughView | Kind::WrongView)
     }
 
     /// Draws `count` pairs.
     pub(super) fn draw(self, models: &[Model], views: &Views, count: usize, seed: u64) -> PairSet {
+        let mut set = match self.blind() {
+            Some(kind) => return kind.drawn(models, views, count, seed),
+            None => self.drawn(models, views, count, seed),
+        };
+        set.seen.fill(None);
+        set
+    }
+
+    /// The same with the view points of views.
+    fn drawn(self, models: &[Model], views: &Views, count: usize, seed: u64) -> PairSet {
+        // Each kind has a stream of its own.
+        let seed = seed + self as u64;
         let noisy = Conditions::of(Protocol::M40Models).expect("it samples independently");
         let under = |conditions: Conditions, count| draw_under(models, &conditions, count, seed);
         let part = Conditions {
@@ -103,7 +136,7 @@ impl Kind {
                 set
             }
             Kind::Part | Kind::Parts | Kind::RoughPart | Kind::WrongParts => under(part, count),
-            Kind::View | Kind::RoughView | Kind::WrongView => {
+            _ => {
                 let mut set = PairSet::default();
                 views.draw(count, VIEW, seed, &mut set);
                 set

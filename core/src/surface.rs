@@ -31,7 +31,7 @@ pub(crate) struct Surface {
     runs: [Corners; RUNS],
     /// Share of the cloud's points that were left out as outliers.
     pub(crate) left_out: f32,
-    /// Radius about a point that holds 24 others, in the median.
+    /// Radius of a neighbourhood: about a point it holds 24 others in the median, more where that is all noise.
     pub(crate) radius: f32,
     /// What a median is selected from: after [`Self::match_to`], the squared distances that it found.
     keys: [u32; SURFACE_POINTS],

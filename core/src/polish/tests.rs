@@ -12,7 +12,7 @@ impl Numbers {
         (self.0 >> 8) as f32 / (1 << 23) as f32 - 1.0
     }
 
-    fn point(&mut self) -> [f32; 3] {
+    pub(crate) fn point(&mut self) -> [f32; 3] {
         [self.next(), self.next(), self.next()]
     }
 }

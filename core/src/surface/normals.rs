@@ -4,13 +4,20 @@ use super::boxes::bounds_of;
 use super::matching::load;
 use super::{BLOCK, Surface};
 use crate::kernels::{BATCH, Batch, Isa, Moments};
-use crate::solve::smallest_direction;
+use crate::solve::least;
 use glam::Vec3;
 
 /// Points of a neighbourhood, in the median: what [`Surface::radius`] holds.
 const NEIGHBOURS: usize = 24;
 /// Radius within which a normal is estimated, in radii of a neighbourhood.
 const NORMAL_RADIUS: f32 = 0.85;
+/// Thickness of neighbourhoods, in radii, from which on there may be no plane in them, and how much wider they are taken then.
+/// A ball has .2.
+const NO_PLANE: f32 = 0.125;
+const WIDER: f32 = 1.6;
+/// How much thicker, in radii, wider ones are where it was not noise: what is bent is the thicker the wider it is looked at, and
+/// noise is not.
+const BENT: f32 = 0.04;
 
 impl Surface {
     /// See [`Self::radius`]; of some of the points.
@@ -29,8 +36,22 @@ impl Surface {
         libm::sqrtf(found.get(SAMPLES / 2).copied().unwrap_or(0.0))
     }
 
-    /// Estimates all normals.
+    /// Estimates normals, in wider neighbourhoods where noise leaves no plane in those at hand.
     pub(super) fn estimate_normals(&mut self, isa: Isa) {
+        let narrow = self.radius;
+        let thickness = self.normals_within_radius(isa);
+        if thickness < NO_PLANE {
+            return;
+        }
+        self.radius = WIDER * narrow;
+        if self.normals_within_radius(isa) > thickness + BENT {
+            self.radius = narrow;
+            self.normals_within_radius(isa);
+        }
+    }
+
+    /// The same in those at hand, and how thick they are across the normals, in radii: a quarter of them are thinner.
+    fn normals_within_radius(&mut self, isa: Isa) -> f32 {
         let radius = NORMAL_RADIUS * self.radius;
         let squared = radius * radius;
         let share = if squared > 0.0 { 1.0 / squared } else { 0.0 };
@@ -48,30 +69,37 @@ impl Surface {
                 }
             }
             let end = self.len.min(start + BATCH);
-            for (lane, normal) in self.normals.iter_mut().take(end).skip(start).enumerate() {
+            let places = self.normals.iter_mut().zip(&mut self.keys);
+            for (lane, (normal, key)) in places.take(end).skip(start).enumerate() {
                 let m = sums
                     .0
                     .each_ref()
                     .map(|row| row.get(lane).copied().unwrap_or(0.0));
-                *normal = normal_of(m);
+                let (direction, across) = plane_of(m);
+                *normal = direction.to_array();
+                *key = across.to_bits(); // in the order of the spreads: they are not negative
             }
         }
+        libm::sqrtf(self.select(self.len, self.len / 4)) / self.radius.max(1e-30)
     }
 }
 
-fn normal_of([w, x, y, z, xx, yy, zz, xy, xz, yz]: [f32; 10]) -> [f32; 3] {
+/// Normal of a neighbourhood by its moments, and the mean squared distance from the plane across it.
+fn plane_of([w, x, y, z, xx, yy, zz, xy, xz, yz]: [f32; 10]) -> (Vec3, f32) {
     if w <= 0.0 {
-        return [0.0; 3];
+        return (Vec3::ZERO, 0.0);
     }
     let f = 1.0 / w;
     let (x, y, z) = (x * f, y * f, z * f);
-    smallest_direction([
+    let spread = [
         xx * f - x * x,
         yy * f - y * y,
         zz * f - z * z,
         xy * f - x * y,
         xz * f - x * z,
         yz * f - y * z,
-    ])
-    .to_array()
+    ];
+    let (direction, share) = least(spread);
+    let [xx, yy, zz, ..] = spread;
+    (direction, (share * (xx + yy + zz)).max(0.0))
 }

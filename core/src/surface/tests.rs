@@ -32,6 +32,31 @@ fn each_point_has_one_place_whatever_the_order_they_come_in() {
 }
 
 #[test]
+fn neighbourhoods_are_wider_where_they_are_all_noise_and_not_where_they_are_bent() {
+    let is_wide = |points: &[[f32; 3]]| {
+        let mut surface = surface(points);
+        surface.radius > surface.neighbourhood()
+    };
+    let mut numbers = Numbers(6);
+    let part = part(1024, 5);
+    // Uniform noise; its standard deviation is .58 of what stands here.
+    for (noise, wide) in [(0.0, false), (0.02, false), (0.1, true)] {
+        let mut noisy = part.clone();
+        for x in noisy.as_flattened_mut() {
+            *x += noise * numbers.next();
+        }
+        assert_eq!(is_wide(&noisy), wide, "{noise}");
+    }
+    let mut on_tube = || {
+        let [x, y, z] = numbers.point();
+        let share = 0.08 / x.hypot(y);
+        [share * x, share * y, z]
+    };
+    let tube: Vec<_> = (0..200).map(|_| on_tube()).collect();
+    assert!(!is_wide(&tube));
+}
+
+#[test]
 fn matches_are_the_nearest_within_the_limit_and_any_beyond() {
     let (mut source, target) = (surface(&part(300, 3)), surface(&part(500, 4)));
     let far = pose([0.3, 0.2, -0.4], [0.5, 0.1, 0.3]);

@@ -119,6 +119,14 @@ impl DepthGrid {
         seen.is_some_and(|&seen| seen > 0.0 && depth < seen - self.margin)
     }
 
+    /// The cell of which a point that was seen is the nearest, if it is one's.
+    pub(crate) fn nearest_in(&self, point: Vec3) -> Option<usize> {
+        let (at, depth) = self.image(point)?;
+        let (x, y) = self.cell(at)?;
+        let held = *self.depth.get(y)?.get(x)?;
+        (depth == held).then_some(y * CELLS + x)
+    }
+
     fn image(&self, point: Vec3) -> Option<([f32; 2], f32)> {
         let [x, y, z] = (self.camera * (point - self.eye)).to_array();
         (z > 1e-3).then(|| ([x / z, y / z], z))

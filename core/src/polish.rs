@@ -329,6 +329,14 @@ impl<'w> Refiner<'w> {
         seen.fill(source, inside(view_point), around);
     }
 
+    /// The cell of the image of what was seen, by its number, of which a point of the background is the nearest, if it is one's:
+    /// one such point a cell says all that the whole background does.
+    pub fn nearest_in_cell(&self, of_background: Vec3) -> Option<usize> {
+        let factor = 1.0 / self.target.scale;
+        let point = (of_background - self.source_centre) * factor;
+        self.workspace.seen.nearest_in(point)
+    }
+
     /// Takes the source's mirror image in its place; twice is the same again.
     pub(crate) fn mirror_source(&mut self) {
         self.workspace.source.mirror();

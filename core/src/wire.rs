@@ -21,7 +21,8 @@
 //!
 //! Version 3 brought time budgets, modes, clients and clouds on a grid ([`crate::grid`]) into requests, and what
 //! goes with them into replies and status. Version 4 brought view points and starts from anywhere into requests, and
-//! into replies how the clouds fit and what their shape leaves open. Version 5 brought the pose's covariance into them. Manifests,
+//! into replies how the clouds fit and what their shape leaves open. Version 5 brought the pose's covariance into them, and version 7 what
+//! was seen besides the source into requests. Manifests,
 //! which are kept under their signature, have a version of their own; its version 4 brought the epoch.
 //!
 //! The signature itself is checked by whoever holds the keys, not here.
@@ -51,7 +52,7 @@ use crate::error::Error;
 use serde::{Deserialize, Serialize};
 
 /// Version of the frames; the first byte of each but a manifest.
-pub const VERSION: u8 = 6;
+pub const VERSION: u8 = 7;
 /// Version of manifests, signed or not; the first byte of each. Robots keep them over updates of themselves.
 pub const MANIFEST_VERSION: u8 = 4;
 /// Most bytes of one policy chunk.
@@ -59,12 +60,12 @@ pub const CHUNK_BYTES: usize = 32 * 1024;
 /// Most bytes of every frame but a refine request, a chunk and a trace.
 pub const SMALL_FRAME_BYTES: usize = 512;
 /// Bytes of a refine request beside the points' own: version, kind, numbers, pose, grids, lengths.
-pub const REQUEST_OVERHEAD_BYTES: usize = 128;
+pub const REQUEST_OVERHEAD_BYTES: usize = 160;
 /// Bytes before the policy file in a board's flash: length of the manifest's frame (u32, little-endian),
 /// the frame, and whatever is left.
 pub const FLASH_HEADER_BYTES: usize = 512;
 /// Most bytes of a refine request that can be served.
-pub const REQUEST_BYTES: usize = REQUEST_OVERHEAD_BYTES + 2 * MAX_POINTS * cloud::POINT_BYTES;
+pub const REQUEST_BYTES: usize = REQUEST_OVERHEAD_BYTES + 3 * MAX_POINTS * cloud::POINT_BYTES;
 
 /// Everything that can be in a frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -85,7 +85,7 @@ async fn refine_from(
     request: &RefineRequest<'_>,
 ) -> Result<RefineReply, RefineError> {
     let key = keys::refine(fleet, robot).map_err(RefineError::Request)?;
-    let points = request.source.len() + request.target.len();
+    let points = request.source.len() + request.target.len() + request.background.len();
     let mut frame = vec![0; wire::REQUEST_OVERHEAD_BYTES + 12 * points];
     let length = wire::encode(&Message::RefineRequest(*request), &mut frame)
         .map_err(RefineError::Request)?

@@ -28,7 +28,7 @@ enum Command {
     Node(NodeArgs),
     Router(RouterArgs),
     #[cfg(feature = "demo")]
-    Refine(firmware_sim::refine::RefineArgs),
+    Refine(Box<firmware_sim::refine::RefineArgs>),
     #[cfg(feature = "demo")]
     Demo(firmware_sim::demo::DemoArgs),
     #[cfg(feature = "demo")]

@@ -8,12 +8,12 @@ pub(crate) use table::{Row, errors};
 use crate::client::{Client, RefineError};
 use crate::node::ANY;
 use crate::session::{SessionArgs, open};
-use anyhow::bail;
-use host_train::cli::{Initial, check_writable, write_json};
+use host_train::cli::{Initial, Input, SourceArgs, check_writable, write_json};
 use host_train::dataset::Point;
-use host_train::dataset::cloud_file::read_cloud;
 use host_train::dataset::pairs::PairSet;
 use host_train::pose64::{Pose64, Position};
+use host_train::register::background::that_counts;
+use host_train::register::prepared::Prepared;
 use host_train::register::{Start, within_capacity};
 use reagent_core::dims::STEPS;
 use reagent_core::verdict::Percent;
@@ -42,10 +42,15 @@ pub struct RefineArgs {
     #[arg(long, value_name = "FILE.h5", conflicts_with_all = ["source", "target"])]
     pub pairs: Option<PathBuf>,
     /// Cloud to move (.ply .pcd .xyz .txt .asc .csv .pts .npy .off .obj .stl)
-    #[arg(required_unless_present = "pairs", requires = "target")]
+    /// Left out with --depth
+    #[arg(required_unless_present_any = ["pairs", "depth"])]
     pub source: Option<PathBuf>,
     /// Cloud that stays
+    #[arg(required_unless_present_any = ["pairs", "depth"])]
     pub target: Option<PathBuf>,
+    /// What the source is.
+    #[command(flatten)]
+    pub sources: SourceArgs,
     /// Refinement steps at most
     #[arg(long, value_name = "N", default_value_t = STEPS as u8)]
     pub steps: u8,
@@ -162,21 +167,23 @@ struct Sent {
     origin: Position,
     /// Where the sensor stood, relative to the origin, of a source that is a view from one point.
     view_point: Option<Point>,
+    /// What it saw besides, relative to the origin.
+    background: Vec<Point>,
 }
 
 impl Sent {
-    /// Reads a file, of a mesh points of its surface, and says what the reader noticed.
-    fn read(path: &Path, seed: u64) -> anyhow::Result<Sent> {
-        let cloud = read_cloud(path, seed)?;
+    /// What was read, and says what the reader noticed.
+    fn of(cloud: Prepared<'_>, path: &Path, view_point: Option<Position>) -> Sent {
         for note in &cloud.notes {
             eprintln!("{}: {note}", path.display());
         }
-        let origin = cloud.origin();
-        Ok(Sent {
-            points: within_capacity(&cloud.relative_to(origin)),
-            origin,
-            view_point: None,
-        })
+        let relative = |at: Position| [0, 1, 2].map(|k| (at[k] - cloud.origin[k]) as f32);
+        Sent {
+            points: cloud.points().to_vec(),
+            origin: cloud.origin,
+            view_point: view_point.map(relative),
+            background: cloud.background,
+        }
     }
 }
 
@@ -198,19 +205,33 @@ impl RefineArgs {
         for path in [&self.trace, &self.json].into_iter().flatten() {
             check_writable(path)?;
         }
-        match (&self.pairs, &self.source, &self.target) {
-            (Some(path), ..) => {
-                let pairs = PairSet::load(path)?;
-                self.start().await?.refine_pairs(&pairs).await
-            }
-            (None, Some(source), Some(target)) => {
-                // Seeds of their own: a mesh registered to itself must not be sampled at the very same points.
-                let source = Sent::read(source, self.seed)?;
-                let target = Sent::read(target, self.seed.wrapping_add(1))?;
-                self.start().await?.refine_one([source, target]).await
-            }
-            _ => bail!("give --pairs FILE.h5, or SOURCE and TARGET"),
+        if let Some(path) = &self.pairs {
+            let pairs = PairSet::load(path)?;
+            return self.start().await?.refine_pairs(&pairs).await;
         }
+        let clouds = self.read()?;
+        self.start().await?.refine_one(clouds).await
+    }
+
+    /// Reads source and target as `host-train register` does.
+    fn read(&self) -> anyhow::Result<[Sent; 2]> {
+        let files = self.sources.files([&self.source, &self.target]);
+        let [source, target] = files.map_err(anyhow::Error::msg)?;
+        let view_point = self.sources.view_point();
+        // Seeds of their own: a mesh registered to itself must not be sampled at the very same points.
+        let seen = self.sources.read(&source, None, self.seed)?.cloud;
+        let mut model = Input::read(&target, 1.0, None, self.seed.wrapping_add(1))?.cloud;
+        if view_point.is_some() {
+            model.notice_missing_faces();
+        }
+        let mut seen = Sent::of(seen, &source, view_point);
+        let model = Sent::of(model, &target, None);
+        if let Some(view_point) = seen.view_point {
+            // The robot is sent what counts.
+            let clouds = [seen.points.as_slice(), &model.points];
+            seen.background = that_counts(clouds, view_point.into(), &seen.background)?;
+        }
+        Ok([seen, model])
     }
 
     async fn start(&self) -> anyhow::Result<Asking> {
@@ -245,23 +266,20 @@ impl Asking {
     }
 
     async fn ask(&mut self, id: u64, [source, target]: [&Sent; 2]) -> anyhow::Result<Answer> {
-        let view_point = source.view_point;
         let initial = self.start.near(source.origin, target.origin);
-        let (source, target) = (&source.points, &target.points);
-        let codes = |cloud: &[Point]| {
-            let grid = Grid::of(cloud)?;
-            let codes: Vec<_> = cloud.iter().map(|&point| grid.encode(point)).collect();
-            anyhow::Ok((grid, codes))
-        };
-        let grids = match self.args.cloud_format {
-            CloudFormat::F32 => None,
-            CloudFormat::I16 => Some([codes(source)?, codes(target)?]),
-        };
-        let [source, target] = match &grids {
-            None => [CloudView::of(source), CloudView::of(target)],
-            Some(grids) => grids
-                .each_ref()
-                .map(|(grid, codes)| CloudView::on_grid(*grid, codes)),
+        let clouds = [&source.points, &target.points, &source.background];
+        let mut on_grids = [const { None }; 3];
+        if self.args.cloud_format == CloudFormat::I16 {
+            let clouds = on_grids.iter_mut().zip(clouds);
+            for (on_grid, cloud) in clouds.filter(|(_, cloud)| !cloud.is_empty()) {
+                let grid = Grid::of(cloud)?;
+                let codes: Vec<_> = cloud.iter().map(|&point| grid.encode(point)).collect();
+                *on_grid = Some((grid, codes));
+            }
+        }
+        let view = |k: usize| match &on_grids[k] {
+            None => CloudView::of(clouds[k]),
+            Some((grid, codes)) => CloudView::on_grid(*grid, codes),
         };
         let request = RefineRequest {
             budget_ms: u32::try_from(self.args.deadline.as_millis()).unwrap_or(u32::MAX),
@@ -270,8 +288,9 @@ impl Asking {
             trace: self.traces.is_some(),
             initial: (initial != Pose::IDENTITY).then(|| initial.to_rows()),
             anywhere: self.start == Start::None,
-            view_point,
-            ..RefineRequest::new(id, source, target)
+            view_point: source.view_point,
+            background: view(2),
+            ..RefineRequest::new(id, view(0), view(1))
         };
         let answer = ask(&self.client, &self.args.robot, &request).await?;
         if let Some(traces) = &mut self.traces {
@@ -312,6 +331,7 @@ impl Asking {
                 points: within_capacity(&clouds[index]),
                 origin: [0.0; 3],
                 view_point,
+                background: Vec::new(),
             });
             let answer = match self.ask(index as u64 + 1, clouds.each_ref()).await {
                 Ok(answer) => answer,

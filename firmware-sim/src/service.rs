@@ -99,6 +99,7 @@ struct Engine<'w, 's> {
 struct Buffers {
     source: Box<[[f32; 3]]>,
     target: Box<[[f32; 3]]>,
+    background: Box<[[f32; 3]]>,
     workspace: Box<Workspace>,
 }
 
@@ -108,6 +109,7 @@ impl Buffers {
         Buffers {
             source: empty(),
             target: empty(),
+            background: empty(),
             workspace: Box::new(Workspace::new()),
         }
     }
@@ -155,7 +157,10 @@ fn answer(
     let source = taken(Cloud::Source, &request.source, &mut buffers.source).map_err(refused)?;
     let target = taken(Cloud::Target, &request.target, &mut buffers.target).map_err(refused)?;
     let mut steps = Vec::new();
-    let task = request.task();
+    // Its points need not be checked: those that are no numbers are not looked at.
+    let background = request.background.copy_into(&mut buffers.background);
+    let count = background.map_err(|error| refused(Reason::of(error, Cloud::Background)))?;
+    let task = request.task(&buffers.background[..count]);
     let watch = |progress: Progress<'_, '_>| match progress {
         Progress::Next => check().map_err(Interrupted::Stop),
         Progress::Step(step, registration) => {

@@ -1,5 +1,6 @@
 //! One registration of two clouds in the user's own units.
 
+pub mod background;
 pub mod batch;
 pub mod best;
 pub mod dense;

@@ -4,7 +4,7 @@ mod support;
 
 use firmware_sim::refine::{CloudFormat, RefineArgs};
 use firmware_sim::session::SessionArgs;
-use host_train::cli::Initial;
+use host_train::cli::{Initial, SourceArgs};
 use host_train::policy::WeightFile;
 use host_train::pose64::Pose64;
 use nalgebra::Vector3;
@@ -45,6 +45,7 @@ async fn a_robot_registers_what_lies_far_from_the_origin() {
         pairs: None,
         source: Some(case("source.xyz")),
         target: Some(case("target.xyz")),
+        sources: SourceArgs::default(),
         steps: 10,
         mode: None,
         init,

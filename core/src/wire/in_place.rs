@@ -9,7 +9,7 @@ use crate::error::Error;
 use crate::grid::Grid;
 
 /// A [`RefineRequest`] whose clouds lie aligned, in the format that they came in, in the buffer that held the
-/// frame.
+/// frame. Whoever has no memory for a view's background does not look at free space either: neither is in it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RequestInPlace<'b> {
     /// Its client and id.
@@ -122,7 +122,7 @@ type Beginning = (
 
 /// The refusal of a frame of which only the beginning was kept: because of `busy`, or since a request of
 /// `length` bytes is longer than one of `points` points in each cloud. The target's points are counted as if
-/// they were in the source's format.
+/// they were in the source's format, and those of a background as the target's.
 pub fn refuse_beginning(beginning: &[u8], length: usize, points: usize, busy: bool) -> Refusal {
     let unread = Refusal {
         id: 0,

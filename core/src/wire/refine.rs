@@ -43,19 +43,24 @@ pub struct RefineRequest<'a> {
     /// The model or reference cloud, same units.
     #[serde(borrow)]
     pub target: CloudView<'a>,
+    /// What was seen from the view point besides the source, in its frame and units; one point of a cell is enough
+    /// ([`crate::polish::Refiner::nearest_in_cell`]).
+    #[serde(borrow)]
+    pub background: CloudView<'a>,
 }
 
 /// Time that a request has unless it says otherwise, milliseconds.
 pub const BUDGET_MS: u32 = 10_000;
 
 impl<'a> RefineRequest<'a> {
-    /// What it asks for.
-    pub fn task(&self) -> Task<'static> {
+    /// What it asks for, with its background's points.
+    pub fn task<'b>(&self, background: &'b [[f32; 3]]) -> Task<'b> {
         let pose = self.initial.map_or(Pose::IDENTITY, Pose::from_rows);
         Task {
             mode: self.mode,
             steps: usize::from(self.max_steps),
             view_point: self.view_point.map(Vec3::from_array),
+            background,
             ..Task::new(if self.anywhere {
                 Start::Anywhere
             } else {
@@ -78,6 +83,7 @@ impl<'a> RefineRequest<'a> {
             view_point: None,
             source,
             target,
+            background: CloudView::of(&[]),
         }
     }
 }
@@ -206,6 +212,8 @@ pub enum Cloud {
     Source,
     /// The reference.
     Target,
+    /// What was seen besides the source.
+    Background,
 }
 
 /// What is wrong with a request, or why the robot cannot serve it now.
@@ -277,6 +285,7 @@ impl fmt::Display for Cloud {
         f.write_str(match self {
             Cloud::Source => "source",
             Cloud::Target => "target",
+            Cloud::Background => "background",
         })
     }
 }

@@ -35,6 +35,7 @@ fn sound() -> Vec<Vec<u8>> {
         anywhere: true,
         view_point: Some([1.0; 3]),
         source: CloudView::on_grid(grid, &codes),
+        background: CloudView::of(&points),
         ..plain
     };
     let reply = RefineReply {
@@ -177,7 +178,7 @@ fn read(frame: &[u8]) {
     match &message {
         Message::RefineRequest(request) => {
             let mut space = [[0.0; 3]; 64];
-            for cloud in [request.source, request.target] {
+            for cloud in [request.source, request.target, request.background] {
                 assert_eq!(cloud.iter().count(), cloud.len());
                 assert_eq!(cloud.copy_into(&mut space).is_ok(), cloud.len() <= 64);
             }

@@ -5,12 +5,16 @@ mod initial;
 pub(super) mod input;
 mod one;
 mod pairs;
+mod source;
 mod text;
 
 pub use initial::Initial;
+pub use input::Input;
+pub use source::SourceArgs;
 
 use super::output::check_writable;
-use super::{BelowProbability, bad_usage, source};
+use super::{BelowProbability, bad_usage};
+use crate::cli::source::positive;
 use crate::dataset::cloud_file::{STANDARD, check_output};
 use crate::policy::{REAGENT, VIEWS, WeightFile};
 use crate::register::dense::Dense;
@@ -19,8 +23,6 @@ use crate::register::request::{Done, Request};
 use crate::register::{Memory, Start};
 use anyhow::{Context, bail};
 use clap::Args;
-use depth::DepthArgs;
-use input::{Input, Units};
 use pairs::Pair;
 use reagent_core::dims::{MAX_POINTS, STEPS};
 use reagent_core::pipeline::Mode;
@@ -65,31 +67,20 @@ pub(super) struct RegisterArgs {
     init: Vec<Initial>,
     /// How many of the most probable poses to tell, each another one: the first is given out, the others, as many as
     /// there are, follow in the text and under "others" in --json, with how they fit
-    #[arg(long, value_name = "K", default_value_t = 1, value_parser = source::positive())]
+    #[arg(long, value_name = "K", default_value_t = 1, value_parser = positive())]
     best: usize,
-    /// Unit of the source, where the target is in metres, or of both: in:mm. Units: mm, cm, m, in, ft. The source
-    /// is scaled before anything else; the pose is that of the scaled source
-    #[arg(long, value_name = "UNIT[:UNIT]", conflicts_with = "scale")]
-    unit: Option<Units>,
-    /// Number by which the source is multiplied before anything else
-    #[arg(long, value_name = "FACTOR", value_parser = factor)]
-    scale: Option<f64>,
     /// Points of each cloud that the policy sees at most [default: 4096, or 2048 where there are more]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(16..=MAX_POINTS as u64))]
     points: Option<u64>,
     /// Refinement steps at most
-    #[arg(long, value_name = "N", default_value_t = STEPS, value_parser = source::positive())]
+    #[arg(long, value_name = "N", default_value_t = STEPS, value_parser = positive())]
     steps: usize,
     /// What is done: fast (the policy's steps alone), polish (then closest points), verify, which is best (then compared
     /// with other poses), refine (closest points from the start, without the policy)
     #[arg(long, value_name = "MODE", default_value_t = Mode::Verify)]
     mode: Mode,
-    /// Where the sensor stood in the source's coordinates, scaled, three numbers separated by commas, or "origin": the
-    /// source is a view from there, and nothing stands between it and what it saw
-    #[arg(long, value_name = "X,Y,Z", value_parser = view_point, allow_hyphen_values = true)]
-    view: Option<[f64; 3]>,
     #[command(flatten)]
-    depth: DepthArgs,
+    sources: SourceArgs,
     /// Whether to refine the pose at last on all points, up to 20,000 of each cloud; not in mode fast
     #[arg(long, value_enum, value_name = "WHEN", default_value_t = Dense::Auto)]
     dense: Dense,
@@ -180,13 +171,9 @@ impl RegisterArgs {
         if let Some(pairs) = &pairs {
             return self.run_pairs(&weights, &starts, pairs, seed);
         }
-        // With a depth image the only file named is the target.
-        let (source, target) = match &self.depth.depth {
-            Some(image) => (Some(image), self.source.as_ref()),
-            None => (self.source.as_ref(), self.target.as_ref()),
-        };
-        let (Some(source), Some(target)) = (source.cloned(), target.cloned()) else {
-            bail!("give SOURCE and TARGET, --depth and TARGET, or --pairs");
+        let [source, target] = match self.sources.files([&self.source, &self.target]) {
+            Ok(files) => files,
+            Err(said) => bad_usage("register", said),
         };
         let pair = Pair {
             source,
@@ -212,12 +199,6 @@ impl RegisterArgs {
         if inputs.iter().filter(standard).count() > 1 {
             bad_usage("register", "only one input can be standard input");
         }
-        if self.depth.depth.is_some() && (self.source.is_none() || self.target.is_some()) {
-            bad_usage(
-                "register",
-                "--depth takes the place of SOURCE: give one more file, TARGET",
-            );
-        }
         if self.mode == Mode::Fast && self.best > 1 {
             bad_usage("register", NO_FITS);
         }
@@ -235,21 +216,11 @@ impl RegisterArgs {
 
     /// The policy's file or name, by whether all sources have view points of their own.
     fn policy(&self, are_views: bool) -> &Path {
-        let fitting = match are_views || self.view_point().is_some() {
+        let fitting = match are_views || self.sources.view_point().is_some() {
             true => VIEWS,
             false => REAGENT,
         };
         self.weights.as_deref().unwrap_or(Path::new(fitting))
-    }
-
-    /// Where the sensor stood, if the sources are views from one point.
-    fn view_point(&self) -> Option<[f64; 3]> {
-        self.view.or(self.depth.depth.is_some().then_some([0.0; 3]))
-    }
-
-    fn scale(&self) -> f64 {
-        let unit = self.unit.map(|units| units.scale);
-        self.scale.or(unit).unwrap_or(1.0)
     }
 
     fn register(
@@ -261,21 +232,12 @@ impl RegisterArgs {
     ) -> anyhow::Result<Pairing> {
         let points = self.points.map(|count| count as usize);
         // Seeds of their own: a mesh registered to itself must not be sampled at the very same points.
-        let object = self.depth.read()?;
         let (source, target) = rayon::join(
-            || match object {
-                Some((object, background)) => {
-                    let scale = self.scale();
-                    let mut source = Input::of(object, &pair.source, scale, (points, seed))?;
-                    source.cloud.see(&background, scale);
-                    Ok(source)
-                }
-                None => Input::read(&pair.source, self.scale(), points, seed),
-            },
+            || self.sources.read(&pair.source, points, seed),
             || Input::read(&pair.target, 1.0, points, seed.wrapping_add(1)),
         );
         let (source, mut target) = (source?, target?);
-        let view_point = pair.view_point.or(self.view_point());
+        let view_point = pair.view_point.or(self.sources.view_point());
         if view_point.is_some() {
             target.cloud.notice_missing_faces();
         }
@@ -305,7 +267,7 @@ impl RegisterArgs {
 
     fn document(&self, pairing: &Pairing) -> Document {
         let clouds = pairing.inputs.each_ref().map(|input| &input.cloud);
-        Document::new(clouds, &pairing.done, self.scale())
+        Document::new(clouds, &pairing.done, self.sources.scale())
     }
 
     /// Whether all are as probable as `--fail-below` asks.

@@ -11,7 +11,8 @@ use std::str::FromStr;
 const METRES: f64 = 1000.0;
 const MILLIMETRES: f64 = 1.0;
 
-#[derive(Debug, Args)]
+/// A depth image, its camera and its mask.
+#[derive(Clone, Debug, Default, Args)]
 pub(super) struct DepthArgs {
     /// Depth image in place of SOURCE: a greyscale PNG of 16 bits, or an array (rows, columns) in a .npy file. What it shows
     /// becomes the source, in millimetres in the camera's frame (x right, y down, z ahead), seen from the origin

@@ -8,16 +8,19 @@ use std::str::FromStr;
 
 /// One of the two clouds.
 #[derive(Debug)]
-pub(in crate::cli) struct Input {
+pub struct Input {
     /// What the file holds, scaled; all of it is written by `--out`.
-    pub(in crate::cli) file: CloudFile,
+    pub file: CloudFile,
     /// What is registered.
-    pub(in crate::cli) cloud: Prepared<'static>,
+    pub cloud: Prepared<'static>,
 }
 
 impl Input {
     /// Reads a file. Of a mesh, the seed decides which points of the surface are taken.
-    pub(in crate::cli) fn read(
+    ///
+    /// # Errors
+    /// A file that cannot be read, and clouds that the core refuses.
+    pub fn read(
         path: &Path,
         scale: f64,
         points: Option<usize>,

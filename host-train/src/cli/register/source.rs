@@ -1,0 +1,65 @@
+//! What the source is: a cloud in a file or a depth image, in which unit, and from where it was seen.
+
+use super::depth::DepthArgs;
+use super::input::{Input, Units};
+use super::{factor, view_point};
+use clap::Args;
+use std::path::{Path, PathBuf};
+
+/// What the source is.
+#[derive(Clone, Debug, Default, Args)]
+pub struct SourceArgs {
+    /// Unit of the source, where the target is in metres, or of both: in:mm. Units: mm, cm, m, in, ft. The source
+    /// is scaled before anything else; the pose is that of the scaled source
+    #[arg(long, value_name = "UNIT[:UNIT]", conflicts_with = "scale")]
+    unit: Option<Units>,
+    /// Number by which the source is multiplied before anything else
+    #[arg(long, value_name = "FACTOR", value_parser = factor)]
+    scale: Option<f64>,
+    /// Where the sensor stood in the source's coordinates, scaled, three numbers separated by commas, or "origin": the
+    /// source is a view from there, and nothing stands between it and what it saw
+    #[arg(long, value_name = "X,Y,Z", value_parser = view_point, allow_hyphen_values = true)]
+    view: Option<[f64; 3]>,
+    #[command(flatten)]
+    depth: DepthArgs,
+}
+
+impl SourceArgs {
+    /// Source and target of the files named, two, or with a depth image the target alone.
+    ///
+    /// # Errors
+    /// Too many or too few of them, in a sentence.
+    pub fn files(&self, named: [&Option<PathBuf>; 2]) -> Result<[PathBuf; 2], &'static str> {
+        match (&self.depth.depth, named) {
+            (Some(image), [Some(target), None]) => Ok([image.clone(), target.clone()]),
+            (Some(_), _) => Err("--depth takes the place of SOURCE: give one more file, TARGET"),
+            (None, [Some(source), Some(target)]) => Ok([source.clone(), target.clone()]),
+            (None, _) => Err("give SOURCE and TARGET, --depth and TARGET, or --pairs"),
+        }
+    }
+
+    /// Where the sensor stood, if the source is a view from one point.
+    pub fn view_point(&self) -> Option<[f64; 3]> {
+        self.view.or(self.depth.depth.is_some().then_some([0.0; 3]))
+    }
+
+    /// By what the source is multiplied.
+    pub(super) fn scale(&self) -> f64 {
+        let unit = self.unit.map(|units| units.scale);
+        self.scale.or(unit).unwrap_or(1.0)
+    }
+
+    /// Reads the source of which `path` is the name, with its background if it is a depth image.
+    ///
+    /// # Errors
+    /// Files that cannot be read.
+    pub fn read(&self, path: &Path, points: Option<usize>, seed: u64) -> anyhow::Result<Input> {
+        let scale = self.scale();
+        let Some((object, background)) = self.depth.read()? else {
+            return Ok(Input::read(path, scale, points, seed)?);
+        };
+        let mut source = Input::of(object, path, scale, (points, seed))?;
+        source.cloud.see(&background, scale);
+        Ok(source)
+    }
+}

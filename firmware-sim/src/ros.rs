@@ -1,7 +1,6 @@
 //! `firmware-sim ros`: a node of a ROS 2 network whose middleware is Zenoh (`rmw_zenoh`), without ROS: clouds in, the pose of a
 //! model in them out.
 
-mod cloud;
 mod keys;
 mod messages;
 mod names;
@@ -14,12 +13,12 @@ use anyhow::{Context, anyhow};
 use host_train::cli::Initial;
 use host_train::dataset::Point;
 use host_train::dataset::cloud_file::read_file;
+use host_train::dataset::ros::point_cloud2::PointCloud2;
 use host_train::policy::{REAGENT, VIEWS, WeightFile};
 use host_train::register::prepared::Prepared;
 use host_train::register::request::{Done, Request};
 use host_train::register::track::{POINTS, Tracking, bundled_policy};
 use host_train::register::{Memory, Start};
-use messages::PointCloud2;
 use node::Member;
 use outputs::Outputs;
 use reagent_core::pipeline::Mode;
@@ -189,13 +188,12 @@ impl Registration {
     fn model_message(&self, frame: String) -> PointCloud2 {
         let origin = self.model.origin;
         let placed = |p: &Point| std::array::from_fn(|k| (f64::from(p[k]) + origin[k]) as f32);
-        cloud::message(self.model.all.iter().map(placed), frame)
+        PointCloud2::of(self.model.all.iter().map(placed), frame)
     }
 
     /// The pose, and of an object that is followed, whether it is there.
     fn register(&mut self, cloud: &PointCloud2) -> anyhow::Result<(Done, Option<Sight>)> {
-        let points = cloud::points(cloud)?;
-        let source = Prepared::of_points(&points, &self.topic, self.points)?;
+        let source = Prepared::of_positions(cloud.positions()?, &self.topic, self.points)?;
         let (policy, memory) = (self.weights.policy(), &mut self.memory);
         let clouds = [&source, &self.model];
         let Some(tracking) = &mut self.tracking else {

@@ -5,7 +5,7 @@
 )]
 
 use super::keys::{self, Kind, Node, Qos, Type};
-use super::messages::to_cdr;
+use host_train::dataset::ros::cdr::to_cdr;
 use serde::Serialize;
 use std::time::{Duration, SystemTime};
 use zenoh::bytes::ZBytes;

@@ -1,11 +1,13 @@
 //! What the node publishes of each cloud.
 
 use super::messages::{
-    DiagnosticArray, DiagnosticStatus, ERROR, Header, KeyValue, OK, PointCloud2, PoseStamped,
-    PoseWithCovarianceStamped, TransformStamped, Transforms, WARN, from_cdr,
+    DiagnosticArray, DiagnosticStatus, ERROR, KeyValue, OK, PoseStamped, PoseWithCovarianceStamped,
+    TransformStamped, Transforms, WARN,
 };
 use super::node::{Member, Publisher};
 use super::{Registration, keys, pose};
+use host_train::dataset::ros::cdr::from_cdr;
+use host_train::dataset::ros::point_cloud2::{Header, PointCloud2};
 use host_train::register::request::Done;
 use keys::Qos;
 use reagent_core::track::Sight;

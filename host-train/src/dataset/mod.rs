@@ -13,6 +13,8 @@ pub mod modelnet;
 pub mod pairs;
 pub mod procedural;
 pub mod raster;
+#[cfg(not(target_family = "wasm"))]
+pub mod ros;
 pub mod solids;
 pub mod tree;
 pub mod triangulate;

@@ -1,8 +1,64 @@
-//! The points of a `sensor_msgs/PointCloud2`, whatever lies between and beside them.
+//! `sensor_msgs/PointCloud2`, in the order of its definition in `common_interfaces`, and the points in it, whatever lies between and
+//! beside them.
 
-use super::messages::{Header, PointCloud2, PointField};
-use host_train::dataset::Point;
+use crate::dataset::Point;
+use crate::pose64::Position;
+use serde::{Deserialize, Serialize};
 use thiserror::Error;
+
+/// `builtin_interfaces/Time`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Time {
+    /// Seconds.
+    pub sec: i32,
+    /// And nanoseconds.
+    pub nanosec: u32,
+}
+
+/// `std_msgs/Header`.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Header {
+    /// When it was so.
+    pub stamp: Time,
+    /// Of the coordinates.
+    pub frame_id: String,
+}
+
+/// `sensor_msgs/PointField`.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct PointField {
+    /// Such as `x`.
+    pub name: String,
+    /// Bytes before it in its point.
+    pub offset: u32,
+    /// One of the constants of the definition.
+    pub datatype: u8,
+    /// Numbers in it.
+    pub count: u32,
+}
+
+/// `sensor_msgs/PointCloud2`.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct PointCloud2 {
+    /// When and where.
+    pub header: Header,
+    /// Rows; 1 of a cloud that is not organised.
+    pub height: u32,
+    /// Points of a row.
+    pub width: u32,
+    /// What a point has.
+    pub fields: Vec<PointField>,
+    /// Of the points, whatever the byte order of the message.
+    pub is_bigendian: bool,
+    /// Bytes of a point.
+    pub point_step: u32,
+    /// Bytes of a row.
+    pub row_step: u32,
+    /// The points.
+    pub data: Vec<u8>,
+    /// Whether all of them are finite.
+    pub is_dense: bool,
+}
 
 /// `PointField::FLOAT32` and `FLOAT64`.
 const FLOAT32: u8 = 7;
@@ -10,7 +66,7 @@ const FLOAT64: u8 = 8;
 
 /// Why there are no points.
 #[derive(Debug, Error, PartialEq, Eq)]
-pub(crate) enum CloudMessageError {
+pub enum PointCloudError {
     /// A coordinate is missing.
     #[error("the cloud has no field {0:?}: its fields are {1}")]
     NoField(&'static str, String),
@@ -59,26 +115,26 @@ struct Coordinate {
 }
 
 impl Coordinate {
-    fn of(cloud: &PointCloud2, name: &'static str) -> Result<Coordinate, CloudMessageError> {
+    fn of(cloud: &PointCloud2, name: &'static str) -> Result<Coordinate, PointCloudError> {
         let field = cloud.fields.iter().find(|field| field.name == name);
         let Some(PointField {
             offset, datatype, ..
         }) = field
         else {
             let names: Vec<_> = cloud.fields.iter().map(|f| f.name.as_str()).collect();
-            return Err(CloudMessageError::NoField(name, names.join(", ")));
+            return Err(PointCloudError::NoField(name, names.join(", ")));
         };
         let length = match *datatype {
             FLOAT32 => 4,
             FLOAT64 => 8,
             datatype => {
                 let name = name.into();
-                return Err(CloudMessageError::Datatype { name, datatype });
+                return Err(PointCloudError::Datatype { name, datatype });
             }
         };
         let end = u64::from(*offset) + length;
         if end > cloud.point_step.into() {
-            return Err(CloudMessageError::Offset {
+            return Err(PointCloudError::Offset {
                 name: name.into(),
                 end,
                 point_step: cloud.point_step,
@@ -90,106 +146,110 @@ impl Coordinate {
         })
     }
 
-    fn read(&self, point: &[u8], is_bigendian: bool) -> f32 {
+    fn read(&self, point: &[u8], is_bigendian: bool) -> f64 {
         let bytes = &point[self.at..];
         if self.is_double {
             let bytes = *bytes.first_chunk().expect("checked to lie in the point");
             let [big, little] = [f64::from_be_bytes(bytes), f64::from_le_bytes(bytes)];
-            (if is_bigendian { big } else { little }) as f32
+            if is_bigendian { big } else { little }
         } else {
             let bytes = *bytes.first_chunk().expect("checked to lie in the point");
             let [big, little] = [f32::from_be_bytes(bytes), f32::from_le_bytes(bytes)];
-            if is_bigendian { big } else { little }
+            f64::from(if is_bigendian { big } else { little })
         }
     }
 }
 
-/// A message of points in a frame.
-pub(crate) fn message(points: impl Iterator<Item = Point>, frame: String) -> PointCloud2 {
-    let data: Vec<u8> = points.flatten().flat_map(f32::to_le_bytes).collect();
-    let field = |(name, offset): (&str, u32)| PointField {
-        name: name.into(),
-        offset,
-        datatype: FLOAT32,
-        count: 1,
-    };
-    let point_step = 12;
-    PointCloud2 {
-        header: Header {
-            frame_id: frame,
-            ..Header::default()
-        },
-        height: 1,
-        width: data.len() as u32 / point_step,
-        fields: [("x", 0), ("y", 4), ("z", 8)].map(field).into(),
-        is_bigendian: false,
-        point_step,
-        row_step: data.len() as u32,
-        data,
-        is_dense: true,
+impl PointCloud2 {
+    /// Points in a frame.
+    pub fn of(points: impl Iterator<Item = Point>, frame: String) -> PointCloud2 {
+        let data: Vec<u8> = points.flatten().flat_map(f32::to_le_bytes).collect();
+        let field = |(name, offset): (&str, u32)| PointField {
+            name: name.into(),
+            offset,
+            datatype: FLOAT32,
+            count: 1,
+        };
+        let point_step = 12;
+        PointCloud2 {
+            header: Header {
+                frame_id: frame,
+                ..Header::default()
+            },
+            height: 1,
+            width: data.len() as u32 / point_step,
+            fields: [("x", 0), ("y", 4), ("z", 8)].map(field).into(),
+            is_bigendian: false,
+            point_step,
+            row_step: data.len() as u32,
+            data,
+            is_dense: true,
+        }
     }
-}
 
-/// The points that are finite, row by row: an organised cloud has others where its sensor saw nothing.
-pub(crate) fn points(cloud: &PointCloud2) -> Result<Vec<Point>, CloudMessageError> {
-    let [x, y, z] = ["x", "y", "z"].map(|name| Coordinate::of(cloud, name));
-    let coordinates = [x?, y?, z?];
-    let PointCloud2 {
-        height,
-        width,
-        point_step,
-        row_step,
-        ref data,
-        ..
-    } = *cloud;
-    let row = u64::from(width) * u64::from(point_step);
-    if row == 0 {
-        return Ok(Vec::new());
-    }
-    // A single row needs no length of its own, and some drivers give none.
-    let step = if height <= 1 {
-        row.max(row_step.into())
-    } else {
-        row_step.into()
-    };
-    if row > step {
-        return Err(CloudMessageError::Row {
+    /// All points, row by row. An organised cloud has points that are not finite where its sensor saw nothing.
+    ///
+    /// # Errors
+    /// Coordinates that are missing, of other types or outside of a point, and fewer bytes than rows and points need.
+    pub fn positions(&self) -> Result<Vec<Position>, PointCloudError> {
+        let [x, y, z] = ["x", "y", "z"].map(|name| Coordinate::of(self, name));
+        let coordinates = [x?, y?, z?];
+        let PointCloud2 {
+            height,
             width,
             point_step,
             row_step,
-        });
-    }
-    // The last row may end with its last point.
-    let says = (u64::from(height).saturating_sub(1))
-        .checked_mul(step)
-        .and_then(|before| before.checked_add(if height == 0 { 0 } else { row }));
-    let says = says.unwrap_or(u64::MAX);
-    if says > data.len() as u64 {
-        let has = data.len();
-        return Err(CloudMessageError::Length { says, has });
-    }
-    let mut points = Vec::new();
-    for index in 0..height as usize {
-        let row = &data[index * step as usize..][..row as usize];
-        let read = |point: &[u8]| {
-            coordinates
-                .each_ref()
-                .map(|coordinate| coordinate.read(point, cloud.is_bigendian))
+            ref data,
+            ..
+        } = *self;
+        let row = u64::from(width) * u64::from(point_step);
+        if row == 0 {
+            return Ok(Vec::new());
+        }
+        // A single row needs no length of its own, and some drivers give none.
+        let step = if height <= 1 {
+            row.max(row_step.into())
+        } else {
+            row_step.into()
         };
-        let rows = row.chunks_exact(point_step as usize).map(read);
-        points.extend(rows.filter(|point| point.iter().all(|x| x.is_finite())));
+        if row > step {
+            return Err(PointCloudError::Row {
+                width,
+                point_step,
+                row_step,
+            });
+        }
+        // The last row may end with its last point.
+        let says = (u64::from(height).saturating_sub(1))
+            .checked_mul(step)
+            .and_then(|before| before.checked_add(if height == 0 { 0 } else { row }));
+        let says = says.unwrap_or(u64::MAX);
+        if says > data.len() as u64 {
+            let has = data.len();
+            return Err(PointCloudError::Length { says, has });
+        }
+        let mut positions = Vec::new();
+        for index in 0..height as usize {
+            let row = &data[index * step as usize..][..row as usize];
+            let read = |point: &[u8]| {
+                coordinates
+                    .each_ref()
+                    .map(|coordinate| coordinate.read(point, self.is_bigendian))
+            };
+            positions.extend(row.chunks_exact(point_step as usize).map(read));
+        }
+        Ok(positions)
     }
-    Ok(points)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    const POINTS: [Point; 4] = [
+    const POINTS: [Position; 4] = [
         [1.0, 2.0, 3.0],
         [4.0, 5.0, 6.0],
-        [f32::NAN, 0.0, 0.0],
+        [f64::NAN, 0.0, 0.0],
         [7.0, 8.0, 9.0],
     ];
 
@@ -224,10 +284,10 @@ mod tests {
                 let at = index / 2 * row_step + index % 2 * point_step + offset;
                 let value = point[axis];
                 let bytes = match (is_double, is_bigendian) {
-                    (true, true) => f64::from(value).to_be_bytes().to_vec(),
-                    (true, false) => f64::from(value).to_le_bytes().to_vec(),
-                    (false, true) => value.to_be_bytes().to_vec(),
-                    (false, false) => value.to_le_bytes().to_vec(),
+                    (true, true) => value.to_be_bytes().to_vec(),
+                    (true, false) => value.to_le_bytes().to_vec(),
+                    (false, true) => (value as f32).to_be_bytes().to_vec(),
+                    (false, false) => (value as f32).to_le_bytes().to_vec(),
                 };
                 data[at..at + length].copy_from_slice(&bytes);
             }
@@ -244,8 +304,15 @@ mod tests {
         }
     }
 
+    /// Those that are finite.
+    fn points(cloud: &PointCloud2) -> Result<Vec<Position>, PointCloudError> {
+        let mut points = cloud.positions()?;
+        points.retain(|point| point.iter().all(|x| x.is_finite()));
+        Ok(points)
+    }
+
     #[test]
-    fn every_layout_gives_the_points_that_are_finite() {
+    fn every_layout_gives_the_points() {
         let expected = vec![POINTS[0], POINTS[1], POINTS[3]];
         for order in [[0, 1, 2], [2, 0, 1], [1, 2, 0]] {
             for is_double in [false, true] {
@@ -263,7 +330,7 @@ mod tests {
         assert_eq!(points(&short), Ok(expected));
         short.data.pop();
         let (says, has) = (short.data.len() as u64 + 1, short.data.len());
-        assert_eq!(points(&short), Err(CloudMessageError::Length { says, has }));
+        assert_eq!(points(&short), Err(PointCloudError::Length { says, has }));
     }
 
     #[test]
@@ -295,22 +362,19 @@ mod tests {
         coded.fields[1].datatype = 3;
         assert!(matches!(
             points(&coded),
-            Err(CloudMessageError::Datatype { datatype: 3, .. })
+            Err(PointCloudError::Datatype { datatype: 3, .. })
         ));
         let mut outside = good();
         outside.fields[3].offset = u32::MAX;
         assert!(matches!(
             points(&outside),
-            Err(CloudMessageError::Offset { .. })
+            Err(PointCloudError::Offset { .. })
         ));
         let narrow = PointCloud2 {
             row_step: 3,
             ..good()
         };
-        assert!(matches!(
-            points(&narrow),
-            Err(CloudMessageError::Row { .. })
-        ));
+        assert!(matches!(points(&narrow), Err(PointCloudError::Row { .. })));
         let endless = PointCloud2 {
             height: u32::MAX,
             row_step: u32::MAX,
@@ -318,7 +382,7 @@ mod tests {
         };
         assert!(matches!(
             points(&endless),
-            Err(CloudMessageError::Length { .. })
+            Err(PointCloudError::Length { .. })
         ));
         let single = PointCloud2 {
             height: 1,

@@ -3,6 +3,7 @@
 //!
 //! `PROPTEST_CASES` asks for more cases than the default.
 
+use host_train::dataset::cloud_file::bag::Bag;
 use host_train::dataset::cloud_file::{CloudFile, read_file, write_cloud};
 use host_train::dataset::pairs::{PairSet, Sample, load_poses, save_poses};
 use host_train::dataset::{self, Point, Split, modelnet};
@@ -337,6 +338,31 @@ fn loose_clouds_and_meshes() {
             assert!(file.normals.is_none_or(|normals| normals.len() == count));
             Ok(())
         });
+    }
+}
+
+/// Every message of a bag.
+fn read_bag(path: &Path) -> Result<(), String> {
+    let bag = Bag::open(path, Some("/camera/points")).map_err(|e| e.to_string())?;
+    for message in bag.messages() {
+        let message = message.map_err(|e| e.to_string())?;
+        // One that is no cloud is said to be none, and the others are read.
+        if let Ok((cloud, _)) = message.cloud() {
+            assert!(cloud.points.iter().flatten().all(|x| x.is_finite()));
+        }
+    }
+    Ok(())
+}
+
+#[test]
+fn bags_of_ros() {
+    let _turn = turn();
+    let dir = tempfile::tempdir().expect("temporary directory");
+    let fixtures = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/fixtures/bags");
+    for name in ["lz4.mcap", "zstd.mcap", "two_topics.mcap"] {
+        let whole = std::fs::read(fixtures.join(name)).expect("a fixture");
+        // A chunk may say that it is 4096 times as long as the file, and has twice the room where it grows.
+        damage_and_read(&dir.path().join(name), &whole, 9000, 400, read_bag);
     }
 }
 

@@ -35,10 +35,10 @@ use std::path::{Path, PathBuf};
 /// the target's mean at the origin, its farthest point at 1; clouds that lie far from the origin of their
 /// coordinates are registered relative to a point of their own.
 ///
-/// Files: .ply .pcd .xyz .txt .asc .csv .pts .npy .off .obj .stl; `-` is standard input or output. Of a mesh, 2048
-/// points of its surface are used; a cloud of more than 4096 points is thinned to 2048. The last refinement uses
-/// up to 20,000. Invalid points (NaN, infinite, beyond 1e12) are left out. Whatever a reader left out or
-/// understood in a way of its own is said on stderr and listed by --json.
+/// Files: .ply .pcd .xyz .txt .asc .csv .pts .npy .off .obj .stl, and .mcap or the folder of a bag of ROS 2; `-` is
+/// standard input or output. Of a mesh, 2048 points of its surface are used; a cloud of more than 4096 points is thinned to
+/// 2048. The last refinement uses up to 20,000. Invalid points (NaN, infinite, beyond 1e12) are left out. Whatever a reader
+/// left out or understood in a way of its own is said on stderr and listed by --json.
 ///
 /// The probability is that of being right up to what is named as undetermined: an axis about which the clouds may be
 /// turned, or other poses that fit as well.

@@ -1,9 +1,12 @@
 //! `host-train track`
 
+use super::bad_usage;
 use super::output::{check_writable, write_text};
 use super::register::input::{Input, Units};
 use super::register::{Initial, factor, view_point};
+use crate::dataset::cloud_file::bag::{Bag, is_bag};
 use crate::dataset::cloud_file::{CloudError, CloudFile, EXTENSIONS, extension, read_file};
+use crate::dataset::ros::point_cloud2::Time;
 use crate::measure::metrics::quantile;
 use crate::policy::WeightFile;
 use crate::register::Memory;
@@ -31,7 +34,8 @@ use walkdir::WalkDir;
 pub(super) struct TrackArgs {
     /// Cloud or mesh of the object
     model: PathBuf,
-    /// Clouds in the order in which they were seen: files, and folders, of which all clouds are taken by name
+    /// Clouds in the order in which they were seen: files, bags of ROS 2 (.mcap or their folder) with every message of a topic, and
+    /// folders, of which all clouds are taken by name
     #[arg(required = true)]
     scans: Vec<PathBuf>,
     /// Policy, as of `register` [default: "views-compact" where --view is given, else "compact"]
@@ -51,6 +55,9 @@ pub(super) struct TrackArgs {
     /// Number by which the clouds are multiplied before anything else
     #[arg(long, value_name = "FACTOR", value_parser = factor)]
     scale: Option<f64>,
+    /// Of bags: the topic of the clouds [default: the only one that has some]
+    #[arg(long, value_name = "/TOPIC")]
+    topic: Option<String>,
     /// Points of each cloud that are used at most: fewer take less time
     #[arg(long, value_name = "N", default_value_t = POINTS as u64, value_parser = clap::value_parser!(u64).range(16..=MAX_POINTS as u64))]
     points: u64,
@@ -67,6 +74,8 @@ pub(super) struct TrackArgs {
 #[derive(Serialize)]
 struct Line {
     source: String,
+    #[serde(flatten)]
+    message: Option<Message>,
     state: String,
     #[serde(flatten)]
     done: Option<Done>,
@@ -74,6 +83,15 @@ struct Line {
     #[serde(skip_serializing_if = "Option::is_none")]
     error: Option<String>,
     ms: f64,
+}
+
+/// Which message of a bag it is.
+#[derive(Clone, Copy, Serialize)]
+struct Message {
+    message: u64,
+    /// Of a message that has a cloud.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    stamp: Option<Time>,
 }
 
 /// What was done last, and what came of it.
@@ -89,10 +107,15 @@ struct Done {
 }
 
 impl Line {
-    fn new(path: &Path, tracked: anyhow::Result<Tracked>, time: Duration) -> Line {
+    fn new(
+        (path, message): (&Path, Option<Message>),
+        tracked: anyhow::Result<Tracked>,
+        time: Duration,
+    ) -> Line {
         let sight = |tracked: &Tracked| tracked.sight;
         Line {
             source: path.display().to_string(),
+            message,
             state: tracked.as_ref().map_or(Sight::Lost, sight).to_string(),
             error: tracked.as_ref().err().map(|e| one_line(e.as_ref())),
             done: tracked.ok().map(Done::from),
@@ -115,7 +138,11 @@ impl From<Tracked> for Done {
 
 impl TrackArgs {
     pub(super) fn run(self, seed: u64) -> anyhow::Result<()> {
-        let scans = clouds(&self.scans)?;
+        let scans = scans(&self.scans, self.topic.as_deref())?;
+        let has_bag = scans.iter().any(|scan| matches!(scan, Scan::Bag(..)));
+        if self.topic.is_some() && !has_bag {
+            bad_usage("track", "--topic is for bags (.mcap)");
+        }
         if let Some(path) = &self.json {
             check_writable(path)?;
         }
@@ -140,20 +167,43 @@ impl TrackArgs {
             anyhow::Ok(tracking.follow(&request, weights.policy(), &mut memory, clouds)?)
         };
         let (mut lines, mut text, mut unread) = (Vec::new(), String::new(), 0);
-        for path in scans {
-            let file = read_file(&path);
+        let mut take = |of: (&Path, Option<Message>), label: &Path, file| {
             // An empty cloud is one without the object.
             unread +=
                 usize::from(matches!(&file, Err(e) if !matches!(e, CloudError::Empty { .. })));
             let before = Instant::now();
-            let tracked = follow(file, &path);
-            let line = Line::new(&path, tracked, before.elapsed());
+            let tracked = follow(file, label);
+            let line = Line::new(of, tracked, before.elapsed());
             let json = serde_json::to_string(&line)? + "\n";
             match self.json {
                 Some(_) => text += &json,
                 None => print!("{json}"),
             }
             lines.push(line);
+            anyhow::Ok(())
+        };
+        for scan in &scans {
+            let (path, bag) = match scan {
+                Scan::File(path) => {
+                    take((path, None), path, read_file(path))?;
+                    continue;
+                }
+                Scan::Bag(path, bag) => (path, bag),
+            };
+            for message in bag.messages() {
+                match message {
+                    Ok(message) => {
+                        let cloud = message.cloud();
+                        let of = Message {
+                            message: message.number,
+                            stamp: cloud.as_ref().ok().map(|(_, stamp)| *stamp),
+                        };
+                        let cloud = cloud.map(|(cloud, _)| cloud);
+                        take((path, Some(of)), &message.label, cloud)?;
+                    }
+                    Err(error) => take((path, None), path, Err(error.into()))?,
+                }
+            }
         }
         if let Some(path) = &self.json {
             write_text(path, &text)?;
@@ -166,30 +216,43 @@ impl TrackArgs {
     }
 }
 
-/// Files in their order, and of folders what is a cloud by its extension, by name.
-fn clouds(scans: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
-    let mut files = Vec::new();
-    for scan in scans {
-        if !scan.is_dir() {
-            files.push(scan.clone());
+/// Where clouds come from.
+enum Scan {
+    File(PathBuf),
+    /// And where it is.
+    Bag(PathBuf, Bag),
+}
+
+/// Files and bags in their order, and of folders what is a cloud or a bag by its extension, by name.
+fn scans(paths: &[PathBuf], topic: Option<&str>) -> anyhow::Result<Vec<Scan>> {
+    let scan = |path: PathBuf| {
+        anyhow::Ok(match is_bag(&path) {
+            true => Scan::Bag(path.clone(), Bag::open(&path, topic)?),
+            false => Scan::File(path),
+        })
+    };
+    let mut scans = Vec::new();
+    for path in paths {
+        if !path.is_dir() || is_bag(path) {
+            scans.push(scan(path.clone())?);
             continue;
         }
-        let before = files.len();
-        for entry in WalkDir::new(scan).sort_by_file_name() {
+        let before = scans.len();
+        for entry in WalkDir::new(path).sort_by_file_name() {
             let path = entry?.into_path();
             if EXTENSIONS.contains(&extension(&path).as_str()) {
-                files.push(path);
+                scans.push(scan(path)?);
             }
         }
-        if files.len() == before {
+        if scans.len() == before {
             bail!(
                 "{}: no clouds; give {}",
-                scan.display(),
+                path.display(),
                 EXTENSIONS.join(" ")
             );
         }
     }
-    Ok(files)
+    Ok(scans)
 }
 
 /// How many clouds were in which state, and how long they took.

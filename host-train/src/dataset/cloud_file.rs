@@ -8,11 +8,14 @@
 //! | `.stl` | faces; ASCII or binary |
 //! | `.xyz`, `.txt`, `.asc`, `.csv`, `.pts` | lines of numbers, see the module `table` |
 //! | `.npy` | `[N, 3]` or more columns of numbers, or `[3, N]` |
+//! | `.mcap` | the first cloud of the only topic of a bag that has some, see the module `bag`; not in a browser |
 //!
 //! In every format, points that are NaN, infinite or beyond 1e12 are left out, and whatever was left out or
-//! understood in a way of its own is listed as a [`Note`]. Coordinates stay f64. Files are read whole; memory
+//! understood in a way of its own is listed as a [`Note`]. Coordinates stay f64. Files but bags are read whole; memory
 //! beside the result is a small multiple of the file's length, whatever its header claims.
 
+#[cfg(not(target_family = "wasm"))]
+pub mod bag;
 mod error;
 mod lines;
 mod note;
@@ -53,8 +56,20 @@ const FAR: f64 = 16.0;
 pub const STANDARD: &str = "-";
 
 /// Extensions that are read.
-pub const EXTENSIONS: [&str; 11] = [
-    "ply", "pcd", "xyz", "txt", "asc", "csv", "pts", "npy", "off", "obj", "stl",
+pub const EXTENSIONS: &[&str] = &[
+    "ply",
+    "pcd",
+    "xyz",
+    "txt",
+    "asc",
+    "csv",
+    "pts",
+    "npy",
+    "off",
+    "obj",
+    "stl",
+    #[cfg(not(target_family = "wasm"))]
+    "mcap",
 ];
 
 /// A cloud, or a mesh where there are faces, in units of its own.
@@ -84,6 +99,10 @@ pub fn read_file(path: &Path) -> Result<CloudFile, CloudError> {
     if path == Path::new(STANDARD) {
         std::io::stdin().read_to_end(&mut bytes).map_err(io)?;
         return parse(&bytes, kind_of(&bytes), path);
+    }
+    #[cfg(not(target_family = "wasm"))]
+    if bag::is_bag(path) {
+        return bag::read(path, None, bag::Which::FIRST);
     }
     if path.is_dir() {
         return Err(io(std::io::ErrorKind::IsADirectory.into()));
@@ -117,6 +136,7 @@ fn parse(bytes: &[u8], kind: &str, path: &Path) -> Result<CloudFile, CloudError>
         "off" => off::parse,
         "obj" => obj::parse,
         "stl" => stl::parse,
+        "mcap" => |_| Err("a bag is read from its file: name that".into()),
         _ => table::parse,
     };
     let file = parse(bytes).map_err(|reason| CloudError::Malformed {
@@ -141,6 +161,8 @@ fn kind_of(bytes: &[u8]) -> &'static str {
         "pcd"
     } else if begins(b"\x93NUMPY") {
         "npy"
+    } else if begins(b"\x89MCAP") {
+        "mcap"
     } else if first.len() < 32 && first.windows(3).any(|word| word == b"OFF") {
         "off"
     } else if begins(b"solid") {

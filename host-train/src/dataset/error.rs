@@ -38,7 +38,7 @@ pub enum DatasetError {
     /// A directory holds none of what is read.
     #[error(
         "{}: no data set: neither train_files.txt and test_files.txt (modelnet40_ply_hdf5_2048, {MODELNET40_URL}), nor \
-         training_objectdataset.h5 and test_objectdataset.h5 (ScanObjectNN), nor .off .ply .obj .stl .pcd .xyz .npy files",
+         training_objectdataset.h5 and test_objectdataset.h5 (ScanObjectNN), nor .off .ply .obj .stl .pcd .xyz .npy .mcap files",
         dir.display()
     )]
     NoModels {

@@ -3,6 +3,8 @@
 use super::depth::DepthArgs;
 use super::input::{Input, Units};
 use super::{factor, view_point};
+use crate::dataset::cloud_file::bag::{self, Which, is_bag};
+use crate::dataset::cloud_file::{CloudError, CloudFile, read_file};
 use clap::Args;
 use std::path::{Path, PathBuf};
 
@@ -22,6 +24,13 @@ pub struct SourceArgs {
     view: Option<[f64; 3]>,
     #[command(flatten)]
     depth: DepthArgs,
+    /// Of a bag as the source: the topic of the clouds [default: the only one that has some]
+    #[arg(long, value_name = "/TOPIC", conflicts_with = "depth")]
+    topic: Option<String>,
+    /// Of a bag as the source: the number of the message, from 0, or seconds after the bag's start, as in 2.5s, for the first
+    /// from then on [default: 0]
+    #[arg(long, value_name = "N|TIME", conflicts_with = "depth")]
+    message: Option<Which>,
 }
 
 impl SourceArgs {
@@ -30,7 +39,11 @@ impl SourceArgs {
     /// # Errors
     /// Too many or too few of them, in a sentence.
     pub fn files(&self, named: [&Option<PathBuf>; 2]) -> Result<[PathBuf; 2], &'static str> {
+        let of_bag = self.topic.is_some() || self.message.is_some();
         match (&self.depth.depth, named) {
+            (_, [Some(source), _]) if of_bag && !is_bag(source) => {
+                Err("--topic and --message are for a bag (.mcap) as SOURCE")
+            }
             (Some(image), [Some(target), None]) => Ok([image.clone(), target.clone()]),
             (Some(_), _) => Err("--depth takes the place of SOURCE: give one more file, TARGET"),
             (None, [Some(source), Some(target)]) => Ok([source.clone(), target.clone()]),
@@ -56,10 +69,19 @@ impl SourceArgs {
     pub fn read(&self, path: &Path, points: Option<usize>, seed: u64) -> anyhow::Result<Input> {
         let scale = self.scale();
         let Some((object, background)) = self.depth.read()? else {
-            return Ok(Input::read(path, scale, points, seed)?);
+            let source = self.read_cloud(path)?;
+            return Ok(Input::of(source, path, scale, (points, seed))?);
         };
         let mut source = Input::of(object, path, scale, (points, seed))?;
         source.cloud.see(&background, scale);
         Ok(source)
+    }
+
+    fn read_cloud(&self, path: &Path) -> Result<CloudFile, CloudError> {
+        let message = self.message.unwrap_or(Which::FIRST);
+        match is_bag(path) {
+            true => bag::read(path, self.topic.as_deref(), message),
+            false => read_file(path),
+        }
     }
 }

@@ -1,5 +1,8 @@
 //! Why a file of points was refused.
 
+use super::EXTENSIONS;
+#[cfg(not(target_family = "wasm"))]
+use super::bag::BagError;
 use std::path::PathBuf;
 
 /// Why a file of points was refused.
@@ -7,8 +10,8 @@ use std::path::PathBuf;
 pub enum CloudError {
     /// The extension is not one of those that are read.
     #[error(
-        "{}: unknown kind of file; give .ply .pcd .xyz .txt .asc .csv .pts .npy .off .obj or .stl",
-        path.display()
+        "{}: unknown kind of file; give .{}",
+        path.display(), EXTENSIONS.join(" .")
     )]
     Extension {
         /// File concerned.
@@ -87,6 +90,10 @@ pub enum CloudError {
         /// Why.
         source: reagent_core::Error,
     },
+    /// A bag was refused.
+    #[cfg(not(target_family = "wasm"))]
+    #[error(transparent)]
+    Bag(#[from] BagError),
     /// All faces of the mesh are degenerate.
     #[error("{}: the mesh has no area to sample points from", path.display())]
     NoArea {

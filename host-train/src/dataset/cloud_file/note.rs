@@ -69,6 +69,17 @@ pub enum Note {
         /// Millimetres a unit of depth.
         scale_mm: f64,
     },
+    /// The cloud is one of a bag's.
+    Message {
+        /// The topic.
+        topic: String,
+        /// Place among the topic's messages, from 0.
+        number: u64,
+        /// The stamp that its sensor gave it: seconds,
+        sec: i32,
+        /// and nanoseconds.
+        nanosec: u32,
+    },
     /// The cloud has no faces to draw points from.
     NoFaces,
 }
@@ -122,6 +133,12 @@ impl fmt::Display for Note {
                 f,
                 "{pixels} pixels are points in millimetres ({scale_mm} mm a unit of depth); {without} more have no depth"
             ),
+            Note::Message {
+                topic,
+                number,
+                sec,
+                nanosec,
+            } => write!(f, "message {number} of {topic}, stamped {sec}.{nanosec:09}"),
             Note::NoFaces => write!(
                 f,
                 "it has points and no faces; normals are estimated from neighbouring points"

@@ -203,7 +203,8 @@ fn meshes_are_sampled_and_clouds_taken_as_they_are() {
 #[test]
 fn refusals_say_what_and_where() {
     assert!(
-        refused(".doc", b"").contains(".ply .pcd .xyz .txt .asc .csv .pts .npy .off .obj or .stl")
+        refused(".doc", b"")
+            .contains(".ply .pcd .xyz .txt .asc .csv .pts .npy .off .obj .stl .mcap")
     );
     assert!(matches!(
         read_file(Path::new("no/such.ply")),

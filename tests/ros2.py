@@ -5,6 +5,7 @@
     tests/ros2.py target/release/firmware-sim
 """
 
+import json
 import pathlib
 import queue
 import socket
@@ -17,16 +18,45 @@ import xxhash
 import zenoh
 import zenoh.ext
 from pamoja import ros2
-from rosbags.typesys import Stores, get_typestore
+from rosbags.interfaces import Nodetype
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 TYPES = STORE.types
 PATIENCE = 60.0
 
 
+def define_service(name, request, response):
+    """Adds the type of a service, which has a request, a response and an event of both (REP 2016), as rosbags has messages only."""
+    ends = [f"{name}_{end}" for end in ["Request", "Response", "Event"]]
+    for end, definition in zip(ends, [request, response]):
+        message = end.replace("/srv/", "/msg/")
+        STORE.register(get_types_from_msg(definition, message))
+        STORE.fielddefs[end] = STORE.fielddefs[message]
+    one = lambda end: (Nodetype.SEQUENCE, ((Nodetype.NAME, end), 1))
+    info = (Nodetype.NAME, "service_msgs/msg/ServiceEventInfo")
+    STORE.fielddefs[ends[2]] = ([], [("info", info), ("request", one(ends[0])), ("response", one(ends[1]))])
+    fields = ["request_message", "response_message", "event_message"]
+    STORE.fielddefs[name] = ([], [(field, (Nodetype.NAME, end)) for field, end in zip(fields, ends)])
+
+
+# What `.msg` calls char is uint8 in IDL, which counts.
+constants, fields = STORE.fielddefs["service_msgs/msg/ServiceEventInfo"]
+fields = [(name, (Nodetype.ARRAY, ((Nodetype.BASE, ("uint8", 0)), 16)) if name == "client_gid" else kind) for name, kind in fields]
+STORE.fielddefs["service_msgs/msg/ServiceEventInfo"] = (constants, fields)
+TRIGGER = "std_srvs/srv/Trigger"
+define_service(TRIGGER, "", "bool success\nstring message")
+define_service("example_interfaces/srv/AddTwoInts", "int64 a\nint64 b", "int64 sum")
+
+
 def type_hash(name):
     """As rosbags computes it from the definitions."""
     return STORE.hash_rihs01(name)
+
+
+# As the design document of rmw_zenoh shows it.
+ADDED = "RIHS01_e118de6bf5eeb66a2491b5bda11202e7b68f198d6f67922cf30364858239c81a"
+assert type_hash("example_interfaces/srv/AddTwoInts") == ADDED
 
 
 def key(topic, name):
@@ -99,6 +129,27 @@ def rotation_of(q):
     )
 
 
+def call(session, service, name, number):
+    """Asks a service as rmw_zenoh does, and checks that the answer is for this client and number."""
+    asked, answered = [f"{name}_{end}".replace("/srv/", "/msg/") for end in ["Request", "Response"]]
+    payload = STORE.serialize_cdr(TYPES[asked](structure_needs_at_least_one_member=0), asked)
+    client = bytes(range(16))
+    sender = number.to_bytes(8, "little") + bytes(8) + b"\x10" + client
+    replies = session.get(
+        key(service, name),
+        payload=bytes(payload),
+        attachment=sender,
+        target=zenoh.QueryTarget.ALL_COMPLETE,
+        consolidation=zenoh.ConsolidationMode.NONE,
+        timeout=PATIENCE,
+    )
+    [reply] = [reply.ok for reply in replies]
+    attachment = reply.attachment.to_bytes()
+    assert attachment[:8] == sender[:8] and attachment[16:] == sender[16:], attachment
+    assert str(reply.key_expr) == key(service, name)
+    return STORE.deserialize_cdr(reply.payload.to_bytes(), answered)
+
+
 class Topic:
     """Messages of a topic, as a subscription hears them."""
 
@@ -161,7 +212,7 @@ def play(program, session, endpoint, model, rng):
         said = node.stdout.readline()
         assert "hears /camera/points" in said, said
         found = {}
-        while len(found) < 7:
+        while len(found) < 8:
             parts = str(tokens.get(timeout=PATIENCE).key_expr).split("/")
             assert parts[:2] == ["@ros2_lv", "0"] and parts[6:9] == ["%", "%lab", "reagent"], parts
             found["/".join(parts[5:6] + parts[9:])] = "/".join(parts)
@@ -173,6 +224,7 @@ def play(program, session, endpoint, model, rng):
             ("MP", "/tf", transforms.name, "::,100:,:,:,,"),
             ("MP", "/lab/reagent/model", cloud_type, ":1:,1:,:,:,,"),
             ("MS", "/camera/points", cloud_type, "2::,5:,:,:,,"),
+            ("SS", "/lab/reagent/register", TRIGGER, "::,10:,:,:,,"),
         ]:
             dds, mangled = ros2.dds_type_name(name), ros2.percent_mangle(topic)
             expected.add(f"{kind}/{mangled}/{dds}/{type_hash(name)}/{qos}")
@@ -185,6 +237,9 @@ def play(program, session, endpoint, model, rng):
             shown, number, _ = latched.next()
             assert number == 1 and shown.header.frame_id == "part" and shown.is_dense, shown.header
             assert np.allclose(shown.data.view("<f4").reshape(-1, 3), expected)
+
+        early_answer = call(session, "/lab/reagent/register", TRIGGER, 1)
+        assert not early_answer.success and "/camera/points" in early_answer.message, early_answer
 
         def put(message):
             payload = STORE.serialize_cdr(message, cloud_type)
@@ -224,6 +279,16 @@ def play(program, session, endpoint, model, rng):
             assert np.allclose(covariance, covariance.T) and np.linalg.eigvalsh(covariance)[0] > 0
             values = {pair.key: pair.value for pair in status.values}
             print(f"{layout[0]}: {1e3 * np.linalg.norm(error):.2f} mm, {degrees:.2f} degrees, {values}")
+        # Once more for who asks, and for all.
+        answer = call(session, "/lab/reagent/register", TRIGGER, 2)
+        assert answer.success, answer
+        said = json.loads(answer.message)
+        assert said["header"] == {"stamp": {"sec": 4, "nanosec": 5}, "frame_id": "camera"} and said["probability"] > 0.9, said
+        assert said["pose"]["position"] == [position.x, position.y, position.z], said
+        again, sequence, _ = pose_topic.next()
+        assert sequence == 5 and again == stamped
+        diagnostics.next(), with_covariance.next(), transforms.next()
+        print(f"a service says {answer.message}")
         [gid] = gids
         [token] = [token for end, token in found.items() if end.startswith("MP/%lab%reagent%pose/")]
         assert gid == xxhash.xxh3_128_intdigest(token.encode()).to_bytes(16, "little")
@@ -247,12 +312,12 @@ def play(program, session, endpoint, model, rng):
         node.terminate()
         assert node.wait(PATIENCE) == 0
     gone = set()
-    while len(gone) < 7:
+    while len(gone) < 8:
         sample = tokens.get(timeout=PATIENCE)
         assert sample.kind == zenoh.SampleKind.DELETE, sample
         gone.add(str(sample.key_expr))
     assert gone == set(found.values())
-    print("keys, tokens, attachments and messages are those that others expect")
+    print("keys, tokens, attachments, messages and the service are those that others expect")
 
 
 if __name__ == "__main__":

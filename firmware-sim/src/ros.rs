@@ -7,6 +7,7 @@ mod names;
 mod node;
 mod outputs;
 mod pose;
+mod service;
 
 use crate::session::{SessionArgs, open};
 use anyhow::{Context, anyhow};
@@ -19,11 +20,13 @@ use host_train::register::prepared::Prepared;
 use host_train::register::request::{Done, Request};
 use host_train::register::track::{POINTS, Tracking, bundled_policy};
 use host_train::register::{Memory, Start};
+use messages::Triggered;
 use node::Member;
 use outputs::Outputs;
 use reagent_core::pipeline::Mode;
 use reagent_core::track::Sight;
 use reagent_link::stop::stop_requested;
+use service::Services;
 use std::path::{Path, PathBuf};
 use std::pin::pin;
 
@@ -31,7 +34,7 @@ use std::pin::pin;
 ///
 /// Clouds are sensor_msgs/PointCloud2 of the object alone, in the model's units. For each, ~/pose (geometry_msgs/PoseStamped) and
 /// ~/pose_with_covariance say where the model's frame is in the cloud's, as far as the pose is probably right; /diagnostics says
-/// what came of every cloud. ~/model is the model, latched, in the frame of --tf or of the file's name. While one is registered, of those that come the newest is kept.
+/// what came of every cloud. The service ~/register (std_srvs/Trigger) registers the newest cloud and answers with the same as JSON. ~/model is the model, latched, in the frame of --tf or of the file's name. While one is registered, of those that come the newest is kept.
 #[derive(clap::Args, Clone, Debug)]
 pub struct RosArgs {
     /// Cloud or mesh of the object (.ply .pcd .xyz .txt .asc .csv .pts .npy .off .obj .stl)
@@ -58,6 +61,9 @@ pub struct RosArgs {
     /// enough, --init for an object that no cloud has shown
     #[arg(long)]
     pub track: bool,
+    /// Register clouds only when the service ~/register asks for the newest one
+    #[arg(long)]
+    pub on_request: bool,
     /// The node's name
     #[arg(long, value_name = "NAME", value_parser = names::node, default_value = "reagent")]
     pub node: String,
@@ -123,6 +129,9 @@ impl RosArgs {
         let _shown = shown.map_err(failed)?;
         let outputs = Outputs::declare(&mut member, model, self.tf.clone()).await;
         let mut outputs = outputs.map_err(failed)?;
+        let mut services = Services::new();
+        let served = member.serve(&mut services, "register", keys::TRIGGER).await;
+        served.map_err(failed)?;
         let clouds = member
             .subscribe(&self.cloud, keys::POINT_CLOUD)
             .await
@@ -132,14 +141,33 @@ impl RosArgs {
             member.node.full_name(),
             self.cloud
         );
+        let mut register = |bytes: &[u8]| {
+            tokio::task::block_in_place(|| outputs.answer(&mut registration, bytes)).map_err(failed)
+        };
+        let mut newest = None;
         let mut stopped = pin!(stop_requested());
         loop {
             tokio::select! {
-                bytes = clouds.next() => {
-                    let bytes = bytes.map_err(failed)?;
-                    tokio::task::block_in_place(|| outputs.answer(&mut registration, &bytes)).map_err(failed)?;
-                }
+                // However fast clouds come, requests have their turn.
+                biased;
                 stopped = &mut stopped => return Ok(stopped?),
+                call = services.next() => {
+                    newest = clouds.waiting().map_err(failed)?.or(newest);
+                    let done = match &newest {
+                        Some(bytes) => register(bytes)?,
+                        None => Triggered {
+                            success: false,
+                            message: format!("no cloud has come on {} so far", self.cloud),
+                        },
+                    };
+                    call.answer(&done);
+                }
+                bytes = clouds.next() => {
+                    let bytes = newest.insert(bytes.map_err(failed)?);
+                    if !self.on_request {
+                        register(bytes)?;
+                    }
+                }
             }
         }
     }

@@ -22,6 +22,9 @@ const MODEL: &str = "0/reagent/model/sensor_msgs::msg::dds_::PointCloud2_/\
 const POSE: &str = "0/reagent/pose/geometry_msgs::msg::dds_::PoseStamped_/*";
 const DIAGNOSTICS: &str = "0/diagnostics/diagnostic_msgs::msg::dds_::DiagnosticArray_/*";
 
+const REGISTER: &str = "0/reagent/register/std_srvs::srv::dds_::Trigger_/\
+    RIHS01_eeff2cd6fa5ad9d27cdf4dec64818317839b62f212a91e6b5304b634b2062c5f";
+
 /// A child process that does not outlive the test.
 struct Running(Child);
 
@@ -145,13 +148,13 @@ async fn looking_for_a_part(folder: &Path, options: &[&str]) -> (Session, Runnin
     let tokens = tokens.declare_subscriber("@ros2_lv/0/*/0/*/*/%/%/reagent/**");
     let tokens = tokens.history(true).await.expect("an open session");
     let mut kinds = Vec::new();
-    while kinds.len() < 6 {
+    while kinds.len() < 7 {
         let token = timeout(PATIENCE, tokens.recv_async()).await;
         let token = token.expect("it comes").expect("an open session");
         kinds.extend(token.key_expr().split('/').nth(5).map(str::to_owned));
     }
     kinds.sort();
-    assert_eq!(kinds, ["MP", "MP", "MP", "MP", "MS", "NN"]);
+    assert_eq!(kinds, ["MP", "MP", "MP", "MP", "MS", "NN", "SS"]);
     (session, node, heard)
 }
 
@@ -227,6 +230,69 @@ async fn clouds_come_in_and_poses_and_reasons_go_out() {
         let said = String::from_utf8_lossy(&said);
         assert!(said.contains(reason), "{said}");
     }
+}
+
+/// Whether the service was successful, and what it says.
+async fn triggered(session: &Session) -> (bool, String) {
+    let identity = [7; 16];
+    let number = [9, 0, 0, 0, 0, 0, 0, 0];
+    let attachment = [&number[..], &[0; 8], &[16], &identity].concat();
+    // An empty message has one byte.
+    let asked = session.get(REGISTER).payload(b"\0\x01\0\0\0");
+    let asked = asked.attachment(attachment).await.expect("an open session");
+    let reply = timeout(PATIENCE, asked.recv_async()).await;
+    let reply = reply.expect("it comes").expect("an answer");
+    let reply = reply.into_result().expect("no refusal");
+    let attached = reply.attachment().expect("there is one").to_bytes();
+    assert_eq!(
+        (&attached[..8], &attached[17..]),
+        (&number[..], &identity[..])
+    );
+    let bytes = reply.payload().to_bytes();
+    assert_eq!(
+        (&bytes[..4], &bytes[5..8]),
+        (&b"\0\x01\0\0"[..], &[0; 3][..])
+    );
+    let text = String::from_utf8_lossy(&bytes[12..bytes.len() - 1]);
+    (bytes[4] == 1, text.into_owned())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_service_registers_the_newest_cloud() {
+    let folder = tempfile::tempdir().expect("a temporary directory");
+    let (session, _node, [poses, diagnostics]) =
+        looking_for_a_part(folder.path(), &["--on-request"]).await;
+    let said = triggered(&session).await;
+    assert_eq!(said, (false, "no cloud has come on /points so far".into()));
+    let put = async |cloud: Vec<u8>| session.put(CLOUD, cloud).await.expect("an open session");
+    put(b"nothing".to_vec()).await;
+    put(Cdr::cloud(&part())).await;
+    for _ in 0..2 {
+        let (success, said) = triggered(&session).await;
+        assert!(success, "{said}");
+        let said: serde_json::Value = serde_json::from_str(&said).expect("JSON");
+        let header = r#"{"frame_id":"camera","stamp":{"nanosec":8,"sec":7}}"#;
+        assert_eq!(said["header"].to_string(), header);
+        assert!(
+            said["probability"].as_f64().is_some_and(|p| p > 0.9),
+            "{said}"
+        );
+        let turn = said["pose"]["orientation"][3].as_f64();
+        assert!(turn.is_some_and(|w| w.abs() > 0.999), "{said}");
+        // It is published, too; of the cloud before it nothing is.
+        next(&poses).await;
+        let told = next(&diagnostics).await;
+        assert!(String::from_utf8_lossy(&told).contains("converged"));
+    }
+    put(Cdr::cloud(&part()[..1])).await;
+    let (success, said) = triggered(&session).await;
+    assert!(!success && said.contains("point"), "{said}");
+    // What is no request of ROS is refused.
+    let asked = session.get(REGISTER).await.expect("an open session");
+    let reply = asked.recv_async().await.expect("an answer");
+    let refused = reply.into_result().expect_err("refused");
+    let refused = refused.payload().to_bytes();
+    assert!(String::from_utf8_lossy(&refused).contains("attachment of 33 bytes"));
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -1,11 +1,11 @@
-//! Names on the network, as `rmw_zenoh` has them: key expressions of topics, liveliness tokens of nodes, publishers and
-//! subscriptions, and the identities that follow from them.
+//! Names on the network, as `rmw_zenoh` has them: key expressions of topics and services, liveliness tokens of nodes, publishers,
+//! subscriptions and services, and the identities that follow from them.
 //!
 //! Source: `rmw_zenoh_cpp` of ROS 2 Jazzy and later, `docs/design.md` and `src/detail/liveliness_utils.cpp`.
 
 use twox_hash::XxHash3_128;
 
-/// A message type, as publishers and subscriptions agree on it.
+/// The type of a message or service, as both ends agree on it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Type {
     /// As DDS names it.
@@ -35,10 +35,15 @@ pub(crate) const TRANSFORMS: Type = Type {
     hash: "RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087",
 };
 
+pub(crate) const TRIGGER: Type = Type {
+    name: "std_srvs::srv::dds_::Trigger_",
+    hash: "RIHS01_eeff2cd6fa5ad9d27cdf4dec64818317839b62f212a91e6b5304b634b2062c5f",
+};
+
 /// Quality of service, where it is not that of `rmw_zenoh`'s default: reliable, volatile, the last 42.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Qos {
-    /// Reliable, the last ten: publishers.
+    /// Reliable, the last ten: publishers and services.
     Reliable,
     /// Best effort, the last five: sensors.
     Sensor,
@@ -76,6 +81,7 @@ pub(crate) struct Node {
 pub(crate) enum Kind {
     Publisher,
     Subscription,
+    Service,
 }
 
 /// The node's own number among what its session has.
@@ -92,12 +98,12 @@ impl Node {
         format!("{}/{}", self.namespace.trim_end_matches('/'), self.name)
     }
 
-    /// The absolute name of a topic of the node's own.
+    /// The absolute name of a topic or service of the node's own.
     pub(crate) fn own_topic(&self, topic: &str) -> String {
         format!("{}/{topic}", self.full_name())
     }
 
-    /// Where a topic's messages are published.
+    /// Where a topic's messages are published, and a service's requests asked.
     pub(crate) fn topic_key(&self, topic: &str, of: Type) -> String {
         let topic = topic.trim_matches('/');
         format!("{}/{topic}/{}/{}", self.domain, of.name, of.hash)
@@ -118,7 +124,7 @@ impl Node {
         self.token_of(NODE_ID, "NN")
     }
 
-    /// The liveliness token of its publisher or subscription number `id`, from 1.
+    /// The liveliness token of its publisher, subscription or service number `id`, from 1.
     pub(crate) fn endpoint_token(
         &self,
         id: u32,
@@ -128,25 +134,37 @@ impl Node {
         let kind = match kind {
             Kind::Publisher => "MP",
             Kind::Subscription => "MS",
+            Kind::Service => "SS",
         };
         let (token, topic) = (self.token_of(id, kind), mangled(topic));
         format!("{token}/{topic}/{}/{}/{}", of.name, of.hash, qos.chunk())
     }
 }
 
-/// The identity of a publisher or subscription: XXH3-128 of its token, the low half first.
-pub(crate) fn gid(token: &str) -> [u8; 16] {
+/// The identity of a publisher, subscription or client.
+pub(crate) type Gid = [u8; 16];
+
+/// It is XXH3-128 of its token, the low half first.
+pub(crate) fn gid(token: &str) -> Gid {
     XxHash3_128::oneshot(token.as_bytes()).to_le_bytes()
 }
 
 /// What comes with every message: its number from 1, its time, and whose it is, as `zenoh-ext` serialises them.
-pub(crate) fn attachment(sequence: i64, unix_ns: i64, gid: [u8; 16]) -> Vec<u8> {
+pub(crate) fn attachment(sequence: i64, unix_ns: i64, gid: Gid) -> Vec<u8> {
     let mut bytes = Vec::with_capacity(33);
     bytes.extend(sequence.to_le_bytes());
     bytes.extend(unix_ns.to_le_bytes());
     bytes.push(16);
     bytes.extend(gid);
     bytes
+}
+
+/// Number and sender of a message or request with such an attachment.
+pub(crate) fn sender_of(attachment: &[u8]) -> Option<(i64, Gid)> {
+    let (sequence, rest) = attachment.split_first_chunk()?;
+    let (_unix_ns, rest) = rest.split_first_chunk::<8>()?;
+    let gid = rest.strip_prefix(&[16])?.try_into().ok()?;
+    Some((i64::from_le_bytes(*sequence), gid))
 }
 
 #[cfg(test)]
@@ -209,5 +227,8 @@ mod tests {
             ]
         );
         assert_eq!(bytes[17..], gid(""));
+        assert_eq!(sender_of(&bytes), Some((1, gid(""))));
+        assert!((0..33).all(|end| sender_of(&bytes[..end]).is_none()));
+        assert_eq!(sender_of(&[bytes, vec![0]].concat()), None);
     }
 }

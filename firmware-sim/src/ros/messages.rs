@@ -64,6 +64,13 @@ pub(crate) struct DiagnosticArray {
     pub(crate) status: Vec<DiagnosticStatus>,
 }
 
+/// `std_srvs/Trigger_Response`.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub(crate) struct Triggered {
+    pub(crate) success: bool,
+    pub(crate) message: String,
+}
+
 /// Levels of a diagnostic.
 pub(crate) const OK: u8 = 0;
 pub(crate) const WARN: u8 = 1;

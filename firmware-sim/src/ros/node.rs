@@ -4,7 +4,8 @@
     reason = "messages carry the time of who publishes them"
 )]
 
-use super::keys::{self, Kind, Node, Qos, Type};
+use super::keys::{self, Gid, Kind, Node, Qos, Type};
+use super::service::{Service, Services};
 use host_train::dataset::ros::cdr::to_cdr;
 use serde::Serialize;
 use std::time::{Duration, SystemTime};
@@ -24,14 +25,14 @@ pub(crate) struct Member {
     session: Session,
     pub(crate) node: Node,
     _token: LivelinessToken,
-    /// Publishers and subscriptions so far.
+    /// Publishers, subscriptions and services so far.
     endpoints: u32,
 }
 
 /// A publisher of one topic. Dropping it takes it off the graph.
 pub(crate) struct Publisher {
     publisher: pubsub::Publisher<'static>,
-    gid: [u8; 16],
+    gid: Gid,
     published: i64,
     _token: LivelinessToken,
 }
@@ -90,12 +91,12 @@ impl Member {
         Ok(false)
     }
 
-    /// The token of its next publisher or subscription, and the identity that follows.
+    /// The token of its next publisher, subscription or service, and the identity that follows.
     async fn declare(
         &mut self,
         kind: Kind,
         what: (&str, Type, Qos),
-    ) -> zenoh::Result<(LivelinessToken, [u8; 16])> {
+    ) -> zenoh::Result<(LivelinessToken, Gid)> {
         self.endpoints += 1;
         let token = self.node.endpoint_token(self.endpoints, kind, what);
         let gid = keys::gid(&token);
@@ -154,6 +155,27 @@ impl Member {
         })
     }
 
+    /// Offers a service of the node's own.
+    pub(crate) async fn serve(
+        &mut self,
+        services: &mut Services,
+        name: &str,
+        of: Type,
+    ) -> zenoh::Result<()> {
+        let name = self.node.own_topic(name);
+        let key = self.node.topic_key(&name, of);
+        let asked = self.session.declare_queryable(key).complete(true);
+        let asked = asked.callback(services.hear()).await?;
+        let (token, _) = self
+            .declare(Kind::Service, (&name, of, Qos::Reliable))
+            .await?;
+        services.add(Service {
+            _asked: asked,
+            _token: token,
+        });
+        Ok(())
+    }
+
     /// Hears a sensor's topic.
     pub(crate) async fn subscribe(&mut self, topic: &str, of: Type) -> zenoh::Result<Subscription> {
         let key = self.node.topic_key(topic, of);
@@ -172,6 +194,12 @@ impl Member {
     }
 }
 
+/// Time of whoever publishes or answers.
+pub(super) fn unix_ns() -> i64 {
+    let since_1970 = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
+    since_1970.map_or(0, |time| i64::try_from(time.as_nanos()).unwrap_or(i64::MAX))
+}
+
 impl Publisher {
     /// Publishes a message.
     pub(crate) fn publish(&mut self, message: &impl Serialize) -> zenoh::Result<()> {
@@ -183,9 +211,7 @@ impl Publisher {
     /// The next message and what comes with it.
     fn next(&mut self, message: &impl Serialize) -> [ZBytes; 2] {
         self.published += 1;
-        let since_1970 = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
-        let now = since_1970.map_or(0, |time| i64::try_from(time.as_nanos()).unwrap_or(i64::MAX));
-        let attachment = keys::attachment(self.published, now, self.gid);
+        let attachment = keys::attachment(self.published, unix_ns(), self.gid);
         [to_cdr(message).into(), attachment.into()]
     }
 }
@@ -195,5 +221,11 @@ impl Subscription {
     pub(crate) async fn next(&self) -> zenoh::Result<Vec<u8>> {
         let sample = self.heard.recv_async().await?;
         Ok(sample.payload().to_bytes().into_owned())
+    }
+
+    /// The same, if it is there.
+    pub(crate) fn waiting(&self) -> zenoh::Result<Option<Vec<u8>>> {
+        let sample = self.heard.try_recv()?;
+        Ok(sample.map(|sample| sample.payload().to_bytes().into_owned()))
     }
 }

@@ -2,7 +2,7 @@
 
 use super::messages::{
     DiagnosticArray, DiagnosticStatus, ERROR, KeyValue, OK, PoseStamped, PoseWithCovarianceStamped,
-    TransformStamped, Transforms, WARN,
+    TransformStamped, Transforms, Triggered, WARN,
 };
 use super::node::{Member, Publisher};
 use super::{Registration, keys, pose};
@@ -13,6 +13,7 @@ use keys::Qos;
 use reagent_core::track::Sight;
 use reagent_core::verdict::Verdict;
 use reagent_link::log::one_line;
+use serde_json::json;
 
 /// The longest name of a topic of the node's own.
 pub(super) const LONGEST_TOPIC: &str = "pose_with_covariance";
@@ -60,20 +61,20 @@ impl Outputs {
         })
     }
 
-    /// Publishes what comes of a message: a pose where it is probably right, and a diagnostic whatever it is.
+    /// Publishes what comes of a message: a pose where it is probably right, and a diagnostic whatever it is. Says it, too.
     pub(crate) fn answer(
         &mut self,
         registration: &mut Registration,
         bytes: &[u8],
-    ) -> zenoh::Result<()> {
+    ) -> zenoh::Result<Triggered> {
         let cloud = match from_cdr::<PointCloud2>(bytes) {
             Ok(cloud) => cloud,
-            Err(error) => return self.tell(Header::default(), (ERROR, error.to_string()), vec![]),
+            Err(error) => return self.refuse(Header::default(), error.to_string()),
         };
         let header = cloud.header.clone();
         let (done, sight) = match registration.register(&cloud) {
             Ok(registered) => registered,
-            Err(error) => return self.tell(header, (ERROR, one_line(error.as_ref())), vec![]),
+            Err(error) => return self.refuse(header, one_line(error.as_ref())),
         };
         let verdict = done.found.answer.verdict;
         let level = match verdict {
@@ -83,7 +84,24 @@ impl Outputs {
         if level == OK {
             self.publish_pose(&header, registration, &done)?;
         }
-        self.tell(header, (level, verdict.to_string()), values(&done, sight))
+        let said = match level {
+            OK => document(&header, &done),
+            _ => format!("no pose is probably right: {verdict}"),
+        };
+        self.tell(header, (level, verdict.to_string()), values(&done, sight))?;
+        Ok(Triggered {
+            success: level == OK,
+            message: said,
+        })
+    }
+
+    /// Tells what is wrong with a cloud.
+    fn refuse(&mut self, header: Header, reason: String) -> zenoh::Result<Triggered> {
+        self.tell(header, (ERROR, reason.clone()), vec![])?;
+        Ok(Triggered {
+            success: false,
+            message: reason,
+        })
     }
 
     fn publish_pose(
@@ -135,17 +153,31 @@ impl Outputs {
     }
 }
 
+/// A pose that is probably right, as JSON.
+fn document(header: &Header, done: &Done) -> String {
+    let pose = pose::of(&done.pose);
+    json!({
+        "header": header,
+        "pose": { "position": pose.position, "orientation": pose.orientation },
+        "probability": probability(done),
+    })
+    .to_string()
+}
+
+/// Of a pose that was refined, in thousandths; nothing is certain.
+fn probability(done: &Done) -> Option<f64> {
+    let found = done.found.answer.refinement.as_ref()?;
+    let probability = f64::from(found.evidence.probability());
+    Some((1e3 * probability).round().min(999.0) / 1e3)
+}
+
 /// What a diagnostic says of a registration.
 fn values(done: &Done, sight: Option<Sight>) -> Vec<KeyValue> {
     let mut values = vec![("ms", format!("{:.1}", done.ms))];
     values.extend(sight.map(|sight| ("state", sight.to_string())));
+    values.extend(probability(done).map(|p| ("probability", format!("{p:.3}"))));
     if let Some(found) = &done.found.answer.refinement {
         values.extend([
-            (
-                "probability",
-                // Nothing is certain.
-                format!("{:.3}", found.evidence.probability().min(0.999)),
-            ),
             ("overlap", format!("{:.3}", found.refined.overlap)),
             ("inlier_rmse", format!("{:.6}", found.refined.inlier_rmse)),
             ("open_axis", found.undetermined.axis.is_some().to_string()),

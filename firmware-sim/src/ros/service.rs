@@ -1,0 +1,88 @@
+//! Services of a node: requests that come as queries, and their answers.
+
+use super::keys::{self, Gid};
+use super::node::unix_ns;
+use host_train::dataset::ros::cdr::to_cdr;
+use serde::Serialize;
+use tokio::sync::mpsc::{Receiver, Sender, channel};
+use zenoh::Wait;
+use zenoh::liveliness::LivelinessToken;
+use zenoh::query::{Query, Queryable};
+
+/// Requests that wait; those that come when so many do are dropped, as of a queue of ROS that is full.
+const WAITING: usize = 10;
+
+/// The services of a node, whose requests are answered one after the other.
+pub(crate) struct Services {
+    calls: Receiver<Call>,
+    sender: Sender<Call>,
+    declared: Vec<Service>,
+}
+
+/// A service. Dropping it takes it off the graph.
+pub(crate) struct Service {
+    pub(crate) _asked: Queryable<()>,
+    pub(crate) _token: LivelinessToken,
+}
+
+/// A request that waits for its answer.
+pub(crate) struct Call {
+    query: Query,
+    /// Its number, and whose it is: the answer has both.
+    sequence: i64,
+    client: Gid,
+}
+
+impl Services {
+    pub(crate) fn new() -> Services {
+        let (sender, calls) = channel(WAITING);
+        Services {
+            calls,
+            sender,
+            declared: Vec::new(),
+        }
+    }
+
+    pub(crate) fn add(&mut self, service: Service) {
+        self.declared.push(service);
+    }
+
+    /// Takes queries for a service.
+    pub(crate) fn hear(&self) -> impl Fn(Query) + Send + Sync + 'static {
+        let sender = self.sender.clone();
+        move |query| {
+            let attachment = query.attachment().map(|bytes| bytes.to_bytes());
+            match attachment.as_deref().and_then(keys::sender_of) {
+                Some((sequence, client)) => {
+                    // A query that is dropped is one without an answer.
+                    let _ = sender.try_send(Call {
+                        query,
+                        sequence,
+                        client,
+                    });
+                }
+                // Whoever asked is gone where it fails.
+                None => drop(query.reply_err(NO_SENDER).wait()),
+            }
+        }
+    }
+
+    /// The next request.
+    pub(crate) async fn next(&mut self) -> Call {
+        let call = self.calls.recv().await;
+        call.expect("the sender is kept beside it")
+    }
+}
+
+/// Said to queries that are no requests of ROS.
+const NO_SENDER: &str = "a request has an attachment of 33 bytes with its number, its time and its client, as rmw_zenoh has it";
+
+impl Call {
+    /// Answers it.
+    pub(crate) fn answer(self, response: &impl Serialize) {
+        let attachment = keys::attachment(self.sequence, unix_ns(), self.client);
+        let reply = self.query.reply(self.query.key_expr(), to_cdr(response));
+        // Whoever asked is gone where it fails.
+        let _ = reply.attachment(attachment).wait();
+    }
+}

@@ -47,6 +47,20 @@ STORE.fielddefs["service_msgs/msg/ServiceEventInfo"] = (constants, fields)
 TRIGGER = "std_srvs/srv/Trigger"
 define_service(TRIGGER, "", "bool success\nstring message")
 define_service("example_interfaces/srv/AddTwoInts", "int64 a\nint64 b", "int64 sum")
+PARAMETERS = "rcl_interfaces/srv/"
+define_service(f"{PARAMETERS}DescribeParameters", "string[] names", "rcl_interfaces/ParameterDescriptor[] descriptors")
+define_service(f"{PARAMETERS}GetParameterTypes", "string[] names", "uint8[] types")
+define_service(f"{PARAMETERS}GetParameters", "string[] names", "rcl_interfaces/ParameterValue[] values")
+define_service(f"{PARAMETERS}ListParameters", "string[] prefixes\nuint64 depth", "rcl_interfaces/ListParametersResult result")
+define_service(f"{PARAMETERS}SetParameters", "rcl_interfaces/Parameter[] parameters", "rcl_interfaces/SetParametersResult[] results")
+SERVICES = {
+    "register": TRIGGER,
+    "describe_parameters": f"{PARAMETERS}DescribeParameters",
+    "get_parameter_types": f"{PARAMETERS}GetParameterTypes",
+    "get_parameters": f"{PARAMETERS}GetParameters",
+    "list_parameters": f"{PARAMETERS}ListParameters",
+    "set_parameters": f"{PARAMETERS}SetParameters",
+}
 
 
 def type_hash(name):
@@ -129,10 +143,12 @@ def rotation_of(q):
     )
 
 
-def call(session, service, name, number):
+def call(session, service, number, **request):
     """Asks a service as rmw_zenoh does, and checks that the answer is for this client and number."""
+    name = SERVICES[service]
+    service = f"/lab/reagent/{service}"
     asked, answered = [f"{name}_{end}".replace("/srv/", "/msg/") for end in ["Request", "Response"]]
-    payload = STORE.serialize_cdr(TYPES[asked](structure_needs_at_least_one_member=0), asked)
+    payload = STORE.serialize_cdr(TYPES[asked](**(request or {"structure_needs_at_least_one_member": 0})), asked)
     client = bytes(range(16))
     sender = number.to_bytes(8, "little") + bytes(8) + b"\x10" + client
     replies = session.get(
@@ -148,6 +164,34 @@ def call(session, service, name, number):
     assert attachment[:8] == sender[:8] and attachment[16:] == sender[16:], attachment
     assert str(reply.key_expr) == key(service, name)
     return STORE.deserialize_cdr(reply.payload.to_bytes(), answered)
+
+
+def text(value):
+    """A string as a parameter's value."""
+    nothing = {"bool_value": False, "integer_value": 0, "double_value": 0.0, "byte_array_value": np.zeros(0, np.uint8)}
+    nothing |= {"bool_array_value": np.zeros(0, bool), "integer_array_value": np.zeros(0, np.int64)}
+    nothing |= {"double_array_value": np.zeros(0), "string_array_value": []}
+    return TYPES["rcl_interfaces/msg/ParameterValue"](type=4, string_value=value, **nothing)
+
+
+def check_parameters(session):
+    """Lists, reads, describes and sets them as `ros2 param` does."""
+    names = call(session, "list_parameters", 1, prefixes=[], depth=0).result.names
+    assert names == ["cloud", "mode", "model", "on_request", "tf", "track", "view", "weights"], names
+    types = call(session, "get_parameter_types", 2, names=names).types
+    assert types.tolist() == [4, 4, 4, 1, 4, 1, 1, 4], types
+    read = lambda: call(session, "get_parameters", 3, names=names).values
+    values = [value.string_value if value.type == 4 else value.bool_value for value in read()]
+    assert values[:2] == ["/camera/points", "verify"] and values[3:] == [False, "part", False, False, "reagent"], values
+    described = call(session, "describe_parameters", 4, names=names).descriptors
+    assert [d.name for d in described if not d.read_only] == ["mode", "on_request"], described
+    assert [d.type for d in described] == types.tolist()
+    one = lambda name, value: TYPES["rcl_interfaces/msg/Parameter"](name=name, value=text(value))
+    wanted = [one("mode", "polish"), one("mode", "slow"), one("weights", "compact"), one("mode", "verify")]
+    results = call(session, "set_parameters", 5, parameters=wanted).results
+    assert [result.successful for result in results] == [True, False, False, True], results
+    assert "polish" in results[1].reason and "--weights" in results[2].reason, results
+    print(f"parameters: {dict(zip(names, values))}; {results[2].reason}")
 
 
 class Topic:
@@ -212,7 +256,7 @@ def play(program, session, endpoint, model, rng):
         said = node.stdout.readline()
         assert "hears /camera/points" in said, said
         found = {}
-        while len(found) < 8:
+        while len(found) < 13:
             parts = str(tokens.get(timeout=PATIENCE).key_expr).split("/")
             assert parts[:2] == ["@ros2_lv", "0"] and parts[6:9] == ["%", "%lab", "reagent"], parts
             found["/".join(parts[5:6] + parts[9:])] = "/".join(parts)
@@ -224,7 +268,7 @@ def play(program, session, endpoint, model, rng):
             ("MP", "/tf", transforms.name, "::,100:,:,:,,"),
             ("MP", "/lab/reagent/model", cloud_type, ":1:,1:,:,:,,"),
             ("MS", "/camera/points", cloud_type, "2::,5:,:,:,,"),
-            ("SS", "/lab/reagent/register", TRIGGER, "::,10:,:,:,,"),
+            *(("SS", f"/lab/reagent/{service}", name, "::,10:,:,:,," if service == "register" else "::,1000:,:,:,,") for service, name in SERVICES.items()),
         ]:
             dds, mangled = ros2.dds_type_name(name), ros2.percent_mangle(topic)
             expected.add(f"{kind}/{mangled}/{dds}/{type_hash(name)}/{qos}")
@@ -238,8 +282,10 @@ def play(program, session, endpoint, model, rng):
             assert number == 1 and shown.header.frame_id == "part" and shown.is_dense, shown.header
             assert np.allclose(shown.data.view("<f4").reshape(-1, 3), expected)
 
-        early_answer = call(session, "/lab/reagent/register", TRIGGER, 1)
+        early_answer = call(session, "register", 1)
         assert not early_answer.success and "/camera/points" in early_answer.message, early_answer
+
+        check_parameters(session)
 
         def put(message):
             payload = STORE.serialize_cdr(message, cloud_type)
@@ -280,7 +326,7 @@ def play(program, session, endpoint, model, rng):
             values = {pair.key: pair.value for pair in status.values}
             print(f"{layout[0]}: {1e3 * np.linalg.norm(error):.2f} mm, {degrees:.2f} degrees, {values}")
         # Once more for who asks, and for all.
-        answer = call(session, "/lab/reagent/register", TRIGGER, 2)
+        answer = call(session, "register", 2)
         assert answer.success, answer
         said = json.loads(answer.message)
         assert said["header"] == {"stamp": {"sec": 4, "nanosec": 5}, "frame_id": "camera"} and said["probability"] > 0.9, said
@@ -312,12 +358,12 @@ def play(program, session, endpoint, model, rng):
         node.terminate()
         assert node.wait(PATIENCE) == 0
     gone = set()
-    while len(gone) < 8:
+    while len(gone) < 13:
         sample = tokens.get(timeout=PATIENCE)
         assert sample.kind == zenoh.SampleKind.DELETE, sample
         gone.add(str(sample.key_expr))
     assert gone == set(found.values())
-    print("keys, tokens, attachments, messages and the service are those that others expect")
+    print("keys, tokens, attachments, messages and services are those that others expect")
 
 
 if __name__ == "__main__":

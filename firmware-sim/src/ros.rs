@@ -6,6 +6,7 @@ mod messages;
 mod names;
 mod node;
 mod outputs;
+mod parameters;
 mod pose;
 mod service;
 
@@ -20,9 +21,11 @@ use host_train::register::prepared::Prepared;
 use host_train::register::request::{Done, Request};
 use host_train::register::track::{POINTS, Tracking, bundled_policy};
 use host_train::register::{Memory, Start};
+use keys::Qos;
 use messages::Triggered;
 use node::Member;
 use outputs::Outputs;
+use parameters::{Parameters, Settings, Value};
 use reagent_core::pipeline::Mode;
 use reagent_core::track::Sight;
 use reagent_link::stop::stop_requested;
@@ -34,7 +37,7 @@ use std::pin::pin;
 ///
 /// Clouds are sensor_msgs/PointCloud2 of the object alone, in the model's units. For each, ~/pose (geometry_msgs/PoseStamped) and
 /// ~/pose_with_covariance say where the model's frame is in the cloud's, as far as the pose is probably right; /diagnostics says
-/// what came of every cloud. The service ~/register (std_srvs/Trigger) registers the newest cloud and answers with the same as JSON. ~/model is the model, latched, in the frame of --tf or of the file's name. While one is registered, of those that come the newest is kept.
+/// what came of every cloud. The service ~/register (std_srvs/Trigger) registers the newest cloud and answers with the same as JSON. Settings are parameters, of which mode and on_request can be set. ~/model is the model, latched, in the frame of --tf or of the file's name. While one is registered, of those that come the newest is kept.
 #[derive(clap::Args, Clone, Debug)]
 pub struct RosArgs {
     /// Cloud or mesh of the object (.ply .pcd .xyz .txt .asc .csv .pts .npy .off .obj .stl)
@@ -84,6 +87,9 @@ pub struct RosArgs {
     pub session: SessionArgs,
 }
 
+/// The longest name of a topic or service of the node's own.
+const LONGEST: &str = "pose_with_covariance";
+
 /// What registers clouds to the model.
 struct Registration {
     model: Prepared<'static>,
@@ -106,7 +112,7 @@ impl RosArgs {
     pub async fn run(self) -> anyhow::Result<()> {
         let mut registration = self.registration()?;
         let namespace = self.namespace.trim_end_matches('/');
-        let longest = format!("{namespace}/{}/{}", self.node, outputs::LONGEST_TOPIC);
+        let longest = format!("{namespace}/{}/{LONGEST}", self.node);
         names::short(&longest).map_err(|wrong| {
             anyhow!("--namespace and --node are too long for {longest}: {wrong}")
         })?;
@@ -130,8 +136,14 @@ impl RosArgs {
         let outputs = Outputs::declare(&mut member, model, self.tf.clone()).await;
         let mut outputs = outputs.map_err(failed)?;
         let mut services = Services::new();
-        let served = member.serve(&mut services, "register", keys::TRIGGER).await;
-        served.map_err(failed)?;
+        let of_parameters = parameters::SERVICES.map(|(name, of)| (name, of, Qos::Parameters));
+        for service in [("register", keys::TRIGGER, Qos::Reliable)]
+            .into_iter()
+            .chain(of_parameters)
+        {
+            let served = member.serve(&mut services, service).await;
+            served.map_err(failed)?;
+        }
         let clouds = member
             .subscribe(&self.cloud, keys::POINT_CLOUD)
             .await
@@ -141,7 +153,9 @@ impl RosArgs {
             member.node.full_name(),
             self.cloud
         );
-        let mut register = |bytes: &[u8]| {
+        let mut parameters = self.parameters();
+        let mut register = |bytes: &[u8], mode| {
+            registration.request.mode = mode;
             tokio::task::block_in_place(|| outputs.answer(&mut registration, bytes)).map_err(failed)
         };
         let mut newest = None;
@@ -152,9 +166,13 @@ impl RosArgs {
                 biased;
                 stopped = &mut stopped => return Ok(stopped?),
                 call = services.next() => {
+                    if call.of != keys::TRIGGER {
+                        parameters.answer(call);
+                        continue;
+                    }
                     newest = clouds.waiting().map_err(failed)?.or(newest);
                     let done = match &newest {
-                        Some(bytes) => register(bytes)?,
+                        Some(bytes) => register(bytes, parameters.settings.mode)?,
                         None => Triggered {
                             success: false,
                             message: format!("no cloud has come on {} so far", self.cloud),
@@ -164,21 +182,43 @@ impl RosArgs {
                 }
                 bytes = clouds.next() => {
                     let bytes = newest.insert(bytes.map_err(failed)?);
-                    if !self.on_request {
-                        register(bytes)?;
+                    let Settings { mode, on_request } = parameters.settings;
+                    if !on_request {
+                        register(bytes, mode)?;
                     }
                 }
             }
         }
     }
 
-    fn registration(&self) -> anyhow::Result<Registration> {
+    fn policy(&self) -> &Path {
         let bundled = match (self.track, self.view) {
             (true, of_views) => bundled_policy(of_views),
             (false, true) => VIEWS,
             (false, false) => REAGENT,
         };
-        let weights = self.weights.as_deref().unwrap_or(Path::new(bundled));
+        self.weights.as_deref().unwrap_or(Path::new(bundled))
+    }
+
+    /// What it was started with.
+    fn parameters(&self) -> Parameters {
+        let path = |path: &Path| Value::text(path.to_string_lossy().into_owned());
+        let settings = Settings {
+            mode: self.mode,
+            on_request: self.on_request,
+        };
+        let fixed = vec![
+            ("cloud", Value::text(self.cloud.clone())),
+            ("model", path(&self.model)),
+            ("tf", Value::text(self.tf.clone().unwrap_or_default())),
+            ("track", Value::flag(self.track)),
+            ("view", Value::flag(self.view)),
+            ("weights", path(self.policy())),
+        ];
+        Parameters::new(settings, fixed)
+    }
+
+    fn registration(&self) -> anyhow::Result<Registration> {
         let start = self
             .init
             .clone()
@@ -187,7 +227,7 @@ impl RosArgs {
         let points = self.track.then_some(POINTS);
         Ok(Registration {
             model: self.prepared(points).context("--model")?,
-            weights: WeightFile::load(weights).context("--weights")?,
+            weights: WeightFile::load(self.policy()).context("--weights")?,
             request: Request {
                 start,
                 mode: self.mode,

@@ -2,6 +2,9 @@
 #![cfg(all(feature = "demo", unix))]
 
 use firmware_sim::session::{SessionArgs, open};
+use host_train::dataset::ros::cdr::{from_cdr, to_cdr};
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
 use std::io::{BufRead, BufReader, Read};
 use std::net::TcpListener;
 use std::path::Path;
@@ -148,13 +151,13 @@ async fn looking_for_a_part(folder: &Path, options: &[&str]) -> (Session, Runnin
     let tokens = tokens.declare_subscriber("@ros2_lv/0/*/0/*/*/%/%/reagent/**");
     let tokens = tokens.history(true).await.expect("an open session");
     let mut kinds = Vec::new();
-    while kinds.len() < 7 {
+    while kinds.len() < 12 {
         let token = timeout(PATIENCE, tokens.recv_async()).await;
         let token = token.expect("it comes").expect("an open session");
         kinds.extend(token.key_expr().split('/').nth(5).map(str::to_owned));
     }
     kinds.sort();
-    assert_eq!(kinds, ["MP", "MP", "MP", "MP", "MS", "NN", "SS"]);
+    assert_eq!(kinds.join(" "), "MP MP MP MP MS NN SS SS SS SS SS SS");
     (session, node, heard)
 }
 
@@ -232,13 +235,12 @@ async fn clouds_come_in_and_poses_and_reasons_go_out() {
     }
 }
 
-/// Whether the service was successful, and what it says.
-async fn triggered(session: &Session) -> (bool, String) {
+/// What a service answers, to a request of number 9 of a client.
+async fn called<Q: Serialize, A: DeserializeOwned>(session: &Session, key: &str, request: &Q) -> A {
     let identity = [7; 16];
     let number = [9, 0, 0, 0, 0, 0, 0, 0];
     let attachment = [&number[..], &[0; 8], &[16], &identity].concat();
-    // An empty message has one byte.
-    let asked = session.get(REGISTER).payload(b"\0\x01\0\0\0");
+    let asked = session.get(key).payload(to_cdr(request));
     let asked = asked.attachment(attachment).await.expect("an open session");
     let reply = timeout(PATIENCE, asked.recv_async()).await;
     let reply = reply.expect("it comes").expect("an answer");
@@ -248,13 +250,18 @@ async fn triggered(session: &Session) -> (bool, String) {
         (&attached[..8], &attached[17..]),
         (&number[..], &identity[..])
     );
-    let bytes = reply.payload().to_bytes();
-    assert_eq!(
-        (&bytes[..4], &bytes[5..8]),
-        (&b"\0\x01\0\0"[..], &[0; 3][..])
-    );
-    let text = String::from_utf8_lossy(&bytes[12..bytes.len() - 1]);
-    (bytes[4] == 1, text.into_owned())
+    let answer = from_cdr::<Answer<A>>(&reply.payload().to_bytes());
+    answer.expect("what the service answers").0
+}
+
+/// What is read does not borrow from what it is read from.
+#[derive(Deserialize)]
+#[serde(bound = "A: DeserializeOwned")]
+struct Answer<A>(A);
+
+/// Whether a cloud was registered, and what is said of it. An empty message has one byte.
+async fn triggered(session: &Session) -> (bool, String) {
+    called(session, REGISTER, &0u8).await
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -293,6 +300,85 @@ async fn a_service_registers_the_newest_cloud() {
     let refused = reply.into_result().expect_err("refused");
     let refused = refused.payload().to_bytes();
     assert!(String::from_utf8_lossy(&refused).contains("attachment of 33 bytes"));
+}
+
+/// `rcl_interfaces/ParameterValue`.
+type Value = (
+    u8,
+    bool,
+    i64,
+    f64,
+    String,
+    Vec<u8>,
+    Vec<bool>,
+    Vec<i64>,
+    Vec<f64>,
+    Vec<String>,
+);
+
+fn text(value: &str) -> Value {
+    (
+        4,
+        false,
+        0,
+        0.0,
+        value.into(),
+        vec![],
+        vec![],
+        vec![],
+        vec![],
+        vec![],
+    )
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn parameters_are_read_and_set() {
+    let folder = tempfile::tempdir().expect("a temporary directory");
+    let options = ["--on-request", "--view"];
+    let (session, _node, _) = looking_for_a_part(folder.path(), &options).await;
+    let key = |service: &str, of: &str, hash: &str| {
+        format!("0/reagent/{service}/rcl_interfaces::srv::dds_::{of}_/RIHS01_{hash}")
+    };
+    let list = key(
+        "list_parameters",
+        "ListParameters",
+        "3e6062bfbb27bfb8730d4cef2558221f51a11646d78e7bb30a1e83afac3aad9d",
+    );
+    let none: Vec<String> = vec![];
+    let listed: [Vec<String>; 2] = called(&session, &list, &(none, 0u64)).await;
+    let names = "cloud mode model on_request tf track view weights";
+    assert_eq!(listed[0].join(" "), names);
+    let get = key(
+        "get_parameters",
+        "GetParameters",
+        "bf9803d5c74cf989a5de3e0c2e99444599a627c7ff75f97b8c05b01003675cbc",
+    );
+    let asked = ["mode", "weights", "nothing"].map(str::to_owned).to_vec();
+    let values: Vec<Value> = called(&session, &get, &asked).await;
+    assert_eq!(values[..2], [text("verify"), text("views")]);
+    assert_eq!(values[2].0, 0);
+    let set = key(
+        "set_parameters",
+        "SetParameters",
+        "56eed9a67e169f9cb6c1f987bc88f868c14a8fc9f743a263bc734c154015d7e0",
+    );
+    let wanted = vec![
+        ("mode".to_owned(), text("fast")),
+        ("cloud".to_owned(), text("/b")),
+    ];
+    let results: Vec<(bool, String)> = called(&session, &set, &wanted).await;
+    assert_eq!(results[0], (true, String::new()));
+    assert!(
+        !results[1].0 && results[1].1.contains("another --cloud"),
+        "{results:?}"
+    );
+    // What is set counts: mode fast has no probability.
+    let cloud = Cdr::cloud(&part());
+    session.put(CLOUD, cloud).await.expect("an open session");
+    let (_, said) = triggered(&session).await;
+    assert!(!said.contains("\"probability\":0"), "{said}");
+    let values: Vec<Value> = called(&session, &get, &asked).await;
+    assert_eq!(values[0], text("fast"));
 }
 
 #[tokio::test(flavor = "multi_thread")]

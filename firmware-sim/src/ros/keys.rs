@@ -40,6 +40,27 @@ pub(crate) const TRIGGER: Type = Type {
     hash: "RIHS01_eeff2cd6fa5ad9d27cdf4dec64818317839b62f212a91e6b5304b634b2062c5f",
 };
 
+pub(crate) const DESCRIBE_PARAMETERS: Type = Type {
+    name: "rcl_interfaces::srv::dds_::DescribeParameters_",
+    hash: "RIHS01_845b484d71eb0673dae682f2e3ba3c4851a65a3dcfb97bddd82c5b57e91e4cff",
+};
+pub(crate) const GET_PARAMETER_TYPES: Type = Type {
+    name: "rcl_interfaces::srv::dds_::GetParameterTypes_",
+    hash: "RIHS01_da199c878688b3e530bdfe3ca8f74cb9fa0c303101e980a9e8f260e25e1c80ca",
+};
+pub(crate) const GET_PARAMETERS: Type = Type {
+    name: "rcl_interfaces::srv::dds_::GetParameters_",
+    hash: "RIHS01_bf9803d5c74cf989a5de3e0c2e99444599a627c7ff75f97b8c05b01003675cbc",
+};
+pub(crate) const LIST_PARAMETERS: Type = Type {
+    name: "rcl_interfaces::srv::dds_::ListParameters_",
+    hash: "RIHS01_3e6062bfbb27bfb8730d4cef2558221f51a11646d78e7bb30a1e83afac3aad9d",
+};
+pub(crate) const SET_PARAMETERS: Type = Type {
+    name: "rcl_interfaces::srv::dds_::SetParameters_",
+    hash: "RIHS01_56eed9a67e169f9cb6c1f987bc88f868c14a8fc9f743a263bc734c154015d7e0",
+};
+
 /// Quality of service, where it is not that of `rmw_zenoh`'s default: reliable, volatile, the last 42.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Qos {
@@ -49,6 +70,8 @@ pub(crate) enum Qos {
     Sensor,
     /// Reliable, the last hundred: transforms.
     Transforms,
+    /// Reliable, the last thousand: services of parameters.
+    Parameters,
     /// Reliable, the last one, which whoever subscribes later gets, too (transient local).
     Latched,
 }
@@ -60,6 +83,7 @@ impl Qos {
             Qos::Reliable => "::,10:,:,:,,",
             Qos::Sensor => "2::,5:,:,:,,",
             Qos::Transforms => "::,100:,:,:,,",
+            Qos::Parameters => "::,1000:,:,:,,",
             Qos::Latched => ":1:,1:,:,:,,",
         }
     }

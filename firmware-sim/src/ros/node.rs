@@ -159,16 +159,13 @@ impl Member {
     pub(crate) async fn serve(
         &mut self,
         services: &mut Services,
-        name: &str,
-        of: Type,
+        (name, of, qos): (&str, Type, Qos),
     ) -> zenoh::Result<()> {
         let name = self.node.own_topic(name);
         let key = self.node.topic_key(&name, of);
         let asked = self.session.declare_queryable(key).complete(true);
-        let asked = asked.callback(services.hear()).await?;
-        let (token, _) = self
-            .declare(Kind::Service, (&name, of, Qos::Reliable))
-            .await?;
+        let asked = asked.callback(services.hear(of)).await?;
+        let (token, _) = self.declare(Kind::Service, (&name, of, qos)).await?;
         services.add(Service {
             _asked: asked,
             _token: token,

@@ -15,9 +15,6 @@ use reagent_core::verdict::Verdict;
 use reagent_link::log::one_line;
 use serde_json::json;
 
-/// The longest name of a topic of the node's own.
-pub(super) const LONGEST_TOPIC: &str = "pose_with_covariance";
-
 /// The publishers.
 pub(crate) struct Outputs {
     pose: Publisher,
@@ -37,7 +34,7 @@ impl Outputs {
         frame: Option<String>,
     ) -> zenoh::Result<Outputs> {
         let [pose, with_covariance] =
-            ["pose", LONGEST_TOPIC].map(|topic| member.node.own_topic(topic));
+            ["pose", "pose_with_covariance"].map(|topic| member.node.own_topic(topic));
         let node = member.node.full_name().trim_matches('/').to_owned();
         let mut publisher = async |topic, of, qos| member.publisher(topic, of, qos).await;
         Ok(Outputs {

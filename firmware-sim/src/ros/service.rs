@@ -1,9 +1,9 @@
 //! Services of a node: requests that come as queries, and their answers.
 
-use super::keys::{self, Gid};
+use super::keys::{self, Gid, Type};
 use super::node::unix_ns;
-use host_train::dataset::ros::cdr::to_cdr;
-use serde::Serialize;
+use host_train::dataset::ros::cdr::{from_cdr, to_cdr};
+use serde::{Deserialize, Serialize};
 use tokio::sync::mpsc::{Receiver, Sender, channel};
 use zenoh::Wait;
 use zenoh::liveliness::LivelinessToken;
@@ -27,6 +27,8 @@ pub(crate) struct Service {
 
 /// A request that waits for its answer.
 pub(crate) struct Call {
+    /// The type of the service that is asked.
+    pub(crate) of: Type,
     query: Query,
     /// Its number, and whose it is: the answer has both.
     sequence: i64,
@@ -47,8 +49,8 @@ impl Services {
         self.declared.push(service);
     }
 
-    /// Takes queries for a service.
-    pub(crate) fn hear(&self) -> impl Fn(Query) + Send + Sync + 'static {
+    /// Takes queries for a service of a type.
+    pub(crate) fn hear(&self, of: Type) -> impl Fn(Query) + Send + Sync + 'static {
         let sender = self.sender.clone();
         move |query| {
             let attachment = query.attachment().map(|bytes| bytes.to_bytes());
@@ -56,6 +58,7 @@ impl Services {
                 Some((sequence, client)) => {
                     // A query that is dropped is one without an answer.
                     let _ = sender.try_send(Call {
+                        of,
                         query,
                         sequence,
                         client,
@@ -78,6 +81,24 @@ impl Services {
 const NO_SENDER: &str = "a request has an attachment of 33 bytes with its number, its time and its client, as rmw_zenoh has it";
 
 impl Call {
+    /// Reads what is asked and answers that, or says that it cannot be read.
+    pub(crate) fn reply<Q, A>(self, answer: impl FnOnce(Q) -> A)
+    where
+        Q: for<'b> Deserialize<'b>,
+        A: Serialize,
+    {
+        let payload = self.query.payload().map(|bytes| bytes.to_bytes());
+        match from_cdr(payload.as_deref().unwrap_or_default()) {
+            Ok(asked) => {
+                let answer = answer(asked);
+                drop(payload);
+                self.answer(&answer);
+            }
+            // Whoever asked is gone where it fails.
+            Err(error) => drop(self.query.reply_err(error.to_string()).wait()),
+        }
+    }
+
     /// Answers it.
     pub(crate) fn answer(self, response: &impl Serialize) {
         let attachment = keys::attachment(self.sequence, unix_ns(), self.client);

@@ -1,0 +1,224 @@
+//! The node's settings as parameters of ROS: all can be read; the mode, and whether clouds are registered on request only, can
+//! be set while it runs.
+
+mod messages;
+
+pub(super) use messages::Value;
+
+use super::keys::{self, Type};
+use super::service::Call;
+use messages::{Descriptor, ListRequest, Listed, Named, Parameter, SetRequest, SetResult};
+use reagent_core::pipeline::Mode;
+
+/// The services, by name and type.
+pub(super) const SERVICES: [(&str, Type); 5] = [
+    ("describe_parameters", keys::DESCRIBE_PARAMETERS),
+    ("get_parameter_types", keys::GET_PARAMETER_TYPES),
+    ("get_parameters", keys::GET_PARAMETERS),
+    ("list_parameters", keys::LIST_PARAMETERS),
+    ("set_parameters", keys::SET_PARAMETERS),
+];
+
+/// What can be set.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Settings {
+    pub(super) mode: Mode,
+    pub(super) on_request: bool,
+}
+
+/// The settings, and what the node was started with.
+pub(super) struct Parameters {
+    pub(super) settings: Settings,
+    fixed: Vec<(&'static str, Value)>,
+}
+
+const MODE: &str = "mode";
+const ON_REQUEST: &str = "on_request";
+const MODES: &str = "fast, polish, verify, best or refine";
+
+impl Parameters {
+    pub(super) fn new(settings: Settings, fixed: Vec<(&'static str, Value)>) -> Parameters {
+        Parameters { settings, fixed }
+    }
+
+    /// All of them, by name.
+    fn all(&self) -> Vec<(&'static str, Value)> {
+        let mut all = self.fixed.clone();
+        all.extend([
+            (MODE, Value::text(self.settings.mode.to_string())),
+            (ON_REQUEST, Value::flag(self.settings.on_request)),
+        ]);
+        all.sort_by_key(|(name, _)| *name);
+        all
+    }
+
+    /// The value, or that there is none.
+    fn get(&self, name: &str) -> Value {
+        let mut all = self.all().into_iter();
+        let found = all.find(|(known, _)| *known == name);
+        found.map_or_else(Value::default, |(_, value)| value)
+    }
+
+    fn describe(&self, name: &str) -> Descriptor {
+        let value = self.get(name);
+        if value == Value::default() {
+            return Descriptor::default();
+        }
+        let (read_only, constraints) = match name {
+            MODE => (false, MODES),
+            ON_REQUEST => (false, ""),
+            _ => (true, "given when the node starts"),
+        };
+        Descriptor {
+            name: name.into(),
+            kind: value.kind,
+            description: format!("--{} of firmware-sim ros", name.replace('_', "-")),
+            additional_constraints: constraints.into(),
+            read_only,
+            ..Descriptor::default()
+        }
+    }
+
+    fn set(&mut self, name: &str, value: &Value) -> SetResult {
+        let known = self.get(name);
+        let refused = if known == Value::default() {
+            let names: Vec<_> = self.all().iter().map(|(name, _)| *name).collect();
+            format!(
+                "the node has no parameter {name}; it has {}",
+                names.join(", ")
+            )
+        } else if known.kind != value.kind {
+            let kind = if name == ON_REQUEST { "bool" } else { "string" };
+            format!("{name} is a {kind}")
+        } else if name == ON_REQUEST {
+            self.settings.on_request = value.bool_value;
+            return SetResult::done();
+        } else if name == MODE {
+            match value.string_value.parse() {
+                Ok(mode) => {
+                    self.settings.mode = mode;
+                    return SetResult::done();
+                }
+                Err(_) => format!("{:?} is no mode; give {MODES}", value.string_value),
+            }
+        } else {
+            format!(
+                "{name} is read when the node starts: start it with another --{}",
+                name.replace('_', "-")
+            )
+        };
+        SetResult {
+            successful: false,
+            reason: refused,
+        }
+    }
+
+    fn list(&self, request: &ListRequest) -> Listed {
+        let names = self.all().into_iter().map(|(name, _)| name.to_owned());
+        // None has a dot, and so none is below a prefix.
+        let listed = |name: &String| request.prefixes.is_empty() || request.prefixes.contains(name);
+        Listed {
+            names: names.filter(listed).collect(),
+            prefixes: Vec::new(),
+        }
+    }
+
+    /// Answers a request to one of the services.
+    pub(super) fn answer(&mut self, call: Call) {
+        let each = |asked: Named| asked.names.into_iter();
+        match call.of {
+            keys::DESCRIBE_PARAMETERS => call.reply(|asked| -> Vec<Descriptor> {
+                each(asked).map(|name| self.describe(&name)).collect()
+            }),
+            keys::GET_PARAMETER_TYPES => call.reply(|asked| -> Vec<u8> {
+                each(asked).map(|name| self.get(&name).kind).collect()
+            }),
+            keys::GET_PARAMETERS => call
+                .reply(|asked| -> Vec<Value> { each(asked).map(|name| self.get(&name)).collect() }),
+            keys::LIST_PARAMETERS => call.reply(|asked| self.list(&asked)),
+            _ => call.reply(|asked: SetRequest| -> Vec<SetResult> {
+                let parameters = asked.parameters.iter();
+                let set = parameters.map(|Parameter { name, value }| self.set(name, value));
+                set.collect()
+            }),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parameters() -> Parameters {
+        let settings = Settings {
+            mode: Mode::Verify,
+            on_request: false,
+        };
+        let fixed = vec![
+            ("view", Value::flag(true)),
+            ("model", Value::text("part.ply".into())),
+        ];
+        Parameters::new(settings, fixed)
+    }
+
+    #[test]
+    fn all_are_read_and_those_of_prefixes_that_are_none_are_not() {
+        let parameters = parameters();
+        let listed = |prefixes: &[&str]| {
+            let prefixes = prefixes.iter().map(ToString::to_string).collect();
+            parameters.list(&ListRequest { prefixes, depth: 0 }).names
+        };
+        assert_eq!(listed(&[]), ["mode", "model", "on_request", "view"]);
+        assert_eq!(listed(&["mode", "model.x"]), ["mode"]);
+        assert_eq!(parameters.get("mode"), Value::text("verify".into()));
+        assert_eq!(parameters.get("view"), Value::flag(true));
+        assert_eq!(parameters.get("nothing"), Value::default());
+        assert_eq!(parameters.describe("nothing"), Descriptor::default());
+        assert!(parameters.describe("view").read_only);
+        let mode = parameters.describe("mode");
+        assert!(!mode.read_only && mode.additional_constraints == MODES);
+    }
+
+    #[test]
+    fn what_may_change_is_set_and_the_rest_says_why_not() {
+        let mut parameters = parameters();
+        let mut set = |name: &str, value: Value| parameters.set(name, &value);
+        assert!(set("mode", Value::text("fast".into())).successful);
+        assert!(set("on_request", Value::flag(true)).successful);
+        for (name, value, reason) in [
+            (
+                "mode",
+                Value::text("slow".into()),
+                "\"slow\" is no mode; give fast, ",
+            ),
+            ("mode", Value::flag(true), "mode is a string"),
+            (
+                "on_request",
+                Value::text("true".into()),
+                "on_request is a bool",
+            ),
+            ("view", Value::flag(false), "start it with another --view"),
+            (
+                "model",
+                Value::text("b.ply".into()),
+                "is read when the node starts",
+            ),
+            (
+                "rate",
+                Value::flag(true),
+                "no parameter rate; it has mode, model, on_request, view",
+            ),
+        ] {
+            let result = set(name, value);
+            assert!(
+                !result.successful && result.reason.contains(reason),
+                "{result:?}"
+            );
+        }
+        let expected = Settings {
+            mode: Mode::Fast,
+            on_request: true,
+        };
+        assert_eq!(parameters.settings, expected);
+    }
+}

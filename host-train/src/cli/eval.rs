@@ -88,6 +88,7 @@ struct Record<'a> {
 
 impl EvalArgs {
     pub(super) fn run(self, seed: u64) -> anyhow::Result<()> {
+        let policies = self.methods.policies("eval")?;
         let mut refinements = None;
         let (set, origin) = match (&self.pairs, &self.data, self.protocol) {
             (Some(path), _, _) => (PairSet::load(path)?, path.display().to_string()),
@@ -125,7 +126,7 @@ impl EvalArgs {
             (None, None, _) => bad_usage("eval", "give --pairs FILE.h5 or --data"),
         };
         let bundled = if set.is_of_views() { VIEWS } else { REAGENT };
-        let policies = self.methods.policies("eval", bundled)?;
+        let policies = self.methods.or_bundled(policies, bundled)?;
         let contestants = self.methods.contestants(&policies, seed);
         let settings = EvalSettings {
             steps: self.methods.steps,

@@ -189,9 +189,8 @@ impl Policies {
 }
 
 impl MethodArgs {
-    /// Reads the weight files, or takes the bundled policy of that name where none is given. Ends the process as `command`
-    /// does on bad usage where they are given in vain.
-    pub(super) fn policies(&self, command: &str, bundled: &str) -> Result<Policies, ExportError> {
+    /// Reads the weight files given. Ends the process as `command` does on bad usage where they are given in vain.
+    pub(super) fn policies(&self, command: &str) -> Result<Policies, ExportError> {
         let uses_policy = |name: &MethodName| {
             use MethodName::*;
             matches!(name, Policy | PolicyIcp | PolicyPolish | PolicyVerify)
@@ -202,16 +201,24 @@ impl MethodArgs {
                 "--weights is given, but no policy is among --methods",
             );
         }
+        let given = self.weights.iter().map(|path| self.load(path));
+        Ok(Policies(given.collect::<Result<_, _>>()?))
+    }
+
+    /// The policies given, or the bundled one of that name where none is.
+    pub(super) fn or_bundled(&self, given: Policies, name: &str) -> Result<Policies, ExportError> {
+        match given.0.is_empty() {
+            true => Ok(Policies(vec![self.load(Path::new(name))?])),
+            false => Ok(given),
+        }
+    }
+
+    fn load(&self, path: &Path) -> Result<(String, Weights), ExportError> {
         let run = Run {
             decision: self.decide.map(Decision::from),
             rescan: self.rescan,
         };
-        let load = |path: &PathBuf| Weights::load(path, run).map(|weights| (stem(path), weights));
-        let loaded: Result<_, _> = match self.weights.as_slice() {
-            [] => load(&bundled.into()).map(|one| vec![one]),
-            given => given.iter().map(load).collect(),
-        };
-        loaded.map(Policies)
+        Ok((stem(path), Weights::load(path, run)?))
     }
 
     /// Everything that is to run, in the order of `--methods`; `seed` is that of methods that draw.

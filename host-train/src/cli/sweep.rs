@@ -87,7 +87,8 @@ impl SweepArgs {
             }
         }
 
-        let policies = self.methods.policies("sweep", REAGENT)?;
+        let policies = self.methods.policies("sweep")?;
+        let policies = self.methods.or_bundled(policies, REAGENT)?;
         let contestants = self.methods.contestants(&policies, seed);
         let models = source::models(&self.data, self.protocol, self.count, seed)?;
         let count = self.count.unwrap_or(models.len());

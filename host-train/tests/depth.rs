@@ -2,81 +2,16 @@
 
 mod support;
 
-use glam::{Affine3A, Vec2, Vec3};
 use host_train::dataset::cloud_file::{CloudFile, write_cloud};
 use host_train::dataset::depth::image::{Image, write_depth, write_mask};
 use host_train::dataset::procedural;
-use host_train::dataset::raster::Pinhole;
 use reagent_core::Pose;
-use reagent_core::pose::rotation_from_euler;
+use reagent_tests::depth::{CAMERA, SIZE, camera_from_model, start, write_view};
 use std::path::Path;
 use support::{fail, folder, read_json, run, succeed};
 
-const SIZE: [usize; 2] = [160, 120];
-const CAMERA: &str = "200,200,79.5,59.5";
-
-/// Half a metre ahead; lengths are millimetres.
-fn camera_from_model() -> Pose {
-    Pose {
-        rotation: rotation_from_euler(Vec3::new(2.0, 0.4, -0.7)),
-        translation: Vec3::new(20.0, -10.0, 500.0),
-    }
-}
-
-/// Writes a part of 80 mm and what a camera sees of it before a wall: `depth.png` in tenths of a millimetre, `mask.png` and
-/// the part's mesh as `part.ply`.
-fn write_view(at: &Path) {
-    let mut mesh = procedural::shape(1, 1).mesh;
-    for vertex in &mut mesh.vertices {
-        *vertex *= 80.0;
-    }
-    let part = CloudFile {
-        points: mesh
-            .vertices
-            .iter()
-            .map(|v| v.to_array().map(f64::from))
-            .collect(),
-        faces: Some(mesh.faces.clone()),
-        ..CloudFile::default()
-    };
-    write_cloud(&at.join("part.ply"), &part).expect("written");
-    let camera = Pinhole {
-        size: SIZE,
-        focal: Vec2::splat(200.0),
-        centre: Vec2::new(79.5, 59.5),
-    };
-    let Pose {
-        rotation,
-        translation,
-    } = camera_from_model();
-    let place = Affine3A::from_mat3_translation(rotation, translation);
-    let seen = camera.inverse_depths(&mesh, &place);
-    let depth = |&inverse: &f32| {
-        if inverse > 0.0 {
-            10.0 / inverse
-        } else {
-            9000.0
-        }
-    };
-    let depths = Image {
-        size: SIZE,
-        values: seen.iter().map(|d| depth(d).round() as u16).collect(),
-    };
-    write_depth(&at.join("depth.png"), &depths).expect("written");
-    let mask: Vec<bool> = seen.iter().map(|&inverse| inverse > 0.0).collect();
-    write_mask(&at.join("mask.png"), SIZE, &mask).expect("written");
-}
-
-/// A start some 14 degrees and 25 mm off.
-fn start() -> String {
-    let off = Pose {
-        rotation: rotation_from_euler(Vec3::new(0.15, -0.15, 0.1)),
-        translation: Vec3::new(5.0, -5.0, 10.0),
-    };
-    let rows = off.after(camera_from_model().inverse()).to_rows();
-    let numbers: Vec<String> = rows.iter().flatten().map(f32::to_string).collect();
-    numbers.join(",")
-}
+/// Where the wall is, tenths of a millimetre.
+const WALL: u16 = 9000;
 
 /// Degrees and millimetres between the pose that `--json p.json` has, its lengths multiplied by `scale`, and the true one.
 fn errors(at: &Path, scale: f32) -> (f32, f32) {
@@ -102,7 +37,7 @@ fn errors(at: &Path, scale: f32) -> (f32, f32) {
 fn a_depth_image_is_registered_in_millimetres_and_other_units() {
     let folder = folder();
     let at = folder.path();
-    write_view(at);
+    write_view(at, WALL);
     let common = format!("--mask mask.png --init {} --json p.json", start());
     let output = run(
         at,
@@ -184,7 +119,7 @@ fn a_depth_image_is_registered_in_millimetres_and_other_units() {
 fn depth_images_that_cannot_be_registered_are_refused_with_the_reason() {
     let folder = folder();
     let at = folder.path();
-    write_view(at);
+    write_view(at, WALL);
     let register = |rest: &str| format!("register --depth {rest} part.ply");
     write_mask(&at.join("small.png"), [3, 2], &[true; 6]).expect("written");
     write_mask(&at.join("empty.png"), SIZE, &[false; 160 * 120]).expect("written");

@@ -1,7 +1,9 @@
-//! What the integration tests share: golden numbers, and where optional data lies.
+//! What the integration tests share: golden numbers, where optional data lies, and a depth image.
 //!
 //! Golden numbers are outputs of the authors' PyTorch implementation of ReAgent for recorded inputs. Small
 //! extracts are in `tests/fixtures`; the complete file is used where it lies beside the checkout.
+
+pub mod depth;
 
 use host_train::learn::nn::{Parameters, Shape};
 use safetensors::{Dtype, SafeTensors};

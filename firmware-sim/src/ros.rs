@@ -87,9 +87,6 @@ pub struct RosArgs {
     pub session: SessionArgs,
 }
 
-/// The longest name of a topic or service of the node's own.
-const LONGEST: &str = "pose_with_covariance";
-
 /// What registers clouds to the model.
 struct Registration {
     model: Prepared<'static>,
@@ -112,7 +109,7 @@ impl RosArgs {
     pub async fn run(self) -> anyhow::Result<()> {
         let mut registration = self.registration()?;
         let namespace = self.namespace.trim_end_matches('/');
-        let longest = format!("{namespace}/{}/{LONGEST}", self.node);
+        let longest = format!("{namespace}/{}/{}", self.node, outputs::LONGEST);
         names::short(&longest).map_err(|wrong| {
             anyhow!("--namespace and --node are too long for {longest}: {wrong}")
         })?;

@@ -15,6 +15,9 @@ use reagent_core::verdict::Verdict;
 use reagent_link::log::one_line;
 use serde_json::json;
 
+/// The longest name of a topic or service of the node's own.
+pub(super) const LONGEST: &str = "pose_with_covariance";
+
 /// The publishers.
 pub(crate) struct Outputs {
     pose: Publisher,
@@ -33,8 +36,7 @@ impl Outputs {
         model: String,
         frame: Option<String>,
     ) -> zenoh::Result<Outputs> {
-        let [pose, with_covariance] =
-            ["pose", "pose_with_covariance"].map(|topic| member.node.own_topic(topic));
+        let [pose, with_covariance] = ["pose", LONGEST].map(|topic| member.node.own_topic(topic));
         let node = member.node.full_name().trim_matches('/').to_owned();
         let mut publisher = async |topic, of, qos| member.publisher(topic, of, qos).await;
         Ok(Outputs {
@@ -163,8 +165,7 @@ fn document(header: &Header, done: &Done) -> String {
 
 /// Of a pose that was refined, in thousandths; nothing is certain.
 fn probability(done: &Done) -> Option<f64> {
-    let found = done.found.answer.refinement.as_ref()?;
-    let probability = f64::from(found.evidence.probability());
+    let probability = f64::from(done.found.answer.probability?);
     Some((1e3 * probability).round().min(999.0) / 1e3)
 }
 

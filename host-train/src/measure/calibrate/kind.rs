@@ -136,7 +136,12 @@ impl Kind {
                 set
             }
             Kind::Part | Kind::Parts | Kind::RoughPart | Kind::WrongParts => under(part, count),
-            _ => {
+            Kind::View
+            | Kind::RoughView
+            | Kind::WrongView
+            | Kind::SeenView
+            | Kind::SeenRoughView
+            | Kind::SeenWrongView => {
                 let mut set = PairSet::default();
                 views.draw(count, VIEW, seed, &mut set);
                 set

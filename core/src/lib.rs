@@ -25,7 +25,8 @@
 //! - layer: cut, freespace, nearest, pairs
 //! - layer: focus, sight
 //! - layer: weights
-//! - layer: net, pretrained, polish
+//! - layer: net, pretrained, model
+//! - layer: polish
 //! - layer: mirror
 //! - layer: verify
 //! - layer: evidence
@@ -68,6 +69,7 @@ pub mod kernels;
 pub mod layer;
 mod loss;
 mod mirror;
+pub mod model;
 mod nearest;
 pub mod net;
 pub mod numbers;

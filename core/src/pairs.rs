@@ -111,10 +111,12 @@ mod tests {
     use crate::kernels::Isa;
     use crate::outliers::Bulk;
     use crate::polish::tests::{Numbers, error, pose};
+    use crate::surface::keys::Keys;
 
     fn surface(points: &[[f32; 3]]) -> Box<Surface> {
         let mut surface = Box::new(Surface::EMPTY);
-        surface.fill(Isa::PORTABLE, points, Bulk::ALL, Vec3::ZERO, 1.0);
+        let mut keys = Keys::ZERO;
+        surface.fill(Isa::PORTABLE, points, Bulk::ALL, Vec3::ZERO, 1.0, &mut keys);
         surface
     }
 

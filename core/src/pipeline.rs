@@ -5,6 +5,7 @@ use crate::cloud::LARGEST_COORDINATE;
 use crate::error::Error;
 use crate::evidence::Evidence;
 use crate::frame::Frame;
+use crate::model::Model;
 use crate::polish::{Refined, Refiner, Workspace};
 use crate::pose::Pose;
 use crate::register::{Outcome, Registrar, Registration, Step};
@@ -61,7 +62,7 @@ impl fmt::Display for Mode {
 }
 
 /// What to do with two clouds.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug)]
 pub struct Task<'b> {
     /// What is done.
     pub mode: Mode,
@@ -75,6 +76,8 @@ pub struct Task<'b> {
     pub view_point: Option<Vec3>,
     /// What it saw besides the source, in its frame and units ([`Refiner::seen_before`]); nothing without a view point.
     pub background: &'b [[f32; 3]],
+    /// The target, made ready before ([`Workspace::prepare`]); one of another target is left aside.
+    pub model: Option<&'b Model>,
 }
 
 impl<'b> Task<'b> {
@@ -87,6 +90,7 @@ impl<'b> Task<'b> {
             frame: None,
             view_point: None,
             background: &[],
+            model: None,
         }
     }
 
@@ -210,7 +214,10 @@ pub fn refine<E: From<Error>>(
         return Ok(None);
     }
     go_on()?;
-    let mut refiner = Refiner::new(source, target, workspace)?;
+    let mut refiner = match task.model {
+        Some(model) if model.is_of(target) => Refiner::on(model, source, workspace)?,
+        _ => Refiner::new(source, target, workspace)?,
+    };
     if let Some(view_point) = task.view_point {
         refiner.seen_before(view_point, task.background);
     }

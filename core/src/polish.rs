@@ -18,10 +18,11 @@ use crate::frame::{Frame, check_cloud};
 use crate::freespace::DepthGrid;
 use crate::kernels::Isa;
 use crate::loss::Losses;
-use crate::nearest::Lookup;
+use crate::model::Model;
 use crate::pose::{Pose, mean};
 use crate::solve::Rigid;
 use crate::surface::Surface;
+use crate::surface::matching::Matching;
 use glam::Vec3;
 
 mod coarse;
@@ -42,12 +43,21 @@ use stage::{BRIEF_FINE, BRIEF_NEAR, FINE, NEAR, Stage};
 pub struct Workspace {
     /// Kernels of the refiners that work in it; the fastest unless told otherwise.
     isa: Option<Isa>,
+    /// Of the last target that was not made ready by the caller.
+    model: Model,
+    work: Work,
+}
+
+/// The same without a target: what changes from one source and pose to the next.
+#[derive(Clone, Debug)]
+struct Work {
     source: Surface,
-    target: Surface,
     sample: Sample,
-    lookup: Lookup,
-    pub(crate) losses: Losses,
-    pub(crate) seen: DepthGrid,
+    /// Of the source's points, and of the target's.
+    of_source: Matching,
+    of_target: Matching,
+    losses: Losses,
+    seen: DepthGrid,
 }
 
 impl Workspace {
@@ -55,12 +65,15 @@ impl Workspace {
     pub const fn new() -> Self {
         Workspace {
             isa: None,
-            source: Surface::EMPTY,
-            target: Surface::EMPTY,
-            sample: Sample::EMPTY,
-            lookup: Lookup::EMPTY,
-            losses: Losses::EMPTY,
-            seen: DepthGrid::EMPTY,
+            model: Model::new(),
+            work: Work {
+                source: Surface::EMPTY,
+                sample: Sample::EMPTY,
+                of_source: Matching::EMPTY,
+                of_target: Matching::EMPTY,
+                losses: Losses::EMPTY,
+                seen: DepthGrid::EMPTY,
+            },
         }
     }
 
@@ -69,6 +82,19 @@ impl Workspace {
         let mut workspace = Workspace::new();
         workspace.isa = Some(isa);
         workspace
+    }
+
+    /// Makes a target ready for any number of registrations. The target of the last one is ready anyhow: this is for who
+    /// registers with several by turns.
+    ///
+    /// # Errors
+    /// As [`check_cloud`] and [`Frame::of`]; the model is of no target then.
+    pub fn prepare(&mut self, target: &[[f32; 3]], model: &mut Model) -> Result<(), Error> {
+        model.prepare(self.isa(), target, &mut self.work.of_target.keys)
+    }
+
+    fn isa(&self) -> Isa {
+        self.isa.unwrap_or_else(Isa::best)
     }
 }
 
@@ -130,14 +156,15 @@ impl Candidate {
 #[derive(Debug)]
 pub struct Refiner<'w> {
     isa: Isa,
-    workspace: &'w mut Workspace,
-    /// Centroids of the clouds and the target's scale: the frame of everything inside.
+    /// Its frame is that of everything inside.
+    model: &'w Model,
+    work: &'w mut Work,
+    /// Centroid of the source.
     source_centre: Vec3,
-    target: Frame,
 }
 
 impl<'w> Refiner<'w> {
-    /// Prepares two clouds on the workspace's kernels.
+    /// Prepares two clouds on the workspace's kernels; a target that is the same as that of the last refiner in it is ready.
     ///
     /// # Shapes
     /// `source [N, 3]`, `target [M, 3]`; of more than [`crate::dims::SURFACE_POINTS`] so many are used.
@@ -149,8 +176,28 @@ impl<'w> Refiner<'w> {
         target: &[[f32; 3]],
         workspace: &'w mut Workspace,
     ) -> Result<Self, Error> {
-        let isa = workspace.isa.unwrap_or_else(Isa::best);
-        Self::with_isa(isa, source, target, workspace)
+        Self::with_isa(workspace.isa(), source, target, workspace)
+    }
+
+    /// The same of a target that was made ready before.
+    ///
+    /// # Errors
+    /// As [`check_cloud`]; [`Error::EmptyCloud`] for a model of no target.
+    pub fn on(
+        model: &'w Model,
+        source: &[[f32; 3]],
+        workspace: &'w mut Workspace,
+    ) -> Result<Self, Error> {
+        if model.surface.points().is_empty() {
+            return Err(Error::EmptyCloud);
+        }
+        check_cloud(source)?;
+        Ok(Self::begin(
+            workspace.isa(),
+            source,
+            model,
+            &mut workspace.work,
+        ))
     }
 
     /// As [`Self::new`], on given kernels.
@@ -164,28 +211,29 @@ impl<'w> Refiner<'w> {
         workspace: &'w mut Workspace,
     ) -> Result<Self, Error> {
         check_cloud(source)?;
-        check_cloud(target)?;
-        let bulk_of_source = workspace.source.bulk(source);
-        let bulk_of_target = workspace.target.bulk(target);
-        let frame = Frame::of_points(bulk_of_target.kept(target))?;
-        let source_centre = mean(bulk_of_source.kept(source));
-        let factor = 1.0 / frame.scale;
-        let Workspace {
-            source: seen,
-            target: model,
-            ..
-        } = &mut *workspace;
-        seen.fill(isa, source, bulk_of_source, source_centre, factor);
-        model.fill(isa, target, bulk_of_target, frame.centre, factor);
-        workspace.sample.fill(&workspace.source);
-        workspace.lookup.fill(isa, &workspace.target);
-        workspace.seen = DepthGrid::EMPTY;
-        Ok(Refiner {
+        let Workspace { model, work, .. } = workspace;
+        model.prepare(isa, target, &mut work.of_target.keys)?;
+        Ok(Self::begin(isa, source, model, work))
+    }
+
+    /// Prepares a source that was checked.
+    fn begin(isa: Isa, source: &[[f32; 3]], model: &'w Model, work: &'w mut Work) -> Self {
+        let keys = &mut work.of_source.keys;
+        let bulk = keys.bulk(source);
+        let source_centre = mean(bulk.kept(source));
+        let factor = 1.0 / model.frame.scale;
+        work.source
+            .fill(isa, source, bulk, source_centre, factor, keys);
+        work.sample.fill(&work.source);
+        work.of_source.forget();
+        work.of_target.forget();
+        work.seen = DepthGrid::EMPTY;
+        Refiner {
             isa,
-            workspace,
+            model,
+            work,
             source_centre,
-            target: frame,
-        })
+        }
     }
 
     /// How a pose fits.
@@ -258,7 +306,7 @@ impl<'w> Refiner<'w> {
             overlap: candidate.overlap.on_surface,
             near: candidate.overlap.near,
             within: candidate.overlap.within,
-            inlier_rmse: candidate.overlap.inlier_rmse * self.target.scale,
+            inlier_rmse: candidate.overlap.inlier_rmse * self.model.frame.scale,
             distinct_points: self.distinct_points(),
             extents_ratio: self.extents_ratio(),
             left_out: self.surfaces().map(|surface| surface.left_out),
@@ -282,13 +330,14 @@ impl<'w> Refiner<'w> {
 
     /// A plain pose between the user's clouds as one between those inside.
     pub(crate) fn inside(&self, pose: Pose) -> Rigid {
-        let centre = pose.apply(self.source_centre) - self.target.centre;
-        Rigid::new(pose.rotation, centre * (1.0 / self.target.scale))
+        let Frame { centre, scale } = self.model.frame;
+        let centre = pose.apply(self.source_centre) - centre;
+        Rigid::new(pose.rotation, centre * (1.0 / scale))
     }
 
     pub(crate) fn outside(&self, at: Rigid) -> Pose {
         let rotation = at.turn.matrix();
-        let centre = at.shift * self.target.scale + self.target.centre;
+        let centre = at.shift * self.model.frame.scale + self.model.frame.centre;
         Pose {
             rotation,
             translation: centre - rotation * self.source_centre,
@@ -303,13 +352,15 @@ impl<'w> Refiner<'w> {
 
     /// See [`Refined::extents_ratio`].
     fn extents_ratio(&mut self) -> f32 {
-        let Workspace { source, target, .. } = &mut *self.workspace;
-        source.extent() / target.extent().max(1e-30)
+        let Work {
+            source, of_source, ..
+        } = &mut *self.work;
+        source.extent(&mut of_source.keys) / self.model.extent.max(1e-30)
     }
 
     /// The target's centre, in its own units.
     pub(crate) fn target_centre(&self) -> Vec3 {
-        self.target.centre
+        self.model.frame.centre
     }
 
     /// Says from where the source was seen, in its own frame: what would stand before what was seen counts against a
@@ -322,46 +373,46 @@ impl<'w> Refiner<'w> {
     /// image: what would stand before that counts against a pose, too. What lies in the image farther from the source than its
     /// own width, or is no number, is not looked at.
     pub fn seen_before(&mut self, view_point: Vec3, background: &[[f32; 3]]) {
-        let (centre, factor) = (self.source_centre, 1.0 / self.target.scale);
+        let (centre, factor) = (self.source_centre, 1.0 / self.model.frame.scale);
         let inside = |point: Vec3| (point - centre) * factor;
         let around = background.iter().map(|&p| inside(Vec3::from_array(p)));
-        let Workspace { source, seen, .. } = &mut *self.workspace;
+        let Work { source, seen, .. } = &mut *self.work;
         seen.fill(source, inside(view_point), around);
     }
 
     /// The cell of the image of what was seen, by its number, of which a point of the background is the nearest, if it is one's:
     /// one such point a cell says all that the whole background does.
     pub fn nearest_in_cell(&self, of_background: Vec3) -> Option<usize> {
-        let factor = 1.0 / self.target.scale;
+        let factor = 1.0 / self.model.frame.scale;
         let point = (of_background - self.source_centre) * factor;
-        self.workspace.seen.nearest_in(point)
+        self.work.seen.nearest_in(point)
     }
 
     /// Takes the source's mirror image in its place; twice is the same again.
     pub(crate) fn mirror_source(&mut self) {
-        self.workspace.source.mirror();
-        self.workspace.sample.fill(&self.workspace.source);
-        self.workspace.seen.mirror();
+        self.work.source.mirror();
+        self.work.sample.fill(&self.work.source);
+        self.work.seen.mirror();
     }
 
     /// Towards which the sensor looks, in the source's frame.
     pub(crate) fn ahead(&self) -> Option<Vec3> {
-        self.workspace.seen.ahead()
+        self.work.seen.ahead()
     }
 
     /// Losses that were kept.
     pub(crate) fn losses(&self) -> &Losses {
-        &self.workspace.losses
+        &self.work.losses
     }
 
     /// The losses kept, to change.
     pub(crate) fn losses_mut(&mut self) -> &mut Losses {
-        &mut self.workspace.losses
+        &mut self.work.losses
     }
 
     /// Both surfaces, source first.
     pub(crate) fn surfaces(&self) -> [&Surface; 2] {
-        [&self.workspace.source, &self.workspace.target]
+        [&self.work.source, &self.model.surface]
     }
 }
 

@@ -1,4 +1,5 @@
-//! A cloud as a sampled surface: points in spatial order, boxes around runs of them, and normals.
+//! A cloud as a sampled surface: points in spatial order, boxes around runs of them, and normals. It does not change while others
+//! are matched with it: what [`matching`] finds is kept apart.
 
 use crate::cells::bounds;
 use crate::dims::SURFACE_POINTS;
@@ -6,9 +7,11 @@ use crate::kernels::{Corners, Isa, RUN};
 use crate::outliers::{Bulk, ordered, unordered};
 use crate::solve::principal_axes;
 use glam::{Mat3, Vec3};
+use keys::Keys;
 
 mod boxes;
-mod matching;
+pub(crate) mod keys;
+pub(crate) mod matching;
 mod normals;
 mod order;
 
@@ -33,14 +36,6 @@ pub(crate) struct Surface {
     pub(crate) left_out: f32,
     /// Radius of a neighbourhood: about a point it holds 24 others in the median, more where that is all noise.
     pub(crate) radius: f32,
-    /// What a median is selected from: after [`Self::match_to`], the squared distances that it found.
-    keys: [u32; SURFACE_POINTS],
-    /// Every how many-th point was matched last; 0 where none was yet.
-    every: usize,
-    /// Whether all points were matched at least once.
-    is_known: bool,
-    /// Of each point: the place of the other surface's point that was nearest when it was matched last.
-    place: [u16; SURFACE_POINTS],
 }
 
 impl Surface {
@@ -53,10 +48,6 @@ impl Surface {
         runs: [[[0.0; 3]; 2]; RUNS],
         left_out: 0.0,
         radius: 0.0,
-        keys: [0; SURFACE_POINTS],
-        every: 0,
-        is_known: false,
-        place: [0; SURFACE_POINTS],
     };
 
     /// The points, in spatial order.
@@ -72,11 +63,6 @@ impl Surface {
         }
     }
 
-    /// Where a cloud's points are that [`Self::fill`] is to take.
-    pub(crate) fn bulk(&mut self, cloud: &[[f32; 3]]) -> Bulk {
-        Bulk::of(cloud, &mut self.keys)
-    }
-
     /// Takes the distinct points of the bulk of a cloud, `(point - centre) * factor`, evenly thinned to the capacity, and
     /// estimates normals.
     pub(crate) fn fill(
@@ -86,13 +72,13 @@ impl Surface {
         bulk: Bulk,
         centre: Vec3,
         factor: f32,
+        keys: &mut Keys,
     ) {
         let n = cloud.len().min(SURFACE_POINTS);
         let at = |i: usize| cloud.get(i * cloud.len() / n.max(1)).copied();
         let at = |i: usize| at(i).unwrap_or_default();
         let seen = |i: usize| (Vec3::from_array(at(i)) - centre) * factor;
         let kept = (0..n).filter(|&i| bulk.holds(at(i)));
-        (self.every, self.is_known) = (0, false);
         let mut count = 0;
         for (place, i) in self.points.iter_mut().zip(kept) {
             *place = seen(i).to_array();
@@ -101,8 +87,8 @@ impl Surface {
         self.left_out = (n - count) as f32 / n.max(1) as f32;
         self.len = put_in_order(self.points.get_mut(..count).unwrap_or(&mut []));
         self.enclose();
-        self.radius = self.neighbourhood();
-        self.estimate_normals(isa);
+        self.radius = self.neighbourhood(keys);
+        self.estimate_normals(isa, keys);
     }
 
     /// Finds the boxes.
@@ -145,30 +131,18 @@ impl Surface {
 
     /// Distance from the middle, the median of each coordinate, that half of the points keep: where some are of something else
     /// far away, this is still the size of the rest.
-    pub(crate) fn extent(&mut self) -> f32 {
+    pub(crate) fn extent(&self, keys: &mut Keys) -> f32 {
         let middle = [0, 1, 2].map(|axis: usize| {
-            for (key, p) in self.keys.iter_mut().zip(&self.points).take(self.len) {
+            for (key, p) in keys.0.iter_mut().zip(self.points()) {
                 *key = ordered(p.get(axis).copied().unwrap_or_default());
             }
-            unordered(self.select_key(self.len, self.len / 2))
+            unordered(keys.select_key(self.len, self.len / 2))
         });
         let middle = Vec3::from_array(middle);
-        for (key, &p) in self.keys.iter_mut().zip(&self.points).take(self.len) {
+        for (key, &p) in keys.0.iter_mut().zip(self.points()) {
             *key = (Vec3::from_array(p) - middle).length_squared().to_bits();
         }
-        libm::sqrtf(self.select(self.len, self.len / 2))
-    }
-
-    /// The `k`-th smallest of the first `count` keys, as what it stands for.
-    fn select(&mut self, count: usize, k: usize) -> f32 {
-        f32::from_bits(self.select_key(count, k))
-    }
-
-    fn select_key(&mut self, count: usize, k: usize) -> u32 {
-        match self.keys.get_mut(..count) {
-            Some(keys) if k < count => *keys.select_nth_unstable(k).1,
-            _ => 0,
-        }
+        libm::sqrtf(keys.select(self.len, self.len / 2))
     }
 
     /// Blocks: the place of the first point, and the points.

@@ -27,8 +27,11 @@
 #define REAGENT_MEMORY_WORDS 2048
 #endif
 
+// Words of a ReagentModel.
+#define REAGENT_MODEL_WORDS 14000
+
 // Words of a ReagentWorkspace.
-#define REAGENT_WORKSPACE_WORDS 25600
+#define REAGENT_WORKSPACE_WORDS 29000
 
 // Version of this header: changes with incompatible calls.
 #define REAGENT_VERSION_MAJOR 0
@@ -90,6 +93,8 @@ typedef enum {
   REAGENT_STATUS_BAD_UNCERTAINTY = 21,
   // The task's mode is not a ReagentMode.
   REAGENT_STATUS_NO_SUCH_MODE = 22,
+  // reagent_prepare has not succeeded on the task's model.
+  REAGENT_STATUS_NOT_PREPARED = 23,
 } ReagentStatus;
 
 // What can be said about a pose.
@@ -147,7 +152,12 @@ typedef struct {
   uint64_t words[REAGENT_MEMORY_WORDS];
 } ReagentMemory;
 
-// Memory of reagent_register and reagent_refine: the caller's, of any content, for as long as the call.
+// A target made ready by reagent_prepare. It may be moved and copied, and any number of registrations may use it at a time.
+typedef struct {
+  uint64_t words[REAGENT_MODEL_WORDS];
+} ReagentModel;
+
+// Memory of reagent_register, reagent_refine and reagent_prepare: the caller's, of any content, for as long as the call.
 typedef struct {
   uint64_t words[REAGENT_WORKSPACE_WORDS];
 } ReagentWorkspace;
@@ -175,6 +185,8 @@ typedef struct {
   const float *background;
   // How many points that are, at most 4096: pixels spread around the object are enough.
   size_t background_points;
+  // The target, made ready by reagent_prepare; null if it is not. One of another target is left aside.
+  const ReagentModel *model;
 } ReagentTask;
 
 // The pose, and what can be said about it. All but pose, verdict and steps is of a refined pose, and 0 in mode FAST.
@@ -296,6 +308,16 @@ ReagentStatus reagent_near_pose(const double *rows,
 ReagentStatus reagent_init(ReagentMemory *memory,
                            const uint8_t *weights,
                            size_t length);
+
+// Makes a target ready, once for any number of registrations: a ReagentTask may name it. A target of more than 2048 points is
+// made ready by every registration all the same.
+//
+// # Safety
+// `model` and `workspace` point to a whole ReagentModel and ReagentWorkspace, of any content; `target` to 3 * `target_points` floats.
+ReagentStatus reagent_prepare(ReagentModel *model,
+                              ReagentWorkspace *workspace,
+                              const float *target,
+                              size_t target_points);
 
 #if defined(REAGENT_PRETRAINED)
 // The policy that ships with ReAgent in f32, for reagent_init; its bytes into `length`. Of a library built with

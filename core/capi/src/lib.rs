@@ -12,6 +12,7 @@ mod answer;
 mod cloud;
 mod far;
 mod memory;
+mod model;
 mod pointer;
 mod pretrained;
 mod refine;
@@ -24,6 +25,7 @@ pub use answer::{REAGENT_OTHERS, ReagentAnswer, ReagentVerdict};
 pub use cloud::{ReagentGrid, reagent_encode, reagent_grid_of};
 pub use far::{reagent_far_pose, reagent_near_pose, reagent_take_origin_off};
 pub use memory::{REAGENT_MEMORY_WORDS, ReagentMemory, reagent_init};
+pub use model::{REAGENT_MODEL_WORDS, ReagentModel, reagent_prepare};
 #[cfg(feature = "pretrained")]
 pub use pretrained::reagent_pretrained;
 #[cfg(feature = "pretrained-compact")]

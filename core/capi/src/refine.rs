@@ -12,9 +12,9 @@ use reagent_core::polish::Workspace;
 use reagent_core::{Cloud, Error, Pose, Verdict};
 
 /// Words of a ReagentWorkspace.
-pub const REAGENT_WORKSPACE_WORDS: usize = 25_600;
+pub const REAGENT_WORKSPACE_WORDS: usize = 29_000;
 
-/// Memory of reagent_register and reagent_refine: the caller's, of any content, for as long as the call.
+/// Memory of reagent_register, reagent_refine and reagent_prepare: the caller's, of any content, for as long as the call.
 #[repr(C)]
 pub struct ReagentWorkspace {
     pub(crate) words: [u64; REAGENT_WORKSPACE_WORDS],
@@ -110,7 +110,7 @@ unsafe fn answered(
     answer: *mut ReagentAnswer,
     by: impl FnOnce(&mut Workspace, Clouds<'_>, Task<'_>) -> Result<ReagentAnswer, ReagentStatus>,
 ) -> Result<(), ReagentStatus> {
-    if !aligned(workspace) || !aligned(answer) {
+    if !aligned(answer) {
         return Err(ReagentStatus::Pointer);
     }
     // SAFETY: the caller's promise.
@@ -122,14 +122,27 @@ unsafe fn answered(
     Cloud::F32(source).check()?;
     let checked = Cloud::F32(target).check().map_err(ReagentStatus::from);
     checked.map_err(ReagentStatus::of_target)?;
-    let workspace = workspace.cast::<Workspace>();
-    // SAFETY: aligned and large enough, as asserted above; written whole before a reference to it is made.
-    let workspace = unsafe {
-        workspace.write(Workspace::new());
-        &mut *workspace
-    };
-    let found = by(workspace, [source, target], task)?;
+    // SAFETY: the caller's promise.
+    let found = by(unsafe { in_place(workspace) }?, [source, target], task)?;
     // SAFETY: the caller's promise, and checked above.
     unsafe { answer.write(found) };
     Ok(())
+}
+
+/// An empty workspace in the caller's.
+///
+/// # Safety
+/// `workspace` is null, not aligned, or points to a whole [`ReagentWorkspace`] that nobody else uses meanwhile.
+pub(crate) unsafe fn in_place<'w>(
+    workspace: *mut ReagentWorkspace,
+) -> Result<&'w mut Workspace, ReagentStatus> {
+    if !aligned(workspace) {
+        return Err(ReagentStatus::Pointer);
+    }
+    let workspace = workspace.cast::<Workspace>();
+    // SAFETY: aligned and large enough, as asserted above; written whole before a reference to it is made.
+    unsafe {
+        workspace.write(Workspace::new());
+        Ok(&mut *workspace)
+    }
 }

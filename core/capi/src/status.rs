@@ -53,6 +53,8 @@ pub enum ReagentStatus {
     BadUncertainty = 21,
     /// The task's mode is not a ReagentMode.
     NoSuchMode = 22,
+    /// reagent_prepare has not succeeded on the task's model.
+    NotPrepared = 23,
 }
 
 impl ReagentStatus {
@@ -69,7 +71,7 @@ impl ReagentStatus {
 }
 
 /// One for each number of a [`ReagentStatus`].
-const TEXTS: [&CStr; 23] = [
+const TEXTS: [&CStr; 24] = [
     c"done",
     c"a pointer is null or not aligned",
     c"the memory is not initialised: call reagent_init first",
@@ -93,6 +95,7 @@ const TEXTS: [&CStr; 23] = [
     c"the view point has a coordinate that is NaN, infinite or beyond 1e12",
     c"a standard deviation of the start is negative or NaN",
     c"the task's mode is none of ReagentMode",
+    c"the task's model is not prepared: call reagent_prepare first",
 ];
 
 /// A sentence that says what a status means and what to do, in English; it lives as long as the program.

@@ -1,5 +1,6 @@
 //! What to do with two clouds.
 
+use crate::model::{ReagentModel, named};
 use crate::pointer::{floats, value};
 use crate::register::ReagentPose;
 use crate::status::ReagentStatus;
@@ -48,6 +49,8 @@ pub struct ReagentTask {
     pub background: *const f32,
     /// How many points that are, at most 4096: pixels spread around the object are enough.
     pub background_points: usize,
+    /// The target, made ready by reagent_prepare; null if it is not. One of another target is left aside.
+    pub model: *const ReagentModel,
 }
 
 /// The best pose within the paper's ten steps, from the identity, as uncertain as an estimator's or an operator's pose.
@@ -69,6 +72,7 @@ pub extern "C" fn reagent_task() -> ReagentTask {
         view_point: null(),
         background: null(),
         background_points: 0,
+        model: null(),
     }
 }
 
@@ -76,7 +80,8 @@ impl ReagentTask {
     /// The same in Rust.
     ///
     /// # Safety
-    /// The view point is null, not aligned, or points to three floats; the background to as many points as it says.
+    /// The view point is null, not aligned, or points to three floats; the background to as many points as it says; the model is null,
+    /// not aligned, or points to a whole ReagentModel.
     pub(crate) unsafe fn read<'c>(&self) -> Result<Task<'c>, ReagentStatus> {
         let mode = [Mode::Fast, Mode::Polish, Mode::Verify, Mode::Refine];
         let mode = usize::try_from(self.mode).ok().and_then(|i| mode.get(i));
@@ -88,6 +93,8 @@ impl ReagentTask {
         };
         // SAFETY: the caller's promise.
         let background = unsafe { floats(self.background, self.background_points) }?;
+        // SAFETY: the caller's promise.
+        let model = unsafe { named(self.model) }?;
         let uncertainty = Uncertainty {
             rotation_rad: self.rotation_rad,
             along: self.along,
@@ -102,6 +109,7 @@ impl ReagentTask {
             steps: self.steps as usize,
             view_point,
             background,
+            model,
             ..Task::new(start)
         })
     }

@@ -17,6 +17,12 @@ fn memory() -> Box<ReagentMemory> {
     })
 }
 
+fn model() -> Box<ReagentModel> {
+    Box::new(ReagentModel {
+        words: [u64::MAX; REAGENT_MODEL_WORDS],
+    })
+}
+
 fn workspace() -> Box<ReagentWorkspace> {
     Box::new(ReagentWorkspace {
         words: [u64::MAX; REAGENT_WORKSPACE_WORDS],

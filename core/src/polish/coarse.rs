@@ -1,10 +1,11 @@
 //! Coarse steps and losses, for searches that look at many poses: few of the source's points, and points of the target that are
 //! about nearest to them.
 
+use super::Refiner;
 use super::equations::{RIDGE, columns, set};
-use super::{Refiner, Workspace};
 use crate::kernels::{PAIRS, Pairs, Sums, Weighing};
 use crate::loss;
+use crate::model::Model;
 use crate::nearest::Lookup;
 use crate::search::{
     Best, EARLY, EARLY_POINTS, EARLY_SLACK, SCREEN, SCREEN_POINTS, SCREEN_SCALE, SIFT, SIFT_POINTS,
@@ -19,12 +20,11 @@ impl Refiner<'_> {
     /// match has no weight, in normalised units.
     pub(crate) fn coarse(&self, initial: Rigid, points: usize, gates: &[f32]) -> Rigid {
         const TANGENTIAL: f32 = 0.1;
-        let Workspace {
-            sample,
-            target,
+        let Model {
             lookup,
+            surface: target,
             ..
-        } = &*self.workspace;
+        } = self.model;
         let (mut at, mut pairs) = (initial, Pairs::ZERO);
         for &gate in gates {
             let by = Weighing {
@@ -32,7 +32,7 @@ impl Refiner<'_> {
                 tangential: TANGENTIAL,
             };
             let (pose, mut sums) = (at.pose(), Sums::ZERO);
-            for (lanes, count) in sample.first(points) {
+            for (lanes, count) in self.work.sample.first(points) {
                 [pairs.p, pairs.m] = *lanes;
                 self.isa.see(&mut pairs, &pose);
                 look_up(&mut pairs, lookup, target);
@@ -46,16 +46,15 @@ impl Refiner<'_> {
 
     /// Mean loss of few of the source's points and about nearest points.
     pub(crate) fn coarse_loss(&self, at: Rigid, points: usize, scale: f32) -> f32 {
-        let Workspace {
-            sample,
-            target,
+        let Model {
             lookup,
+            surface: target,
             ..
-        } = &*self.workspace;
+        } = self.model;
         let pose = at.pose();
         let (mut sum, mut all) = (0.0f32, 0usize);
         let mut pairs = Pairs::ZERO;
-        for (lanes, count) in sample.first(points) {
+        for (lanes, count) in self.work.sample.first(points) {
             [pairs.p, pairs.m] = *lanes;
             self.isa.see(&mut pairs, &pose);
             look_up(&mut pairs, lookup, target);

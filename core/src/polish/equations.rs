@@ -64,7 +64,12 @@ impl Refiner<'_> {
     /// How uncertain a refined pose is.
     pub(super) fn covariance(&mut self, at: Rigid) -> Covariance {
         let (equations, variance) = self.information(at);
-        Covariance::of(&equations, variance, self.target.centre, self.target.scale)
+        Covariance::of(
+            &equations,
+            variance,
+            self.model.frame.centre,
+            self.model.frame.scale,
+        )
     }
 }
 

@@ -1,7 +1,7 @@
 //! Matches: each point of either cloud with the nearest of the other.
 
 use super::stage::Stage;
-use super::{Refiner, Workspace};
+use super::{Refiner, Work};
 use crate::solve::Rigid;
 use crate::surface::Surface;
 
@@ -11,47 +11,68 @@ const NEAR_NOTHING: f32 = 1.0;
 impl Refiner<'_> {
     /// Matches every point of each cloud with all of the other, however far.
     pub(super) fn match_all(&mut self, at: Rigid) {
-        let Workspace { source, target, .. } = &mut *self.workspace;
-        let pose = at.pose();
-        source.match_to(self.isa, target, pose, 1, f32::INFINITY);
-        target.match_to(self.isa, source, pose.inverse(), 1, f32::INFINITY);
+        self.match_every(at, [1, 1], [f32::INFINITY; 2]);
     }
 
     /// Matches about `points` of each cloud with all of the other; one that is near nothing, with any.
     pub(crate) fn match_both(&mut self, at: Rigid, points: usize) {
-        let Workspace { source, target, .. } = &mut *self.workspace;
-        let (pose, [every_s, every_t]) = (at.pose(), every(points, source, target));
-        let [near_target, near_source] = [&*target, &*source]
+        let [source, target] = self.surfaces();
+        let near = [target, source]
             .map(|other| (NEAR_NOTHING * other.radius) * (NEAR_NOTHING * other.radius));
-        source.match_to(self.isa, target, pose, every_s, near_target);
-        target.match_to(self.isa, source, pose.inverse(), every_t, near_source);
+        self.match_every(at, every(points, source, target), near);
+    }
+
+    /// Matches every so many-th point of each cloud with all of the other; where none is within the root of a limit, with any.
+    fn match_every(&mut self, at: Rigid, [of_s, of_t]: [usize; 2], [limit_s, limit_t]: [f32; 2]) {
+        let (isa, target, pose) = (self.isa, &self.model.surface, at.pose());
+        let Work {
+            source,
+            of_source,
+            of_target,
+            ..
+        } = &mut *self.work;
+        of_source.find(isa, [source, target], pose, of_s, limit_s);
+        of_target.find(isa, [target, source], pose.inverse(), of_t, limit_t);
     }
 
     /// The same for a stage's steps, and the squared distance from which a match has no weight: only those nearer are the
     /// nearest for certain.
     pub(super) fn match_within_gate(&mut self, at: Rigid, stage: &Stage) -> f32 {
-        let Workspace { source, target, .. } = &mut *self.workspace;
-        let (pose, [every_s, every_t]) = (at.pose(), every(stage.points, source, target));
+        let (isa, target, pose) = (self.isa, &self.model.surface, at.pose());
+        let Work {
+            source,
+            of_source,
+            of_target,
+            ..
+        } = &mut *self.work;
+        let [every_s, every_t] = every(stage.points, source, target);
+        let [forward, backward] = [[&*source, target], [target, &*source]];
         let radius = source.radius.max(target.radius);
         let back = pose.inverse();
         // A median is at most what it was by the last matches, and so is the gate.
-        let gate = stage.gate(source.largest_median(target, pose, every_s), radius);
-        source.match_to(self.isa, target, pose, every_s, gate);
-        let median = source.median_squared();
+        let gate = stage.gate(of_source.largest_median(forward, pose, every_s), radius);
+        of_source.find(isa, forward, pose, every_s, gate);
+        let median = of_source.median_squared();
         let gate = stage.gate(
-            target.largest_median(source, back, every_t).min(median),
+            of_target
+                .largest_median(backward, back, every_t)
+                .min(median),
             radius,
         );
-        target.match_to(self.isa, source, back, every_t, gate);
+        of_target.find(isa, backward, back, every_t, gate);
         // Where one cloud shows a part of the other, its own points' median is that of the part.
-        stage.gate(target.median_squared().min(median), radius)
+        stage.gate(of_target.median_squared().min(median), radius)
     }
 
     /// Places in the source and in the target of the points matched last, both ways.
     pub(super) fn matched(&self) -> impl Iterator<Item = (usize, usize)> {
-        let [source, target] = self.surfaces();
-        let forward = source.matches().map(|found| (found.of, found.to));
-        forward.chain(target.matches().map(|found| (found.to, found.of)))
+        let Work {
+            of_source,
+            of_target,
+            ..
+        } = &*self.work;
+        let forward = of_source.matches().map(|found| (found.of, found.to));
+        forward.chain(of_target.matches().map(|found| (found.to, found.of)))
     }
 }
 

@@ -1,10 +1,11 @@
 //! How a pose fits: the losses of the points matched, and how much of the source lies on the target.
 
-use super::{Refiner, Workspace};
+use super::{Refiner, Work};
 use crate::freespace::DepthGrid;
 use crate::loss;
 use crate::solve::Rigid;
 use crate::surface::Surface;
+use crate::surface::matching::Matching;
 use glam::Vec3;
 
 /// Share of the source's points in a comparison of poses: the target often has sides that the source does not show.
@@ -43,13 +44,18 @@ pub(crate) struct Overlap {
 impl Refiner<'_> {
     /// Residual under the pose for which points were matched last, by what the view point tells.
     pub(crate) fn matched_residual(&self, at: Rigid) -> Residual {
-        self.matched_residual_of(at, &self.workspace.seen)
+        self.matched_residual_of(at, &self.work.seen)
     }
 
     pub(super) fn matched_residual_of(&self, at: Rigid, seen: &DepthGrid) -> Residual {
-        let Workspace { source, target, .. } = &*self.workspace;
-        let [source, target] =
-            matched_losses(source, target, seen, at, loss::of_match).map(|losses| {
+        let Work {
+            of_source,
+            of_target,
+            ..
+        } = &*self.work;
+        let matched = [of_source, of_target];
+        let [source, target] = matched_losses(self.surfaces(), matched, seen, at, loss::of_match)
+            .map(|losses| {
                 let (mut sum, mut count) = (0.0f64, 0u32);
                 for loss in losses {
                     sum += f64::from(loss);
@@ -62,11 +68,11 @@ impl Refiner<'_> {
 
     /// How much of the source, matched last, lies on the target's surface.
     pub(super) fn matched_overlap(&self, at: Rigid) -> Overlap {
-        let Workspace { source, target, .. } = &*self.workspace;
+        let [source, target] = self.surfaces();
         let pose = at.pose();
         let mut sum = 0.0f64;
         let [mut on_surface, mut near, mut within, mut count] = [0u32; 4];
-        for found in source.matches() {
+        for found in self.work.of_source.matches() {
             let ((p, _), (q, n)) = (source.at(found.of), target.at(found.to));
             let apart = pose.apply(p) - q;
             count += 1;
@@ -109,14 +115,17 @@ impl Refiner<'_> {
         at: Rigid,
         by: impl Fn(Vec3, Vec3, f32) -> f32 + Copy,
     ) {
-        let Workspace {
+        let Work {
             source,
-            target,
+            of_source,
+            of_target,
             seen,
             losses,
             ..
-        } = &mut *self.workspace;
-        let [of_source, of_target] = matched_losses(source, target, seen, at, by);
+        } = &mut *self.work;
+        let surfaces = [&*source, &self.model.surface];
+        let matched = [&*of_source, &*of_target];
+        let [of_source, of_target] = matched_losses(surfaces, matched, seen, at, by);
         losses.keep(contender, of_source.chain(of_target));
     }
 }
@@ -124,19 +133,24 @@ impl Refiner<'_> {
 /// Losses of the points matched last, of the source and of the target. Where a view point is known the target's
 /// are 1 for what stands in front of what was seen, and less than that for what only was not seen.
 fn matched_losses<'a>(
-    source: &'a Surface,
-    target: &'a Surface,
+    [source, target]: [&'a Surface; 2],
+    [of_source, of_target]: [&'a Matching; 2],
     seen: &'a DepthGrid,
     at: Rigid,
     by: impl Fn(Vec3, Vec3, f32) -> f32 + Copy + 'a,
 ) -> [impl Iterator<Item = f32> + 'a; 2] {
     let there = at.pose();
     [
-        (source, target, there, false),
-        (target, source, there.inverse(), seen.is_known()),
+        ([source, target], of_source, there, false),
+        (
+            [target, source],
+            of_target,
+            there.inverse(),
+            seen.is_known(),
+        ),
     ]
-    .map(|(surface, other, pose, sees)| {
-        surface.matches().map(move |found| {
+    .map(|([surface, other], matching, pose, sees)| {
+        matching.matches().map(move |found| {
             let ((p, _), (q, n)) = (surface.at(found.of), other.at(found.to));
             let p = pose.apply(p);
             let loss = by(p - q, n, other.radius);

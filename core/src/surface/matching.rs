@@ -1,7 +1,9 @@
 //! Nearest points of one surface to those of another.
 
 use super::boxes::{bounds_of, largest};
+use super::keys::Keys;
 use super::{BLOCK, Surface};
+use crate::dims::SURFACE_POINTS;
 use crate::kernels::{BATCH, Batch, Isa, RUN};
 use crate::pose::Pose;
 use glam::Vec3;
@@ -15,23 +17,52 @@ pub(crate) struct Match {
     pub(crate) to: usize,
 }
 
-impl Surface {
-    /// Finds the nearest point of `other` to every `every`-th point, seen under `pose`. Where none is nearer than the root of
+/// Which points of another surface are nearest to a surface's, by when they were looked for last.
+#[derive(Clone, Debug)]
+pub(crate) struct Matching {
+    /// After [`Self::find`], the squared distances that it found.
+    pub(crate) keys: Keys,
+    /// Points of the surface.
+    len: usize,
+    /// Every how many-th point was matched last; 0 where none was yet.
+    every: usize,
+    /// Whether all points were matched at least once.
+    is_known: bool,
+    /// Of each point: the place of the other surface's point that was nearest when it was matched last.
+    place: [u16; SURFACE_POINTS],
+}
+
+impl Matching {
+    /// Of no surface. All bits are zero.
+    pub(crate) const EMPTY: Matching = Matching {
+        keys: Keys::ZERO,
+        len: 0,
+        every: 0,
+        is_known: false,
+        place: [0; SURFACE_POINTS],
+    };
+
+    /// Forgets what was found: the surfaces are others.
+    pub(crate) fn forget(&mut self) {
+        (self.len, self.every, self.is_known) = (0, 0, false);
+    }
+
+    /// Finds the nearest point of `other` to every `every`-th point of a surface, seen under `pose`. Where none is nearer than the root of
     /// `limit`, any may be found; what was nearest under another pose shortens the search.
-    pub(crate) fn match_to(
+    pub(crate) fn find(
         &mut self,
         isa: Isa,
-        other: &Surface,
+        [surface, other]: [&Surface; 2],
         pose: Pose,
         every: usize,
         limit: f32,
     ) {
         let every = every.max(1);
-        self.every = every;
+        (self.len, self.every) = (surface.len, every);
         let of_batch = BATCH * every;
-        let points = self.points.get(..self.len).unwrap_or(&[]).chunks(of_batch);
+        let points = surface.points().chunks(of_batch);
         let places = self.place.chunks_mut(of_batch);
-        let (keys, _) = self.keys.as_chunks_mut::<BATCH>();
+        let (keys, _) = self.keys.0.as_chunks_mut::<BATCH>();
         let mut batch = Batch::EMPTY;
         for ((points, places), keys) in points.zip(places).zip(keys) {
             load(&mut batch, &mut every_nth(points, every, pose));
@@ -50,23 +81,28 @@ impl Surface {
 
     /// At most so large is the median squared distance from `other` of every `every`-th point, seen under `pose`: that of the
     /// points that were nearest when they were matched last.
-    pub(crate) fn largest_median(&mut self, other: &Surface, pose: Pose, every: usize) -> f32 {
+    pub(crate) fn largest_median(
+        &mut self,
+        [surface, other]: [&Surface; 2],
+        pose: Pose,
+        every: usize,
+    ) -> f32 {
         if !self.is_known {
             return f32::INFINITY;
         }
         let every = every.max(1);
         let mut count = 0;
-        let points = every_nth(self.points.get(..self.len).unwrap_or(&[]), every, pose);
+        let points = every_nth(surface.points(), every, pose);
         let places = self.place.iter().step_by(every);
-        for ((key, p), &place) in self.keys.iter_mut().zip(points).zip(places) {
+        for ((key, p), &place) in self.keys.0.iter_mut().zip(points).zip(places) {
             let (q, _) = other.at(place.into());
             *key = (p - q).length_squared().to_bits();
             count += 1;
         }
-        self.select(count, count / 2)
+        self.keys.select(count, count / 2)
     }
 
-    /// What [`Self::match_to`] found.
+    /// What [`Self::find`] found.
     pub(crate) fn matches(&self) -> impl Iterator<Item = Match> {
         let places = self.place.iter().enumerate().take(self.len);
         places.step_by(self.every.max(1)).map(|(of, &to)| Match {
@@ -75,12 +111,14 @@ impl Surface {
         })
     }
 
-    /// Median squared distance of the matches, once after [`Self::match_to`].
+    /// Median squared distance of the matches, once after [`Self::find`].
     pub(crate) fn median_squared(&mut self) -> f32 {
         let count = self.len.div_ceil(self.every.max(1));
-        self.select(count, count / 2)
+        self.keys.select(count, count / 2)
     }
+}
 
+impl Surface {
     /// Shows each lane of a batch one point that may be near; those beyond the last, that of the last.
     pub(crate) fn show_known<'a>(
         &self,

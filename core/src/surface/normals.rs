@@ -1,6 +1,7 @@
 //! Normals, from moments of neighbourhoods.
 
 use super::boxes::bounds_of;
+use super::keys::Keys;
 use super::matching::load;
 use super::{BLOCK, Surface};
 use crate::kernels::{BATCH, Batch, Isa, Moments};
@@ -21,37 +22,37 @@ const BENT: f32 = 0.04;
 
 impl Surface {
     /// See [`Self::radius`]; of some of the points.
-    pub(super) fn neighbourhood(&mut self) -> f32 {
+    pub(super) fn neighbourhood(&self, keys: &mut Keys) -> f32 {
         const SAMPLES: usize = 32;
         let n = self.len;
         let mut found = [0.0f32; SAMPLES];
         for (s, found) in found.iter_mut().enumerate() {
             let (q, _) = self.at((2 * s + 1) * n / (2 * SAMPLES));
-            for (key, &p) in self.keys.iter_mut().zip(&self.points).take(n) {
+            for (key, &p) in keys.0.iter_mut().zip(self.points()) {
                 *key = (Vec3::from_array(p) - q).length_squared().to_bits();
             }
-            *found = self.select(n, NEIGHBOURS.min(n.saturating_sub(1)));
+            *found = keys.select(n, NEIGHBOURS.min(n.saturating_sub(1)));
         }
         found.sort_unstable_by(f32::total_cmp);
         libm::sqrtf(found.get(SAMPLES / 2).copied().unwrap_or(0.0))
     }
 
     /// Estimates normals, in wider neighbourhoods where noise leaves no plane in those at hand.
-    pub(super) fn estimate_normals(&mut self, isa: Isa) {
+    pub(super) fn estimate_normals(&mut self, isa: Isa, keys: &mut Keys) {
         let narrow = self.radius;
-        let thickness = self.normals_within_radius(isa);
+        let thickness = self.normals_within_radius(isa, keys);
         if thickness < NO_PLANE {
             return;
         }
         self.radius = WIDER * narrow;
-        if self.normals_within_radius(isa) > thickness + BENT {
+        if self.normals_within_radius(isa, keys) > thickness + BENT {
             self.radius = narrow;
-            self.normals_within_radius(isa);
+            self.normals_within_radius(isa, keys);
         }
     }
 
     /// The same in those at hand, and how thick they are across the normals, in radii: a quarter of them are thinner.
-    fn normals_within_radius(&mut self, isa: Isa) -> f32 {
+    fn normals_within_radius(&mut self, isa: Isa, keys: &mut Keys) -> f32 {
         let radius = NORMAL_RADIUS * self.radius;
         let squared = radius * radius;
         let share = if squared > 0.0 { 1.0 / squared } else { 0.0 };
@@ -69,7 +70,7 @@ impl Surface {
                 }
             }
             let end = self.len.min(start + BATCH);
-            let places = self.normals.iter_mut().zip(&mut self.keys);
+            let places = self.normals.iter_mut().zip(&mut keys.0);
             for (lane, (normal, key)) in places.take(end).skip(start).enumerate() {
                 let m = sums
                     .0
@@ -80,7 +81,7 @@ impl Surface {
                 *key = across.to_bits(); // in the order of the spreads: they are not negative
             }
         }
-        libm::sqrtf(self.select(self.len, self.len / 4)) / self.radius.max(1e-30)
+        libm::sqrtf(keys.select(self.len, self.len / 4)) / self.radius.max(1e-30)
     }
 }
 

@@ -1,10 +1,11 @@
-use super::matching::Match;
+use super::matching::{Match, Matching};
 use super::*;
 use crate::polish::tests::{Numbers, part, pose};
 
 fn surface(points: &[[f32; 3]]) -> Box<Surface> {
     let mut surface = Box::new(Surface::EMPTY);
-    surface.fill(Isa::best(), points, Bulk::ALL, Vec3::ZERO, 1.0);
+    let mut keys = Keys::ZERO;
+    surface.fill(Isa::best(), points, Bulk::ALL, Vec3::ZERO, 1.0, &mut keys);
     surface
 }
 
@@ -34,8 +35,8 @@ fn each_point_has_one_place_whatever_the_order_they_come_in() {
 #[test]
 fn neighbourhoods_are_wider_where_they_are_all_noise_and_not_where_they_are_bent() {
     let is_wide = |points: &[[f32; 3]]| {
-        let mut surface = surface(points);
-        surface.radius > surface.neighbourhood()
+        let (surface, mut keys) = (surface(points), Keys::ZERO);
+        surface.radius > surface.neighbourhood(&mut keys)
     };
     let mut numbers = Numbers(6);
     let part = part(1024, 5);
@@ -58,7 +59,8 @@ fn neighbourhoods_are_wider_where_they_are_all_noise_and_not_where_they_are_bent
 
 #[test]
 fn matches_are_the_nearest_within_the_limit_and_any_beyond() {
-    let (mut source, target) = (surface(&part(300, 3)), surface(&part(500, 4)));
+    let (source, target) = (surface(&part(300, 3)), surface(&part(500, 4)));
+    let mut matching = Matching::EMPTY;
     let far = pose([0.3, 0.2, -0.4], [0.5, 0.1, 0.3]);
     let near = pose([0.1, 0.0, -0.1], [0.1, 0.0, 0.0]);
     for (pose, every, limit) in [
@@ -68,10 +70,11 @@ fn matches_are_the_nearest_within_the_limit_and_any_beyond() {
         (far, 2, f32::INFINITY),
         (far, 1, 1e-4),
     ] {
-        let bound = source.largest_median(&target, pose, every);
-        source.match_to(Isa::best(), &target, pose, every, limit);
+        let surfaces = [&*source, &*target];
+        let bound = matching.largest_median(surfaces, pose, every);
+        matching.find(Isa::best(), surfaces, pose, every, limit);
         let mut found: Vec<f32> = Vec::new();
-        for Match { of, to } in source.matches() {
+        for Match { of, to } in matching.matches() {
             let p = pose.apply(source.at(of).0);
             let squared = |&q: &[f32; 3]| (p - Vec3::from_array(q)).length_squared();
             let nearest = target
@@ -87,7 +90,7 @@ fn matches_are_the_nearest_within_the_limit_and_any_beyond() {
             found.push(here);
         }
         assert_eq!(found.len(), 300usize.div_ceil(every));
-        let median = source.median_squared();
+        let median = matching.median_squared();
         assert!(median <= bound, "{median} {bound}");
         assert_eq!(
             found.iter().filter(|&&x| x < median).count(),

@@ -1,5 +1,6 @@
 use super::*;
 use crate::evidence::Evidence;
+use crate::model::Model;
 use crate::polish::Workspace;
 use crate::polish::tests::{Numbers, error, moved, part, pose};
 use crate::verdict::Verdict;
@@ -11,6 +12,33 @@ fn verify(source: &[[f32; 3]], target: &[[f32; 3]], initial: Pose) -> Verified {
     refiner
         .verify(initial, &Start::Anywhere)
         .expect("a rigid pose")
+}
+
+#[test]
+fn a_target_that_is_ready_changes_no_bit() {
+    let targets = [part(400, 4), part(500, 6)];
+    let source = moved(&part(350, 5), pose([0.1, 0.2, -0.1], [0.3, 0.1, 0.2]));
+    let start = Start::at(Pose::IDENTITY);
+    let [mut fresh, mut used] = [(); 2].map(|()| Box::new(Workspace::new()));
+    let mut models = targets.each_ref().map(|target| {
+        let mut model = Box::new(Model::new());
+        fresh.prepare(target, &mut model).expect("a cloud");
+        model
+    });
+    for i in [0, 0, 1, 0, 1, 1] {
+        let (target, model) = (&targets[i], &mut models[i]);
+        *fresh = Workspace::new();
+        let mut refiner = Refiner::new(&source, target, &mut fresh).expect("clouds");
+        let expected = refiner.verify(Pose::IDENTITY, &start);
+        // One workspace for all, in which other targets were.
+        let mut refiner = Refiner::new(&source, target, &mut used).expect("clouds");
+        assert_eq!(refiner.verify(Pose::IDENTITY, &start), expected);
+        let mut refiner = Refiner::on(model, &source, &mut fresh).expect("clouds");
+        assert_eq!(refiner.verify(Pose::IDENTITY, &start), expected);
+    }
+    let of_nothing = Model::new();
+    let refused = Refiner::on(&of_nothing, &source, &mut fresh).map(|_| ());
+    assert_eq!(refused, Err(Error::EmptyCloud));
 }
 
 #[test]

@@ -62,6 +62,9 @@ fn what_cannot_be_registered_is_refused_and_changes_nothing() {
         change(&mut task);
         task
     };
+    static UNPREPARED: [u64; REAGENT_MODEL_WORDS] = [7; REAGENT_MODEL_WORDS];
+    let mut model = model();
+    let model: *mut ReagentModel = &raw mut *model;
     static NOWHERE: [f32; 3] = [0.0, f32::NAN, 0.0];
     let bent = ReagentPose {
         rows: [[2.0; 4]; 3],
@@ -93,6 +96,24 @@ fn what_cannot_be_registered_is_refused_and_changes_nothing() {
                 })),
                 Pointer,
             ),
+            (
+                refine(with(|task| task.model = (&raw const UNPREPARED).cast())),
+                NotPrepared,
+            ),
+            (
+                refine(with(|task| {
+                    task.model = null::<ReagentModel>().wrapping_byte_add(1)
+                })),
+                Pointer,
+            ),
+            (reagent_prepare(model, workspace, one_place, 9), NoExtent),
+            (reagent_prepare(model, workspace, to, 0), TargetEmpty),
+            (
+                reagent_prepare(model, workspace, unsound, 600),
+                TargetNotFinite,
+            ),
+            (reagent_prepare(model, null_mut(), to, 600), Pointer),
+            (reagent_prepare(null_mut(), workspace, to, 600), Pointer),
             (refine(with(|task| task.background_points = 9)), Pointer),
             (
                 refine(with(|task| task.background_points = 1 << 20)),

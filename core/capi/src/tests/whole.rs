@@ -149,6 +149,34 @@ fn a_pose_is_refined_as_in_rust() {
     }
 }
 
+#[test]
+fn a_prepared_model_changes_no_bit_and_one_of_another_target_is_left_aside() {
+    let (source, target) = (bracket(0.0), bracket(0.37));
+    let (from, to) = (
+        source.as_flattened().as_ptr(),
+        target.as_flattened().as_ptr(),
+    );
+    let (mut workspace, mut model) = (workspace(), model());
+    let refined = |model: *const ReagentModel, workspace: &mut ReagentWorkspace| {
+        let mut task = reagent_task();
+        task.model = model;
+        let mut answer = ReagentAnswer::default();
+        let at = &task.start;
+        // SAFETY: pointers to live values.
+        let status =
+            unsafe { reagent_refine(workspace, from, 600, to, 600, at, &task, &mut answer) };
+        assert_eq!(status, ReagentStatus::Ok);
+        answer
+    };
+    let expected = refined(null(), &mut workspace);
+    for prepared in [to, from] {
+        // SAFETY: pointers to live values.
+        let status = unsafe { reagent_prepare(&mut *model, &mut *workspace, prepared, 600) };
+        assert_eq!(status, ReagentStatus::Ok);
+        assert_eq!(refined(&*model, &mut workspace), expected);
+    }
+}
+
 /// A sphere against itself, turned: any turn about any axis fits; a box: half turns do.
 #[test]
 fn what_is_undetermined_is_told() {

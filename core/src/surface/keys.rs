@@ -1,0 +1,30 @@
+//! Working memory in which medians are selected.
+
+use crate::dims::SURFACE_POINTS;
+use crate::outliers::Bulk;
+
+/// Keys of a surface's points, in the order of what they stand for.
+#[derive(Clone, Debug)]
+pub(crate) struct Keys(pub(super) [u32; SURFACE_POINTS]);
+
+impl Keys {
+    /// All bits are zero.
+    pub(crate) const ZERO: Keys = Keys([0; SURFACE_POINTS]);
+
+    /// Where a cloud's points are that [`super::Surface::fill`] is to take.
+    pub(crate) fn bulk(&mut self, cloud: &[[f32; 3]]) -> Bulk {
+        Bulk::of(cloud, &mut self.0)
+    }
+
+    /// The `k`-th smallest of the first `count`, as what it stands for.
+    pub(super) fn select(&mut self, count: usize, k: usize) -> f32 {
+        f32::from_bits(self.select_key(count, k))
+    }
+
+    pub(super) fn select_key(&mut self, count: usize, k: usize) -> u32 {
+        match self.0.get_mut(..count) {
+            Some(keys) if k < count => *keys.select_nth_unstable(k).1,
+            _ => 0,
+        }
+    }
+}

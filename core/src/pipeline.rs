@@ -34,6 +34,26 @@ pub enum Mode {
 }
 
 impl Mode {
+    /// All of them, in the order in which they take more time.
+    pub const ALL: [Mode; 5] = [
+        Mode::Refine,
+        Mode::Fast,
+        Mode::Polish,
+        Mode::Verify,
+        Mode::Best,
+    ];
+
+    /// As command lines and JSON name it.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Mode::Fast => "fast",
+            Mode::Polish => "polish",
+            Mode::Verify => "verify",
+            Mode::Best => "best",
+            Mode::Refine => "refine",
+        }
+    }
+
     /// Whether the policy takes steps.
     pub fn has_steps(self) -> bool {
         self != Mode::Refine
@@ -51,13 +71,7 @@ impl Mode {
 
 impl fmt::Display for Mode {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Mode::Fast => "fast",
-            Mode::Polish => "polish",
-            Mode::Verify => "verify",
-            Mode::Best => "best",
-            Mode::Refine => "refine",
-        })
+        f.write_str(self.name())
     }
 }
 
@@ -250,7 +264,12 @@ pub struct UnknownMode;
 
 impl fmt::Display for UnknownMode {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("not a mode: refine, fast, polish, verify or best")
+        let [first, between @ .., last] = Mode::ALL;
+        write!(f, "not a mode: {first}")?;
+        for mode in between {
+            write!(f, ", {mode}")?;
+        }
+        write!(f, " or {last}")
     }
 }
 
@@ -260,13 +279,7 @@ impl FromStr for Mode {
     type Err = UnknownMode;
 
     fn from_str(name: &str) -> Result<Mode, UnknownMode> {
-        Ok(match name {
-            "fast" => Mode::Fast,
-            "polish" => Mode::Polish,
-            "verify" => Mode::Verify,
-            "best" => Mode::Best,
-            "refine" => Mode::Refine,
-            _ => return Err(UnknownMode),
-        })
+        let mut all = Mode::ALL.into_iter();
+        all.find(|mode| mode.name() == name).ok_or(UnknownMode)
     }
 }

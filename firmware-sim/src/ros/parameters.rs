@@ -8,7 +8,7 @@ pub(super) use messages::Value;
 use super::keys::{self, Type};
 use super::service::Call;
 use messages::{Descriptor, ListRequest, Listed, Named, Parameter, SetRequest, SetResult};
-use reagent_core::pipeline::Mode;
+use reagent_core::pipeline::{Mode, UnknownMode};
 
 /// The services, by name and type.
 pub(super) const SERVICES: [(&str, Type); 5] = [
@@ -34,7 +34,6 @@ pub(super) struct Parameters {
 
 const MODE: &str = "mode";
 const ON_REQUEST: &str = "on_request";
-const MODES: &str = "fast, polish, verify, best or refine";
 
 impl Parameters {
     pub(super) fn new(settings: Settings, fixed: Vec<(&'static str, Value)>) -> Parameters {
@@ -65,15 +64,15 @@ impl Parameters {
             return Descriptor::default();
         }
         let (read_only, constraints) = match name {
-            MODE => (false, MODES),
-            ON_REQUEST => (false, ""),
-            _ => (true, "given when the node starts"),
+            MODE => (false, Mode::ALL.map(Mode::name).join(", ")),
+            ON_REQUEST => (false, String::new()),
+            _ => (true, "given when the node starts".into()),
         };
         Descriptor {
             name: name.into(),
             kind: value.kind,
             description: format!("--{} of firmware-sim ros", name.replace('_', "-")),
-            additional_constraints: constraints.into(),
+            additional_constraints: constraints,
             read_only,
             ..Descriptor::default()
         }
@@ -99,7 +98,7 @@ impl Parameters {
                     self.settings.mode = mode;
                     return SetResult::done();
                 }
-                Err(_) => format!("{:?} is no mode; give {MODES}", value.string_value),
+                Err(UnknownMode) => format!("{:?} is {UnknownMode}", value.string_value),
             }
         } else {
             format!(
@@ -176,7 +175,8 @@ mod tests {
         assert_eq!(parameters.describe("nothing"), Descriptor::default());
         assert!(parameters.describe("view").read_only);
         let mode = parameters.describe("mode");
-        assert!(!mode.read_only && mode.additional_constraints == MODES);
+        let modes = "refine, fast, polish, verify, best";
+        assert!(!mode.read_only && mode.additional_constraints == modes);
     }
 
     #[test]
@@ -189,7 +189,7 @@ mod tests {
             (
                 "mode",
                 Value::text("slow".into()),
-                "\"slow\" is no mode; give fast, ",
+                "\"slow\" is not a mode: refine, fast, ",
             ),
             ("mode", Value::flag(true), "mode is a string"),
             (

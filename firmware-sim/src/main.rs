@@ -3,7 +3,7 @@
 use clap::{Parser, Subcommand};
 use ed25519_dalek::VerifyingKey;
 use firmware_sim::board::{Board, Clouds, Kind, Simulation, build_image, check_simulator};
-use firmware_sim::node::{Node, NodeConfig};
+use firmware_sim::node::{ANY, Node, NodeConfig, NodeError};
 use firmware_sim::policy::Trust;
 use firmware_sim::session::{SessionArgs, certificates, has_certificate, open};
 use reagent_link::log::LogArgs;
@@ -44,7 +44,7 @@ struct NodeArgs {
     #[arg(long, value_name = "NAME", value_parser = name)]
     fleet: String,
     /// Its own name in the fleet
-    #[arg(long, value_name = "ID", value_parser = name)]
+    #[arg(long, value_name = "ID", value_parser = own_name)]
     robot: String,
     /// Public key (64 hexadecimal digits) whose policies it takes; may be repeated
     #[arg(long, value_name = "HEX", value_parser = public_key, required_unless_present = "trust_any")]
@@ -136,6 +136,14 @@ fn start_board(kind: Kind, clouds: Clouds) -> anyhow::Result<Board> {
         report.static_bytes
     );
     Ok(board)
+}
+
+/// Refuses what no robot may be called.
+fn own_name(text: &str) -> Result<String, String> {
+    match text {
+        ANY => Err(NodeError::Reserved.to_string()),
+        _ => name(text).map_err(|error| error.to_string()),
+    }
 }
 
 fn public_key(digits: &str) -> Result<VerifyingKey, String> {

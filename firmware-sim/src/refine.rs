@@ -39,7 +39,11 @@ pub struct RefineArgs {
     #[arg(long, value_name = "ID", value_parser = name)]
     pub robot: String,
     /// Pairs to register, with their true poses
-    #[arg(long, value_name = "FILE.h5", conflicts_with_all = ["source", "target"])]
+    #[arg(
+        long,
+        value_name = "FILE.h5",
+        conflicts_with_all = ["source", "target", "unit", "scale", "view", "topic", "message"]
+    )]
     pub pairs: Option<PathBuf>,
     /// Cloud to move (.ply .pcd .xyz .txt .asc .csv .pts .npy .off .obj .stl)
     /// Left out with --depth
@@ -56,7 +60,7 @@ pub struct RefineArgs {
     pub steps: u8,
     /// What follows the steps: fast (nothing), polish (closest points), verify (then compared with other poses), best (the most that
     /// the robot has memory for); or refine (closest points from the start, without the policy) [default: best]
-    #[arg(long, value_enum, value_name = "MODE")]
+    #[arg(long, value_name = "MODE")]
     pub mode: Option<Mode>,
     /// Where to start: none (turned in any way), identity, 12 numbers separated by commas (rows of [R | t]), or a file
     /// with them, also what --json wrote [default: identity]

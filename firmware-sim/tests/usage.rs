@@ -35,6 +35,12 @@ fn bad_usage_is_status_2() {
         "node --fleet f --robot r --trust abc",
         "refine --fleet f --robot r",
         "refine --fleet f --robot r only-one.ply",
+        "refine --fleet f --robot r --pairs a.h5 --topic /points",
+        "refine --fleet f --robot r --pairs a.h5 --message 3",
+        "refine --fleet f --robot r --pairs a.h5 --unit mm",
+        "refine --fleet f --robot r --pairs a.h5 --scale 2",
+        "refine --fleet f --robot r --pairs a.h5 --view origin",
+        "refine --fleet f --robot r --pairs a.h5 --camera 1,1,1,1",
         "demo --pairs a.h5 --data b",
         "demo --per-robot 0",
         "fleet --routers 0",
@@ -134,6 +140,11 @@ fn a_bad_value_is_refused_with_its_option_and_with_what_is_taken() {
         ),
         ("node --robot r --trust-any", "--fleet a/b", name),
         ("node --fleet f --trust-any", "--robot *", name),
+        (
+            "node --fleet f --trust-any",
+            "--robot any",
+            "a robot cannot be called \"any\": clients use it for whichever",
+        ),
         ("refine --fleet f a.ply b.ply", &long[1], name),
         (
             "refine --fleet f --robot r a.ply b.ply",
@@ -220,6 +231,10 @@ fn endpoints_that_do_not_work_come_with_a_hint_that_fits() {
         (
             format!("router --connect tcp/{taken}"),
             "is the router running there?",
+        ),
+        (
+            "router --connect tcp/router.invalid:7447".into(),
+            "is the name right?",
         ),
         (format!("router --listen tcp/{taken}"), port),
         ("router --listen tcp/192.0.2.1:7447".into(), port),

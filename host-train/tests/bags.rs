@@ -151,7 +151,12 @@ fn what_is_wrong_with_a_bag_is_said() {
         "register lz4.mcap part.xyz --message 6",
         &["has 6 messages"],
     );
+    // Of a list, every source that is asked for a topic is a bag.
+    let list = "lz4.mcap part.xyz\npart.xyz part.xyz\n";
+    std::fs::write(at.join("list.txt"), list).expect("written");
     for wrong in [
+        "register --pairs list.txt --topic /camera/points",
+        "register --pairs list.txt --message 3",
         "register part.xyz part.xyz --message 0",
         "register lz4.mcap part.xyz --message last",
         "track part.xyz part.xyz --topic /points",

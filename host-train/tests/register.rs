@@ -376,6 +376,12 @@ fn the_best_of_several_starts_is_given_out_and_the_next_best_are_listed() {
     succeed(at, &alone);
     let document = read_json(&at.join("p.json"));
     assert!(document.get("start").is_none() && document.get("others").is_none());
+    // Asked for, they are there, were it none.
+    succeed(at, &format!("{alone} --best 1"));
+    assert_eq!(
+        read_json(&at.join("p.json"))["others"],
+        serde_json::json!([])
+    );
     for options in ["--best 2".to_owned(), format!("--init {far} --init {near}")] {
         let output = run(at, &format!("register s.ply m.ply --mode fast {options}"));
         let said = String::from_utf8_lossy(&output.stderr);

@@ -4,6 +4,7 @@ use crate::certificate::{self, Certificate};
 use std::ops::Range;
 use std::path::PathBuf;
 use thiserror::Error;
+use tokio::net::lookup_host;
 use zenoh::{Config, Session};
 
 /// How to reach the fleet's Zenoh network.
@@ -26,14 +27,19 @@ pub struct SessionArgs {
 /// # Errors
 /// What an endpoint looks like.
 pub fn endpoint(text: &str) -> Result<String, String> {
-    let rest = ["tcp/", "quic/"].iter().find_map(|p| text.strip_prefix(p));
-    let address = rest.and_then(|rest| rest.split(['?', '#']).next());
-    match address.and_then(|address| address.rsplit_once(':')) {
+    match address(text).and_then(|address| address.rsplit_once(':')) {
         Some((host, port)) if !host.is_empty() && port.parse::<u16>().is_ok() => Ok(text.into()),
         _ => {
             Err("an endpoint is tcp/HOST:PORT or quic/HOST:PORT, such as tcp/127.0.0.1:7447".into())
         }
     }
+}
+
+/// Host and port of an endpoint.
+fn address(endpoint: &str) -> Option<&str> {
+    let mut protocols = ["tcp/", "quic/"].iter();
+    let rest = protocols.find_map(|protocol| endpoint.strip_prefix(protocol))?;
+    rest.split(['?', '#']).next()
 }
 
 /// Why there is no session.
@@ -87,12 +93,31 @@ pub async fn open(args: &SessionArgs) -> Result<Session, SessionError> {
             notice_of_expiry = Some(notice);
         }
     }
-    let opened = zenoh::open(config).await;
-    opened.map_err(|reason| SessionError::Open {
+    let reason = match zenoh::open(config).await {
+        Ok(session) => return Ok(session),
+        Err(reason) => reason,
+    };
+    let hint = match (notice_of_expiry, without_address(args).await) {
+        (Some(notice), _) | (None, Some(notice)) => notice,
+        (None, None) => hint(args, &reason).into(),
+    };
+    Err(SessionError::Open {
         endpoints: endpoints(args),
-        hint: notice_of_expiry.unwrap_or_else(|| hint(args, &reason).into()),
         reason,
+        hint,
     })
+}
+
+/// The first host to connect to that has no address, of which Zenoh says only that it does not answer.
+async fn without_address(args: &SessionArgs) -> Option<String> {
+    for address in args.connect.iter().filter_map(|endpoint| address(endpoint)) {
+        if let Err(error) = lookup_host(address).await {
+            return Some(format!(
+                "{address} has no address: {error}; is the name right?"
+            ));
+        }
+    }
+    None
 }
 
 /// What the cause may be.

@@ -113,7 +113,8 @@ impl Registration {
     /// The next best poses, the most probable first, as far as `best` asked for them.
     #[getter]
     fn others(&self) -> Vec<Other> {
-        self.document.others.iter().cloned().map(Other).collect()
+        let others = self.document.others.iter().flatten();
+        others.cloned().map(Other).collect()
     }
 
     /// The policy's steps, in the order taken.

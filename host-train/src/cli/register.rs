@@ -26,6 +26,7 @@ use clap::Args;
 use pairs::Pair;
 use reagent_core::dims::{MAX_POINTS, STEPS};
 use reagent_core::pipeline::Mode;
+use source::OF_BAG;
 use std::path::{Path, PathBuf};
 
 /// Register a source cloud to a target cloud and print the pose
@@ -66,9 +67,9 @@ pub(super) struct RegisterArgs {
     #[arg(long, value_name = "START", allow_hyphen_values = true)]
     init: Vec<Initial>,
     /// How many of the most probable poses to tell, each another one: the first is given out, the others, as many as
-    /// there are, follow in the text and under "others" in --json, with how they fit
-    #[arg(long, value_name = "K", default_value_t = 1, value_parser = positive())]
-    best: usize,
+    /// there are, follow in the text and under "others" in --json, with how they fit [default: 1]
+    #[arg(long, value_name = "K", value_parser = positive())]
+    best: Option<usize>,
     /// Points of each cloud that the policy sees at most [default: 4096, or 2048 where there are more]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(16..=MAX_POINTS as u64))]
     points: Option<u64>,
@@ -155,6 +156,11 @@ impl RegisterArgs {
             Some(list) => Some(pairs::find(list)?),
             None => None,
         };
+        let given = pairs.iter().flatten().flatten();
+        if let Some(pair) = given.clone().find(|pair| !self.sources.fits(&pair.source)) {
+            let named = pair.source.display();
+            bad_usage("register", &format!("{OF_BAG}, and --pairs names {named}"));
+        }
         let mut of_views = pairs.iter().flatten().flatten();
         let are_views = pairs.is_some() && of_views.all(|pair| pair.view_point.is_some());
         let weights = WeightFile::load(self.policy(are_views))?;
@@ -199,7 +205,7 @@ impl RegisterArgs {
         if inputs.iter().filter(standard).count() > 1 {
             bad_usage("register", "only one input can be standard input");
         }
-        if self.mode == Mode::Fast && self.best > 1 {
+        if self.mode == Mode::Fast && self.best.is_some_and(|best| best > 1) {
             bad_usage("register", NO_FITS);
         }
         if self.fail_below.is_some() && self.mode == Mode::Fast {
@@ -250,8 +256,9 @@ impl RegisterArgs {
         };
         let mut memory = Box::new(Memory::new());
         let clouds = [&source.cloud, &target.cloud];
+        let best = self.best.unwrap_or(1);
         let done = request
-            .register_from(starts, self.best, weights.policy(), &mut memory, clouds)
+            .register_from(starts, best, weights.policy(), &mut memory, clouds)
             .with_context(|| {
                 format!(
                     "cannot register {} to {}",
@@ -267,7 +274,11 @@ impl RegisterArgs {
 
     fn document(&self, pairing: &Pairing) -> Document {
         let clouds = pairing.inputs.each_ref().map(|input| &input.cloud);
-        Document::new(clouds, &pairing.done, self.sources.scale())
+        let document = Document::new(clouds, &pairing.done, self.sources.scale());
+        Document {
+            others: document.others.filter(|_| self.best.is_some()),
+            ..document
+        }
     }
 
     /// Whether all are as probable as `--fail-below` asks.

@@ -28,9 +28,9 @@ pub struct Document {
     /// Which of the starts it came from, from 0, if there were several.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub start: Option<usize>,
-    /// The next best poses, if they were asked for, the most probable first.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub others: Vec<OtherPose>,
+    /// The next best poses, the most probable first; none where nobody asks for them.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub others: Option<Vec<OtherPose>>,
     /// Steps that the policy took.
     pub steps: usize,
     /// Where the policy's steps led, unless none were taken.
@@ -227,7 +227,7 @@ impl Document {
             probability: answer.probability,
             fit: refinement.map(|found| Fit::of(found, rows, target.origin)),
             start: done.start,
-            others: done.others.iter().map(other).collect(),
+            others: Some(done.others.iter().map(other).collect()),
             steps: done.found.trace.len(),
             policy: answer.policy.map(|policy| PolicyStage {
                 target_from_source: rows(policy.target_from_source),

@@ -24,16 +24,22 @@ pub(super) struct DepthArgs {
         long,
         value_name = "FX,FY,CX,CY|FILE",
         requires = "depth",
+        conflicts_with = "pairs",
         allow_hyphen_values = true
     )]
     camera: Option<Camera>,
     /// Millimetres a unit of depth [default: of integers what the camera's file says, or 1; of floating-point numbers,
     /// which are metres by convention, 1000]
-    #[arg(long, value_name = "FACTOR", requires = "depth", value_parser = super::factor)]
+    #[arg(long, value_name = "FACTOR", requires = "depth", conflicts_with = "pairs", value_parser = super::factor)]
     depth_scale: Option<f64>,
     /// Which pixels show the object: a greyscale PNG of up to 8 bits, or an array in a .npy file, 0 where they do not
     /// [default: all]
-    #[arg(long, value_name = "FILE.png|.npy", requires = "depth")]
+    #[arg(
+        long,
+        value_name = "FILE.png|.npy",
+        requires = "depth",
+        conflicts_with = "pairs"
+    )]
     mask: Option<PathBuf>,
 }
 

@@ -8,6 +8,9 @@ use crate::dataset::cloud_file::{CloudError, CloudFile, read_file};
 use clap::Args;
 use std::path::{Path, PathBuf};
 
+/// Said of a source that is none.
+pub(super) const OF_BAG: &str = "--topic and --message are for a bag (.mcap) as SOURCE";
+
 /// What the source is.
 #[derive(Clone, Debug, Default, Args)]
 pub struct SourceArgs {
@@ -39,16 +42,18 @@ impl SourceArgs {
     /// # Errors
     /// Too many or too few of them, in a sentence.
     pub fn files(&self, named: [&Option<PathBuf>; 2]) -> Result<[PathBuf; 2], &'static str> {
-        let of_bag = self.topic.is_some() || self.message.is_some();
         match (&self.depth.depth, named) {
-            (_, [Some(source), _]) if of_bag && !is_bag(source) => {
-                Err("--topic and --message are for a bag (.mcap) as SOURCE")
-            }
+            (_, [Some(source), _]) if !self.fits(source) => Err(OF_BAG),
             (Some(image), [Some(target), None]) => Ok([image.clone(), target.clone()]),
             (Some(_), _) => Err("--depth takes the place of SOURCE: give one more file, TARGET"),
             (None, [Some(source), Some(target)]) => Ok([source.clone(), target.clone()]),
             (None, _) => Err("give SOURCE and TARGET, --depth and TARGET, or --pairs"),
         }
+    }
+
+    /// Whether it may be such a file: a topic and a message are a bag's.
+    pub(super) fn fits(&self, source: &Path) -> bool {
+        self.topic.is_none() && self.message.is_none() || is_bag(source)
     }
 
     /// Where the sensor stood, if the source is a view from one point.

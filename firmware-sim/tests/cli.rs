@@ -1,9 +1,10 @@
 //! The program as a user runs it.
 #![cfg(feature = "demo")]
 
+mod support;
+
 use ed25519_dalek::SigningKey;
 use firmware_sim::client::Client;
-use firmware_sim::session::{SessionArgs, open};
 use host_train::dataset::pairs::PairSet;
 use host_train::learn::nn::{Parameters, Shape};
 use host_train::policy::WeightFile;
@@ -11,11 +12,10 @@ use host_train::publish::Publisher;
 use reagent_core::Pose;
 use reagent_core::wire::{CloudView, RefineRequest, keys};
 use std::io::{BufRead, BufReader};
-use std::net::{Ipv4Addr, TcpListener};
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
-use std::sync::atomic::{AtomicU8, Ordering};
 use std::time::Duration;
+use support::{network, unused_endpoint};
 
 fn firmware_sim(arguments: &[&str]) -> Output {
     let mut program = Command::new(env!("CARGO_BIN_EXE_firmware-sim"));
@@ -30,15 +30,6 @@ fn failure(arguments: &[&str]) -> String {
     assert_eq!(error.lines().count(), 1, "{error}");
     assert!(error.starts_with("error: "), "{error}");
     error
-}
-
-/// On a loopback address of its own: no connection of another test takes its port before it is listened on.
-fn unused_endpoint() -> String {
-    static ENDPOINTS: AtomicU8 = AtomicU8::new(2);
-    let last = ENDPOINTS.fetch_add(1, Ordering::Relaxed);
-    let [_, _, a, b] = std::process::id().to_be_bytes();
-    let listener = TcpListener::bind((Ipv4Addr::new(127, a, b, last), 0)).expect("a free port");
-    format!("tcp/{}", listener.local_addr().expect("it is bound"))
 }
 
 fn text(path: &Path) -> &str {
@@ -101,12 +92,7 @@ async fn a_node_process_refuses_until_it_has_a_policy() {
     let directory = tempfile::tempdir().expect("a temporary directory");
     let pairs = directory.path().join("pairs.h5");
     write_pairs(&pairs);
-    let endpoint = unused_endpoint();
-    let args = SessionArgs {
-        listen: vec![endpoint.clone()],
-        ..SessionArgs::default()
-    };
-    let router = open(&args).await.expect("the port is free");
+    let (router, endpoint) = network().await;
     let refine = |robot: &'static str| {
         let (endpoint, pairs) = (endpoint.clone(), pairs.clone());
         let asking = tokio::task::spawn_blocking(move || {
@@ -279,11 +265,7 @@ fn logging_node(
 #[tokio::test(flavor = "multi_thread")]
 async fn a_node_logs_its_router_going_and_coming_and_every_request() {
     let endpoint = unused_endpoint();
-    let args = SessionArgs {
-        listen: vec![endpoint.clone()],
-        ..SessionArgs::default()
-    };
-    let router = open(&args).await.expect("the port is free");
+    let router = support::router(&endpoint).await;
     let (node, mut log) = logging_node(&endpoint);
     let mut until = move |text: &str| {
         let line = log.find(|line| line.as_ref().is_ok_and(|line| line.contains(text)));
@@ -292,7 +274,7 @@ async fn a_node_logs_its_router_going_and_coming_and_every_request() {
     tokio::task::block_in_place(|| until("connected to router"));
     router.close().await.expect("it was open");
     tokio::task::block_in_place(|| until("lost router"));
-    let router = open(&args).await.expect("the port is free again");
+    let router = support::router(&endpoint).await;
     tokio::task::block_in_place(|| until("connected to router"));
 
     let cloud = [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.5; 3]];
@@ -329,12 +311,7 @@ async fn a_state_directory_that_may_only_be_read_starts_on_the_policy_in_it() {
     use std::os::unix::fs::{MetadataExt, PermissionsExt};
     use std::os::unix::process::CommandExt;
 
-    let endpoint = unused_endpoint();
-    let args = SessionArgs {
-        listen: vec![endpoint.clone()],
-        ..SessionArgs::default()
-    };
-    let router = open(&args).await.expect("the port is free");
+    let (router, endpoint) = network().await;
     let folder = tempfile::tempdir().expect("a temporary directory");
     let config = NodeConfig {
         fleet: "f".into(),

@@ -1,21 +1,22 @@
 //! Files that commands write, and what a robot keeps: through links and devices, and on a full disk.
 #![cfg(all(feature = "demo", unix))]
 
+mod support;
+
 use ed25519_dalek::SigningKey;
 use firmware_sim::node::{Node, NodeConfig};
 use firmware_sim::policy::Trust;
-use firmware_sim::session::{SessionArgs, open};
 use firmware_sim::view::View;
 use host_train::learn::nn::{Parameters, Shape};
 use host_train::policy::WeightFile;
 use host_train::publish::Publisher;
 use reagent_core::wire::WhyNot;
 use std::fs::{self, Permissions};
-use std::net::TcpListener;
 use std::os::unix::fs::{FileTypeExt, PermissionsExt, symlink};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::time::Duration;
+use support::network;
 use zenoh::Session;
 
 /// A router, a robot with a policy, and two clouds to ask it about.
@@ -44,14 +45,7 @@ async fn until(node: &Node, wanted: impl FnMut(&View) -> bool) -> View {
 
 impl Fleet {
     async fn start(state: Option<&Path>) -> Fleet {
-        let listener = TcpListener::bind("127.0.0.1:0").expect("a free port");
-        let endpoint = format!("tcp/{}", listener.local_addr().expect("it is bound"));
-        drop(listener);
-        let args = SessionArgs {
-            listen: vec![endpoint.clone()],
-            ..SessionArgs::default()
-        };
-        let router = open(&args).await.expect("the port is free");
+        let (router, endpoint) = network().await;
         let config = NodeConfig {
             fleet: "f".into(),
             robot: "r1".into(),

@@ -1,15 +1,16 @@
 //! `firmware-sim ros` on a network, with messages written here byte by byte. `tests/ros2.py` does it with what others write.
 #![cfg(all(feature = "demo", unix))]
 
-use firmware_sim::session::{SessionArgs, open};
+mod support;
+
 use host_train::dataset::ros::cdr::{from_cdr, to_cdr};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::io::{BufRead, BufReader, Read};
-use std::net::TcpListener;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
+use support::network;
 use tokio::time::timeout;
 use zenoh::Session;
 use zenoh::handlers::FifoChannelHandler;
@@ -112,18 +113,6 @@ fn complaints(mut node: Running) -> String {
     said
 }
 
-/// A network of its own.
-async fn network() -> (Session, String) {
-    let listener = TcpListener::bind("127.0.0.1:0").expect("a free port");
-    let endpoint = format!("tcp/{}", listener.local_addr().expect("it is bound"));
-    drop(listener);
-    let args = SessionArgs {
-        listen: vec![endpoint.clone()],
-        ..SessionArgs::default()
-    };
-    (open(&args).await.expect("the port is free"), endpoint)
-}
-
 /// A box's three faces, twice as long as wide.
 fn part() -> Vec<[f32; 3]> {
     let point = |i: usize| {
@@ -151,13 +140,15 @@ async fn looking_for_a_part(folder: &Path, options: &[&str]) -> (Session, Runnin
     let tokens = tokens.declare_subscriber("@ros2_lv/0/*/0/*/*/%/%/reagent/**");
     let tokens = tokens.history(true).await.expect("an open session");
     let mut kinds = Vec::new();
-    while kinds.len() < 12 {
+    let publishers = if options.contains(&"--tf") { 5 } else { 4 };
+    while kinds.len() < publishers + 8 {
         let token = timeout(PATIENCE, tokens.recv_async()).await;
         let token = token.expect("it comes").expect("an open session");
         kinds.extend(token.key_expr().split('/').nth(5).map(str::to_owned));
     }
     kinds.sort();
-    assert_eq!(kinds.join(" "), "MP MP MP MP MS NN SS SS SS SS SS SS");
+    let expected = format!("{}MS NN SS SS SS SS SS SS", "MP ".repeat(publishers));
+    assert_eq!(kinds.join(" "), expected);
     (session, node, heard)
 }
 
@@ -233,6 +224,27 @@ async fn clouds_come_in_and_poses_and_reasons_go_out() {
         let said = String::from_utf8_lossy(&said);
         assert!(said.contains(reason), "{said}");
     }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_model_in_the_frame_of_its_clouds_has_no_transform() {
+    let folder = tempfile::tempdir().expect("a temporary directory");
+    let options = ["--tf", "camera"];
+    let (session, node, [poses, diagnostics]) = looking_for_a_part(folder.path(), &options).await;
+    let transforms = session.declare_subscriber("0/tf/**").await;
+    let transforms = transforms.expect("an open session");
+    let reason = "the frame of the clouds is \"camera\", as that of --tf, which is the model's";
+    for _ in 0..2 {
+        let cloud = Cdr::cloud(&part());
+        session.put(CLOUD, cloud).await.expect("an open session");
+        let said = next(&diagnostics).await;
+        assert!(String::from_utf8_lossy(&said).contains(reason), "{said:?}");
+        // It would come before the pose.
+        next(&poses).await;
+    }
+    assert!(transforms.try_recv().expect("an open session").is_none());
+    let said = complaints(node);
+    assert_eq!(said.matches(reason).count(), 1, "{said}");
 }
 
 /// What a service answers, to a request of number 9 of a client.

@@ -23,10 +23,38 @@ pub(crate) struct Outputs {
     pose: Publisher,
     pose_with_covariance: Publisher,
     diagnostics: Publisher,
-    /// With the name of the model's frame.
-    transforms: Option<(Publisher, String)>,
+    transforms: Option<Transforming>,
     node: String,
     model: String,
+}
+
+/// What publishes transforms.
+struct Transforming {
+    publisher: Publisher,
+    /// The model's.
+    frame: String,
+    /// Why there is none from the newest cloud's frame.
+    refused: Option<String>,
+}
+
+impl Transforming {
+    /// Looks at a cloud's frame, and says what is wrong with it: `tf2` takes no transforms without frames, or to the same.
+    fn look_at(&mut self, cloud: &Header) {
+        let wrong = match cloud.frame_id.trim_start_matches('/') {
+            "" => Some("the clouds have no frame (frame_id)".into()),
+            same if same == self.frame => Some(format!(
+                "the frame of the clouds is {same:?}, as that of --tf, which is the model's: give it another name"
+            )),
+            _ => None,
+        };
+        let refused = wrong.map(|wrong| format!("no transform is published: {wrong}"));
+        if let Some(reason) = &refused
+            && self.refused != refused
+        {
+            eprintln!("{reason}");
+        }
+        self.refused = refused;
+    }
 }
 
 impl Outputs {
@@ -52,7 +80,11 @@ impl Outputs {
                 None => None,
                 Some(frame) => {
                     let publisher = publisher("/tf", keys::TRANSFORMS, Qos::Transforms);
-                    Some((publisher.await?, frame))
+                    Some(Transforming {
+                        publisher: publisher.await?,
+                        frame,
+                        refused: None,
+                    })
                 }
             },
             node,
@@ -71,6 +103,9 @@ impl Outputs {
             Err(error) => return self.refuse(Header::default(), error.to_string()),
         };
         let header = cloud.header.clone();
+        if let Some(transforms) = &mut self.transforms {
+            transforms.look_at(&header);
+        }
         let (done, sight) = match registration.register(&cloud) {
             Ok(registered) => registered,
             Err(error) => return self.refuse(header, one_line(error.as_ref())),
@@ -87,7 +122,13 @@ impl Outputs {
             OK => document(&header, &done),
             _ => format!("no pose is probably right: {verdict}"),
         };
-        self.tell(header, (level, verdict.to_string()), values(&done, sight))?;
+        let mut values = values(&done, sight);
+        let refused = self.transforms.as_ref().and_then(|tf| tf.refused.clone());
+        values.extend(refused.map(|reason| KeyValue {
+            key: "tf".into(),
+            value: reason,
+        }));
+        self.tell(header, (level, verdict.to_string()), values)?;
         Ok(Triggered {
             success: level == OK,
             message: said,
@@ -118,13 +159,15 @@ impl Outputs {
                     covariance,
                 })?;
         }
-        if let Some((transforms, frame)) = &mut self.transforms {
+        if let Some(transforms) = &mut self.transforms
+            && transforms.refused.is_none()
+        {
             let transform = TransformStamped {
                 header: header.clone(),
-                child_frame_id: frame.clone(),
+                child_frame_id: transforms.frame.clone(),
                 transform: pose,
             };
-            transforms.publish(&Transforms {
+            transforms.publisher.publish(&Transforms {
                 transforms: vec![transform],
             })?;
         }

@@ -53,6 +53,7 @@ define_service(f"{PARAMETERS}GetParameterTypes", "string[] names", "uint8[] type
 define_service(f"{PARAMETERS}GetParameters", "string[] names", "rcl_interfaces/ParameterValue[] values")
 define_service(f"{PARAMETERS}ListParameters", "string[] prefixes\nuint64 depth", "rcl_interfaces/ListParametersResult result")
 define_service(f"{PARAMETERS}SetParameters", "rcl_interfaces/Parameter[] parameters", "rcl_interfaces/SetParametersResult[] results")
+define_service(f"{PARAMETERS}SetParametersAtomically", "rcl_interfaces/Parameter[] parameters", "rcl_interfaces/SetParametersResult result")
 SERVICES = {
     "register": TRIGGER,
     "describe_parameters": f"{PARAMETERS}DescribeParameters",
@@ -60,6 +61,7 @@ SERVICES = {
     "get_parameters": f"{PARAMETERS}GetParameters",
     "list_parameters": f"{PARAMETERS}ListParameters",
     "set_parameters": f"{PARAMETERS}SetParameters",
+    "set_parameters_atomically": f"{PARAMETERS}SetParametersAtomically",
 }
 
 
@@ -174,8 +176,8 @@ def text(value):
     return TYPES["rcl_interfaces/msg/ParameterValue"](type=4, string_value=value, **nothing)
 
 
-def check_parameters(session):
-    """Lists, reads, describes and sets them as `ros2 param` does."""
+def check_parameters(session, events):
+    """Lists, reads, describes and sets them as `ros2 param` does, and hears what was set as rqt does."""
     names = call(session, "list_parameters", 1, prefixes=[], depth=0).result.names
     assert names == ["cloud", "mode", "model", "on_request", "tf", "track", "view", "weights"], names
     types = call(session, "get_parameter_types", 2, names=names).types
@@ -191,6 +193,18 @@ def check_parameters(session):
     results = call(session, "set_parameters", 5, parameters=wanted).results
     assert [result.successful for result in results] == [True, False, False, True], results
     assert "polish" in results[1].reason and "--weights" in results[2].reason, results
+    wanted = [one("mode", "polish"), one("mode", "slow")]
+    result = call(session, "set_parameters_atomically", 6, parameters=wanted).result
+    assert not result.successful and "slow" in result.reason, result
+    result = call(session, "set_parameters_atomically", 7, parameters=[one("mode", "verify")]).result
+    assert result.successful and not result.reason, result
+    told = lambda parameters: [(parameter.name, parameter.value.string_value) for parameter in parameters]
+    for new, changed in [(names, []), ([], ["polish", "verify"]), ([], ["verify"])]:
+        event, _, _ = events.next()
+        assert event.node == "/lab/reagent" and event.stamp.sec > 1_700_000_000, event
+        assert [name for name, _ in told(event.new_parameters)] == new, event
+        assert told(event.changed_parameters) == [("mode", value) for value in changed], event
+        assert not event.deleted_parameters, event
     print(f"parameters: {dict(zip(names, values))}; {results[2].reason}")
 
 
@@ -247,6 +261,7 @@ def play(program, session, endpoint, model, rng):
     )
     transforms = Topic(session, "/tf", "tf2_msgs/msg/TFMessage")
     diagnostics = Topic(session, "/diagnostics", "diagnostic_msgs/msg/DiagnosticArray")
+    events = Topic(session, "/parameter_events", "rcl_interfaces/msg/ParameterEvent")
     cloud_type = "sensor_msgs/msg/PointCloud2"
     clouds = session.declare_publisher(key("/camera/points", cloud_type))
     early = Latched(session, "/lab/reagent/model", cloud_type)
@@ -256,7 +271,7 @@ def play(program, session, endpoint, model, rng):
         said = node.stdout.readline()
         assert "hears /camera/points" in said, said
         found = {}
-        while len(found) < 13:
+        while len(found) < 15:
             parts = str(tokens.get(timeout=PATIENCE).key_expr).split("/")
             assert parts[:2] == ["@ros2_lv", "0"] and parts[6:9] == ["%", "%lab", "reagent"], parts
             found["/".join(parts[5:6] + parts[9:])] = "/".join(parts)
@@ -267,6 +282,7 @@ def play(program, session, endpoint, model, rng):
             ("MP", "/diagnostics", diagnostics.name, "::,10:,:,:,,"),
             ("MP", "/tf", transforms.name, "::,100:,:,:,,"),
             ("MP", "/lab/reagent/model", cloud_type, ":1:,1:,:,:,,"),
+            ("MP", "/parameter_events", events.name, "::,1000:,:,:,,"),
             ("MS", "/camera/points", cloud_type, "2::,5:,:,:,,"),
             *(("SS", f"/lab/reagent/{service}", name, "::,10:,:,:,," if service == "register" else "::,1000:,:,:,,") for service, name in SERVICES.items()),
         ]:
@@ -285,7 +301,7 @@ def play(program, session, endpoint, model, rng):
         early_answer = call(session, "register", 1)
         assert not early_answer.success and "/camera/points" in early_answer.message, early_answer
 
-        check_parameters(session)
+        check_parameters(session, events)
 
         def put(message):
             payload = STORE.serialize_cdr(message, cloud_type)
@@ -358,7 +374,7 @@ def play(program, session, endpoint, model, rng):
         node.terminate()
         assert node.wait(PATIENCE) == 0
     gone = set()
-    while len(gone) < 13:
+    while len(gone) < len(found):
         sample = tokens.get(timeout=PATIENCE)
         assert sample.kind == zenoh.SampleKind.DELETE, sample
         gone.add(str(sample.key_expr))

@@ -37,7 +37,7 @@ use std::pin::pin;
 ///
 /// Clouds are sensor_msgs/PointCloud2 of the object alone, in the model's units. For each, ~/pose (geometry_msgs/PoseStamped) and
 /// ~/pose_with_covariance say where the model's frame is in the cloud's, as far as the pose is probably right; /diagnostics says
-/// what came of every cloud. The service ~/register (std_srvs/Trigger) registers the newest cloud and answers with the same as JSON. Settings are parameters, of which mode and on_request can be set. ~/model is the model, latched, in the frame of --tf or of the file's name. While one is registered, of those that come the newest is kept.
+/// what came of every cloud. The service ~/register (std_srvs/Trigger) registers the newest cloud and answers with the same as JSON. Settings are parameters, of which mode and on_request can be set; /parameter_events tells them. ~/model is the model, latched, in the frame of --tf or of the file's name. While one is registered, of those that come the newest is kept.
 #[derive(clap::Args, Clone, Debug)]
 pub struct RosArgs {
     /// Cloud or mesh of the object (.ply .pcd .xyz .txt .asc .csv .pts .npy .off .obj .stl)
@@ -141,6 +141,9 @@ impl RosArgs {
             let served = member.serve(&mut services, service).await;
             served.map_err(failed)?;
         }
+        let mut parameters = self.parameters();
+        let events = parameters::Events::declare(&mut member, parameters.told()).await;
+        let mut events = events.map_err(failed)?;
         let clouds = member
             .subscribe(&self.cloud, keys::POINT_CLOUD)
             .await
@@ -150,7 +153,6 @@ impl RosArgs {
             member.node.full_name(),
             self.cloud
         );
-        let mut parameters = self.parameters();
         let mut register = |bytes: &[u8], mode| {
             registration.request.mode = mode;
             tokio::task::block_in_place(|| outputs.answer(&mut registration, bytes)).map_err(failed)
@@ -164,7 +166,7 @@ impl RosArgs {
                 stopped = &mut stopped => return Ok(stopped?),
                 call = services.next() => {
                     if call.of != keys::TRIGGER {
-                        parameters.answer(call);
+                        events.set(parameters.answer(call)).map_err(failed)?;
                         continue;
                     }
                     newest = clouds.waiting().map_err(failed)?.or(newest);

@@ -1,6 +1,8 @@
 //! `firmware-sim ros` on a network, with messages written here byte by byte. `tests/ros2.py` does it with what others write.
 #![cfg(all(feature = "demo", unix))]
 
+#[path = "ros/parameters.rs"]
+mod parameters;
 mod support;
 
 use host_train::dataset::ros::cdr::{from_cdr, to_cdr};
@@ -140,14 +142,14 @@ async fn looking_for_a_part(folder: &Path, options: &[&str]) -> (Session, Runnin
     let tokens = tokens.declare_subscriber("@ros2_lv/0/*/0/*/*/%/%/reagent/**");
     let tokens = tokens.history(true).await.expect("an open session");
     let mut kinds = Vec::new();
-    let publishers = if options.contains(&"--tf") { 5 } else { 4 };
-    while kinds.len() < publishers + 8 {
+    let publishers = if options.contains(&"--tf") { 6 } else { 5 };
+    while kinds.len() < publishers + 9 {
         let token = timeout(PATIENCE, tokens.recv_async()).await;
         let token = token.expect("it comes").expect("an open session");
         kinds.extend(token.key_expr().split('/').nth(5).map(str::to_owned));
     }
     kinds.sort();
-    let expected = format!("{}MS NN SS SS SS SS SS SS", "MP ".repeat(publishers));
+    let expected = format!("{}MS NN SS SS SS SS SS SS SS", "MP ".repeat(publishers));
     assert_eq!(kinds.join(" "), expected);
     (session, node, heard)
 }
@@ -312,85 +314,6 @@ async fn a_service_registers_the_newest_cloud() {
     let refused = reply.into_result().expect_err("refused");
     let refused = refused.payload().to_bytes();
     assert!(String::from_utf8_lossy(&refused).contains("attachment of 33 bytes"));
-}
-
-/// `rcl_interfaces/ParameterValue`.
-type Value = (
-    u8,
-    bool,
-    i64,
-    f64,
-    String,
-    Vec<u8>,
-    Vec<bool>,
-    Vec<i64>,
-    Vec<f64>,
-    Vec<String>,
-);
-
-fn text(value: &str) -> Value {
-    (
-        4,
-        false,
-        0,
-        0.0,
-        value.into(),
-        vec![],
-        vec![],
-        vec![],
-        vec![],
-        vec![],
-    )
-}
-
-#[tokio::test(flavor = "multi_thread")]
-async fn parameters_are_read_and_set() {
-    let folder = tempfile::tempdir().expect("a temporary directory");
-    let options = ["--on-request", "--view"];
-    let (session, _node, _) = looking_for_a_part(folder.path(), &options).await;
-    let key = |service: &str, of: &str, hash: &str| {
-        format!("0/reagent/{service}/rcl_interfaces::srv::dds_::{of}_/RIHS01_{hash}")
-    };
-    let list = key(
-        "list_parameters",
-        "ListParameters",
-        "3e6062bfbb27bfb8730d4cef2558221f51a11646d78e7bb30a1e83afac3aad9d",
-    );
-    let none: Vec<String> = vec![];
-    let listed: [Vec<String>; 2] = called(&session, &list, &(none, 0u64)).await;
-    let names = "cloud mode model on_request tf track view weights";
-    assert_eq!(listed[0].join(" "), names);
-    let get = key(
-        "get_parameters",
-        "GetParameters",
-        "bf9803d5c74cf989a5de3e0c2e99444599a627c7ff75f97b8c05b01003675cbc",
-    );
-    let asked = ["mode", "weights", "nothing"].map(str::to_owned).to_vec();
-    let values: Vec<Value> = called(&session, &get, &asked).await;
-    assert_eq!(values[..2], [text("verify"), text("views")]);
-    assert_eq!(values[2].0, 0);
-    let set = key(
-        "set_parameters",
-        "SetParameters",
-        "56eed9a67e169f9cb6c1f987bc88f868c14a8fc9f743a263bc734c154015d7e0",
-    );
-    let wanted = vec![
-        ("mode".to_owned(), text("fast")),
-        ("cloud".to_owned(), text("/b")),
-    ];
-    let results: Vec<(bool, String)> = called(&session, &set, &wanted).await;
-    assert_eq!(results[0], (true, String::new()));
-    assert!(
-        !results[1].0 && results[1].1.contains("another --cloud"),
-        "{results:?}"
-    );
-    // What is set counts: mode fast has no probability.
-    let cloud = Cdr::cloud(&part());
-    session.put(CLOUD, cloud).await.expect("an open session");
-    let (_, said) = triggered(&session).await;
-    assert!(!said.contains("\"probability\":0"), "{said}");
-    let values: Vec<Value> = called(&session, &get, &asked).await;
-    assert_eq!(values[0], text("fast"));
 }
 
 #[tokio::test(flavor = "multi_thread")]

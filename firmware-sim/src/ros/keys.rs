@@ -60,6 +60,14 @@ pub(crate) const SET_PARAMETERS: Type = Type {
     name: "rcl_interfaces::srv::dds_::SetParameters_",
     hash: "RIHS01_56eed9a67e169f9cb6c1f987bc88f868c14a8fc9f743a263bc734c154015d7e0",
 };
+pub(crate) const SET_PARAMETERS_ATOMICALLY: Type = Type {
+    name: "rcl_interfaces::srv::dds_::SetParametersAtomically_",
+    hash: "RIHS01_0e192ef259c07fc3c07a13191d27002222e65e00ccec653ca05e856f79285fcd",
+};
+pub(crate) const PARAMETER_EVENT: Type = Type {
+    name: "rcl_interfaces::msg::dds_::ParameterEvent_",
+    hash: "RIHS01_043e627780fcad87a22d225bc2a037361dba713fca6a6b9f4b869a5aa0393204",
+};
 
 /// Quality of service, where it is not that of `rmw_zenoh`'s default: reliable, volatile, the last 42.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -70,7 +78,7 @@ pub(crate) enum Qos {
     Sensor,
     /// Reliable, the last hundred: transforms.
     Transforms,
-    /// Reliable, the last thousand: services of parameters.
+    /// Reliable, the last thousand: services and events of parameters.
     Parameters,
     /// Reliable, the last one, which whoever subscribes later gets, too (transient local).
     Latched,

@@ -1,8 +1,10 @@
 //! The node's settings as parameters of ROS: all can be read; the mode, and whether clouds are registered on request only, can
 //! be set while it runs.
 
+mod events;
 mod messages;
 
+pub(super) use events::Events;
 pub(super) use messages::Value;
 
 use super::keys::{self, Type};
@@ -11,12 +13,13 @@ use messages::{Descriptor, ListRequest, Listed, Named, Parameter, SetRequest, Se
 use reagent_core::pipeline::{Mode, UnknownMode};
 
 /// The services, by name and type.
-pub(super) const SERVICES: [(&str, Type); 5] = [
+pub(super) const SERVICES: [(&str, Type); 6] = [
     ("describe_parameters", keys::DESCRIBE_PARAMETERS),
     ("get_parameter_types", keys::GET_PARAMETER_TYPES),
     ("get_parameters", keys::GET_PARAMETERS),
     ("list_parameters", keys::LIST_PARAMETERS),
     ("set_parameters", keys::SET_PARAMETERS),
+    ("set_parameters_atomically", keys::SET_PARAMETERS_ATOMICALLY),
 ];
 
 /// What can be set.
@@ -51,6 +54,15 @@ impl Parameters {
         all
     }
 
+    /// The same, as messages have them.
+    pub(super) fn told(&self) -> Vec<Parameter> {
+        let told = |(name, value): (&str, Value)| Parameter {
+            name: name.into(),
+            value,
+        };
+        self.all().into_iter().map(told).collect()
+    }
+
     /// The value, or that there is none.
     fn get(&self, name: &str) -> Value {
         let mut all = self.all().into_iter();
@@ -78,9 +90,11 @@ impl Parameters {
         }
     }
 
-    fn set(&mut self, name: &str, value: &Value) -> SetResult {
+    /// The settings with another value, or why there are none.
+    fn with(&self, settings: Settings, set: &Parameter) -> Result<Settings, String> {
+        let Parameter { name, value } = set;
         let known = self.get(name);
-        let refused = if known == Value::default() {
+        Err(if known == Value::default() {
             let names: Vec<_> = self.all().iter().map(|(name, _)| *name).collect();
             format!(
                 "the node has no parameter {name}; it has {}",
@@ -90,14 +104,14 @@ impl Parameters {
             let kind = if name == ON_REQUEST { "bool" } else { "string" };
             format!("{name} is a {kind}")
         } else if name == ON_REQUEST {
-            self.settings.on_request = value.bool_value;
-            return SetResult::done();
+            let on_request = value.bool_value;
+            return Ok(Settings {
+                on_request,
+                ..settings
+            });
         } else if name == MODE {
             match value.string_value.parse() {
-                Ok(mode) => {
-                    self.settings.mode = mode;
-                    return SetResult::done();
-                }
+                Ok(mode) => return Ok(Settings { mode, ..settings }),
                 Err(UnknownMode) => format!("{:?} is {UnknownMode}", value.string_value),
             }
         } else {
@@ -105,11 +119,14 @@ impl Parameters {
                 "{name} is read when the node starts: start it with another --{}",
                 name.replace('_', "-")
             )
-        };
-        SetResult {
-            successful: false,
-            reason: refused,
-        }
+        })
+    }
+
+    /// Sets one, or all or none of several.
+    fn set(&mut self, parameters: &[Parameter]) -> Result<(), String> {
+        let mut all = parameters.iter();
+        self.settings = all.try_fold(self.settings, |settings, set| self.with(settings, set))?;
+        Ok(())
     }
 
     fn list(&self, request: &ListRequest) -> Listed {
@@ -122,8 +139,15 @@ impl Parameters {
         }
     }
 
-    /// Answers a request to one of the services.
-    pub(super) fn answer(&mut self, call: Call) {
+    /// Answers a request to one of the services. Returns what was set.
+    pub(super) fn answer(&mut self, call: Call) -> Vec<Parameter> {
+        let mut changed = Vec::new();
+        let mut set = |parameters: Vec<Parameter>| {
+            let set = self.set(&parameters);
+            let result = SetResult::of(&set);
+            changed.extend(set.is_ok().then_some(parameters).into_iter().flatten());
+            result
+        };
         let each = |asked: Named| asked.names.into_iter();
         match call.of {
             keys::DESCRIBE_PARAMETERS => call.reply(|asked| -> Vec<Descriptor> {
@@ -135,12 +159,13 @@ impl Parameters {
             keys::GET_PARAMETERS => call
                 .reply(|asked| -> Vec<Value> { each(asked).map(|name| self.get(&name)).collect() }),
             keys::LIST_PARAMETERS => call.reply(|asked| self.list(&asked)),
-            _ => call.reply(|asked: SetRequest| -> Vec<SetResult> {
-                let parameters = asked.parameters.iter();
-                let set = parameters.map(|Parameter { name, value }| self.set(name, value));
-                set.collect()
+            keys::SET_PARAMETERS => call.reply(|asked: SetRequest| -> Vec<SetResult> {
+                let each = asked.parameters.into_iter();
+                each.map(|parameter| set(vec![parameter])).collect()
             }),
+            _ => call.reply(|asked: SetRequest| set(asked.parameters)),
         }
+        changed
     }
 }
 
@@ -182,9 +207,16 @@ mod tests {
     #[test]
     fn what_may_change_is_set_and_the_rest_says_why_not() {
         let mut parameters = parameters();
-        let mut set = |name: &str, value: Value| parameters.set(name, &value);
-        assert!(set("mode", Value::text("fast".into())).successful);
-        assert!(set("on_request", Value::flag(true)).successful);
+        let one = |name: &str, value| Parameter {
+            name: name.into(),
+            value,
+        };
+        let fast = || one("mode", Value::text("fast".into()));
+        assert_eq!(parameters.set(&[fast()]), Ok(()));
+        assert_eq!(
+            parameters.set(&[one("on_request", Value::flag(true))]),
+            Ok(())
+        );
         for (name, value, reason) in [
             (
                 "mode",
@@ -209,11 +241,11 @@ mod tests {
                 "no parameter rate; it has mode, model, on_request, view",
             ),
         ] {
-            let result = set(name, value);
-            assert!(
-                !result.successful && result.reason.contains(reason),
-                "{result:?}"
-            );
+            let polish = one("mode", Value::text("polish".into()));
+            // Of several all are set, or none.
+            let said = parameters.set(&[polish, one(name, value)]);
+            let said = said.expect_err("refused");
+            assert!(said.contains(reason), "{said}");
         }
         let expected = Settings {
             mode: Mode::Fast,

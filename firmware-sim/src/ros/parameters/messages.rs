@@ -1,5 +1,6 @@
-//! Messages of the services of parameters, in the order of their definitions in `rcl_interfaces`.
+//! Messages of the services of parameters and of their events, in the order of their definitions in `rcl_interfaces`.
 
+use host_train::dataset::ros::point_cloud2::Time;
 use serde::{Deserialize, Serialize};
 
 /// `ParameterType::PARAMETER_BOOL` and `PARAMETER_STRING`; 0 is no value.
@@ -61,7 +62,7 @@ pub(crate) struct Listed {
     pub(crate) prefixes: Vec<String>,
 }
 
-/// `rcl_interfaces/SetParameters_Request`, which is answered with a result for each.
+/// The requests of `SetParameters`, which answers with a result for each, and of `SetParametersAtomically`, which does with one.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct SetRequest {
     pub(crate) parameters: Vec<Parameter>,
@@ -72,6 +73,16 @@ pub(crate) struct SetRequest {
 pub(crate) struct SetResult {
     pub(crate) successful: bool,
     pub(crate) reason: String,
+}
+
+/// `rcl_interfaces/ParameterEvent`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct ParameterEvent {
+    pub(crate) stamp: Time,
+    pub(crate) node: String,
+    pub(crate) new_parameters: Vec<Parameter>,
+    pub(crate) changed_parameters: Vec<Parameter>,
+    pub(crate) deleted_parameters: Vec<Parameter>,
 }
 
 impl Value {
@@ -93,10 +104,10 @@ impl Value {
 }
 
 impl SetResult {
-    pub(crate) fn done() -> SetResult {
+    pub(crate) fn of(set: &Result<(), String>) -> SetResult {
         SetResult {
-            successful: true,
-            reason: String::new(),
+            successful: set.is_ok(),
+            reason: set.clone().err().unwrap_or_default(),
         }
     }
 }

@@ -1,0 +1,55 @@
+//! What becomes of the parameters, told to all: `/parameter_events`.
+
+use super::messages::{Parameter, ParameterEvent};
+use crate::ros::keys::{self, Qos};
+use crate::ros::node::{Member, Publisher, unix_ns};
+use host_train::dataset::ros::point_cloud2::Time;
+
+/// The publisher.
+pub(crate) struct Events {
+    publisher: Publisher,
+    node: String,
+}
+
+impl Events {
+    /// That of a node, which tells the parameters that it has from its start.
+    pub(crate) async fn declare(
+        member: &mut Member,
+        new_parameters: Vec<Parameter>,
+    ) -> zenoh::Result<Events> {
+        let publisher =
+            member.publisher("/parameter_events", keys::PARAMETER_EVENT, Qos::Parameters);
+        let mut events = Events {
+            publisher: publisher.await?,
+            node: member.node.full_name(),
+        };
+        events.tell(new_parameters, Vec::new())?;
+        Ok(events)
+    }
+
+    /// Tells those that were set.
+    pub(crate) fn set(&mut self, parameters: Vec<Parameter>) -> zenoh::Result<()> {
+        match parameters.is_empty() {
+            true => Ok(()),
+            false => self.tell(Vec::new(), parameters),
+        }
+    }
+
+    fn tell(
+        &mut self,
+        new_parameters: Vec<Parameter>,
+        changed_parameters: Vec<Parameter>,
+    ) -> zenoh::Result<()> {
+        let now = unix_ns();
+        self.publisher.publish(&ParameterEvent {
+            stamp: Time {
+                sec: (now / 1_000_000_000) as i32,
+                nanosec: (now % 1_000_000_000) as u32,
+            },
+            node: self.node.clone(),
+            new_parameters,
+            changed_parameters,
+            deleted_parameters: Vec::new(),
+        })
+    }
+}

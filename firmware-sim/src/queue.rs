@@ -145,13 +145,7 @@ impl Queue {
         }
         let payload = query.payload().map(|p| p.to_bytes()).unwrap_or_default();
         let read = if payload.len() > wire::REQUEST_BYTES {
-            let beginning = &payload[..wire::REQUEST_OVERHEAD_BYTES];
-            Err(refuse_beginning(
-                beginning,
-                payload.len(),
-                MAX_POINTS,
-                false,
-            ))
+            Err(refuse_beginning(&payload, payload.len(), MAX_POINTS, false))
         } else {
             read_request(&payload).map(|request| {
                 let budget = Duration::from_millis(request.budget_ms.into());

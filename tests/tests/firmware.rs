@@ -122,7 +122,11 @@ fn request_of(id: u64, max_steps: u8, source: CloudView<'_>, target: CloudView<'
         budget_ms: u32::MAX,
         ..RefineRequest::new(id, source, target)
     };
-    let mut buffer = vec![0; wire::REQUEST_OVERHEAD_BYTES + 12 * (source.len() + target.len())];
+    frame_of(request)
+}
+
+fn frame_of(request: RefineRequest<'_>) -> Vec<u8> {
+    let mut buffer = vec![0; wire::REQUEST_BYTES];
     let frame = wire::encode(&Message::RefineRequest(request), &mut buffer);
     frame.expect("it fits").to_vec()
 }
@@ -191,6 +195,14 @@ fn bad_requests_are_refused_by_name() {
             (
                 request(6, 2, &good, &large),
                 Reason::TooManyPoints(Cloud::Target, 3000),
+            ),
+            (
+                frame_of(RefineRequest {
+                    view_point: Some([0.0; 3]),
+                    background: CloudView::of(&large),
+                    ..RefineRequest::new(7, CloudView::of(&good), CloudView::of(&good))
+                }),
+                Reason::TooManyPoints(Cloud::Background, 3000),
             ),
         ];
         for (i, (frame, reason)) in cases.iter().enumerate() {

@@ -9,7 +9,7 @@ use serde::{Serialize, Serializer};
 /// Bytes of a point as f32.
 pub(crate) const POINT_BYTES: usize = 12;
 /// Bytes of a point as codes.
-const CODE_BYTES: usize = 6;
+pub(super) const CODE_BYTES: usize = 6;
 
 #[cfg(target_endian = "big")]
 compile_error!(

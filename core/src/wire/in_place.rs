@@ -1,6 +1,6 @@
 //! Requests without a second buffer: decoded where their frames lie, or refused by their beginnings.
 
-use super::cloud::POINT_BYTES;
+use super::cloud::{CODE_BYTES, POINT_BYTES};
 use super::{
     Cancel, Cloud, CloudView, Message, Mode, Reason, RefineRequest, Refusal, VERSION, decode,
 };
@@ -120,9 +120,21 @@ type Beginning = (
     u32,
 );
 
+/// What a cloud begins with: its grid, and how many bytes follow.
+type Bytes = (Option<Grid>, u32);
+
+/// How many points so many bytes are.
+fn points_of(grid: Option<Grid>, bytes: usize) -> usize {
+    match grid {
+        None => bytes / POINT_BYTES,
+        Some(_) => bytes / CODE_BYTES,
+    }
+}
+
 /// The refusal of a frame of which only the beginning was kept: because of `busy`, or since a request of
-/// `length` bytes is longer than one of `points` points in each cloud. The target's points are counted as if
-/// they were in the source's format, and those of a background as the target's.
+/// `length` bytes is longer than one of `points` points in each cloud. A background's points are counted as if they were
+/// in the target's format; where the beginning ends before the target's, so are the target's in the source's, and a
+/// background's with them.
 pub fn refuse_beginning(beginning: &[u8], length: usize, points: usize, busy: bool) -> Refusal {
     let unread = Refusal {
         id: 0,
@@ -139,18 +151,24 @@ pub fn refuse_beginning(beginning: &[u8], length: usize, points: usize, busy: bo
     let Ok(((2, id, _, _, _, _, _, _, _, _, grid, source), rest)) = read else {
         return unread;
     };
-    let point = if grid.is_some() {
-        POINT_BYTES / 2
-    } else {
-        POINT_BYTES
-    };
     let source = source as usize;
-    let before = beginning.len() - rest.len();
-    let target = length.saturating_sub(before + source) / point;
-    let (cloud, found) = if source / point > points {
-        (Cloud::Source, source / point)
+    let left = |rest: &[u8], bytes: usize| {
+        let before = beginning.len() - rest.len();
+        length.saturating_sub(before).saturating_sub(bytes)
+    };
+    let target = rest.get(source..).unwrap_or(&[]);
+    let (cloud, found) = if points_of(grid, source) > points {
+        (Cloud::Source, points_of(grid, source))
+    } else if let Ok(((grid, target), rest)) = postcard::take_from_bytes::<Bytes>(target) {
+        let target = target as usize;
+        let background = points_of(grid, left(rest, target));
+        if points_of(grid, target) > points || background == 0 {
+            (Cloud::Target, points_of(grid, target))
+        } else {
+            (Cloud::Background, background)
+        }
     } else {
-        (Cloud::Target, target)
+        (Cloud::Target, points_of(grid, left(rest, source)))
     };
     let reason = if busy {
         Reason::Busy

@@ -61,6 +61,24 @@ fn requests_are_refused_by_their_beginning() {
         let large = Reason::TooManyPoints(Cloud::Target, found);
         assert_eq!(refused(35, false), because(large));
         assert_eq!(refused(35, true), because(Reason::Busy));
+        // Where its beginning is there, the target's points are known.
+        let count = if source.grid().is_some() { 43 } else { 40 };
+        let large = Reason::TooManyPoints(Cloud::Target, count);
+        let refused = |request, points| {
+            let bytes = bytes_of(&Message::RefineRequest(request));
+            refuse_beginning(&bytes[..400], bytes.len(), points, false)
+        };
+        assert_eq!(refused(request, 35), because(large));
+        assert_eq!(refused(request, 50), because(large));
+        let seen = RefineRequest {
+            view_point: Some([0.0; 3]),
+            background: CloudView::of(&[[3.0; 3]; 70]),
+            ..request
+        };
+        assert_eq!(refused(seen, 35), because(large));
+        let found = if source.grid().is_some() { 140 } else { 70 };
+        let large = Reason::TooManyPoints(Cloud::Background, found);
+        assert_eq!(refused(seen, 50), because(large));
     }
     let others = [&[][..], &[3], &[1, 2, 5, 10, 0, 12], &[3, 3, 5, 10, 0, 12]];
     for beginning in others {

@@ -1,5 +1,6 @@
 use super::*;
 use crate::pose64::Position;
+use std::collections::BTreeMap;
 use tempfile::TempDir;
 
 /// Written by rosbags and by the library of MCAP in Python: see `tests/bags.py`.
@@ -194,5 +195,44 @@ fn damaged_bags_end_early_or_are_refused() {
                 assert!(clouds.iter().all(|cloud| whole.contains(cloud)), "{at}");
             }
         }
+    }
+}
+
+/// Chunks that are neither compressed nor have a checksum: a record may say that it is longer than its chunk.
+#[test]
+fn damaged_lengths_are_no_panic() {
+    let folder = folder();
+    let path = folder.path().join("plain.mcap");
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    let options = mcap::WriteOptions::new()
+        .compression(None)
+        .chunk_size(Some(600))
+        .calculate_chunk_crcs(false);
+    let mut writer = options.create(&mut bytes).expect("begun");
+    let schema = writer.add_schema("sensor_msgs/msg/PointCloud2", "ros2msg", b"");
+    let topic = "/camera/points";
+    let channel = writer.add_channel(schema.expect("a schema"), topic, "cdr", &BTreeMap::new());
+    for sequence in 0..6 {
+        let header = mcap::records::MessageHeader {
+            channel_id: *channel.as_ref().expect("a channel"),
+            sequence,
+            log_time: 100,
+            publish_time: 100,
+        };
+        let written = writer.write_to_known_channel(&header, &[7; 200]);
+        written.expect("written");
+    }
+    writer.finish().expect("ended");
+    drop(writer);
+    let bytes = bytes.into_inner();
+    let count = || Bag::open(&path, None).map(|bag| bag.messages().filter(Result::is_ok).count());
+    std::fs::write(&path, &bytes).expect("written");
+    assert_eq!(count().ok(), Some(6));
+    for at in 0..bytes.len() {
+        let mut damaged = bytes.clone();
+        damaged[at] ^= 0x80;
+        std::fs::write(&path, &damaged).expect("written");
+        let messages = count().unwrap_or(0);
+        assert!(messages <= 6, "{at}: {messages}");
     }
 }

@@ -2,6 +2,8 @@
 
 #[path = "firmware/bits.rs"]
 mod bits;
+#[path = "firmware/boards.rs"]
+mod boards;
 #[path = "firmware/c.rs"]
 mod c;
 #[path = "firmware/flash.rs"]
@@ -13,9 +15,8 @@ mod life;
 mod support;
 
 use bits::{bits, trajectory};
-use firmware_sim::board::{
-    Board, BoardError, Clouds, Kind, Simulation, build_image, check_simulator, flash_content,
-};
+use boards::{images, on_boards, on_boards_for, on_boards_with};
+use firmware_sim::board::{Board, BoardError, Simulation, check_simulator};
 use firmware_sim::client::{self, Client, RefineError};
 use firmware_sim::node::{Node, NodeConfig};
 use firmware_sim::policy::Trust;
@@ -33,9 +34,7 @@ use reagent_core::wire::{
     self, Chunk, Cloud, CloudView, Manifest, Message, Reason, RefineRequest, Refusal, keys,
 };
 use std::ops::ControlFlow;
-use std::path::PathBuf;
 use std::sync::LazyLock;
-use std::thread;
 use support::{FLEET, Network, publisher, request as request_to, until};
 
 /// The bundled policy in 8-bit integers.
@@ -56,60 +55,6 @@ static COMPACT: LazyLock<WeightFile> = LazyLock::new(|| {
 
 fn manifest_of(file: &WeightFile, version: u64) -> Manifest {
     publish::manifest(version, "test", file).expect("a short name")
-}
-
-/// Images that can be built here; says why others cannot.
-fn images() -> Vec<(Kind, PathBuf)> {
-    images_for(Clouds::Floats)
-}
-
-/// The same, with memory for such clouds.
-fn images_for(clouds: Clouds) -> Vec<(Kind, PathBuf)> {
-    let build = |kind| match build_image(kind, clouds) {
-        Ok(image) => Some((kind, image)),
-        Err(error @ BoardError::NoTarget { .. }) => {
-            eprintln!("skipped: {error}");
-            None
-        }
-        Err(error) => panic!("{error}"),
-    };
-    Kind::ALL.into_iter().filter_map(build).collect()
-}
-
-/// Runs `test` on each board, side by side, with the policy in flash.
-fn on_boards(with_policy: bool, test: impl Fn(Kind, Board) + Sync) {
-    on_boards_for(Clouds::Floats, with_policy, test);
-}
-
-/// The same, on boards with memory for such clouds.
-fn on_boards_for(clouds: Clouds, with_policy: bool, test: impl Fn(Kind, Board) + Sync) {
-    let content = with_policy.then(|| flash_content(&manifest_of(&POLICY, 5), POLICY.bytes()));
-    on_boards_with(clouds, content.as_deref(), test);
-}
-
-/// Runs `test` on each board with memory for such clouds, side by side, with this in its flash.
-fn on_boards_with(clouds: Clouds, content: Option<&[u8]>, test: impl Fn(Kind, Board) + Sync) {
-    let directory = tempfile::tempdir().expect("a temporary directory");
-    let path = directory.path().join("flash");
-    let flash = content.map(|content| {
-        std::fs::write(&path, content).expect("it is writable");
-        path.as_path()
-    });
-    thread::scope(|scope| {
-        for (kind, image) in images_for(clouds) {
-            let test = &test;
-            scope.spawn(move || {
-                let simulation = Simulation {
-                    flash,
-                    ..Simulation::default()
-                };
-                match Board::start(kind, &image, simulation) {
-                    Err(error @ BoardError::NoQemu) => eprintln!("skipped: {error}"),
-                    board => test(kind, board.expect("QEMU starts")),
-                }
-            });
-        }
-    });
 }
 
 fn request(id: u64, max_steps: u8, source: &[[f32; 3]], target: &[[f32; 3]]) -> Vec<u8> {

@@ -16,7 +16,9 @@
 
 #[cfg(not(target_family = "wasm"))]
 pub mod bag;
+mod checks;
 mod error;
+mod extent;
 mod lines;
 mod note;
 pub(crate) mod npy;
@@ -30,6 +32,7 @@ mod table;
 mod write;
 
 pub use error::CloudError;
+pub(crate) use extent::origin_of;
 pub use note::Note;
 pub use write::{check_output, write_cloud};
 
@@ -47,10 +50,6 @@ pub const MESH_POINTS: usize = 2048;
 
 /// Coordinates beyond this are marks of what a sensor did not see, as 3.4e38 is: those that the core refuses.
 pub(crate) const MAX_COORDINATE: f64 = 1e12;
-
-/// A cloud farther from the origin than this many times its radius is registered relative to a point of its
-/// own; nearer by, f32 resolves a millionth of the radius.
-const FAR: f64 = 16.0;
 
 /// The path of standard input and output.
 pub const STANDARD: &str = "-";
@@ -280,118 +279,6 @@ impl CloudFile {
             ..self.clone()
         }
     }
-
-    pub(crate) fn checked(mut self, path: &Path) -> Result<CloudFile, CloudError> {
-        let vertices = self.points.len();
-        for (face, corners) in self.faces.iter().flatten().enumerate() {
-            if let Some(&vertex) = corners.iter().find(|&&vertex| vertex as usize >= vertices) {
-                return Err(CloudError::BadFace {
-                    path: path.into(),
-                    face,
-                    vertex,
-                    vertices,
-                });
-            }
-        }
-        let dropped = self.drop_invalid();
-        if self.points.is_empty() {
-            return Err(CloudError::Empty {
-                path: path.into(),
-                dropped,
-            });
-        }
-        let unit = |normal: Point| Some(Vec3::from(normal).try_normalize()?.to_array());
-        let count = self.points.len();
-        if let Some(normals) = self.normals.take() {
-            // One undefined normal, and those of the file are of no use.
-            let units: Option<Vec<Point>> = normals.into_iter().map(unit).collect();
-            self.normals = units.filter(|units| units.len() == count);
-            if self.normals.is_none() {
-                self.notes.push(Note::NormalsLeftOut);
-            }
-        }
-        Ok(self)
-    }
-
-    /// Leaves out invalid points, what goes with them, and the faces that they are corners of. Returns how many.
-    fn drop_invalid(&mut self) -> usize {
-        let valid = |p: &Position| p.iter().all(|x| x.abs() <= MAX_COORDINATE);
-        let kept: Vec<bool> = self.points.iter().map(valid).collect();
-        let dropped = kept.iter().filter(|&&kept| !kept).count();
-        if dropped == 0 {
-            return 0;
-        }
-        let mut count = 0;
-        let place: Vec<Option<u32>> = kept
-            .iter()
-            .map(|&kept| {
-                count += u32::from(kept);
-                kept.then_some(count.wrapping_sub(1))
-            })
-            .collect();
-        retain(&mut self.points, &kept);
-        if let Some(normals) = &mut self.normals {
-            retain(normals, &kept);
-        }
-        if let Some(colours) = &mut self.colours {
-            retain(colours, &kept);
-        }
-        if let Some(intensities) = &mut self.intensities {
-            retain(intensities, &kept);
-        }
-        let moved = |face: &[u32; 3]| {
-            let [a, b, c] = face.map(|vertex| place[vertex as usize]);
-            Some([a?, b?, c?])
-        };
-        let before = self.faces.as_ref().map_or(0, Vec::len);
-        if let Some(faces) = &mut self.faces {
-            *faces = faces.iter().filter_map(moved).collect();
-        }
-        let after = self.faces.as_ref().map_or(0, Vec::len);
-        self.notes.push(Note::Dropped {
-            points: dropped,
-            faces: before - after,
-        });
-        dropped
-    }
-}
-
-/// The point relative to which coordinates are f32: zero, or the middle of a cloud far from it, of whose size
-/// f32 would round more than a millionth.
-pub(crate) fn origin_of(points: impl Iterator<Item = Position> + Clone) -> Position {
-    let (middle, radius) = extent(points);
-    match Vector3::from(middle).norm() > FAR * radius {
-        true => middle,
-        false => [0.0; 3],
-    }
-}
-
-/// Points of which the extent of a cloud is found at most.
-const MEDIAN_POINTS: usize = 1 << 16;
-
-/// Median of each coordinate, and median distance from there: points that a sensor left at zero do not count. Of a large cloud,
-/// points at equal steps stand for all.
-fn extent(points: impl Iterator<Item = Position> + Clone) -> (Position, f64) {
-    let count = points.clone().count();
-    let points: Vec<Position> = points
-        .step_by(count.div_ceil(MEDIAN_POINTS).max(1))
-        .collect();
-    let median = |mut values: Vec<f64>| {
-        let half = values.len() / 2;
-        match values.is_empty() {
-            true => 0.0,
-            false => *values.select_nth_unstable_by(half, f64::total_cmp).1,
-        }
-    };
-    let middle = [0, 1, 2].map(|axis| median(points.iter().map(|p| p[axis]).collect()));
-    let distance = |p: &Position| (Vector3::from(*p) - Vector3::from(middle)).norm();
-    (middle, median(points.iter().map(distance).collect()))
-}
-
-/// Keeps the entries that are marked.
-fn retain<T>(entries: &mut Vec<T>, kept: &[bool]) {
-    let mut marks = kept.iter();
-    entries.retain(|_| marks.next().copied().unwrap_or(true));
 }
 
 /// Whether all of them are unit vectors.

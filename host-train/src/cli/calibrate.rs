@@ -77,7 +77,7 @@ impl CalibrateArgs {
         let (whole, of_views) = (whole?, of_views?);
         let policies = [whole.policy(), of_views.policy()];
         let models = dataset::load(&self.data, Split::Train, seed)?;
-        let (fitted, tried) = modelnet::validation_split(models, seed, HELD_BACK);
+        let (mut fitted, mut tried) = modelnet::validation_split(models, seed, HELD_BACK);
         let views = match &self.meshes {
             Some(dir) => Views::open(dir, Split::Train, seed)?,
             None => Views::procedural(seed, 0..BUILT_IN),
@@ -86,6 +86,9 @@ impl CalibrateArgs {
             let (fitted, tried) = modelnet::validation_split(objects, seed, HELD_BACK);
             [fitted, tried]
         });
+        // Samples of a cloud of few points share some of them, and those of a sensor do not.
+        fitted.extend(views_fitted.models(seed));
+        tried.extend(views_tried.models(seed));
         let held_back = ((self.count as f64 * HELD_BACK) as usize).max(1);
         let count = self.count - held_back;
         let training = collect(policies, &fitted, &views_fitted, count, seed)?;

@@ -18,10 +18,10 @@ use crate::augment::{affine, random_affine, random_rotation};
 use crate::bop::sample::placed;
 use crate::bop::synth::sensor::{Sensor, estimated_mask};
 use crate::dataset::cloud_file::{CloudError, npy, read_file};
-use crate::dataset::mesh::Mesh;
+use crate::dataset::mesh::{Mesh, normalise};
 use crate::dataset::pairs::{PairSet, Sample};
 use crate::dataset::raster::Pinhole;
-use crate::dataset::{DatasetError, Point, Split, procedural, tree};
+use crate::dataset::{DatasetError, Model, Point, Split, procedural, tree};
 use crate::learn::train::Meshes;
 use crate::random::resample;
 use crate::random::{Purpose, Rng, stream};
@@ -36,6 +36,8 @@ use std::path::Path;
 
 /// Points of a mesh's surface from which targets are drawn.
 const SURFACE_POINTS: usize = 4096;
+/// Points of a dense cloud of it.
+const DENSE: usize = 8192;
 /// Half of an object's size, before it is deformed, millimetres: its logarithm is uniform.
 const RADIUS_MM: [f32; 2] = [30.0, 200.0];
 /// From the camera to the object, millimetres.
@@ -207,6 +209,21 @@ impl Views {
     /// The meshes.
     pub fn objects(&self) -> &[Object] {
         &self.objects
+    }
+
+    /// Clouds of the meshes' surfaces, so dense that two samples of one hardly share points.
+    pub fn models(&self, seed: u64) -> Vec<Model> {
+        let drawn = self.objects.par_iter().enumerate();
+        let drawn = drawn.map(|(i, object)| {
+            let rng = &mut stream(seed, Purpose::Surface, i as u64);
+            let mut points = object.mesh.sample(DENSE, rng);
+            normalise(&mut points);
+            Model {
+                points,
+                label: object.label,
+            }
+        });
+        drawn.collect()
     }
 
     /// The same meshes in parts.

@@ -17,7 +17,7 @@ use serde::Serialize;
 pub enum Kind {
     /// The noisy protocol.
     Noisy,
-    /// The noisy protocol with few points, fewer of them in both clouds.
+    /// The noisy protocol with few points.
     Sparse,
     /// Equal clouds without noise.
     Clean,
@@ -47,10 +47,18 @@ pub enum Kind {
     SeenWrongView,
 }
 
-/// Points of each cloud in [`Kind::Sparse`], of a third of the pairs each.
-const SPARSE: [usize; 3] = [64, 128, 256];
-/// Share of a cloud of which a plane cuts off the rest.
+/// Points of the source and of the target in [`Kind::Sparse`], each of as many pairs.
+const SPARSE: [[usize; 2]; 6] = [
+    [48, 200],
+    [64, 64],
+    [64, 200],
+    [96, 200],
+    [128, 128],
+    [256, 256],
+];
+/// Share of a cloud of which a plane cuts off the rest; where both are cut, each of as many pairs.
 const PART: f32 = 0.7;
+const PARTS: [f32; 2] = [0.7, 0.55];
 /// Points of each cloud of a view.
 const VIEW: usize = 1024;
 /// Standard deviation of the noise of distorted sources, in sizes of the source: its logarithm is uniform.
@@ -116,10 +124,7 @@ impl Kind {
         let seed = seed + self as u64;
         let noisy = Conditions::of(Protocol::M40Models).expect("it samples independently");
         let under = |conditions: Conditions, count| draw_under(models, &conditions, count, seed);
-        let part = Conditions {
-            overlap: PART,
-            ..noisy
-        };
+        let parts_of = |overlap: f32, count| under(Conditions { overlap, ..noisy }, count);
         let mut set = match self {
             Kind::Noisy | Kind::Rough | Kind::Wrong => {
                 draw(models, Protocol::M40Models, count, seed)
@@ -127,15 +132,28 @@ impl Kind {
             Kind::Clean => draw(models, Protocol::M40Clean, count, seed),
             Kind::Sparse => {
                 let mut set = PairSet::default();
-                for points in SPARSE {
-                    set.extend(under(
-                        Conditions { points, ..noisy },
-                        count.div_ceil(SPARSE.len()),
-                    ));
+                for [source, points] in SPARSE {
+                    let conditions = Conditions { points, ..noisy };
+                    let mut some = under(conditions, count.div_ceil(SPARSE.len()));
+                    some.source
+                        .iter_mut()
+                        .for_each(|cloud| cloud.truncate(source));
+                    set.extend(some);
                 }
                 set
             }
-            Kind::Part | Kind::Parts | Kind::RoughPart | Kind::WrongParts => under(part, count),
+            Kind::Part | Kind::RoughPart => parts_of(PART, count),
+            Kind::Parts | Kind::WrongParts => {
+                let mut set = PairSet::default();
+                for share in PARTS {
+                    let mut some = parts_of(share, count.div_ceil(PARTS.len()));
+                    for (k, target) in (0..).zip(&mut some.target) {
+                        crop(&mut stream(seed, Purpose::Augment, k), target, share);
+                    }
+                    set.extend(some);
+                }
+                set
+            }
             Kind::View
             | Kind::RoughView
             | Kind::WrongView
@@ -152,11 +170,6 @@ impl Kind {
             set.target.rotate_left(shift);
             if let Some(raw) = &mut set.raw {
                 raw.rotate_left(shift);
-            }
-        }
-        if matches!(self, Kind::Parts | Kind::WrongParts) {
-            for (k, target) in (0..).zip(&mut set.target) {
-                crop(&mut stream(seed, Purpose::Augment, k), target, PART);
             }
         }
         if matches!(self, Kind::Rough | Kind::RoughPart | Kind::RoughView) {

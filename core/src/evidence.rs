@@ -36,7 +36,7 @@ pub struct Evidence {
 }
 
 /// Distinct points below which no pose is called right.
-pub const FEWEST_DISTINCT: usize = 48;
+pub const FEWEST_DISTINCT: usize = 64;
 /// A source more times larger than the target is in another unit: a view and its background are not so large.
 pub const LARGEST_RATIO: f32 = 3.0;
 /// A source smaller than this share of the target is in another unit, or too small a part to place.

@@ -48,8 +48,7 @@ pub enum Kind {
 }
 
 /// Points of the source and of the target in [`Kind::Sparse`], each of as many pairs.
-const SPARSE: [[usize; 2]; 6] = [
-    [48, 200],
+const SPARSE: [[usize; 2]; 5] = [
     [64, 64],
     [64, 200],
     [96, 200],

@@ -17,18 +17,19 @@ pub const POLICY_BYTES: usize = file_len(&Shape::FULL, FORMAT_INT8);
 /// Flash of a policy of the compact shape in 8-bit integers, bytes.
 pub const COMPACT_POLICY_BYTES: usize = file_len(&Shape::COMPACT, FORMAT_INT8);
 
-/// Most RAM beyond the policy for two clouds of 1024 points on a microcontroller, stack included, bytes.
-pub const RAM_BUDGET: usize = 48 * 1024;
+/// Most RAM beyond the policy for two clouds of 1024 points on a microcontroller, stack included, bytes. Sixteen points are looked
+/// at together, since they share bounds: with eight it was 2 KiB less, and a registration took twice as long.
+pub const RAM_BUDGET: usize = 50 * 1024;
 /// The same where the clouds are on a grid of 16-bit codes, bytes.
 pub const GRID_RAM_BUDGET: usize = RAM_BUDGET - (CLOUD_BYTES - GRID_CLOUD_BYTES);
 /// Of both, what is left for frames on the line and the rest of the stack.
 pub const RAM_REST: usize = 8 * 1024 + 512;
 /// Of both, what the stack may take, bytes: the simulated boards reserve it.
-pub const STACK_BUDGET: usize = 13 * 1024;
+pub const STACK_BUDGET: usize = 13 * 1024 + 768;
 /// Most flash of a policy in 8-bit integers, bytes.
 pub const FLASH_BUDGET: usize = 2_700_000;
 /// Most flash that this library adds to a program for a microcontroller, its constants included, bytes.
-pub const CODE_BUDGET: usize = 40 * 1024;
+pub const CODE_BUDGET: usize = 41 * 1024;
 /// Most flash of a policy of the compact shape in 8-bit integers, bytes.
 pub const COMPACT_FLASH_BUDGET: usize = 256 * 1024;
 
@@ -41,10 +42,10 @@ pub const MULTIPLY_ADD_BUDGET: u64 = 1_650_000_000;
 /// Most of [`COMPACT_MULTIPLY_ADDS`].
 pub const COMPACT_MULTIPLY_ADD_BUDGET: u64 = 330_000_000;
 /// Most instructions of a Cortex-M7, with DSP, for a multiply-add of the embedding of the largest shape in 8-bit
-/// integers; simulated, not silicon.
-pub const CORTEX_M7_INSTRUCTION_BUDGET: f64 = 1.2;
+/// integers, of a cloud in order; simulated, not silicon.
+pub const CORTEX_M7_INSTRUCTION_BUDGET: f64 = 0.6;
 /// The same of a Cortex-M55, with Helium.
-pub const CORTEX_M55_INSTRUCTION_BUDGET: f64 = 0.25;
+pub const CORTEX_M55_INSTRUCTION_BUDGET: f64 = 0.15;
 
 /// RAM of [`crate::polish::Workspace`], bytes: only for who polishes.
 pub const WORKSPACE_BYTES: usize = core::mem::size_of::<crate::polish::Workspace>();

@@ -41,8 +41,11 @@ pub const TILE: usize = if HOST { 48 } else { 4 };
 /// Panels of a head's layer that several registrations in step take at a time: half a MiB in f32.
 pub(crate) const PANELS_TOGETHER: usize = 8;
 
+/// Panels of a layer of bytes for whose maxima rows are told at a time.
+pub(crate) const PANELS_MARKED: usize = if HOST { 8 } else { 2 };
+
 /// Points whose 8-bit codes are held at once.
-pub const QUANT_TILE: usize = if HOST { 192 } else { 8 };
+pub const QUANT_TILE: usize = if HOST { 192 } else { 16 };
 
 /// Heads for which a registration keeps what its target adds to their first layer; where memory is short it is
 /// computed in every step.

@@ -73,7 +73,7 @@ pub mod model;
 mod nearest;
 pub mod net;
 pub mod numbers;
-mod order;
+pub mod order;
 mod outliers;
 mod pairs;
 pub mod pipeline;

@@ -60,22 +60,7 @@ impl Order {
                 point: point as u16,
             };
         }
-        let [low, high] = bounds(places, |place| place.at);
-        let middle = (low + high) / 2.0;
-        cut(places, SEEDED, |place| place.at);
-        let mut ahead = 0;
-        for first in (0..places.len()).step_by(SEEDED) {
-            let cell = places.iter().enumerate().skip(first).take(SEEDED);
-            let from_middle = |place: &Place| place.at.distance_squared(middle);
-            let far = cell.max_by(|(_, a), (_, b)| from_middle(a).total_cmp(&from_middle(b)));
-            if let Some((far, _)) = far {
-                places.swap(ahead, far);
-                ahead += 1;
-            }
-        }
-        if let Some(rest) = places.get_mut(ahead..) {
-            cut(rest, NEAR, |place| place.at);
-        }
+        let ahead = arrange(places, |place| place.at);
         for (point, place) in self.points.iter_mut().zip(&*places) {
             *point = place.point;
         }
@@ -97,6 +82,35 @@ impl Order {
             _ => usize::MAX,
         }
     }
+}
+
+/// Puts a cloud's points in this order in place: for who registers it where there is no memory for an order, as on a
+/// microcontroller. Poses may differ in their last bits, since the centroid is summed up in the order of the points.
+pub fn put_in_order(cloud: &mut [[f32; 3]]) {
+    arrange(cloud, |&point| point.into());
+}
+
+/// Puts points in order; how many of them are sent ahead.
+fn arrange<T>(points: &mut [T], at: impl Fn(&T) -> Vec3 + Copy) -> usize {
+    let [low, high] = bounds(points, at);
+    let middle = (low + high) / 2.0;
+    cut(points, SEEDED, at);
+    let mut ahead = 0;
+    for first in (0..points.len()).step_by(SEEDED) {
+        let cell = points.iter().enumerate().skip(first).take(SEEDED);
+        let from_middle = |point: &T| at(point).distance_squared(middle);
+        let far = cell.max_by(|(_, a), (_, b)| from_middle(a).total_cmp(&from_middle(b)));
+        if let Some((far, _)) = far {
+            points.swap(ahead, far);
+            ahead += 1;
+        }
+    }
+    // Whole groups of neighbours follow whole groups of those.
+    ahead = ahead.next_multiple_of(NEAR).min(points.len());
+    if let Some(rest) = points.get_mut(ahead..) {
+        cut(rest, NEAR, at);
+    }
+    ahead
 }
 
 #[cfg(test)]
@@ -149,8 +163,8 @@ mod tests {
         assert_eq!(order.together(0), usize::MAX);
         let mut order = Order::NONE;
         order.find(Cloud::F32(&[[1.0, 2.0, 3.0]; 100]));
-        assert_eq!(order.together(1), 3);
-        assert_eq!(order.together(4), usize::MAX);
+        assert_eq!(order.together(1), 15);
+        assert_eq!(order.together(16), usize::MAX);
         order.clear();
         assert_eq!(order.point(99), 99);
     }

@@ -3,9 +3,10 @@
 use crate::ReagentStatus;
 use crate::pointer::{aligned, check_pointer, floats, value};
 use crate::status::status;
-use core::slice::from_raw_parts;
+use core::slice::{from_raw_parts, from_raw_parts_mut};
 use reagent_core::cloud::Cloud;
 use reagent_core::grid::Grid;
+use reagent_core::order;
 
 /// Where the codes of a cloud lie in space: code c of an axis stands for the coordinate origin + c * step.
 /// A cloud of codes takes half the memory of one of floats.
@@ -76,6 +77,24 @@ impl Held {
             }
         }
     }
+}
+
+/// Puts a cloud's points in order in place, neighbours one after the other: on a microcontroller a registration of clouds in order
+/// takes half of the instructions. The model once is enough; a cloud on a grid before it is encoded.
+///
+/// # Safety
+/// `xyz` points to 3 * `points` floats.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn reagent_put_in_order(xyz: *mut f32, points: usize) -> ReagentStatus {
+    let put_in_order = || {
+        check_pointer(xyz, points)?;
+        if points > 0 {
+            // SAFETY: the caller's promise; three floats are aligned as one is.
+            order::put_in_order(unsafe { from_raw_parts_mut(xyz.cast(), points) });
+        }
+        Ok(())
+    };
+    status(put_in_order())
 }
 
 /// The finest grid whose codes cover the cloud: each coordinate comes back within about half of its step, which

@@ -14,7 +14,7 @@ use reagent_core::{Frame, Policy, Registrar, Registration};
 pub const REAGENT_MEMORY_WORDS: usize = 8128;
 /// Words of a ReagentMemory.
 #[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
-pub const REAGENT_MEMORY_WORDS: usize = 2048;
+pub const REAGENT_MEMORY_WORDS: usize = 2240;
 
 /// Memory of one registrar: the caller's, of any content, where it likes. It must not be moved or
 /// copied between calls.

@@ -14,9 +14,9 @@ use super::Isa;
 #[cfg(arm_kernels = "neon")]
 use super::{Kind, aarch64::bytes as neon_bytes};
 #[cfg(arm_kernels = "dsp")]
-use super::{Kind, arm_m::dsp};
+use super::{Kind, arm_m::dsp, arm_m::dsp_near};
 #[cfg(arm_kernels = "helium")]
-use super::{Kind, arm_m::helium};
+use super::{Kind, arm_m::helium, arm_m::helium_near};
 #[cfg(target_arch = "x86_64")]
 use super::{
     Kind, pruned,
@@ -25,7 +25,7 @@ use super::{
 };
 #[cfg(wasm_kernels = "simd128")]
 use super::{Kind, wasm::bytes as wasm_bytes};
-use crate::dims::{PANEL, PANELS_TOGETHER};
+use crate::dims::{PANEL, PANELS_MARKED};
 use crate::layer::{Codes, Dense, QuantLayer};
 use portable::{INPUTS, ROW_BITS, ROWS, row_of};
 
@@ -51,6 +51,9 @@ impl Isa {
             Kind::Avx512 | Kind::Avx512Vnni | Kind::Amx => unsafe {
                 portable::point_codes_avx512(panels, bias, points, codes);
             },
+            // SAFETY: as above, for the processor that this is compiled for.
+            #[cfg(arm_kernels = "helium")]
+            Kind::Helium => unsafe { helium::point_codes(panels, bias, points, codes) },
             _ => portable::point_codes(panels, bias, points, codes),
         }
     }
@@ -137,6 +140,12 @@ impl Isa {
             Kind::Avx2 | Kind::Avx512 if pruned::fits(layer.inputs(), layer.outputs()) => unsafe {
                 avx2_bytes_pruned::dense_codes_max(layer, x, max);
             },
+            // SAFETY: as above, for the processor that this is compiled for.
+            #[cfg(arm_kernels = "dsp")]
+            Kind::Dsp => unsafe { dsp_near::dense_codes_max_near(layer, x, max) },
+            // SAFETY: as above.
+            #[cfg(arm_kernels = "helium")]
+            Kind::Helium => unsafe { helium_near::dense_codes_max_near(layer, x, max) },
             _ => self.dense_codes_max(layer, x, max),
         }
     }
@@ -146,6 +155,7 @@ impl Isa {
     ///
     /// # Shapes
     /// `x [points, inputs]`, `max [outputs]`; another length of `max`, or more than 128 inputs, leaves it as it is.
+    #[inline(never)] // where stacks are small, others have its place
     pub fn dense_codes_argmax(
         self,
         layer: &Codes<'_>,
@@ -157,8 +167,8 @@ impl Isa {
             return;
         }
         for (round, x) in x.chunks((ROWS * layer.inputs()).max(1)).enumerate() {
-            for (first, part) in layer.parts(PANELS_TOGETHER) {
-                let mut marked = [i32::MIN; PANELS_TOGETHER * PANEL];
+            for (first, part) in layer.parts(PANELS_MARKED) {
+                let mut marked = [i32::MIN; PANELS_MARKED * PANEL];
                 let Some(marked) = marked.get_mut(..part.outputs()) else {
                     return;
                 };

@@ -6,7 +6,7 @@
 //! points is that of [`crate::order`]. In any order the maxima are the same to the bit: integers are exact, and in f32
 //! a bound is summed up as the points are, input by input, each step of which is monotonic, rounding included.
 
-// Microcontrollers have no kernels of this, and NEON does not use all of it.
+// Microcontrollers have kernels of their own (`arm_m::near`), and NEON does not use all of it.
 #![cfg_attr(not(target_arch = "x86_64"), allow(dead_code))]
 
 use crate::dims::PANEL;

@@ -15,6 +15,7 @@ use reagent_core::budget::{
 };
 use reagent_core::dims::STEPS;
 use reagent_core::grid::Grid;
+use reagent_core::order::put_in_order;
 use reagent_core::wire::{self, CloudView, Message, REQUEST_OVERHEAD_BYTES, RefineRequest};
 use reagent_link::board::{
     Board, BoardError, Clouds, Kind, Simulation, build_image, check_simulator, flash_content,
@@ -120,6 +121,11 @@ fn measure(
     source: &[[f32; 3]],
     target: &[[f32; 3]],
 ) -> Result<Budget, McuError> {
+    let [source, target] = [source, target].map(|cloud| {
+        let mut cloud = cloud.to_vec();
+        put_in_order(&mut cloud); // as clients send it
+        cloud
+    });
     let manifest = manifest(1, "", policy).expect("no name is short enough");
     let image = build_image(kind, Clouds::Floats)?;
     let grid_image = build_image(kind, Clouds::Grid)?;
@@ -139,10 +145,10 @@ fn measure(
         flash: Some(&flash),
         count_instructions: true,
     };
-    let floats = [source, target].map(CloudView::of);
+    let floats = [&source, &target].map(|cloud| CloudView::of(cloud));
     let report = run(kind, &image, simulation, floats);
     simulation.count_instructions = false;
-    let [source, target] = [source, target].map(on_grid);
+    let [source, target] = [&source, &target].map(|cloud| on_grid(cloud));
     let codes = [&source, &target].map(|(grid, codes)| CloudView::on_grid(*grid, codes));
     let on_grid = run(kind, &grid_image, simulation, codes);
     std::fs::remove_file(&flash).ok();

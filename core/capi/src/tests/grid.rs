@@ -68,3 +68,35 @@ fn what_cannot_be_put_on_a_grid_is_refused_and_changes_nothing() {
     }
     assert_eq!((grid, codes), (sound, [[7; 3]; 2]));
 }
+
+#[test]
+fn an_order_keeps_every_point() {
+    let cloud = bracket(0.3);
+    let mut ordered = cloud.clone();
+    let xyz = ordered.as_flattened_mut().as_mut_ptr();
+    // SAFETY: pointers to live values, or such as must be refused.
+    unsafe {
+        assert_eq!(reagent_put_in_order(xyz, 600), ReagentStatus::Ok);
+        assert_eq!(reagent_put_in_order(null_mut(), 0), ReagentStatus::Ok);
+        assert_eq!(reagent_put_in_order(null_mut(), 1), ReagentStatus::Pointer);
+        let odd = xyz.wrapping_byte_add(1);
+        assert_eq!(reagent_put_in_order(odd, 600), ReagentStatus::Pointer);
+        let many = ReagentStatus::TooManyPoints;
+        assert_eq!(reagent_put_in_order(xyz, 4097), many);
+    }
+    let apart = |cloud: &[[f32; 3]]| -> f32 {
+        let pairs = cloud.windows(2);
+        pairs
+            .map(|p| (0..3).map(|k| (p[0][k] - p[1][k]).abs()).sum::<f32>())
+            .sum()
+    };
+    assert!(
+        apart(&ordered) < apart(&cloud),
+        "neighbours follow each other"
+    );
+    let sorted = |mut cloud: Vec<[f32; 3]>| {
+        cloud.sort_by(|a, b| a.partial_cmp(b).expect("numbers"));
+        cloud
+    };
+    assert_eq!(sorted(ordered), sorted(cloud));
+}

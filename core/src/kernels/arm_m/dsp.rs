@@ -13,7 +13,7 @@ use core::arch::{asm, naked_asm};
 use core::ops::Range;
 
 /// Points that one pass over the weights serves.
-const BLOCK: usize = 8;
+pub(super) const BLOCK: usize = 8;
 /// Points of one call of [`four_points`].
 const POINTS: usize = 4;
 /// Most inputs of a layer of rows.
@@ -22,11 +22,11 @@ const INPUTS: usize = 128;
 const COLUMNS: usize = 256;
 
 /// Four codes of 16 bits: the first and third, the second and fourth.
-type Pairs = [u32; 2];
+pub(super) type Pairs = [u32; 2];
 
 /// Bytes spread to 16 bits.
 #[inline(always)]
-fn spread(four: u32) -> Pairs {
+pub(super) fn spread(four: u32) -> Pairs {
     [four & 0x00ff_00ff, four >> 8 & 0x00ff_00ff]
 }
 
@@ -73,12 +73,12 @@ unsafe extern "C" fn four_points(
 type Half = [[Pairs; POINTS]; INPUTS / QUAD];
 
 /// A block of points.
-struct Block([Half; BLOCK / POINTS]);
+pub(super) struct Block([Half; BLOCK / POINTS]);
 
 impl Block {
-    const ZERO: Block = Block([[[[0; 2]; POINTS]; INPUTS / QUAD]; BLOCK / POINTS]);
+    pub(super) const ZERO: Block = Block([[[[0; 2]; POINTS]; INPUTS / QUAD]; BLOCK / POINTS]);
 
-    fn fill(&mut self, inputs: usize, x: &[u8]) {
+    pub(super) fn fill(&mut self, inputs: usize, x: &[u8]) {
         let mut rows = x.chunks_exact(inputs.max(1));
         for half in &mut self.0 {
             for n in 0..POINTS {
@@ -92,7 +92,7 @@ impl Block {
 
     /// The halves that hold its first `points` points: their inputs, and how many points they are.
     #[inline(always)]
-    fn halves(
+    pub(super) fn halves(
         &self,
         inputs: usize,
         points: usize,
@@ -107,7 +107,7 @@ impl Block {
 
 /// Sums of one output with four points.
 #[inline(always)]
-fn sums(layer: &Codes<'_>, output: usize, x: &[[Pairs; POINTS]]) -> [i32; POINTS] {
+pub(super) fn sums(layer: &Codes<'_>, output: usize, x: &[[Pairs; POINTS]]) -> [i32; POINTS] {
     let mut sums = [0; POINTS];
     let at = output / PANEL * layer.inputs() * PANEL + output % PANEL * QUAD;
     let x = x.as_ptr_range();
@@ -124,11 +124,12 @@ fn sums(layer: &Codes<'_>, output: usize, x: &[[Pairs; POINTS]]) -> [i32; POINTS
 }
 
 /// Whether a block holds rows of this many inputs.
-fn fits(inputs: usize) -> bool {
+pub(super) fn fits(inputs: usize) -> bool {
     (1..=INPUTS).contains(&inputs)
 }
 
 /// As [`portable::dense_codes_max`].
+#[inline(never)]
 pub(in crate::kernels) unsafe fn dense_codes_max<const MARK: bool>(
     layer: &Codes<'_>,
     panels: Range<usize>,
@@ -157,6 +158,7 @@ pub(in crate::kernels) unsafe fn dense_codes_max<const MARK: bool>(
 }
 
 /// As [`portable::dense_codes`].
+#[inline(never)] // its block is gone before that of the next layer is made
 pub(in crate::kernels) unsafe fn dense_codes(
     layer: &Codes<'_>,
     bias: &[i32],

@@ -9,12 +9,12 @@
 
 use crate::dims::PANEL;
 use crate::kernels::byte::portable;
-use crate::layer::{Codes, Requantise};
+use crate::layer::Codes;
 use core::arch::naked_asm;
 use core::ops::Range;
 
 /// Points of one block.
-const POINTS: usize = 4;
+pub(super) const POINTS: usize = 4;
 /// Inputs of one round of the loop.
 const ROUND: usize = 32;
 
@@ -23,17 +23,20 @@ type Sums = [[i32; POINTS]; PANEL];
 
 /// Four rows of codes.
 #[repr(C)]
-struct Block {
+pub(super) struct Block {
     rows: [*const u8; POINTS],
     /// `-128 Σ x` of each row.
     start: [i32; POINTS],
     /// [`portable::row_mark`] of each row.
     marks: [i32; POINTS],
+    /// Bias and requantisation of the next output of [`panel_codes_of`], and where the codes of each row go from there.
+    scales: [*const u32; 2],
+    places: [u32; POINTS],
 }
 
 impl Block {
     /// Rows of `inputs` codes each, the last repeated where there are fewer than four; none without any.
-    fn of(x: &[u8], inputs: usize) -> Option<Block> {
+    pub(super) fn of(x: &[u8], inputs: usize) -> Option<Block> {
         let mut rows = x.chunks_exact(inputs.max(1));
         let last = rows.clone().next_back()?;
         let rows: [&[u8]; POINTS] = core::array::from_fn(|_| rows.next().unwrap_or(last));
@@ -45,6 +48,8 @@ impl Block {
             rows: rows.map(<[u8]>::as_ptr),
             start: rows.map(|row| -128 * row.iter().map(|&x| i32::from(x)).sum::<i32>()),
             marks: [0; POINTS],
+            scales: [core::ptr::null(); 2],
+            places: [0; POINTS],
         }
     }
 }
@@ -57,7 +62,7 @@ macro_rules! panel {
         #[unsafe(naked)]
         unsafe extern "C" fn $name(
             weights: *const i8,
-            block: *const Block,
+            block: *mut Block,
             out: *mut $out,
             inputs: usize,
         ) {
@@ -153,10 +158,36 @@ panel! {
     "str lr, [r2], #4"
 }
 
+panel! {
+    /// Writes codes of a panel's outputs: `R(a)` limited to 0..=255 ([`crate::quant`]), a byte each, at `places` from `out` on.
+    ///
+    /// # Safety
+    /// As for [`panel_sums`]; `scales` of the block point to bias and requantisation of the panel's outputs, and `places` to where
+    /// rows of as many codes have room.
+    panel_codes_of, u8, 1,
+    "ldrd r4, r6, [r12, #48]",
+    "ldr r8, [r4], #4",
+    "ldr r10, [r6], #4",
+    "strd r4, r6, [r12, #48]",
+    "vadd.i32 q0, q0, r8",
+    "uxth r4, r10",
+    "vmul.i32 q0, q0, r4",
+    "lsrs r10, r10, #16",
+    "rsbs r10, r10, #0",
+    "vrshl.s32 q0, r10", // to the right, and rounded
+    "vmov.i32 q1, #0",
+    "vmax.s32 q0, q0, q1",
+    "vmov.i32 q1, #255",
+    "vmin.s32 q0, q0, q1",
+    "vldrw.u32 q1, [r12, #56]",
+    "vstrb.32 q0, [r2, q1]",
+    "adds r2, #1"
+}
+
 const _: () = assert!(portable::ROW_BITS == 8);
 
 /// A panel's weights from column `from` on.
-fn panel_codes<'a>(
+pub(super) fn panel_codes<'a>(
     layer: &Codes<'a>,
     panel: usize,
     from: usize,
@@ -188,9 +219,9 @@ pub(in crate::kernels) unsafe fn dense_codes_max<const MARK: bool>(
             // SAFETY: one panel of a layer of a multiple of 64 inputs, rows as long, and its maxima.
             unsafe {
                 if MARK {
-                    panel_marked_max(weights.as_ptr(), &raw const block, max, inputs);
+                    panel_marked_max(weights.as_ptr(), &raw mut block, max, inputs);
                 } else {
-                    panel_max(weights.as_ptr(), &raw const block, max, inputs);
+                    panel_max(weights.as_ptr(), &raw mut block, max, inputs);
                 }
             }
         }
@@ -208,31 +239,88 @@ pub(in crate::kernels) unsafe fn dense_codes(
     let (inputs, outputs) = (layer.inputs().max(1), layer.outputs().max(1));
     let blocks = x.chunks((POINTS * inputs).max(1));
     for (x, y) in blocks.zip(y.chunks_mut((POINTS * outputs).max(1))) {
-        let Some(block) = Block::of(x, inputs) else {
+        let Some(mut block) = Block::of(x, inputs) else {
             return;
         };
-        let points = x.len() / inputs;
+        // What stands for a row that is missing is written where the last one is.
+        let rows = (y.len() / outputs).min(x.len() / inputs);
+        let Some(last) = rows.checked_sub(1) else {
+            return;
+        };
+        block.places = core::array::from_fn(|n| (n.min(last) * outputs) as u32);
         let scales = bias.as_chunks::<PANEL>().0.iter();
         let scales = scales.zip(requantise.as_chunks::<PANEL>().0);
         for (panel, (bias, requantise)) in scales.enumerate() {
             let Some(weights) = panel_codes(layer, panel, 0, inputs) else {
                 return;
             };
-            let mut sums: Sums = [[0; POINTS]; PANEL];
-            // SAFETY: one panel of a layer of a multiple of 64 inputs, and rows as long.
-            unsafe { panel_sums(weights.as_ptr(), &raw const block, &raw mut sums, inputs) }
-            for (n, row) in y
-                .chunks_exact_mut(outputs)
-                .take(points.min(POINTS))
-                .enumerate()
-            {
-                let codes = row.iter_mut().skip(panel * PANEL);
-                let scales = bias.iter().zip(requantise);
-                for (code, (sums, (&bias, &r))) in codes.zip(sums.iter().zip(scales)) {
-                    let sum = sums.get(n).map_or(0, |&sum| sum);
-                    *code = Requantise(r).apply_32(sum + bias, 255) as u8;
-                }
-            }
+            block.scales = [bias.as_ptr().cast(), requantise.as_ptr()];
+            let out = y.as_mut_ptr().wrapping_add(panel * PANEL);
+            // SAFETY: one panel of a layer of a multiple of 64 inputs, rows as long, and a row of codes for each at least.
+            unsafe { panel_codes_of(weights.as_ptr(), &raw mut block, out, inputs) }
+        }
+    }
+}
+
+/// Writes the codes of one point for a panel's outputs: `((b + w₀ x) + w₁ y) + w₂ z`, limited to 0..=255 and rounded to even.
+///
+/// What is denormal counts as zero here, which changes no code.
+///
+/// # Safety
+/// `weights` holds the three columns of a panel, `bias` and `codes` its outputs; `point` has three coordinates.
+#[unsafe(naked)]
+unsafe extern "C" fn panel_point_codes(
+    weights: *const [[f32; PANEL]; 3],
+    bias: *const [f32; PANEL],
+    point: *const [f32; 3],
+    codes: *mut [u8; PANEL],
+) {
+    naked_asm!(
+        ".cpu cortex-m55",
+        "push {{r4, r5, r6, lr}}",
+        "ldm r2, {{r4, r5, r6}}",
+        "vmov.i32 q2, #0",
+        "movw r2, #0x437f", // 255
+        "lsl r2, r2, #16",
+        "vdup.32 q3, r2",
+        "movw r2, #0x4b40", // 1.5 * 2^23: the last bit of a sum with it stands for 1
+        "lsl r2, r2, #16",
+        "mov lr, #4",
+        "dls lr, lr",
+        "2:",
+        "vldrw.u32 q0, [r1], #16",
+        "vldrw.u32 q1, [r0], #16",
+        "vmul.f32 q1, q1, r4",
+        "vadd.f32 q0, q0, q1",
+        "vldrw.u32 q1, [r0, #48]",
+        "vmul.f32 q1, q1, r5",
+        "vadd.f32 q0, q0, q1",
+        "vldrw.u32 q1, [r0, #112]",
+        "vmul.f32 q1, q1, r6",
+        "vadd.f32 q0, q0, q1",
+        "vmaxnm.f32 q0, q0, q2",
+        "vminnm.f32 q0, q0, q3",
+        "vadd.f32 q0, q0, r2",
+        "vstrb.32 q0, [r3], #4",
+        "le lr, 2b",
+        "pop {{r4, r5, r6, pc}}",
+    )
+}
+
+/// As [`portable::point_codes`].
+pub(in crate::kernels) unsafe fn point_codes(
+    panels: &[f32],
+    bias: &[f32],
+    points: &[[f32; 3]],
+    codes: &mut [u8],
+) {
+    let width = bias.len();
+    let columns = panels.as_chunks::<PANEL>().0.as_chunks::<3>().0;
+    for (point, codes) in points.iter().zip(codes.chunks_exact_mut(width.max(1))) {
+        let panels = columns.iter().zip(bias.as_chunks().0);
+        for ((weights, bias), codes) in panels.zip(codes.as_chunks_mut().0) {
+            // SAFETY: arrays of these lengths.
+            unsafe { panel_point_codes(weights, bias, point, codes) }
         }
     }
 }
@@ -252,14 +340,14 @@ pub(in crate::kernels) unsafe fn gemv_codes(
         return;
     };
     if whole > 0 {
-        let block = Block::new([high, low, low, low]);
+        let mut block = Block::new([high, low, low, low]);
         for (panel, y) in y.as_chunks_mut::<PANEL>().0.iter_mut().enumerate() {
             let Some(weights) = panel_codes(layer, panel, columns.start, whole) else {
                 return;
             };
             let mut sums: Sums = [[0; POINTS]; PANEL];
             // SAFETY: the caller guarantees these columns of the panel; planes are as long.
-            unsafe { panel_sums(weights.as_ptr(), &raw const block, &raw mut sums, whole) }
+            unsafe { panel_sums(weights.as_ptr(), &raw mut block, &raw mut sums, whole) }
             for (y, [high, low, ..]) in y.iter_mut().zip(sums) {
                 *y += 64 * high + low;
             }

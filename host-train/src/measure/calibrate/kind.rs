@@ -48,13 +48,7 @@ pub enum Kind {
 }
 
 /// Points of the source and of the target in [`Kind::Sparse`], each of as many pairs.
-const SPARSE: [[usize; 2]; 5] = [
-    [64, 64],
-    [64, 200],
-    [96, 200],
-    [128, 128],
-    [256, 256],
-];
+const SPARSE: [[usize; 2]; 5] = [[64, 64], [64, 200], [96, 200], [128, 128], [256, 256]];
 /// Share of a cloud of which a plane cuts off the rest; where both are cut, each of as many pairs.
 const PART: f32 = 0.7;
 const PARTS: [f32; 2] = [0.7, 0.55];

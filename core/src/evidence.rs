@@ -1,6 +1,6 @@
 //! How probably a refined pose is right, from how the clouds fit under it and under others.
 
-use crate::polish::{Coherence, Refined, Residual};
+use crate::polish::{Refined, Residual};
 use crate::verify::Verified;
 
 /// What speaks for and against a refined pose. Nothing of the policy's is in it, so that it holds for any policy and
@@ -15,10 +15,6 @@ pub struct Evidence {
     pub near: f32,
     /// [`Refined::within`].
     pub within: f32,
-    /// [`Refined::coherence`].
-    pub coherence: Coherence,
-    /// [`Refined::hides`].
-    pub hides: Option<f32>,
     /// Standard deviation of the translation, target radii ([`crate::covariance::Covariance::shift_deviation`]).
     pub shift_deviation: f32,
     /// [`Refined::distinct_points`].
@@ -50,19 +46,16 @@ const SATURATED: [f32; 2] = [0.95, 0.992];
 const IMPROBABLE: f32 = 0.1;
 
 /// Values that the logistic model weighs.
-pub const FEATURES: usize = 12;
+pub const FEATURES: usize = 8;
 
 /// Weights of [`Evidence::features`], of a pose that was polished alone and of one that was compared with others, fitted by
-/// `host-train calibrate --data DIR --meshes MESHES --count 1000 --seed 7` to pairs drawn and rendered from training meshes: whole
-/// clouds, parts, views with and without their view points, few points, distorted sources and other objects.
+/// `host-train calibrate --data DIR --meshes MESHES --count 1000 --seed 7` to pairs drawn and rendered from training meshes: whole clouds, parts, views, few points, distorted sources and other objects.
 const WEIGHTS: [[f32; FEATURES]; 2] = [
     [
-        -0.0436, 6.484, 0.6568, -5.7542, -1.1882, -0.5356, 0.0, 0.0, -8.0585, -3.2117, -2.2451,
-        -0.8682,
+        2.8561, 14.1657, -9.1087, -6.8089, -1.2011, -6.2214, 0.0, 0.0,
     ],
     [
-        -0.2239, 6.7907, 2.4066, -7.6567, -1.2759, -1.3609, 0.3336, -1.7354, -5.4105, -4.5907,
-        -2.5244, -0.8446,
+        3.7014, 12.9121, -5.3359, -10.3769, -1.6616, -7.8277, 0.4686, -1.8238,
     ],
 ];
 
@@ -74,8 +67,6 @@ impl Evidence {
             inlier_rmse: found.inlier_rmse / found.covariance.radius,
             near: found.near,
             within: found.within,
-            coherence: found.coherence,
-            hides: found.hides,
             shift_deviation: found.covariance.shift_deviation(),
             distinct_points: found.distinct_points,
             extents_ratio: found.extents_ratio,
@@ -120,43 +111,22 @@ impl Evidence {
     }
 
     /// What the logistic model weighs, each of the order of 1:
-    ///
-    /// | value | what it tells |
-    /// |---|---|
-    /// | 1 | |
-    /// | share of the source's points near the target's surface among those in its neighbourhood | noise is near, another shape is not |
-    /// | share in the neighbourhood | |
-    /// | how little of the target is explained | |
-    /// | logarithm of the translation's uncertainty | |
-    /// | how far what lies on the surface is off it | |
-    /// | how many of the other poses ended in this one | |
-    /// | how probable the next one is beside it | |
-    /// | how far neighbours are off the surface together, in the source | noise is each point's own |
-    /// | how alike the offsets of neighbours are, in the target | the same, whatever their size |
-    /// | whether the view point is known | |
-    /// | logarithm of the share of the target that would hide what was seen | |
+    /// 1; the share of the source's points near the target's surface, and the share in its neighbourhood: noise is near, another
+    /// shape is not; how little of the target is explained; how uncertain the translation is, its logarithm; how far what lies on
+    /// the surface is off it; how many of the other poses ended in this one, and how probable the next one is beside it.
     pub fn features(&self) -> [f32; FEATURES] {
         // What is no number stays none.
         let most = |x: f32, most: f32| if x > most { most } else { x };
         let least = |x: f32, least: f32| if x < least { least } else { x };
-        let Coherence { together, alike } = self.coherence;
-        let [known, hides] = match self.hides {
-            Some(hides) => [1.0, libm::logf(hides + 0.01)],
-            None => [0.0; 2],
-        };
         [
             1.0,
-            self.near / least(self.within, 1e-3),
+            self.near,
             self.within,
             self.residual.target,
             libm::logf(least(self.shift_deviation, 1e-5)) + 5.0,
             10.0 * most(self.inlier_rmse, 0.1),
             libm::logf(1.0 + self.support as f32),
             libm::expf(-0.5 * self.lead.max(0.0)),
-            10.0 * most(together, 0.3),
-            alike,
-            known,
-            hides,
         ]
     }
 
@@ -192,11 +162,6 @@ mod tests {
         inlier_rmse: 0.01,
         near: 0.95,
         within: 0.98,
-        coherence: Coherence {
-            together: 0.002,
-            alike: 0.1,
-        },
-        hides: None,
         shift_deviation: 0.002,
         distinct_points: 1024,
         extents_ratio: 1.0,
@@ -234,24 +199,6 @@ mod tests {
                 ..GOOD
             },
             Evidence { lead: 0.5, ..GOOD },
-            Evidence {
-                coherence: Coherence {
-                    together: 0.03,
-                    ..GOOD.coherence
-                },
-                ..GOOD
-            },
-            Evidence {
-                coherence: Coherence {
-                    alike: 0.6,
-                    ..GOOD.coherence
-                },
-                ..GOOD
-            },
-            Evidence {
-                hides: Some(0.2),
-                ..GOOD
-            },
         ] {
             let probability = worse.probability();
             assert!(probability < best, "{probability} {best} {worse:?}");
@@ -291,17 +238,6 @@ mod tests {
             },
             Evidence {
                 shift_deviation: f32::NAN,
-                ..GOOD
-            },
-            Evidence {
-                coherence: Coherence {
-                    together: f32::NAN,
-                    ..GOOD.coherence
-                },
-                ..GOOD
-            },
-            Evidence {
-                hides: Some(f32::NAN),
                 ..GOOD
             },
         ] {

@@ -109,11 +109,6 @@ impl DepthGrid {
 
     /// Whether a point would have hidden what was seen.
     pub(crate) fn hides(&self, point: Vec3) -> bool {
-        self.stands_before(point, 1.0)
-    }
-
-    /// Whether a point stands before what was seen, by more than so many margins.
-    pub(crate) fn stands_before(&self, point: Vec3, margins: f32) -> bool {
         let Some((at, depth)) = self.image(point) else {
             return false;
         };
@@ -121,7 +116,7 @@ impl DepthGrid {
             .cell(at)
             .and_then(|(x, y)| self.depth.get(y).and_then(|row| row.get(x)));
         // No depth: nothing was seen there.
-        seen.is_some_and(|&seen| seen > 0.0 && depth < seen - margins * self.margin)
+        seen.is_some_and(|&seen| seen > 0.0 && depth < seen - self.margin)
     }
 
     /// The cell of which a point that was seen is the nearest, if it is one's.

@@ -26,14 +26,12 @@ use crate::surface::matching::Matching;
 use glam::Vec3;
 
 mod coarse;
-mod coherence;
 mod equations;
 mod matching;
 mod residual;
 mod sample;
 mod stage;
 
-pub use coherence::Coherence;
 use equations::RIDGE;
 use residual::Overlap;
 pub use residual::Residual;
@@ -124,10 +122,6 @@ pub struct Refined {
     pub within: f32,
     /// Root of the mean squared distance of those on the surface from it, in the clouds' own units.
     pub inlier_rmse: f32,
-    /// How far neighbours are off the other cloud's surface together.
-    pub coherence: Coherence,
-    /// Share of the target's points that would stand in front of what was seen, if the view point is known.
-    pub hides: Option<f32>,
     /// Points that differ from all others, in the cloud with fewer of them.
     pub distinct_points: usize,
     /// Size of the source over that of the target, each the distance from the medians of the coordinates that half of the points
@@ -313,8 +307,6 @@ impl<'w> Refiner<'w> {
             near: candidate.overlap.near,
             within: candidate.overlap.within,
             inlier_rmse: candidate.overlap.inlier_rmse * self.model.frame.scale,
-            coherence: candidate.overlap.coherence,
-            hides: candidate.overlap.hides,
             distinct_points: self.distinct_points(),
             extents_ratio: self.extents_ratio(),
             left_out: self.surfaces().map(|surface| surface.left_out),

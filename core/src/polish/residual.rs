@@ -1,6 +1,5 @@
 //! How a pose fits: the losses of the points matched, and how much of the source lies on the target.
 
-use super::coherence::Coherence;
 use super::{Refiner, Work};
 use crate::freespace::DepthGrid;
 use crate::loss;
@@ -13,9 +12,6 @@ use glam::Vec3;
 const SOURCE_SHARE: f32 = 0.8;
 /// Loss of a target's point that was not seen and need not have been, of that of one that would have hidden what was.
 const UNSEEN: f32 = 0.5;
-/// Margins of noise and sampling by which a point stands before what was seen to speak against a pose: all points are counted,
-/// and half as much as for one tells more.
-const HIDES: f32 = 0.5;
 
 /// How far two clouds are apart under a pose, each in its own way: mean over the points of a loss that is 0 for a
 /// point on the other cloud's surface and 1 for a point near nothing of it. 0 for equal clouds, about .4
@@ -43,8 +39,6 @@ pub(crate) struct Overlap {
     pub(super) near: f32,
     pub(super) within: f32,
     pub(super) inlier_rmse: f32,
-    pub(super) coherence: Coherence,
-    pub(super) hides: Option<f32>,
 }
 
 impl Refiner<'_> {
@@ -96,22 +90,7 @@ impl Refiner<'_> {
             near: share(near),
             within: share(within),
             inlier_rmse: libm::sqrt(sum / f64::from(on_surface.max(1))) as f32,
-            coherence: self.matched_coherence(at),
-            hides: self.hides(at),
         }
-    }
-
-    /// Share of the target's points that stand in front of what was seen, if a view point is known.
-    fn hides(&self, at: Rigid) -> Option<f32> {
-        let (seen, back) = (&self.work.seen, at.pose().inverse());
-        let points = self.model.surface.points();
-        let hides = |&&q: &&[f32; 3]| {
-            let point = back.apply(Vec3::from_array(q));
-            seen.stands_before(point, HIDES)
-        };
-        let hiding = || points.iter().filter(hides).count();
-        seen.is_known()
-            .then(|| hiding() as f32 / points.len().max(1) as f32)
     }
 
     /// Keeps the losses of the points matched last; their sum, as of [`loss::COMPARED`] points of each cloud,

@@ -3,7 +3,7 @@
 //! middle all over the cloud: their maxima come near those of all points, and what is below a maximum is left out.
 //! The feature is the same to the bit in any order.
 //!
-//! [`NEAR`] points share a bound. A cell of the cloud is cut across its longest side until it has no more (a k-d tree).
+//! Sixteen points share a bound. A cell of the cloud is cut across its longest side until it has no more (a k-d tree).
 
 use crate::cells::{bounds, cut};
 use crate::cloud::Cloud;

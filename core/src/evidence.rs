@@ -50,6 +50,7 @@ pub const FEATURES: usize = 8;
 
 /// Weights of [`Evidence::features`], of a pose that was polished alone and of one that was compared with others, fitted by
 /// `host-train calibrate --data DIR --meshes MESHES --count 1000 --seed 7` to pairs drawn and rendered from training meshes: whole clouds, parts, views, few points, distorted sources and other objects.
+/// Before it drew from surfaces, too, and knew view points: of what a fit to those does, `tests/TRIED.md` tells.
 const WEIGHTS: [[f32; FEATURES]; 2] = [
     [
         2.8561, 14.1657, -9.1087, -6.8089, -1.2011, -6.2214, 0.0, 0.0,

@@ -22,7 +22,6 @@ use crate::model::Model;
 use crate::pose::{Pose, mean};
 use crate::solve::Rigid;
 use crate::surface::Surface;
-use crate::surface::matching::Matching;
 use glam::Vec3;
 
 mod coarse;
@@ -31,78 +30,14 @@ mod matching;
 mod residual;
 mod sample;
 mod stage;
+mod workspace;
 
 use equations::RIDGE;
 use residual::Overlap;
 pub use residual::Residual;
-use sample::Sample;
 use stage::{BRIEF_FINE, BRIEF_NEAR, FINE, NEAR, Stage};
-
-/// Working memory of a [`Refiner`], [`crate::budget::WORKSPACE_BYTES`]; the caller owns it.
-#[derive(Clone, Debug)]
-pub struct Workspace {
-    /// Kernels of the refiners that work in it; the fastest unless told otherwise.
-    isa: Option<Isa>,
-    /// Of the last target that was not made ready by the caller.
-    model: Model,
-    work: Work,
-}
-
-/// The same without a target: what changes from one source and pose to the next.
-#[derive(Clone, Debug)]
-struct Work {
-    source: Surface,
-    sample: Sample,
-    /// Of the source's points, and of the target's.
-    of_source: Matching,
-    of_target: Matching,
-    losses: Losses,
-    seen: DepthGrid,
-}
-
-impl Workspace {
-    /// Empty working memory.
-    pub const fn new() -> Self {
-        Workspace {
-            isa: None,
-            model: Model::new(),
-            work: Work {
-                source: Surface::EMPTY,
-                sample: Sample::EMPTY,
-                of_source: Matching::EMPTY,
-                of_target: Matching::EMPTY,
-                losses: Losses::EMPTY,
-                seen: DepthGrid::EMPTY,
-            },
-        }
-    }
-
-    /// The same for given kernels.
-    pub const fn with_isa(isa: Isa) -> Self {
-        let mut workspace = Workspace::new();
-        workspace.isa = Some(isa);
-        workspace
-    }
-
-    /// Makes a target ready for any number of registrations. The target of the last one is ready anyhow: this is for who
-    /// registers with several by turns.
-    ///
-    /// # Errors
-    /// As [`check_cloud`] and [`Frame::of`]; the model is of no target then.
-    pub fn prepare(&mut self, target: &[[f32; 3]], model: &mut Model) -> Result<(), Error> {
-        model.prepare(self.isa(), target, &mut self.work.of_target.keys)
-    }
-
-    fn isa(&self) -> Isa {
-        self.isa.unwrap_or_else(Isa::best)
-    }
-}
-
-impl Default for Workspace {
-    fn default() -> Self {
-        Self::new()
-    }
-}
+use workspace::Work;
+pub use workspace::Workspace;
 
 /// A pose and how it fits.
 #[derive(Clone, Copy, Debug, PartialEq)]

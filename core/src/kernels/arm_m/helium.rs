@@ -54,6 +54,36 @@ impl Block {
     }
 }
 
+/// Sums of one output with the points of the block at `r12`, to `q0`: weights at the addresses in `q3`, one round of half a loop
+/// before the first; rows at `r1`, `r3`, `r5` and `r7`, which move on by the `r0` inputs; 128 in `r9`.
+macro_rules! four_sums {
+    () => {
+        concat!(
+            "ldrd r4, r6, [r12, #16]\n",
+            "ldrd r8, r10, [r12, #24]\n",
+            "lsr lr, r0, #5\n",
+            "dls lr, lr\n",
+            "3:\n",
+            ".rept 2\n",
+            "vldrw.u32 q0, [q3, #256]!\n",
+            "vldrb.u8 q1, [r1], #16\n",
+            "vadd.i8 q0, q0, r9\n",
+            "vmladava.u8 r4, q0, q1\n",
+            "vldrb.u8 q2, [r3], #16\n",
+            "vmladava.u8 r6, q0, q2\n",
+            "vldrb.u8 q1, [r5], #16\n",
+            "vmladava.u8 r8, q0, q1\n",
+            "vldrb.u8 q2, [r7], #16\n",
+            "vmladava.u8 r10, q0, q2\n",
+            ".endr\n",
+            "le lr, 3b\n",
+            "vmov q0[2], q0[0], r4, r8\n",
+            "vmov q0[3], q0[1], r6, r10\n",
+        )
+    };
+}
+pub(super) use four_sums;
+
 /// Defines a function over a panel's outputs; `$take` takes the sums of one output, in `q0`, to where
 /// `r2` points, and moves it on by `$step` bytes.
 macro_rules! panel {
@@ -86,26 +116,7 @@ macro_rules! panel {
                 "add lr, r2, #{bytes}",
                 "push {{r2, lr}}",
                 "2:",
-                "ldrd r4, r6, [r12, #16]",
-                "ldrd r8, r10, [r12, #24]",
-                "lsr lr, r0, #5",
-                "dls lr, lr",
-                "3:",
-                ".rept 2",
-                "vldrw.u32 q0, [q3, #256]!",
-                "vldrb.u8 q1, [r1], #16",
-                "vadd.i8 q0, q0, r9",
-                "vmladava.u8 r4, q0, q1",
-                "vldrb.u8 q2, [r3], #16",
-                "vmladava.u8 r6, q0, q2",
-                "vldrb.u8 q1, [r5], #16",
-                "vmladava.u8 r8, q0, q1",
-                "vldrb.u8 q2, [r7], #16",
-                "vmladava.u8 r10, q0, q2",
-                ".endr",
-                "le lr, 3b",
-                "vmov q0[2], q0[0], r4, r8",
-                "vmov q0[3], q0[1], r6, r10",
+                four_sums!(),
                 $($take,)+
                 "subs r1, r1, r0",
                 "subs r3, r3, r0",

@@ -1,7 +1,7 @@
 //! The last embedding layer over points that lie close together, by `vmladava`: see [`super::near`].
 #![allow(unsafe_code, clippy::indexing_slicing)]
 
-use super::helium::{Block, POINTS, panel_codes};
+use super::helium::{Block, POINTS, four_sums, panel_codes};
 use super::near::{Bounds, MASKS, Masks, NEAR};
 use crate::dims::PANEL;
 use crate::kernels::byte::portable;
@@ -107,26 +107,7 @@ unsafe extern "C" fn panel_some_max(
         "vadd.i32 q3, q4, r4",
         "add r4, r2, r4",
         "push {{r4, r11}}",
-        "ldrd r4, r6, [r12, #16]",
-        "ldrd r8, r10, [r12, #24]",
-        "lsr lr, r0, #5",
-        "dls lr, lr",
-        "3:",
-        ".rept 2",
-        "vldrw.u32 q0, [q3, #256]!",
-        "vldrb.u8 q1, [r1], #16",
-        "vadd.i8 q0, q0, r9",
-        "vmladava.u8 r4, q0, q1",
-        "vldrb.u8 q2, [r3], #16",
-        "vmladava.u8 r6, q0, q2",
-        "vldrb.u8 q1, [r5], #16",
-        "vmladava.u8 r8, q0, q1",
-        "vldrb.u8 q2, [r7], #16",
-        "vmladava.u8 r10, q0, q2",
-        ".endr",
-        "le lr, 3b",
-        "vmov q0[2], q0[0], r4, r8",
-        "vmov q0[3], q0[1], r6, r10",
+        four_sums!(),
         "pop {{r4, r11}}",
         "ldr lr, [r4]",
         "vmaxv.s32 lr, q0",

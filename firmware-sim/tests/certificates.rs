@@ -44,13 +44,13 @@ fn a_certificate_that_has_expired_or_will_soon_is_told() {
     let folder = tempfile::tempdir().expect("a temporary directory");
     let socket = UdpSocket::bind("127.0.0.1:0").expect("a free port");
     let port = socket.local_addr().expect("it is bound").port();
-    drop(socket);
     let deploy = Path::new(env!("CARGO_MANIFEST_DIR")).join("deploy/make-ca");
     let made = Command::new(deploy)
         .arg(folder.path())
         .args(["lab", &format!("localhost:{port}"), "arm1"])
         .output();
     assert!(made.expect("bash runs").status.success());
+    drop(socket);
     let config = |name: &str| folder.path().join(name);
 
     let mut router = program();

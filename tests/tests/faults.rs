@@ -15,7 +15,8 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 use support::link::{Faults, Link};
 use support::{
-    FLEET, Host, Network, int8_policy, key, publisher, random_cloud, random_policy, request, until,
+    FLEET, Host, Network, int8_policy, key, publisher, random_cloud, random_policy, request,
+    served, until,
 };
 use tokio::sync::Notify;
 use zenoh::Session;
@@ -36,17 +37,6 @@ fn config(robot: &str) -> NodeConfig {
         robot: robot.into(),
         trust: Trust::Keys(vec![key(1).verifying_key(), key(2).verifying_key()]),
         state: None,
-    }
-}
-
-/// Waits until somebody serves a key, as this session sees it.
-async fn served(session: &Session, key: &str) {
-    let querier = session.declare_querier(key.to_owned()).await;
-    let querier = querier.expect("an open session");
-    let changes = querier.matching_listener().await.expect("an open session");
-    let mut status = querier.matching_status().await.expect("an open session");
-    while !status.matching() {
-        status = changes.recv_async().await.expect("an open session");
     }
 }
 
@@ -82,7 +72,7 @@ async fn a_router_that_is_killed_and_back_costs_no_request_beyond_its_deadline()
     quick.budget_ms = 2000;
     let long = RefineRequest {
         max_steps: 255,
-        budget_ms: 500,
+        budget_ms: 3000,
         ..request(&large, &large)
     };
     ask_in_time(&client, &quick).await.expect("a pose");

@@ -35,7 +35,7 @@ use reagent_core::wire::{
 };
 use std::ops::ControlFlow;
 use std::sync::LazyLock;
-use support::{FLEET, Network, publisher, request as request_to, until};
+use support::{FLEET, Network, publisher, request as request_to, served, until};
 
 /// The bundled policy in 8-bit integers.
 static POLICY: LazyLock<WeightFile> = LazyLock::new(|| {
@@ -344,6 +344,8 @@ async fn a_board_serves_a_fleet() {
         trace: true,
         ..request_to(&source, &target)
     };
+    let refine = keys::refine(FLEET, "board").expect("good names");
+    served(&client, &refine).await;
     let early = client::refine(&client, FLEET, "board", &request).await;
     let no_policy = Reason::NoPolicy;
     assert!(

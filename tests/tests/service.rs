@@ -15,9 +15,9 @@ use reagent_core::wire::{
 use reagent_core::{Grid, Pose};
 use std::sync::Arc;
 use std::time::Duration;
+use support::network::unused_endpoint;
 use support::{
-    FLEET, Network, local_pose, publisher, random_cloud, random_policy, request, until,
-    unused_endpoint,
+    FLEET, Network, local_pose, publisher, random_cloud, random_policy, request, served, until,
 };
 use zenoh::Session;
 
@@ -97,6 +97,8 @@ async fn every_bad_request_is_refused_with_its_reason() {
     let network = Network::start().await;
     let node = network.node(FLEET, "r1").await;
     let session = network.join().await;
+    let refine_key = keys::refine(FLEET, "r1").expect("good names");
+    served(&session, &refine_key).await;
     let good = random_cloud(1, 50);
     assert_eq!(
         refused(&session, &request(&good, &good)).await,
@@ -134,7 +136,6 @@ async fn every_bad_request_is_refused_with_its_reason() {
     skewed.initial = Some([[1.0; 4]; 3]);
     assert_eq!(refused(&session, &skewed).await, Reason::BadPose);
 
-    let refine_key = keys::refine(FLEET, "r1").expect("good names");
     let mut status = [0; wire::SMALL_FRAME_BYTES];
     let status = wire::encode(&Message::Status(wire::Status::default()), &mut status);
     let frames: [(&[u8], Reason); 4] = [

@@ -12,11 +12,11 @@ use rand::RngExt;
 use rand::seq::IndexedRandom;
 use reagent_core::Decision;
 use reagent_core::wire::{self, Message, Reason, RefineRequest, keys};
-use std::net::{Ipv4Addr, TcpListener};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
+use support::network::unused_endpoint;
 use support::process::{self, Member};
 use support::{FLEET, int8_policy, random_cloud, request};
 use tokio::sync::{Semaphore, watch};
@@ -60,7 +60,7 @@ impl Fleet {
             file.save(&path).expect("writable");
             path
         });
-        let routers = [1, 2].map(unused_endpoint);
+        let routers = [(); 2].map(|()| unused_endpoint());
         let mut fleet = Fleet {
             folder,
             members: Vec::new(),
@@ -179,14 +179,6 @@ struct Deaths {
 
 fn text(path: &Path) -> String {
     path.to_str().expect("a plain path").into()
-}
-
-/// On a loopback address of its own: no connection takes its port while its router is away.
-fn unused_endpoint(number: u8) -> String {
-    let [_, _, a, b] = std::process::id().to_be_bytes();
-    let listener = TcpListener::bind((Ipv4Addr::new(127, a, b, 100 + number), 0));
-    let listener = listener.expect("a free port");
-    format!("tcp/{}", listener.local_addr().expect("it is bound"))
 }
 
 #[derive(Default)]

@@ -3,6 +3,8 @@
 
 pub(crate) mod datagrams;
 pub(crate) mod link;
+#[path = "../../../firmware-sim/tests/support/mod.rs"]
+pub(crate) mod network;
 pub(crate) mod process;
 pub(crate) mod secured;
 
@@ -21,7 +23,6 @@ use rand::RngExt;
 use reagent_core::net::Scratch;
 use reagent_core::wire::{self, CloudView, Manifest, Mode, RefineRequest, keys};
 use reagent_core::{Decision, Frame, Pose, Registrar};
-use std::net::TcpListener;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -38,15 +39,8 @@ pub(crate) struct Network {
 
 impl Network {
     pub(crate) async fn start() -> Network {
-        let endpoint = unused_endpoint();
-        let args = SessionArgs {
-            listen: vec![endpoint.clone()],
-            ..SessionArgs::default()
-        };
-        Network {
-            router: open(&args).await.expect("the port is free"),
-            endpoint,
-        }
+        let (router, endpoint) = network::network().await;
+        Network { endpoint, router }
     }
 
     /// A session of its own, connected to the router.
@@ -82,11 +76,15 @@ pub(crate) fn config(state: &Path) -> NodeConfig {
     }
 }
 
-/// A loopback endpoint on which nothing listens.
-pub(crate) fn unused_endpoint() -> String {
-    let listener = TcpListener::bind("127.0.0.1:0").expect("a free port");
-    let address = listener.local_addr().expect("it is bound");
-    format!("tcp/{address}")
+/// Waits until somebody serves a key, as this session sees it.
+pub(crate) async fn served(session: &Session, key: &str) {
+    let querier = session.declare_querier(key.to_owned()).await;
+    let querier = querier.expect("an open session");
+    let changes = querier.matching_listener().await.expect("an open session");
+    let mut status = querier.matching_status().await.expect("an open session");
+    while !status.matching() {
+        status = changes.recv_async().await.expect("an open session");
+    }
 }
 
 /// Waits until the node's state is as wanted; only a broken node lets the watchdog bite.

@@ -41,9 +41,11 @@ pub(crate) struct Second {
     _router: Session,
 }
 
-fn free_port() -> u16 {
+/// A port that is free as soon as the socket is dropped.
+fn free_port() -> (UdpSocket, u16) {
     let socket = UdpSocket::bind("127.0.0.1:0").expect("a free port");
-    socket.local_addr().expect("it is bound").port()
+    let port = socket.local_addr().expect("it is bound").port();
+    (socket, port)
 }
 
 async fn router(config: PathBuf, port: u16, connect: Vec<String>) -> Session {
@@ -82,7 +84,8 @@ impl Secured {
     /// The files alone.
     pub(crate) fn without_router() -> Option<Secured> {
         let folder = tempfile::tempdir().expect("a temporary directory");
-        let port = free_port();
+        // Held while the keys are made: that takes long enough for others to take it.
+        let (_socket, port) = free_port();
         make_ca(folder.path(), port).then_some(Secured {
             folder,
             port,
@@ -109,7 +112,7 @@ impl Secured {
 
     /// One more router of the network, connected to the first.
     pub(crate) async fn second_router(&self) -> Second {
-        let port = free_port();
+        let (_, port) = free_port();
         let first = vec![format!("quic/localhost:{}?multistream=0", self.port)];
         Second {
             port,

@@ -45,7 +45,8 @@
 // Version of this header as one number, to compare with reagent_version.
 #define REAGENT_VERSION (((REAGENT_VERSION_MAJOR * 1000000) + (REAGENT_VERSION_MINOR * 1000)) + REAGENT_VERSION_PATCH)
 
-// What came of a call; reagent_status_text has a sentence for each. Whatever is not OK has changed nothing.
+// What came of a call; reagent_status_text has a sentence for each. Whatever is not OK has changed nothing but, of reagent_prepare,
+// the model, which is not prepared then.
 typedef enum {
   // Done.
   REAGENT_STATUS_OK = 0,
@@ -95,6 +96,8 @@ typedef enum {
   REAGENT_STATUS_NO_SUCH_MODE = 22,
   // reagent_prepare has not succeeded on the task's model.
   REAGENT_STATUS_NOT_PREPARED = 23,
+  // The task's background has more than 4096 points.
+  REAGENT_STATUS_BACKGROUND_TOO_MANY_POINTS = 24,
 } ReagentStatus;
 
 // What can be said about a pose.
@@ -181,7 +184,7 @@ typedef struct {
   // Where the sensor stood, x, y and z in the source's frame and unit, if the source is a view from one point; else null.
   const float *view_point;
   // What it saw besides the source, such as the other pixels of a depth image: x, y and z of each point, in the source's frame
-  // and unit. What would stand before that counts against a pose, too. Null if it is not known.
+  // and unit. What would stand before that counts against a pose, too. Null if it is not known; left aside without a view point.
   const float *background;
   // How many points that are, at most 4096: pixels spread around the object are enough.
   size_t background_points;

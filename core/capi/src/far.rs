@@ -3,6 +3,8 @@
 use crate::pointer::{aligned, check_pointer, value};
 use crate::register::ReagentPose;
 use crate::status::{ReagentStatus, status};
+use reagent_core::Pose;
+use reagent_core::cloud::LARGEST_COORDINATE;
 
 /// Points of which the median is taken.
 const LOOKED_AT: usize = 63;
@@ -34,9 +36,7 @@ pub unsafe extern "C" fn reagent_take_origin_off(
         }
         // SAFETY: the caller's promise, and checked above; arrays of doubles are aligned as doubles are.
         let at = |i: usize| unsafe { xyz.cast::<Position>().add(i).read() };
-        if !(0..points).all(|i| at(i).iter().all(|x| x.is_finite())) {
-            return Err(ReagentStatus::NotFinite);
-        }
+        (0..points).try_for_each(|i| check_position(at(i)))?;
         let count = points.min(LOOKED_AT);
         let middle = [0, 1, 2].map(|axis: usize| {
             let mut some = [f64::INFINITY; LOOKED_AT];
@@ -72,7 +72,9 @@ pub unsafe extern "C" fn reagent_far_pose(
 ) -> ReagentStatus {
     status((|| {
         // SAFETY: the caller's promise.
-        let near = unsafe { value(near) }?.rows.map(|row| row.map(f64::from));
+        let near = unsafe { value(near) }?.rows;
+        Pose::from_rows(near).checked()?;
+        let near = near.map(|row| row.map(f64::from));
         // SAFETY: the caller's promise.
         let found = far(near, unsafe { origins(source_origin, target_origin) }?);
         if !aligned(rows) {
@@ -105,6 +107,7 @@ pub unsafe extern "C" fn reagent_near_pose(
             return Err(ReagentStatus::Pointer);
         }
         let rows = found.map(|row| row.map(|x| x as f32));
+        Pose::from_rows(rows).checked()?;
         // SAFETY: the caller's promise, and checked above.
         unsafe { near.write(ReagentPose { rows }) };
         Ok(())
@@ -115,7 +118,18 @@ pub unsafe extern "C" fn reagent_near_pose(
 /// Both are null, not aligned, or point to three doubles.
 unsafe fn origins(source: *const f64, target: *const f64) -> Result<[Position; 2], ReagentStatus> {
     // SAFETY: the caller's promise.
-    unsafe { Ok([value(source.cast())?, value(target.cast())?]) }
+    let origins = unsafe { [value(source.cast())?, value(target.cast())?] };
+    origins.into_iter().try_for_each(check_position)?;
+    Ok(origins)
+}
+
+/// Refuses what no sensor measures.
+fn check_position(position: Position) -> Result<(), ReagentStatus> {
+    let is_measured = |x: &f64| x.abs() <= f64::from(LARGEST_COORDINATE);
+    match position.iter().all(is_measured) {
+        true => Ok(()),
+        false => Err(ReagentStatus::NotFinite),
+    }
 }
 
 fn far(rows: Rows, origins: [Position; 2]) -> Rows {

@@ -7,7 +7,7 @@ use crate::register::ReagentPose;
 use crate::status::{ReagentStatus, status};
 use crate::task::ReagentTask;
 use core::mem::{align_of, size_of};
-use reagent_core::pipeline::{self, Task};
+use reagent_core::pipeline::{self, Progress, Task};
 use reagent_core::polish::Workspace;
 use reagent_core::{Cloud, Error, Pose, Verdict};
 
@@ -46,13 +46,17 @@ pub unsafe extern "C" fn reagent_register(
     let register = |workspace: &mut Workspace, [source, target]: Clouds<'_>, task: Task<'_>| {
         // SAFETY: the caller's promise.
         let state = unsafe { state(memory) }?;
-        state.started = false;
         // SAFETY: initialised as the mark says.
         let (mut registrar, _) = unsafe { work(state) };
         let clouds = [source, target];
-        let found = pipeline::register(&mut registrar, workspace, clouds, &task, |_| {
+        let mut stepped = false;
+        let found = pipeline::register(&mut registrar, workspace, clouds, &task, |progress| {
+            stepped |= matches!(progress, Progress::Step(..));
             Ok::<_, Error>(())
-        })?;
+        });
+        // What is refused before the first step leaves a registration under way as it is.
+        state.started &= found.is_err() && !stepped;
+        let found = found?;
         Ok(ReagentAnswer::of(
             found.target_from_source,
             found.verdict,

@@ -3,7 +3,8 @@
 use core::ffi::{CStr, c_char};
 use reagent_core::Error;
 
-/// What came of a call; reagent_status_text has a sentence for each. Whatever is not OK has changed nothing.
+/// What came of a call; reagent_status_text has a sentence for each. Whatever is not OK has changed nothing but, of reagent_prepare,
+/// the model, which is not prepared then.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ReagentStatus {
@@ -55,6 +56,8 @@ pub enum ReagentStatus {
     NoSuchMode = 22,
     /// reagent_prepare has not succeeded on the task's model.
     NotPrepared = 23,
+    /// The task's background has more than 4096 points.
+    BackgroundTooManyPoints = 24,
 }
 
 impl ReagentStatus {
@@ -71,7 +74,7 @@ impl ReagentStatus {
 }
 
 /// One for each number of a [`ReagentStatus`].
-const TEXTS: [&CStr; 24] = [
+const TEXTS: [&CStr; 25] = [
     c"done",
     c"a pointer is null or not aligned",
     c"the memory is not initialised: call reagent_init first",
@@ -96,6 +99,7 @@ const TEXTS: [&CStr; 24] = [
     c"a standard deviation of the start is negative or NaN",
     c"the task's mode is none of ReagentMode",
     c"the task's model is not prepared: call reagent_prepare first",
+    c"the task's background has more than 4096 points: leave some out",
 ];
 
 /// A sentence that says what a status means and what to do, in English; it lives as long as the program.

@@ -45,7 +45,7 @@ pub struct ReagentTask {
     /// Where the sensor stood, x, y and z in the source's frame and unit, if the source is a view from one point; else null.
     pub view_point: *const f32,
     /// What it saw besides the source, such as the other pixels of a depth image: x, y and z of each point, in the source's frame
-    /// and unit. What would stand before that counts against a pose, too. Null if it is not known.
+    /// and unit. What would stand before that counts against a pose, too. Null if it is not known; left aside without a view point.
     pub background: *const f32,
     /// How many points that are, at most 4096: pixels spread around the object are enough.
     pub background_points: usize,
@@ -92,7 +92,11 @@ impl ReagentTask {
             Some(unsafe { value(self.view_point.cast::<[f32; 3]>()) }?.into())
         };
         // SAFETY: the caller's promise.
-        let background = unsafe { floats(self.background, self.background_points) }?;
+        let background = unsafe { floats(self.background, self.background_points) };
+        let background = background.map_err(|status| match status {
+            ReagentStatus::TooManyPoints => ReagentStatus::BackgroundTooManyPoints,
+            other => other,
+        })?;
         // SAFETY: the caller's promise.
         let model = unsafe { named(self.model) }?;
         let uncertainty = Uncertainty {

@@ -68,3 +68,49 @@ fn clouds_far_from_the_origin_keep_their_digits() {
     let told = unsafe { reagent_far_pose(&given, core::ptr::null(), to, rows.as_mut_ptr().cast()) };
     assert_eq!(told, ReagentStatus::Pointer);
 }
+
+#[test]
+fn what_is_no_pose_and_no_place_is_refused() {
+    let here = [0.0f64; 3];
+    let none = [0.0, f64::NAN, 0.0];
+    let far = [0.0, 0.0, 1e13];
+    let unit = ReagentPose::from(Pose::IDENTITY);
+    let bent = ReagentPose {
+        rows: [[2.0; 4]; 3],
+    };
+    let rows = unit.rows.map(|row| row.map(f64::from));
+    let bent_rows = bent.rows.map(|row| row.map(f64::from));
+    let mut away = rows;
+    away[0][3] = 1e300;
+    let (mut pose, mut into) = (ReagentPose::default(), [[0.0f64; 4]; 3]);
+    let (mut origin, mut near) = ([0.0f64; 3], [0.0f32; 6]);
+    let clouds = [[1.0, 2.0, 3.0, 4.0, 5.0, 1e300], [f64::NAN; 6]];
+    use ReagentStatus::*;
+    // SAFETY: pointers to live values.
+    let found = unsafe {
+        let far_pose = |pose: &ReagentPose, from: &[f64; 3], into: &mut [[f64; 4]; 3]| {
+            reagent_far_pose(pose, from.as_ptr(), here.as_ptr(), into.as_mut_ptr().cast())
+        };
+        let near_pose = |rows: &[[f64; 4]; 3], to: &[f64; 3], into: &mut ReagentPose| {
+            reagent_near_pose(rows.as_ptr().cast(), here.as_ptr(), to.as_ptr(), into)
+        };
+        let mut take_off = |cloud: &[f64; 6]| {
+            reagent_take_origin_off(cloud.as_ptr(), 2, origin.as_mut_ptr(), near.as_mut_ptr())
+        };
+        [
+            (far_pose(&unit, &none, &mut into), NotFinite),
+            (far_pose(&unit, &far, &mut into), NotFinite),
+            (far_pose(&bent, &here, &mut into), BadPose),
+            (near_pose(&rows, &none, &mut pose), NotFinite),
+            (near_pose(&bent_rows, &here, &mut pose), BadPose),
+            (near_pose(&away, &here, &mut pose), BadPose),
+            (take_off(&clouds[0]), NotFinite),
+            (take_off(&clouds[1]), NotFinite),
+        ]
+    };
+    for (index, (found, expected)) in found.into_iter().enumerate() {
+        assert_eq!(found, expected, "call {index}");
+    }
+    assert_eq!((pose, into), (ReagentPose::default(), [[0.0; 4]; 3]));
+    assert_eq!((origin, near), ([0.0; 3], [0.0; 6]));
+}

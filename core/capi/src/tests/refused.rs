@@ -117,7 +117,7 @@ fn what_cannot_be_registered_is_refused_and_changes_nothing() {
             (refine(with(|task| task.background_points = 9)), Pointer),
             (
                 refine(with(|task| task.background_points = 1 << 20)),
-                TooManyPoints,
+                BackgroundTooManyPoints,
             ),
             (
                 refine(with(|task| task.start.rows[0][3] = f32::INFINITY)),

@@ -219,3 +219,55 @@ fn refused_calls_leave_the_registration_under_way() {
         assert_eq!(after_two_steps(memory, true), expected);
     }
 }
+
+/// Whatever is refused, and when it is found out.
+#[test]
+fn a_refused_call_leaves_a_registration_under_way() {
+    let (mut memory, mut workspace) = (memory(), workspace());
+    let memory: *mut ReagentMemory = &raw mut *memory;
+    let workspace: *mut ReagentWorkspace = &raw mut *workspace;
+    let (source, target) = (bracket(0.0), bracket(0.37));
+    let (from, to) = (
+        source.as_flattened().as_ptr(),
+        target.as_flattened().as_ptr(),
+    );
+    let mut answer = ReagentAnswer::default();
+    let mut tiny = target.clone();
+    for x in tiny.as_flattened_mut() {
+        *x *= 1e-30;
+    }
+    let tiny = tiny.as_flattened().as_ptr();
+    static NOWHERE: [f32; 3] = [f32::NAN; 3];
+    use ReagentStatus::*;
+    // SAFETY: pointers to live values.
+    unsafe {
+        let policy = compact();
+        assert_eq!(reagent_init(memory, policy.as_ptr(), policy.len()), Ok);
+        assert_eq!(reagent_set_target(memory, to, 600), Ok);
+        assert_eq!(reagent_set_source(memory, from, 600, null()), Ok);
+        let before = after_two_steps(memory, false);
+        let mut refused = |target, change: fn(&mut ReagentTask)| {
+            let mut task = reagent_task();
+            change(&mut task);
+            let into = &raw mut answer;
+            reagent_register(memory, workspace, from, 600, target, 600, &task, into)
+        };
+        for (told, expected) in [
+            (refused(tiny, |_| ()), NoExtent),
+            (refused(to, |task| task.along = -1.0), BadUncertainty),
+            (
+                refused(to, |task| task.view_point = NOWHERE.as_ptr()),
+                BadViewPoint,
+            ),
+            (refused(to, |task| task.start.rows = [[2.0; 4]; 3]), BadPose),
+        ] {
+            assert_eq!(told, expected);
+        }
+        let mut after = ReagentResult::default();
+        assert_eq!(reagent_result(memory, &mut after), Ok);
+        assert_eq!(after, before);
+        assert_eq!(reagent_step(memory, null_mut()), Ok);
+        assert_eq!(refused(to, |_| ()), Ok);
+        assert_eq!(reagent_step(memory, null_mut()), NotStarted);
+    }
+}

@@ -157,3 +157,35 @@ fn nft_understands_the_limit_of_connections() {
     }
     assert!(said.status.success(), "{warnings}");
 }
+
+/// Names and addresses, with a port or without one, of IPv4 and IPv6.
+#[test]
+fn the_router_is_reached_under_names_and_addresses() {
+    let make_ca = |address: &str| {
+        let folder = tempfile::tempdir().expect("a temporary directory");
+        let mut command = Command::new(deploy("make-ca"));
+        command.arg(folder.path()).args(["lab", address, "arm1"]);
+        let output = command.output().expect("the script runs");
+        let robot = std::fs::read_to_string(folder.path().join("arm1.json5"));
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        (output.status.code(), robot.unwrap_or_default(), said)
+    };
+    if Command::new("openssl").arg("version").output().is_err() {
+        return eprintln!("skipped: openssl is not installed");
+    }
+    for (address, endpoint) in [
+        ("router_1.local", "quic/router_1.local:7447?"),
+        ("192.168.1.5:7450", "quic/192.168.1.5:7450?"),
+        ("::1", "quic/[::1]:7447?"),
+        ("[fe80::1:2]:7450", "quic/[fe80::1:2]:7450?"),
+    ] {
+        let (status, robot, said) = make_ca(address);
+        assert_eq!(status, Some(0), "{address}: {said}");
+        assert!(robot.contains(endpoint), "{address}: {robot}");
+    }
+    for address in ["router:x", "router:", "router:70000", "a router", "a:b:c"] {
+        let (status, robot, said) = make_ca(address);
+        assert_eq!((status, robot.as_str()), (Some(2), ""), "{address}");
+        assert!(said.starts_with("make-ca: "), "{address}: {said}");
+    }
+}

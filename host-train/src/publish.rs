@@ -27,7 +27,8 @@ use crate::learn::train::TrainError;
 use crate::policy::{ExportError, WeightFile};
 use ed25519_dalek::{Signer, SigningKey};
 use reagent_core::Error;
-use reagent_core::wire::{self, Manifest, Message, Release, SignedManifest, keys};
+use reagent_core::wire::{self, Manifest, Message, NotTaken, Release, SignedManifest, keys};
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 use thiserror::Error;
@@ -154,6 +155,8 @@ pub struct Publisher {
     newest: Arc<Mutex<(Release, Vec<u8>)>>,
     queryables: Vec<Queryable<()>>,
     announcing: Option<Queryable<()>>,
+    /// What robots had refused when the newest policy was prepared.
+    refused_before: BTreeMap<String, NotTaken>,
     /// Where the policies published from here on come from.
     pub provenance: Provenance,
     /// The epoch of the policies published from here on: one more is the way back from a version that should never
@@ -175,6 +178,7 @@ impl Publisher {
             newest: Arc::default(),
             queryables: Vec::new(),
             announcing: None,
+            refused_before: BTreeMap::new(),
             provenance: Provenance::default(),
             epoch: 0,
         })
@@ -235,7 +239,7 @@ impl Publisher {
     /// # Errors
     /// As [`Publisher::publish`].
     pub async fn prepare(
-        &self,
+        &mut self,
         version: u64,
         name: &str,
         file: &WeightFile,
@@ -252,7 +256,7 @@ impl Publisher {
 
     /// Refuses a version that does not grow, since robots would not take it, or some would and some would not, and
     /// one that leaves none for those after it.
-    async fn check_version(&self, manifest: &Manifest) -> Result<(), PublishError> {
+    async fn check_version(&mut self, manifest: &Manifest) -> Result<(), PublishError> {
         let given = manifest.release();
         let key = keys::manifest(&self.fleet).map_err(refused(&self.fleet))?;
         let own = self.newest.lock().expect("no holder panics").0;
@@ -262,7 +266,10 @@ impl Publisher {
             let by = "is announced".to_owned();
             (other.release(), Some(other.sha256), by)
         }));
+        self.refused_before.clear();
         for Heard { robot, status } in self.robots().await? {
+            let refused = status.not_taken.map(|not| (robot.clone(), not));
+            self.refused_before.extend(refused);
             let policy = status.policy.map(|policy| {
                 let by = format!("robot {robot} runs");
                 (policy.release(), Some(policy.sha256), by)

@@ -149,3 +149,35 @@ async fn a_policy_that_is_silently_worse_is_caught_at_the_first_stage_of_a_fleet
     assert!(!load.is_finished(), "requests were answered all the time");
     load.abort();
 }
+
+/// That others come first was said at the stage before, and is no word of this one.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_stage_has_its_robots_before_it_is_judged() {
+    let network = Network::start().await;
+    let _nodes = [
+        network.node(FLEET, "a").await,
+        network.node(FLEET, "b").await,
+        network.node(FLEET, "c").await,
+    ];
+    let mut publisher = publisher(&network).await;
+    let manifest = publisher.prepare(1, "first", &good_policy()).await;
+    let gate = Gate {
+        poses: 0,
+        wait: Duration::from_secs(60),
+    };
+    let stages: Stages = "1,2,100%".parse().expect("stages");
+    let mut told = Vec::new();
+    let outcome = publisher
+        .roll_out(
+            &manifest.expect("a sound policy"),
+            &good_policy(),
+            &stages,
+            gate,
+            |line| told.push(line),
+        )
+        .await;
+    assert_eq!(outcome.expect("an open session"), Ok(()));
+    told.retain(|line| line.starts_with("stage"));
+    let taken = |robots: usize| format!("stage of {robots} robots: taken");
+    assert_eq!(told, [1, 2, 3].map(taken));
+}

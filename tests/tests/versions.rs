@@ -125,6 +125,34 @@ async fn publishers_are_told_who_took_a_policy_and_who_did_not_and_why() {
     assert_eq!(told.silent, []);
 }
 
+/// Signed with the wrong key, and then with the right one: what a robot said of the first is not taken for the second's.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_version_that_was_refused_is_taken_from_who_is_trusted() {
+    let network = Network::start().await;
+    let config = NodeConfig {
+        fleet: FLEET.into(),
+        robot: "a".into(),
+        trust: Trust::Keys(vec![key(1).verifying_key()]),
+        state: None,
+    };
+    let node = Node::start(network.join().await, config).await;
+    let _node = node.expect("good names");
+    let told = async |publisher: &mut Publisher, seconds: u64| {
+        let published = publisher.publish(1, "policy", int8_policy()).await;
+        let published = published.expect("a good policy");
+        let told = publisher.reception(&published, Duration::from_secs(seconds));
+        told.await.expect("an open session")
+    };
+    let mut stranger = Publisher::new(network.join().await, FLEET, key(2)).expect("a good name");
+    let untrusted = [("a".to_owned(), WhyNot::Untrusted)];
+    assert_eq!(told(&mut stranger, 60).await.refused, untrusted);
+    // Of the wrong key again, when the time is over.
+    assert_eq!(told(&mut stranger, 0).await.refused, untrusted);
+    drop(stranger);
+    let mut publisher = publisher(&network).await;
+    assert_eq!(told(&mut publisher, 60).await.taken, ["a"]);
+}
+
 #[tokio::test(flavor = "multi_thread")]
 async fn a_policy_that_is_announced_and_asked_for_is_refused_once() {
     let network = Network::start().await;

@@ -62,7 +62,7 @@ pub struct PublishArgs {
         conflicts_with = "store"
     )]
     pub stages: Option<Stages>,
-    /// Poses that the robots of a stage must have given, together, before the next stage.
+    /// Poses that the robots of a stage must give, together, once they have the policy, before the next stage.
     #[arg(long, value_name = "N", default_value_t = 100, requires = "stages")]
     pub gate_poses: u64,
     /// How long a stage may take to give them, seconds.

@@ -1,7 +1,7 @@
 //! What the fleet's robots make of a policy: who takes it, who does not, and why.
 
 use super::{PublishError, Publisher, refused};
-use reagent_core::wire::{self, Manifest, Message, PolicyId, Status, WhyNot, keys};
+use reagent_core::wire::{self, Manifest, Message, NotTaken, PolicyId, Status, WhyNot, keys};
 use std::collections::BTreeMap;
 use std::fmt;
 use std::time::Duration;
@@ -46,14 +46,27 @@ pub struct Reception {
 }
 
 impl Reception {
-    fn of(robots: &BTreeMap<String, Status>, policy: PolicyId) -> Reception {
+    /// What robots say of a policy. What one said of it `before` it was announced, by another publisher perhaps, is no word of
+    /// this announcement, nor is that others come first where it is this robot's turn.
+    fn of(
+        robots: &BTreeMap<String, Status>,
+        manifest: &Manifest,
+        before: &BTreeMap<String, NotTaken>,
+    ) -> Reception {
+        let policy = manifest.id();
+        let is_old = |robot: &str, not: NotTaken| match not.reason {
+            WhyNot::NotYet => manifest.reaches(robot),
+            _ => before.get(robot) == Some(&not),
+        };
         let mut reception = Reception::default();
         for (robot, status) in robots {
+            let said = status.not_taken.filter(|not| not.policy == policy);
+            let said = said.filter(|&not| !is_old(robot, not));
             let robot = robot.clone();
-            match status.not_taken {
+            match said {
                 _ if status.policy == Some(policy) => reception.taken.push(robot),
-                Some(not) if not.policy == policy => reception.refused.push((robot, not.reason)),
-                _ => reception.silent.push((robot, status.policy)),
+                Some(not) => reception.refused.push((robot, not.reason)),
+                None => reception.silent.push((robot, status.policy)),
             }
         }
         reception
@@ -131,7 +144,8 @@ impl Publisher {
         Ok(self.session.declare_subscriber(key.as_str()).await?)
     }
 
-    /// Waits until every robot that is there has taken a policy or has said why not, for so long at most.
+    /// Waits until every robot that is there has taken a policy or has said why not, for so long at most. One that refused
+    /// the same policy before it was announced is given that time to take it.
     ///
     /// # Errors
     /// `Zenoh`.
@@ -145,12 +159,12 @@ impl Publisher {
         let there = self.robots().await?.into_iter();
         let mut robots: BTreeMap<_, _> = there.map(|heard| (heard.robot, heard.status)).collect();
         loop {
-            let reception = Reception::of(&robots, manifest.id());
+            let reception = Reception::of(&robots, manifest, &self.refused_before);
             if reception.silent.is_empty() {
                 return Ok(reception);
             }
             match tokio::time::timeout_at(deadline, changes.recv_async()).await {
-                Err(_) => return Ok(reception),
+                Err(_) => return Ok(Reception::of(&robots, manifest, &BTreeMap::new())),
                 Ok(sample) => {
                     let heard = Heard::read(&sample?);
                     robots.extend(heard.map(|heard| (heard.robot, heard.status)));
@@ -163,30 +177,38 @@ impl Publisher {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use reagent_core::wire::NotTaken;
+    use crate::policy::WeightFile;
+    use crate::policy::manifest::manifest as manifest_of;
 
-    #[test]
-    fn a_reception_says_who_took_it_and_who_did_not_and_why() {
-        let id = |version| PolicyId {
-            epoch: 0,
-            version,
-            sha256: [version as u8; 32],
-        };
-        let status = |policy, not_taken: Option<(PolicyId, WhyNot)>| Status {
+    fn status(policy: Option<PolicyId>, not_taken: Option<(PolicyId, WhyNot)>) -> Status {
+        Status {
             policy,
             not_taken: not_taken.map(|(policy, reason)| NotTaken { policy, reason }),
             ..Status::default()
-        };
+        }
+    }
+
+    /// A manifest, and its policy's id under this version and the one before it.
+    fn manifest() -> (Manifest, [PolicyId; 2]) {
+        let file = WeightFile::pretrained();
+        let manifest = manifest_of(2, "second", &file).expect("a good policy");
+        let id = manifest.id();
+        (manifest, [PolicyId { version: 1, ..id }, id])
+    }
+
+    #[test]
+    fn a_reception_says_who_took_it_and_who_did_not_and_why() {
+        let (manifest, [old, new]) = manifest();
         let robots = BTreeMap::from([
-            ("a".into(), status(Some(id(2)), None)),
+            ("a".into(), status(Some(new), None)),
             (
                 "b".into(),
-                status(Some(id(1)), Some((id(2), WhyNot::Untrusted))),
+                status(Some(old), Some((new, WhyNot::Untrusted))),
             ),
-            ("c".into(), status(None, Some((id(1), WhyNot::SelfTest)))),
-            ("d".into(), status(Some(id(1)), None)),
+            ("c".into(), status(None, Some((old, WhyNot::SelfTest)))),
+            ("d".into(), status(Some(old), None)),
         ]);
-        let reception = Reception::of(&robots, id(2));
+        let reception = Reception::of(&robots, &manifest, &BTreeMap::new());
         assert!(!reception.is_complete());
         let lines = "taken by 1 of 4 robots: a\n\
                      not taken by b: it does not trust the signing key\n\
@@ -195,5 +217,33 @@ mod tests {
         assert_eq!(reception.to_string(), lines);
         let nobody = Reception::default().to_string();
         assert!(nobody.starts_with("no robot is there"), "{nobody}");
+    }
+
+    #[test]
+    fn what_was_said_before_is_no_word_of_it() {
+        let (manifest, [_, new]) = manifest();
+        let robots = BTreeMap::from([
+            ("a".to_owned(), status(None, Some((new, WhyNot::Untrusted)))),
+            ("b".to_owned(), status(None, Some((new, WhyNot::NotKept)))),
+            ("c".to_owned(), status(None, Some((new, WhyNot::NotYet)))),
+        ]);
+        let untrusted = NotTaken {
+            policy: new,
+            reason: WhyNot::Untrusted,
+        };
+        let before = ["a", "b"].map(|robot| (robot.to_owned(), untrusted));
+        let names = |manifest: &Manifest, before: BTreeMap<_, _>| {
+            let reception = Reception::of(&robots, manifest, &before);
+            let silent = reception.silent.into_iter().map(|(robot, _)| robot);
+            silent.collect::<Vec<_>>()
+        };
+        assert_eq!(names(&manifest, before.into()), ["a", "c"]);
+        assert_eq!(names(&manifest, BTreeMap::new()), ["c"]);
+        // Where it goes to no robot yet, that is the word.
+        let nobody_yet = Manifest {
+            reach: 0,
+            ..manifest
+        };
+        assert_eq!(names(&nobody_yet, BTreeMap::new()), [""; 0]);
     }
 }

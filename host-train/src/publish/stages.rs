@@ -65,7 +65,7 @@ impl Stage {
 /// What the robots of a stage must have shown before the next one.
 #[derive(Clone, Copy, Debug)]
 pub struct Gate {
-    /// Poses that they must have given, together.
+    /// Poses that they must give, together, once all of them have the policy.
     pub poses: u64,
     /// How long that may take.
     pub wait: Duration,
@@ -78,7 +78,7 @@ pub enum Halt {
     NotTaken(Reception),
     /// The robots that have it did not give enough poses to be judged by.
     Unknown {
-        /// Poses given.
+        /// Poses given since all of them have it.
         poses: u64,
         /// Poses wanted.
         wanted: u64,
@@ -162,9 +162,12 @@ impl Publisher {
                 .filter(|heard| (heard.status.policy == id) == new);
             total(heard.map(|heard| heard.status.tally))
         };
+        // What earlier stages gave says nothing of the robots that have it since.
+        let earlier = sum(&robots, true).poses();
         loop {
             let (new, mut old) = (sum(&robots, true), sum(&robots, false));
-            if new.poses() >= gate.poses {
+            let given = new.poses().saturating_sub(earlier);
+            if given >= gate.poses {
                 if old.poses() < gate.poses {
                     old = total([old].into_iter().chain(before.values().copied()));
                 }
@@ -178,7 +181,7 @@ impl Publisher {
                     robots.extend(heard.map(|heard| (heard.robot.clone(), heard)));
                 }
                 Err(_) => {
-                    let (poses, wanted) = (new.poses(), gate.poses);
+                    let (poses, wanted) = (given, gate.poses);
                     return Ok(Err(Halt::Unknown { poses, wanted }));
                 }
             }

@@ -84,7 +84,7 @@ pub enum PublishError {
     },
     /// Robots are there that should have taken the policy and have not.
     #[error(
-        "{reception}; where robots have no word of it, the router may not let this certificate publish"
+        "{}; where robots have no word of it, the router may not let this certificate publish", .reception.one_line()
     )]
     NotTaken {
         /// What robots made of it.

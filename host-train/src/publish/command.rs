@@ -197,7 +197,8 @@ async fn roll_out(
             witness.published(&back);
             let wait = Duration::from_secs(args.wait);
             let reception = publisher.reception(&back, wait).await?;
-            format!("version {version} is the old policy again, {reception}")
+            let taken = reception.one_line();
+            format!("version {version} is the old policy again, {taken}")
         }
         _ => "the robots that have it keep it; run again with the same version to go on".into(),
     };

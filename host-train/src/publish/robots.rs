@@ -76,6 +76,11 @@ impl Reception {
     pub fn is_complete(&self) -> bool {
         self.refused.is_empty() && self.silent.is_empty()
     }
+
+    /// The same on one line, as errors are.
+    pub(super) fn one_line(&self) -> String {
+        self.to_string().replace('\n', "; ")
+    }
 }
 
 /// One line a robot, but those that have taken it together.
@@ -215,6 +220,7 @@ mod tests {
                      no word of it from c, which has no policy\n\
                      no word of it from d, which runs version 1";
         assert_eq!(reception.to_string(), lines);
+        assert_eq!(reception.one_line(), lines.replace('\n', "; "));
         let nobody = Reception::default().to_string();
         assert!(nobody.starts_with("no robot is there"), "{nobody}");
     }

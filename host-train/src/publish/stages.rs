@@ -90,7 +90,7 @@ pub enum Halt {
 impl fmt::Display for Halt {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Halt::NotTaken(reception) => write!(f, "{reception}"),
+            Halt::NotTaken(reception) => f.write_str(&reception.one_line()),
             Halt::Unknown { poses, wanted } => {
                 write!(
                     f,

@@ -14,7 +14,7 @@ use std::path::Path;
 /// depth: (rows, columns) of float or of integers of 16 bits or more, along the camera's axis; 0, negative numbers and NaN are no
 ///     depth, nor are masked elements.
 /// camera: fx, fy, cx, cy in pixels of an image without distortion, or the 3x3 matrix K.
-/// mask: (rows, columns), which pixels show the object; all if not given.
+/// mask: (rows, columns), which pixels show the object: those above 0; all if not given.
 /// depth_scale: what a unit of depth is in the unit of the points, which should be the target's; for BOP's depth_scale that is
 ///     millimetres.
 ///
@@ -29,7 +29,7 @@ use std::path::Path;
 ///        [ 0.25 ,  0.25 ,  1.   ]])
 /// >>> reagent.points_of_depth(depth, (2, 2, 0.5, 0.5), mask=depth > 2000)
 /// Traceback (most recent call last):
-/// reagent.Error: mask: no pixel shows the object: all are 0
+/// reagent.Error: mask: no pixel shows the object: none is above 0
 ///
 /// Such points are a view, which `register` takes with `viewpoint=(0, 0, 0)`; `register_depth` looks at the background, too.
 #[pyfunction]
@@ -63,7 +63,7 @@ pub(crate) fn depth_image(
     }
     let depth = image("depth", &without_mask(depth)?, |x| x as f32)?;
     let mask = mask
-        .map(|mask| image("mask", mask, |x| x != 0.0))
+        .map(|mask| image("mask", mask, |x| x > 0.0))
         .transpose()?;
     let camera = intrinsics(camera)?;
     let mask = mask.map(|mask| (Path::new("mask"), mask));

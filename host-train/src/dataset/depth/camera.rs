@@ -145,7 +145,7 @@ fn of_json(text: &str, image: &Path) -> Result<Intrinsics, String> {
                 .width
                 .zip(flat.height)
                 .map(|(width, height)| [width, height]),
-            depth_scale: flat.depth_scale,
+            depth_scale: checked_scale(flat.depth_scale)?,
             ..camera
         });
     }
@@ -163,9 +163,18 @@ fn of_json(text: &str, image: &Path) -> Result<Intrinsics, String> {
         depth_scale,
     } = fields(entry)?;
     Ok(Intrinsics {
-        depth_scale,
+        depth_scale: checked_scale(depth_scale)?,
         ..Intrinsics::of_matrix(matrix)?
     })
+}
+
+fn checked_scale(scale: Option<f64>) -> Result<Option<f64>, String> {
+    match scale {
+        Some(scale) if !(scale > 0.0 && scale.is_finite()) => {
+            Err(format!("its depth_scale is {scale}"))
+        }
+        scale => Ok(scale),
+    }
 }
 
 fn fields<T: DeserializeOwned>(document: Value) -> Result<T, String> {

@@ -51,7 +51,7 @@ pub enum DepthError {
         expected: [usize; 2],
     },
     /// No pixel of the mask is set.
-    #[error("{}: no pixel shows the object: all are 0", path.display())]
+    #[error("{}: no pixel shows the object: none is above 0", path.display())]
     EmptyMask {
         /// Mask concerned.
         path: PathBuf,

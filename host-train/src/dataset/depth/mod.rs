@@ -4,7 +4,7 @@
 //! |---|---|
 //! | depths | greyscale PNG of 16 bits, or an array `.npy` of floats or of integers of 16 bits or more; 0, negative and NaN: nothing was measured |
 //! | camera | a pinhole without distortion: [`Intrinsics`] |
-//! | mask | greyscale PNG of up to 8 bits, or an array `.npy`: anything but 0 shows the object |
+//! | mask | greyscale PNG of up to 8 bits, or an array `.npy`: what is above 0 shows the object |
 //!
 //! Points are in the camera's frame: x to the right, y down, z along its axis. The view point is their origin.
 
@@ -195,7 +195,7 @@ pub fn read_mask(path: &Path) -> Result<Image<bool>, DepthError> {
     if extension(path) == "png" {
         return Ok(image::read_mask(path)?.map(|value| value > 0));
     }
-    Ok(read_grid(path, MASK)?.image.map(|value| value != 0.0))
+    Ok(read_grid(path, MASK)?.image.map(|value| value > 0.0))
 }
 
 fn read_grid(path: &Path, expected: &'static str) -> Result<npy::Grid, DepthError> {

@@ -132,6 +132,8 @@ fn cameras_are_four_numbers_or_files_of_several_kinds() {
         ("600 610 320 one", "\"one\" is not a number"),
         ("600 2 320 0 610 240 0 0 1", "K has the rows"),
         ("{\"fx\": 600}", "missing field `fy`"),
+        (&bop.replace("0.1", "0"), "its depth_scale is 0"),
+        (&entry.replace("0.1", "-1"), "its depth_scale is -1"),
         ("{\"cam_K\": [600]}", "invalid length 1"),
         (&format!("{{\"3\": {entry}}}"), "no image 000007"),
         ("{", "EOF"),
@@ -172,6 +174,13 @@ fn files_are_images_of_the_right_kind() {
     array("b.npy", "|b1", &[1, 2], &[0, 1]);
     let mask = read_mask(&at("b.npy")).expect("a mask");
     assert_eq!(mask, image([2, 1], &[false, true]));
+
+    // Labels below 0 and NaN are nothing.
+    array("labels.npy", "|i1", &[1, 3], &[255, 0, 7]);
+    let mask = read_mask(&at("labels.npy")).expect("a mask");
+    assert_eq!(mask, image([3, 1], &[false, false, true]));
+    let mask = read_mask(&at("f.npy")).expect("a mask");
+    assert_eq!(mask.values, [true, true, true, false, true, true]);
 
     array("short.npy", "<f4", &[4, 3], &floats);
     array("flat.npy", "<f4", &[6], &floats);

@@ -32,6 +32,12 @@ pub enum CloudError {
         /// File concerned.
         path: PathBuf,
     },
+    /// A format of float32 would round coordinates that lie far from the origin.
+    #[error("{}: .stl has no digits for coordinates so far from the origin; write it as .ply .obj or .off", path.display())]
+    Rounded {
+        /// File concerned.
+        path: PathBuf,
+    },
     /// The operating system refused to read or write.
     #[error("{}: {source}", path.display())]
     Io {

@@ -15,21 +15,48 @@ pub(super) fn decode<'a>(bytes: &'a [u8], notes: &mut Vec<Note>) -> Result<Cow<'
             _ => Err("it begins like UTF-16 text and is none; write it as UTF-8".to_owned()),
         }
     };
-    match bytes {
-        [0xef, 0xbb, 0xbf, rest @ ..] => Ok(String::from_utf8_lossy(rest)),
+    let text = match bytes {
+        [0xef, 0xbb, 0xbf, rest @ ..] => String::from_utf8_lossy(rest),
         [0xff, 0xfe, rest @ ..] => {
             notes.push(Note::Utf16);
-            wide(rest, u16::from_le_bytes)
+            wide(rest, u16::from_le_bytes)?
         }
         [0xfe, 0xff, rest @ ..] => {
             notes.push(Note::Utf16);
-            wide(rest, u16::from_be_bytes)
+            wide(rest, u16::from_be_bytes)?
         }
         _ if bytes.iter().take(1024).any(|&b| b == 0) => {
-            Err("it is not text; UTF-16 needs a byte order mark".into())
+            return Err("it is not text; UTF-16 needs a byte order mark".into());
         }
-        _ => Ok(String::from_utf8_lossy(bytes)),
-    }
+        _ => String::from_utf8_lossy(bytes),
+    };
+    // Lines of a classic Macintosh, as some programs still write them.
+    Ok(match text.contains('\r') && !text.contains('\n') {
+        true => text.replace('\r', "\n").into(),
+        false => text,
+    })
+}
+
+/// A line without its comment, and the comment, which begins at a `#` that is none of a number's: see [`number`].
+pub(super) fn without_comment(line: &str) -> (&str, &str) {
+    let is_number = |at: usize| {
+        let after = line[at + 1..].chars().next();
+        line[..at].ends_with('.') && after.is_some_and(|c| c.is_ascii_alphabetic())
+    };
+    let mut marks = line.match_indices('#').map(|(at, _)| at);
+    line.split_at(marks.find(|&at| !is_number(at)).unwrap_or(line.len()))
+}
+
+/// A number. What is none as programs on Windows write it, `-nan(ind)` or `1.#QNAN`, is NaN.
+pub(super) fn number(word: &str) -> Option<f64> {
+    word.parse().ok().or_else(|| {
+        let word = word.trim_start_matches(['-', '+']);
+        let begins = |start: &str| {
+            let of_word = word.get(..start.len());
+            of_word.is_some_and(|word| word.eq_ignore_ascii_case(start))
+        };
+        (begins("nan(") || begins("1.#")).then_some(f64::NAN)
+    })
 }
 
 /// Lines that hold something, with their numbers from 1, without what follows a `#`.
@@ -37,15 +64,13 @@ pub(super) fn numbered(text: &str) -> impl Iterator<Item = (usize, &str)> {
     let numbered = text
         .lines()
         .enumerate()
-        .map(|(i, line)| (i + 1, line.split('#').next().unwrap_or("").trim()));
+        .map(|(i, line)| (i + 1, without_comment(line).0.trim()));
     numbered.filter(|(_, line)| !line.is_empty())
 }
 
 /// The numbers of a line, separated by white space; `None` where a word is no number.
 pub(super) fn numbers(text: &str) -> Option<Vec<f64>> {
-    text.split_whitespace()
-        .map(|word| word.parse().ok())
-        .collect()
+    text.split_whitespace().map(number).collect()
 }
 
 /// The first three of a line's numbers.

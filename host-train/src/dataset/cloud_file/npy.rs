@@ -1,5 +1,5 @@
 //! NumPy arrays `.npy`: `[N, C]` numbers, of which the first three columns are coordinates; `[C, N]` where the
-//! second axis is longer, and `[H, W, C]` of an organised cloud. Six columns are coordinates and normals where
+//! second axis is longer, and `[H, W, C]` of an organised cloud, C of at most 16. Six columns are coordinates and normals where
 //! the last three are unit vectors everywhere.
 //!
 //! Read here rather than by a crate: the header of a plain array is one line, and the crates' parsers of
@@ -20,11 +20,16 @@ pub(super) fn parse(bytes: &[u8]) -> Result<CloudFile, String> {
         payload,
         ..
     } = Array::of(bytes)?;
-    let unexpected = || format!("its shape is ({shape}), expected (N, 3) or more columns");
-    let (first, second) = match sizes.as_deref() {
-        Some(&[rows, columns]) => (rows, columns),
-        Some(&[height, width, columns]) if columns >= 3 => {
-            (height.checked_mul(width).ok_or_else(unexpected)?, columns)
+    let unexpected = || {
+        format!(
+            "its shape is ({shape}), expected (N, 3) or more columns, or (rows, columns, 3) to 16 of an organised cloud"
+        )
+    };
+    let (first, second, organised) = match sizes.as_deref() {
+        Some(&[rows, columns]) | Some(&[1, rows, columns]) => (rows, columns, false),
+        Some(&[height, width, columns @ 3..=16]) => {
+            let points = height.checked_mul(width).ok_or_else(unexpected)?;
+            (points, columns, true)
         }
         _ => return Err(unexpected()),
     };
@@ -42,6 +47,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<CloudFile, String> {
     };
     // Points lie along the longer axis; but a few points may have more columns than there are points.
     let transposed = match (first, second) {
+        _ if organised => false,
         (3.., 6) if second > first => !normals_in_rows(),
         (3, 4..) => true,
         (4.., 17..) => second > first,

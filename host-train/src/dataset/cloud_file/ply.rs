@@ -149,8 +149,8 @@ pub(super) fn parse(bytes: &[u8]) -> Result<CloudFile, String> {
     Ok(file)
 }
 
-/// The file with a number beyond all coordinates for every `nan` and `inf` of an ASCII one: the parser knows no
-/// such words.
+/// The file with a number beyond all coordinates for every `nan`, `inf` and `1.#QNAN` of an ASCII one: the parser knows
+/// no such words.
 fn without_words(bytes: &[u8]) -> Cow<'_, [u8]> {
     const END: &[u8] = b"end_header";
     let Some(end) = bytes.windows(END.len()).position(|word| word == END) else {
@@ -161,7 +161,7 @@ fn without_words(bytes: &[u8]) -> Cow<'_, [u8]> {
     let is_word = |word: &&[u8]| {
         let number = word.strip_prefix(b"-").unwrap_or(word);
         let start = number.get(..3).unwrap_or_default().to_ascii_lowercase();
-        start == b"nan" || start == b"inf"
+        start == b"nan" || start == b"inf" || start == b"1.#"
     };
     let blank = u8::is_ascii_whitespace;
     if !is_ascii || !payload.split(blank).any(|word| is_word(&word)) {

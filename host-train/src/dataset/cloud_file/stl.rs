@@ -108,7 +108,7 @@ fn ascii(text: &str) -> Result<Vec<Position>, String> {
     Ok(corners)
 }
 
-/// The mesh, binary; the format has no room for more than float32.
+/// The mesh, binary; the format has no room for more than float32, which suffices near the origin.
 pub(super) fn emit(file: &CloudFile) -> Vec<u8> {
     let faces = file.faces.as_deref().unwrap_or_default();
     let mut bytes = vec![b' '; HEADER - 4];

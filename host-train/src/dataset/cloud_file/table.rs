@@ -4,7 +4,7 @@
 //! the points; names of the columns, also in a comment (`//X Y Z`); a decimal comma; and a first column that
 //! counts the lines. What could be read in two ways is refused.
 
-use super::lines::{decode, excerpt};
+use super::lines::{self, decode, excerpt, without_comment};
 use super::{CloudFile, Note, Position};
 use crate::dataset::Point;
 use std::borrow::Cow;
@@ -44,8 +44,9 @@ pub(super) fn parse(bytes: &[u8]) -> Result<CloudFile, String> {
 impl Table {
     /// Reads one line.
     fn read(&mut self, text: &str) -> Result<(), String> {
-        let comment = text.find('#').into_iter().chain(text.find("//")).min();
-        let (content, comment) = text.split_at(comment.unwrap_or(text.len()));
+        let slashes = text.find("//").unwrap_or(text.len());
+        let content = without_comment(&text[..slashes]).0;
+        let comment = &text[content.len()..];
         let content = content.trim();
         if content.is_empty() {
             let names = self.names_of(comment.trim_start_matches(['#', '/']));
@@ -330,27 +331,33 @@ impl Layout {
     }
 }
 
-/// Where the coordinates are.
+/// Names of the coordinates, as one program or another gives them.
+const COORDINATES: [[&str; 3]; 6] = [
+    ["x", "y", "z"],
+    ["points:0", "points:1", "points:2"],
+    ["points_0", "points_1", "points_2"],
+    ["x_coord", "y_coord", "z_coord"],
+    ["easting", "northing", "elevation"],
+    ["east", "north", "height"],
+];
+
+/// Where the coordinates are: columns whose names go together, whatever else is there, or the only ones that may be.
 fn coordinates(names: &[String]) -> Option<[usize; 3]> {
-    let place = |options: [&str; 6]| names.iter().position(|n| options.contains(&n.as_str()));
-    let x = place(["x", "points:0", "points_0", "easting", "east", "x_coord"]);
-    let y = place(["y", "points:1", "points_1", "northing", "north", "y_coord"]);
-    let z = place([
-        "z",
-        "points:2",
-        "points_2",
-        "elevation",
-        "height",
-        "z_coord",
-    ]);
-    Some([x?, y?, z?])
+    let place = |name: &str| names.iter().position(|n| n == name);
+    let together = |[x, y, z]: [&str; 3]| Some([place(x)?, place(y)?, place(z)?]);
+    let only = |axis: usize| {
+        let mut places = COORDINATES.iter().filter_map(|of| place(of[axis]));
+        places.next().filter(|_| places.next().is_none())
+    };
+    let found = COORDINATES.into_iter().find_map(together);
+    found.or_else(|| Some([only(0)?, only(1)?, only(2)?]))
 }
 
 /// A number, or NaN for a field without content.
 fn number(field: &str) -> Option<f64> {
     match field {
         "" => Some(f64::NAN),
-        _ => field.parse().ok(),
+        _ => lines::number(field),
     }
 }
 

@@ -284,18 +284,20 @@ proptest! {
 
 #[test]
 fn invalid_points_go_with_their_faces() {
-    let ply = PLY.replace("1 0 0 9", "3.4e38 0 0 9");
-    let file = read(".ply", ply.as_bytes()).expect("ply");
-    assert_eq!(
-        file.points,
-        [TETRAHEDRON[0], TETRAHEDRON[2], TETRAHEDRON[3]]
-    );
-    // Of the triangle and the polygon cut in two, one triangle has no invalid corner.
-    assert_eq!(file.faces, Some(vec![[0, 1, 2]]));
-    assert!(file.notes.contains(&Note::Dropped {
-        points: 1,
-        faces: 2
-    }));
+    for number in ["3.4e38", "nan", "-nan(ind)", "1.#QNAN", "-1.#INF00"] {
+        let ply = PLY.replace("1 0 0 9", &format!("{number} 0 0 9"));
+        let file = read(".ply", ply.as_bytes()).expect(number);
+        assert_eq!(
+            file.points,
+            [TETRAHEDRON[0], TETRAHEDRON[2], TETRAHEDRON[3]]
+        );
+        // Of the triangle and the polygon cut in two, one triangle has no invalid corner.
+        assert_eq!(file.faces, Some(vec![[0, 1, 2]]));
+        assert!(file.notes.contains(&Note::Dropped {
+            points: 1,
+            faces: 2
+        }));
+    }
     let off = OFF.replace("1 0 0", "nan 0 0");
     let file = read(".off", off.as_bytes()).expect("off");
     assert_eq!(file.faces, Some(vec![[0, 1, 2]]));

@@ -22,6 +22,9 @@ pub fn write_cloud(path: &Path, file: &CloudFile) -> Result<(), CloudError> {
     if file.faces.is_none() && matches!(kind.as_str(), "obj" | "off" | "stl") {
         return Err(CloudError::NoFaces { path: path.into() });
     }
+    if kind == "stl" && file.origin() != [0.0; 3] {
+        return Err(CloudError::Rounded { path: path.into() });
+    }
     let bytes = match kind.as_str() {
         "pcd" => pcd::emit(file),
         "npy" => npy::emit(file),

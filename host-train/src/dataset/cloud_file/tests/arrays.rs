@@ -54,6 +54,15 @@ fn arrays_of_both_orders_and_widths() {
         read(".npy", &image).expect("npy").points[3],
         [9.0, 10.0, 11.0]
     );
+    // One cloud in a batch is read as that cloud; where the coordinates are in other arrays of three axes is a guess.
+    let numbers: Vec<u8> = (0..60i32).flat_map(i32::to_le_bytes).collect();
+    let batch = npy("<i4", "False", "1, 3, 20", &numbers);
+    let file = read(".npy", &batch).expect("npy");
+    assert_eq!((file.points.len(), file.points[1]), (20, [1.0, 21.0, 41.0]));
+    for shape in ["3, 1, 20", "1, 60, 1", "3, 20, 1", "2, 1, 30"] {
+        let said = refused(".npy", &npy("<i4", "False", shape, &numbers));
+        assert!(said.contains(&format!("its shape is ({shape})")), "{said}");
+    }
     // Six columns that are no unit vectors are something else than normals.
     let colours: Vec<u8> = [1.0f32, 2.0, 3.0, 255.0, 0.0, 7.0]
         .iter()

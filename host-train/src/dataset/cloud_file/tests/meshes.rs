@@ -11,6 +11,12 @@ fn meshes_as_programs_write_them() {
         (relative.points.as_slice(), relative.faces),
         (&TETRAHEDRON[..], Some(vec![[0, 1, 2], [0, 1, 3]]))
     );
+    let unknown = b"v 0 0 0\nv 1 0 0\nv 0 1 1.#QNAN\nv 0 1 0 # here\nf 1 2 4\nf 1 2 3\n";
+    let file = read(".obj", unknown).expect("obj");
+    assert_eq!(
+        (file.points.as_slice(), file.faces),
+        (&TETRAHEDRON[..3], Some(vec![[0, 1, 2]]))
+    );
     for (bad, line) in [
         ("f 1 2 9", "line 4"),
         ("f 0 1 2", "line 4"),

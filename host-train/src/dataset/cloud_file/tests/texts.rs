@@ -49,6 +49,15 @@ fn text_as_programs_and_countries_write_it() {
                 read: 3,
             }],
         ),
+        ("1.5 -2.25 3\r4 5.5 6 # a comment\r7 8 9.5\r", vec![]),
+        // What is no number, as programs on Windows write it.
+        (
+            "1.5 -2.25 3\n1.#QNAN 2 3\n-1.#IND -1.#IND 1.#R\n4 5.5 6\n-nan(ind) 0 0\n7 8 9.5#end\n2 NaN(snan) 1.#INF00\n",
+            vec![Note::Dropped {
+                points: 4,
+                faces: 0,
+            }],
+        ),
     ] {
         let file = read(".csv", text.as_bytes()).unwrap_or_else(|e| panic!("{text:?}: {e}"));
         assert_eq!(
@@ -125,4 +134,23 @@ fn columns_beyond_the_coordinates_are_what_they_look_like() {
         (file.intensities, file.colours),
         (Some(vec![5.0]), Some(vec![[6, 7, 8]]))
     );
+}
+
+/// Names that go together are those of the coordinates, whatever else is named so.
+#[test]
+fn columns_are_the_coordinates_whose_names_go_together() {
+    let expected = [[1.0, 2.0, 3.0]];
+    for text in [
+        "height,x,y,z\n9,1,2,3\n",
+        "\"Elevation\",\"Points:0\",\"Points:1\",\"Points:2\"\n9,1,2,3\n",
+        "Easting,Northing,X,Y,Z\n8,9,1,2,3\n",
+        "northing,easting,height,elevation\n2,1,9,3\n",
+        "easting,northing,height\n1,2,3\n",
+        "z,x,y\n3,1,2\n",
+    ] {
+        let file = read(".csv", text.as_bytes()).expect("named");
+        assert_eq!(file.points, expected, "{text:?}");
+    }
+    let said = refused(".csv", b"x,y,height,elevation\n1,2,3,4\n");
+    assert!(said.contains("line 1: expected three"), "{said}");
 }

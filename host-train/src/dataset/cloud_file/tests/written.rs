@@ -17,9 +17,9 @@ fn what_is_written_reads_back() {
         for point in &mut full.points {
             point[1] += far;
         }
-        for name in [
-            "c.ply", "c.pcd", "c.npy", "c.XYZ", "c.obj", "c.off", "c.stl",
-        ] {
+        let stl = (far == 0.0).then_some("c.stl");
+        let others = ["c.ply", "c.pcd", "c.npy", "c.XYZ", "c.obj", "c.off"];
+        for name in others.into_iter().chain(stl) {
             let path = dir.path().join(name);
             let mesh = ["c.ply", "c.obj", "c.off", "c.stl"].contains(&name);
             let written = CloudFile {
@@ -68,6 +68,16 @@ fn what_is_written_reads_back() {
     };
     assert!(refused("d.stl").contains("no mesh; write it as .ply"));
     assert!(refused("d.doc").contains("written as .ply"));
+    // In float32 a tetrahedron of 1 would be flat there.
+    let far = CloudFile {
+        points: TETRAHEDRON.map(|[x, y, z]| [x, y + 5e7, z]).into(),
+        faces: Some(vec![[0, 1, 2]]),
+        ..CloudFile::default()
+    };
+    let path = dir.path().join("far.stl");
+    let said = write_cloud(&path, &far).expect_err("rounded").to_string();
+    assert!(said.contains("so far from the origin; write"), "{said}");
+    assert!(!path.exists() && write_cloud(&dir.path().join("far.off"), &far).is_ok());
 }
 
 #[test]

@@ -32,8 +32,6 @@ fn bad_usage_has_status_2() {
         "register --pairs l.txt --depth-scale 2",
         "register --pairs l.txt --mask m.png",
         "register a.ply b.ply --mode fast --dense always",
-        "register a.ply b.ply --mode refine --steps 3",
-        "register a.ply b.ply --mode refine --weights compact",
         "register --weights w.rgw a.ply b.ply --init 1,2,3",
         "register --weights w.rgw a.ply b.ply --init 2,0,0,0,0,1,0,0,0,0,1,0",
         "export --run run --format f64 --out w.rgw",

@@ -73,9 +73,9 @@ pub(super) struct RegisterArgs {
     /// Points of each cloud that the policy sees at most [default: 4096, or 2048 where there are more]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(16..=MAX_POINTS as u64))]
     points: Option<u64>,
-    /// Refinement steps at most [default: 10]
-    #[arg(long, value_name = "N", value_parser = positive())]
-    steps: Option<usize>,
+    /// Refinement steps at most
+    #[arg(long, value_name = "N", default_value_t = STEPS, value_parser = positive())]
+    steps: usize,
     /// What is done: fast (the policy's steps alone), polish (then closest points), verify, which is best (then compared
     /// with other poses), refine (closest points from the start, without the policy)
     #[arg(long, value_name = "MODE", default_value_t = Mode::Verify)]
@@ -214,12 +214,6 @@ impl RegisterArgs {
                 "mode fast ends with the policy's steps: take another mode for --dense always",
             );
         }
-        if self.mode == Mode::Refine && (self.weights.is_some() || self.steps.is_some()) {
-            bad_usage(
-                "register",
-                "mode refine takes no steps of a policy: leave out --weights and --steps",
-            );
-        }
         if self.fail_below.is_some() && self.mode == Mode::Fast {
             bad_usage(
                 "register",
@@ -262,7 +256,7 @@ impl RegisterArgs {
         let request = Request {
             start: starts[0],
             mode: self.mode,
-            steps: self.steps.unwrap_or(STEPS),
+            steps: self.steps,
             view_point,
             dense: self.dense,
         };

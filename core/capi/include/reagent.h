@@ -62,7 +62,7 @@ typedef enum {
   REAGENT_STATUS_TOO_FEW_POINTS = 5,
   // The source, or the only cloud of the call, has more than 4096 points.
   REAGENT_STATUS_TOO_MANY_POINTS = 6,
-  // A coordinate of the source, of the only cloud of the call or of a grid is NaN, infinite or beyond 1e12.
+  // A coordinate of the source, of the only cloud of the call, of a grid or of an origin is NaN, infinite or beyond 1e12.
   REAGENT_STATUS_NOT_FINITE = 7,
   // All points of a cloud coincide, or those of the target nearly.
   REAGENT_STATUS_NO_EXTENT = 8,

@@ -22,7 +22,7 @@ pub enum ReagentStatus {
     TooFewPoints = 5,
     /// The source, or the only cloud of the call, has more than 4096 points.
     TooManyPoints = 6,
-    /// A coordinate of the source, of the only cloud of the call or of a grid is NaN, infinite or beyond 1e12.
+    /// A coordinate of the source, of the only cloud of the call, of a grid or of an origin is NaN, infinite or beyond 1e12.
     NotFinite = 7,
     /// All points of a cloud coincide, or those of the target nearly.
     NoExtent = 8,

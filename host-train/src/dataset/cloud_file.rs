@@ -17,6 +17,7 @@
 #[cfg(not(target_family = "wasm"))]
 pub mod bag;
 mod checks;
+mod columns;
 mod error;
 mod extent;
 mod lines;

@@ -22,7 +22,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<CloudFile, String> {
     } = Array::of(bytes)?;
     let unexpected = || {
         format!(
-            "its shape is ({shape}), expected (N, 3) or more columns, or (rows, columns, 3) to 16 of an organised cloud"
+            "its shape is ({shape}), expected (N, 3) or more columns, or (rows, columns, 3 to 16) of an organised cloud"
         )
     };
     let (first, second, organised) = match sizes.as_deref() {

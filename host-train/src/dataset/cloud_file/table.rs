@@ -2,8 +2,10 @@
 //!
 //! Taken are blanks, tabs, commas or semicolons between the numbers; comments after `#` or `//`; a count before
 //! the points; names of the columns, also in a comment (`//X Y Z`); a decimal comma; and a first column that
-//! counts the lines. What could be read in two ways is refused.
+//! counts the lines. Where columns have names, those beside the coordinates may hold text. What could be read in two ways is
+//! refused.
 
+use super::columns::{Layout, coordinates};
 use super::lines::{self, decode, excerpt, without_comment};
 use super::{CloudFile, Note, Position};
 use crate::dataset::Point;
@@ -14,7 +16,9 @@ use std::borrow::Cow;
 struct Table {
     /// Names of the columns, in lower case, where a line gives them.
     names: Vec<String>,
-    /// Numbers, row by row.
+    /// Where the names put the coordinates.
+    point: Option<[usize; 3]>,
+    /// Numbers, row by row; NaN for text.
     numbers: Vec<f64>,
     /// Numbers of a row; 0 before the first.
     columns: usize,
@@ -50,11 +54,15 @@ impl Table {
         let content = content.trim();
         if content.is_empty() {
             let names = self.names_of(comment.trim_start_matches(['#', '/']));
-            self.names.extend(names.unwrap_or_default());
+            self.take_names(names.unwrap_or_default());
             return Ok(());
         }
         let fields = self.fields(content)?;
-        let row: Option<Vec<f64>> = fields.iter().map(|field| number(field)).collect();
+        let is_coordinate = |at: usize| self.point.is_none_or(|point| point.contains(&at));
+        let value = |(at, field): (usize, &Cow<str>)| {
+            number(field).or((!is_coordinate(at)).then_some(f64::NAN))
+        };
+        let row: Option<Vec<f64>> = fields.iter().enumerate().map(value).collect();
         match row.as_deref() {
             Some(&[count]) if count >= 0.0 && count.fract() == 0.0 => {
                 *self.counted.get_or_insert_default() += count as u64;
@@ -77,7 +85,7 @@ impl Table {
             _ => {}
         }
         match self.names_of(content) {
-            Some(names) => self.names = names,
+            Some(names) => self.take_names(names),
             None => {
                 return Err(format!(
                     "expected three coordinates, found \"{}\"",
@@ -145,6 +153,11 @@ impl Table {
             Some(true) => Err("a decimal point, where the lines before have commas".into()),
             _ => Ok(()),
         }
+    }
+
+    fn take_names(&mut self, names: Vec<String>) {
+        self.point = coordinates(&names).or(self.point);
+        self.names.extend(names);
     }
 
     /// The names of the columns, if this line before the points gives those of the coordinates.
@@ -234,123 +247,6 @@ impl Table {
         }
         Ok(())
     }
-}
-
-/// Which columns hold what.
-struct Layout {
-    point: [usize; 3],
-    normal: Option<[usize; 3]>,
-    colour: Option<[usize; 3]>,
-    intensity: Option<usize>,
-    /// The columns of which nothing is known.
-    ignored: String,
-}
-
-impl Layout {
-    /// By the columns' names; `None` where those of the coordinates are missing.
-    fn named(names: &[String]) -> Option<Layout> {
-        let place = |options: &[&str]| names.iter().position(|n| options.contains(&n.as_str()));
-        let places = |options: [&[&str]; 3]| {
-            let [a, b, c] = options.map(place);
-            Some([a?, b?, c?])
-        };
-        let point = coordinates(names)?;
-        let normal = places([
-            &["nx", "normal_x", "normals:0"],
-            &["ny", "normal_y", "normals:1"],
-            &["nz", "normal_z", "normals:2"],
-        ]);
-        let colour = places([&["r", "red"], &["g", "green"], &["b", "blue"]]);
-        let intensity = place(&["i", "intensity", "scalar_intensity", "reflectance"]);
-        let used: Vec<usize> = [Some(point), normal, colour]
-            .into_iter()
-            .flatten()
-            .flatten()
-            .chain(intensity)
-            .collect();
-        let ignored: Vec<&str> = (0..names.len())
-            .filter(|at| !used.contains(at))
-            .map(|at| names[at].as_str())
-            .filter(|name| !name.is_empty())
-            .collect();
-        Some(Layout {
-            point,
-            normal,
-            colour,
-            intensity,
-            ignored: match ignored.is_empty() {
-                true => String::new(),
-                false => format!("columns {}", ignored.join(", ")),
-            },
-        })
-    }
-
-    /// By their number, as `.pts` and most programs order them: `x y z`, then an intensity, a colour, or both,
-    /// then a normal. `is_byte` tells whether a column holds whole numbers up to 255.
-    fn guessed(first: usize, columns: usize, is_byte: impl Fn(usize) -> bool) -> Layout {
-        let at = |start: usize| [start, start + 1, start + 2];
-        let after = first + 3;
-        let bytes = |start: usize| start + 3 <= columns && (start..start + 3).all(&is_byte);
-        let mut layout = Layout {
-            point: at(first),
-            normal: None,
-            colour: None,
-            intensity: None,
-            ignored: String::new(),
-        };
-        let used = match columns - after {
-            0 => 0,
-            1 => {
-                layout.intensity = Some(after);
-                1
-            }
-            3 if bytes(after) => {
-                layout.colour = Some(at(after));
-                3
-            }
-            3 => {
-                layout.normal = Some(at(after));
-                3
-            }
-            4 if bytes(after + 1) => {
-                layout.intensity = Some(after);
-                layout.colour = Some(at(after + 1));
-                4
-            }
-            6 if bytes(after) => {
-                layout.colour = Some(at(after));
-                layout.normal = Some(at(after + 3));
-                6
-            }
-            _ => 0,
-        };
-        if used < columns - after {
-            layout.ignored = format!("columns from number {} on", after + used + 1);
-        }
-        layout
-    }
-}
-
-/// Names of the coordinates, as one program or another gives them.
-const COORDINATES: [[&str; 3]; 6] = [
-    ["x", "y", "z"],
-    ["points:0", "points:1", "points:2"],
-    ["points_0", "points_1", "points_2"],
-    ["x_coord", "y_coord", "z_coord"],
-    ["easting", "northing", "elevation"],
-    ["east", "north", "height"],
-];
-
-/// Where the coordinates are: columns whose names go together, whatever else is there, or the only ones that may be.
-fn coordinates(names: &[String]) -> Option<[usize; 3]> {
-    let place = |name: &str| names.iter().position(|n| n == name);
-    let together = |[x, y, z]: [&str; 3]| Some([place(x)?, place(y)?, place(z)?]);
-    let only = |axis: usize| {
-        let mut places = COORDINATES.iter().filter_map(|of| place(of[axis]));
-        places.next().filter(|_| places.next().is_none())
-    };
-    let found = COORDINATES.into_iter().find_map(together);
-    found.or_else(|| Some([only(0)?, only(1)?, only(2)?]))
 }
 
 /// A number, or NaN for a field without content.

@@ -147,10 +147,13 @@ fn columns_are_the_coordinates_whose_names_go_together() {
         "northing,easting,height,elevation\n2,1,9,3\n",
         "easting,northing,height\n1,2,3\n",
         "z,x,y\n3,1,2\n",
+        "name;x;y;z;when\nP 1;1;2;3;12:30\n",
     ] {
         let file = read(".csv", text.as_bytes()).expect("named");
         assert_eq!(file.points, expected, "{text:?}");
     }
+    let said = refused(".csv", b"name,x,y,z\nP1,1,two,3\n");
+    assert!(said.contains("line 2: expected three"), "{said}");
     let said = refused(".csv", b"x,y,height,elevation\n1,2,3,4\n");
     assert!(said.contains("line 1: expected three"), "{said}");
 }

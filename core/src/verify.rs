@@ -22,7 +22,7 @@ use crate::start::{Prior, Start};
 mod search;
 mod undetermined;
 
-use search::{ENDED, Search};
+use search::{ENDED, Search, lead_at_hand};
 use undetermined::lead;
 pub use undetermined::{Axis, OTHERS, Undetermined};
 
@@ -58,7 +58,7 @@ pub struct Verified {
     /// By how much better the source's mirror image fits where the best pose matches points, in standard errors; 0 if it
     /// does not.
     pub mirror_score: f32,
-    /// The poses that were compared, the most probable first.
+    /// The pose given out and those that it was compared with, the most probable of these first.
     pub ranked: [Option<Ranked>; RANKED],
 }
 
@@ -105,6 +105,7 @@ impl Refiner<'_> {
         let polished = self.polish_inside(at_hand);
         let mut search = Search {
             refiner: self,
+            at_hand: lead_at_hand(polished.residual),
             hypotheses: 0,
             ended: [None; ENDED],
             contenders: [None; RANKED],
@@ -171,7 +172,7 @@ impl Refiner<'_> {
         })
     }
 
-    /// The contenders as poses, the most probable first; the best as it was found.
+    /// The contenders as poses: the best, as it was found, and the others, the most probable first.
     fn ranked(
         &self,
         best: usize,
@@ -186,7 +187,12 @@ impl Refiner<'_> {
             });
         }
         let energy = |ranked: &Option<Ranked>| ranked.map_or(f32::INFINITY, |r| r.energy);
-        ranked.sort_unstable_by(|a, b| energy(a).total_cmp(&energy(b)));
+        if best < ranked.len() {
+            ranked.swap(0, best);
+        }
+        if let Some(others) = ranked.get_mut(1..) {
+            others.sort_unstable_by(|a, b| energy(a).total_cmp(&energy(b)));
+        }
         ranked
     }
 

@@ -3,7 +3,7 @@
 use super::{ALL_LOST, Contender, RANKED, energy};
 use crate::loss::CONTENDERS;
 use crate::pairs::matching_pairs;
-use crate::polish::{Candidate, Refiner};
+use crate::polish::{Candidate, Refiner, Residual};
 use crate::rotation::Rotation;
 use crate::search::{
     Best, SCREEN_SCALE, SIFT_POINTS, SIFT_SCALE, aligned, anywhere, around, confused, copies,
@@ -32,6 +32,11 @@ const COPIES: usize = 8;
 const ALIKE: f32 = 0.08;
 /// Poses near the best that are polished.
 const NUDGED: usize = 3;
+/// Residual on both sides below which the pose at hand explains both clouds, no side of them unseen; and how much more probable
+/// than it another must be then, a logarithm: what led to it saw both clouds, and the copies of a symmetric shape fit better or worse
+/// by their sample of points alone.
+const BOTH_EXPLAINED: f32 = 0.55;
+const AT_HAND: f32 = 1.0;
 /// How much more loss than the best a hypothesis may have to be polished.
 const FAR_BEHIND: f32 = 0.2;
 /// Hypotheses that are polished besides the start and the policy's pose.
@@ -48,10 +53,21 @@ const SPINS_POLISHED: usize = 1;
 /// A search under way.
 pub(super) struct Search<'r, 'w> {
     pub(super) refiner: &'r mut Refiner<'w>,
+    /// How much more probable than the first contender, the pose at hand, another must be.
+    pub(super) at_hand: f32,
     pub(super) hypotheses: usize,
     /// Where those that were sifted ended.
     pub(super) ended: [Option<Rigid>; ENDED],
     pub(super) contenders: [Option<Contender>; RANKED],
+}
+
+/// How much more probable than the pose at hand another must be.
+pub(super) fn lead_at_hand(Residual { source, target }: Residual) -> f32 {
+    if source.max(target) < BOTH_EXPLAINED {
+        AT_HAND
+    } else {
+        0.0
+    }
 }
 
 impl Search<'_, '_> {
@@ -154,15 +170,16 @@ impl Search<'_, '_> {
         Ok(())
     }
 
-    /// The most probable pose so far.
+    /// The best pose so far.
     fn leader(&self) -> Option<Contender> {
         self.best()
             .and_then(|i| self.contenders.get(i).copied().flatten())
     }
 
     pub(super) fn best(&self) -> Option<usize> {
+        let in_place = |i| if i == 0 { self.at_hand } else { 0.0 };
         let held = self.contenders.iter().enumerate();
-        held.filter_map(|(i, contender)| contender.map(|c| (i, c.energy)))
+        held.filter_map(|(i, contender)| contender.map(|c| (i, c.energy - in_place(i))))
             .min_by(|a, b| a.1.total_cmp(&b.1))
             .map(|(i, _)| i)
     }

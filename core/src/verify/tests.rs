@@ -68,21 +68,43 @@ fn flips_are_found_and_taken_back() {
     assert_eq!(kept.best, kept.polished);
 }
 
+/// Points on a brick's faces.
+fn brick(half: [f32; 3], count: usize, seed: u32) -> Vec<[f32; 3]> {
+    let mut numbers = Numbers(seed);
+    let point = |_| {
+        let mut p = half.map(|half| half * numbers.next());
+        let on = (3.0 * numbers.next().abs()) as usize % 3;
+        p[on] = half[on] * p[on].signum();
+        p
+    };
+    (0..count).map(point).collect()
+}
+
+#[test]
+fn a_copy_that_is_hardly_nearer_to_the_start_does_not_take_the_place_of_the_pose_at_hand() {
+    let square = [0.8, 0.8, 0.3];
+    let (source, target) = (brick(square, 800, 21), brick(square, 900, 22));
+    let mut workspace = Box::new(Workspace::new());
+    // A quarter turn back it fits as well: from 50 degrees to -40, and from 70 to -20.
+    for (at_hand, given) in [(50.0f32, 50.0f32), (70.0, -20.0)] {
+        let turned = |angle: f32| pose([0.0, 0.0, angle.to_radians()], [0.0; 3]);
+        let source = moved(&source, turned(-at_hand));
+        let mut refiner = Refiner::new(&source, &target, &mut workspace).expect("valid clouds");
+        let found = refiner.verify(turned(at_hand), &Start::at(Pose::IDENTITY));
+        let found = found.expect("a rigid pose");
+        let (angle, _) = error(found.best.target_from_source, turned(given));
+        assert!(angle < 2.0, "{at_hand} {given} {angle}");
+        let first = found.ranked[0].expect("the pose given out");
+        let best = found.best.target_from_source;
+        assert!(error(first.target_from_source, best).0 < 0.1, "{found:?}");
+    }
+}
+
 #[test]
 fn a_pose_has_the_lead_unless_another_fits_as_well() {
-    let mut numbers = Numbers(11);
     // A brick fits as well upside down.
-    let mut brick = |count: usize| -> Vec<[f32; 3]> {
-        let point = |_| {
-            let face = [1.0, 0.6, 0.3];
-            let mut p = face.map(|half| half * numbers.next());
-            let on = (3.0 * numbers.next().abs()) as usize % 3;
-            p[on] = face[on] * p[on].signum();
-            p
-        };
-        (0..count).map(point).collect()
-    };
-    let open = verify(&brick(800), &brick(900), Pose::IDENTITY);
+    let half = [1.0, 0.6, 0.3];
+    let open = verify(&brick(half, 800, 11), &brick(half, 900, 12), Pose::IDENTITY);
     let closed = verify(&part(800, 1), &part(900, 2), Pose::IDENTITY);
     assert!(
         closed.support > 0 && open.support > 0,

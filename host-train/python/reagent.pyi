@@ -58,6 +58,8 @@ class Registration:
     @property
     def covariance_about(self) -> NDArray[float64] | None: ...
     @property
+    def sight(self) -> Literal["found", "tracked", "lost"] | None: ...
+    @property
     def start(self) -> int | None: ...
     @property
     def others(self) -> list[Other]: ...
@@ -115,6 +117,23 @@ class Step:
     def rotation_probability(self) -> NDArray[float32] | None: ...
     @property
     def target_from_source(self) -> NDArray[float64]: ...
+
+@final
+class Tracker:
+    def __new__(
+        cls,
+        target: ArrayLike,
+        init: _Start = None,
+        mode: Literal["polish", "verify", "refine", "best"] = "verify",
+        viewpoint: ArrayLike | None = None,
+        *,
+        policy: Policy | None = None,
+        steps: int = 10,
+        points: int = 1024,
+    ) -> Tracker: ...
+    def follow(self, source: ArrayLike) -> Registration: ...
+    @property
+    def policy(self) -> Policy: ...
 
 @final
 class Registrar:
@@ -182,6 +201,7 @@ class Registrar:
         steps: int = 10,
         points: int | None = None,
         dense: _Dense = "auto",
+        best: int = 1,
         return_exceptions: bool = False,
     ) -> list[Any]: ...
 
@@ -241,6 +261,7 @@ def register_batch(
     steps: int = 10,
     points: int | None = None,
     dense: _Dense = "auto",
+    best: int = 1,
     return_exceptions: bool = False,
 ) -> list[Any]: ...
 def points_of_depth(

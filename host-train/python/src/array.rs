@@ -92,7 +92,8 @@ impl<'a> View<'a> {
         }
     }
 
-    fn positions(self) -> Vec<Position> {
+    /// The same in f64.
+    pub(crate) fn positions(self) -> Vec<Position> {
         fn of<T: Copy + Into<f64>>(rows: ArrayView2<'_, T>) -> Vec<Position> {
             rows.outer_iter()
                 .map(|row| [0, 1, 2].map(|axis| row[axis].into()))

@@ -163,7 +163,7 @@ pub(crate) fn verify(
 /// ['converged', 'converged']
 #[pyfunction]
 #[pyo3(signature = (sources, targets, init = None, mode = "verify", viewpoint = None, *, steps = 10, points = None,
-    dense = "auto", return_exceptions = false))]
+    dense = "auto", best = 1, return_exceptions = false))]
 #[allow(clippy::too_many_arguments, reason = "keywords in Python")]
 pub(crate) fn register_batch<'py>(
     py: Python<'py>,
@@ -175,6 +175,7 @@ pub(crate) fn register_batch<'py>(
     steps: usize,
     points: Option<usize>,
     dense: &str,
+    best: usize,
     return_exceptions: bool,
 ) -> PyResult<Bound<'py, PyList>> {
     Registrar::bundled().register_batch(
@@ -187,6 +188,7 @@ pub(crate) fn register_batch<'py>(
         steps,
         points,
         dense,
+        best,
         return_exceptions,
     )
 }

@@ -11,6 +11,7 @@ mod options;
 mod policy;
 mod registrar;
 mod registration;
+mod tracker;
 
 use pyo3::pymodule;
 
@@ -42,6 +43,8 @@ mod module {
     use crate::registrar::Registrar;
     #[pymodule_export]
     use crate::registration::{Axis, Other, Registration, Step, Undetermined};
+    #[pymodule_export]
+    use crate::tracker::Tracker;
     use pyo3::prelude::*;
 
     #[pymodule_init]

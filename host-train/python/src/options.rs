@@ -74,6 +74,9 @@ impl Options {
                 format!("expected a number from {least} to {most}"),
             ));
         }
+        if best > 1 {
+            options.compares_poses()?;
+        }
         match init.map(start).transpose()? {
             None => {}
             Some(Starts::One(start)) => options.common.start = start,
@@ -96,6 +99,17 @@ impl Options {
         self
     }
 
+    /// Whether the mode compares poses.
+    fn compares_poses(&self) -> PyResult<()> {
+        match self.common.mode {
+            Mode::Fast => Err(bad(
+                "mode",
+                "fast does not compare poses: take another one for `best` and for several starts",
+            )),
+            _ => Ok(()),
+        }
+    }
+
     /// For one pair.
     pub(crate) fn one(&self) -> PyResult<Asked> {
         if self.view_points.is_some() {
@@ -105,11 +119,8 @@ impl Options {
         if starts.is_empty() {
             return Err(bad("init", "expected one start or more, found none"));
         }
-        if self.common.mode == Mode::Fast && (starts.len() > 1 || self.best > 1) {
-            return Err(bad(
-                "mode",
-                "fast does not compare poses: take another one for `best` and for several starts",
-            ));
+        if starts.len() > 1 {
+            self.compares_poses()?;
         }
         Ok(Asked {
             request: self.common,

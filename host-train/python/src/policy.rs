@@ -71,7 +71,7 @@ impl Policy {
     /// (int8, for a source that is one depth view of the target, with a start near it).
     #[staticmethod]
     #[pyo3(signature = (name = "reagent"))]
-    fn pretrained(name: &str) -> PyResult<Policy> {
+    pub(crate) fn pretrained(name: &str) -> PyResult<Policy> {
         let names = BUNDLED.map(|(name, _)| name).join(", ");
         Policy::bundled(name).ok_or_else(|| bad("name", format!("expected int8, {names}")))
     }

@@ -155,7 +155,7 @@ impl Registrar {
 
     /// As the function `register_batch`, with this policy and these threads.
     #[pyo3(signature = (sources, targets, init = None, mode = "verify", viewpoint = None, *, steps = 10, points = None,
-        dense = "auto", return_exceptions = false))]
+        dense = "auto", best = 1, return_exceptions = false))]
     #[allow(clippy::too_many_arguments, reason = "keywords in Python")]
     pub(crate) fn register_batch<'py>(
         &self,
@@ -168,9 +168,10 @@ impl Registrar {
         steps: usize,
         points: Option<usize>,
         dense: &str,
+        best: usize,
         return_exceptions: bool,
     ) -> PyResult<Bound<'py, PyList>> {
-        let options = Options::new(init, mode, viewpoint, (steps, points, dense), 1)?;
+        let options = Options::new(init, mode, viewpoint, (steps, points, dense), best)?;
         let clouds = [
             Clouds::new("sources", sources)?,
             Clouds::new("targets", targets)?,
@@ -323,5 +324,5 @@ fn register_prepared(
         let [source, target] = names;
         Error::new_err(format!("cannot register {source} to {target}: {error}"))
     })?;
-    Ok(Registration::new(&source, &target, done))
+    Ok(Registration::new([&source, &target], done, *best))
 }

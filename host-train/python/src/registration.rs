@@ -11,6 +11,7 @@ use numpy::ndarray::{Array3, arr1, arr2};
 use numpy::{PyArray1, PyArray2, PyArray3};
 use pyo3::prelude::*;
 use reagent_core::Pose;
+use reagent_core::track::Sight;
 use reagent_core::verdict::Verdict;
 
 /// A pose, and what can be said about it. Coordinates and lengths are the clouds' own.
@@ -20,15 +21,29 @@ pub struct Registration {
     trace: Vec<trace::Step>,
     verdict: Verdict,
     origins: [Position; 2],
+    sight: Option<Sight>,
 }
 
 impl Registration {
-    pub(crate) fn new(source: &Prepared<'_>, target: &Prepared<'_>, done: Done) -> Registration {
+    /// Of clouds of which the so many most probable poses were asked for.
+    pub(crate) fn new(clouds: [&Prepared<'_>; 2], done: Done, best: usize) -> Registration {
+        let mut document = Document::new(clouds, &done, 1.0);
+        document.others = document.others.filter(|_| best > 1);
+        let [source, target] = clouds;
         Registration {
-            document: Document::new([source, target], &done, 1.0),
+            document,
             trace: done.found.trace,
             verdict: done.found.answer.verdict,
             origins: [source.origin, target.origin],
+            sight: None,
+        }
+    }
+
+    /// The same, of a cloud in which an object was looked for.
+    pub(crate) fn with_sight(self, sight: Sight) -> Registration {
+        Registration {
+            sight: Some(sight),
+            ..self
         }
     }
 
@@ -102,6 +117,12 @@ impl Registration {
     fn covariance_about<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray1<f64>>> {
         let about = self.fit()?.covariance.about;
         Some(PyArray1::from_owned_array(py, arr1(&about)))
+    }
+
+    /// What a cloud of a `Tracker` says of its object: "found", "tracked" or "lost"; None of any other registration.
+    #[getter]
+    fn sight(&self) -> Option<String> {
+        self.sight.map(|sight| sight.to_string())
     }
 
     /// Which of several starts it came from, from 0; None where there was one.

@@ -47,6 +47,13 @@ def test_batches_take_one_start_or_many():
     assert reagent.register_batch([], []) == []
 
 
+def test_batches_tell_the_next_best_poses():
+    found = reagent.register_batch(SOURCES[:2], TARGETS[:2], best=3)
+    single = [reagent.register(*pair, best=3) for pair in zip(SOURCES[:2], TARGETS[:2])]
+    probable = [[[other.probability for other in one.others] for one in each] for each in (found, single)]
+    assert probable[0] == probable[1] and any(probable[0])
+
+
 def test_what_fails_need_not_stop_the_rest():
     clouds = [SOURCES[0], SOURCES[1][:, :2], SOURCES[2] * numpy.nan, SOURCES[3]]
     with pytest.raises(reagent.CloudError, match=r"sources\[1\]: expected"):

@@ -1,0 +1,130 @@
+//! Tracking: where an object is from one cloud of a stream to the next.
+
+use crate::array::Cloud;
+use crate::error::{Error, bad, bad_cloud};
+use crate::options::Options;
+use crate::policy::Policy;
+use crate::registration::Registration;
+use host_train::register::Memory;
+use host_train::register::prepared::Prepared;
+use host_train::register::request::Request;
+use host_train::register::track::{POINTS, Tracking, bundled_policy};
+use pyo3::prelude::*;
+use reagent_core::pipeline::Mode;
+use std::path::Path;
+use std::sync::{Mutex, PoisonError};
+
+/// Follows an object through a stream of clouds, such as a camera's.
+///
+/// Closest points alone lead from the last pose to the next, which takes a few milliseconds. Where that gives no pose that is probably
+/// right, and at every thirtieth cloud, the policy's steps and `mode` do; a lost object is looked for by turns from the last pose and from anywhere.
+///
+/// target: the object's model, as `register` takes it.
+/// init: where it is looked for at first: a pose, "identity" or "anywhere".
+/// viewpoint: where the sensor stands in the clouds' coordinates, if each is a view from there.
+/// policy: the bundled "compact", or "views-compact" where there is a `viewpoint`, if none is given.
+/// points: points of each cloud that are used at most; fewer take less time.
+///
+/// Several threads may use one object, one after the other.
+///
+/// >>> import numpy, reagent
+/// >>> model = numpy.random.default_rng(1).normal(size=(500, 3)) * [3, 2, 1]
+/// >>> tracker = reagent.Tracker(model)
+/// >>> [tracker.follow(model + [0.1 * step, 0, 0]).sight for step in range(3)]
+/// ['found', 'tracked', 'tracked']
+/// >>> tracker.follow(model[:100] @ numpy.diag([0.2, 2, 4])).sight
+/// 'lost'
+#[pyclass(module = "reagent", frozen)]
+pub struct Tracker {
+    target: Prepared<'static>,
+    request: Request,
+    policy: Policy,
+    points: Option<usize>,
+    state: Mutex<State>,
+}
+
+/// What is known from the clouds so far, and working memory.
+struct State {
+    tracking: Tracking,
+    memory: Box<Memory>,
+}
+
+#[pymethods]
+impl Tracker {
+    #[new]
+    #[pyo3(signature = (target, init = None, mode = "verify", viewpoint = None, *, policy = None, steps = 10, points = POINTS))]
+    #[allow(clippy::too_many_arguments, reason = "keywords in Python")]
+    fn new(
+        target: &Bound<'_, PyAny>,
+        init: Option<&Bound<'_, PyAny>>,
+        mode: &str,
+        viewpoint: Option<&Bound<'_, PyAny>>,
+        policy: Option<Policy>,
+        steps: usize,
+        points: usize,
+    ) -> PyResult<Tracker> {
+        let points = Some(points);
+        let asked = Options::new(init, mode, viewpoint, (steps, points, "never"), 1)?.one()?;
+        let [start] = asked.starts[..] else {
+            return Err(bad("init", "expected one start"));
+        };
+        let request = Request {
+            start,
+            ..asked.request
+        };
+        if request.mode == Mode::Fast {
+            return Err(bad("mode", "fast does not tell whether the object is lost"));
+        }
+        let target = Cloud::new("target", target)?;
+        let positions = target.view().positions();
+        let prepared = Prepared::of_positions(positions, Path::new("target"), points);
+        let mut target = prepared.map_err(|error| bad_cloud(&error))?;
+        let is_view = request.view_point.is_some();
+        if is_view {
+            target.notice_missing_faces();
+        }
+        let bundled = || Policy::pretrained(bundled_policy(is_view));
+        Ok(Tracker {
+            target,
+            request,
+            policy: policy.map_or_else(bundled, Ok)?,
+            points,
+            state: Mutex::new(State {
+                tracking: Tracking::new(),
+                memory: Box::new(Memory::new()),
+            }),
+        })
+    }
+
+    /// Registers the next cloud. Of what is returned, `sight` is "found", "tracked" or "lost"; of a lost object the pose is not to be
+    /// relied on. A cloud that is refused, such as an empty one, counts as one without the object.
+    fn follow(&self, py: Python<'_>, source: &Bound<'_, PyAny>) -> PyResult<Registration> {
+        let source = Cloud::new("source", source)?;
+        let source = source.view();
+        py.detach(|| {
+            let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+            let State { tracking, memory } = &mut *state;
+            let source = source.prepared(self.points).map_err(|error| {
+                tracking.miss();
+                bad_cloud(&error)
+            })?;
+            let clouds = [&source, &self.target];
+            let tracked = tracking.follow(&self.request, self.policy.view(), memory, clouds);
+            let tracked = tracked.map_err(|error| {
+                Error::new_err(format!("cannot register source to target: {error}"))
+            })?;
+            let registration = Registration::new(clouds, tracked.done, 1);
+            Ok(registration.with_sight(tracked.sight))
+        })
+    }
+
+    /// The policy.
+    #[getter]
+    fn policy(&self) -> Policy {
+        self.policy.clone()
+    }
+
+    fn __repr__(&self) -> String {
+        format!("Tracker({})", self.policy.__repr__())
+    }
+}

@@ -4,6 +4,9 @@
 //! Values live in one arena and refer to each other by index, so shared parts cost nothing, nesting
 //! needs no recursion, and memory is linear in the number of bytes read.
 
+mod bytes;
+
+use bytes::Bytes;
 use std::collections::HashMap;
 
 /// Index of a value in its [`Pickle`].
@@ -49,8 +52,7 @@ impl Pickle {
     /// Reads a pickle of protocol 2 to 5. The error says at which byte and why.
     pub(super) fn parse(bytes: &[u8]) -> Result<Pickle, String> {
         let mut reader = Reader {
-            bytes,
-            at: 0,
+            bytes: Bytes::new(bytes),
             values: Vec::new(),
             stack: Vec::new(),
             marks: Vec::new(),
@@ -61,14 +63,13 @@ impl Pickle {
                 values: reader.values,
                 root,
             }),
-            Err(reason) => Err(format!("byte {} of data.pkl: {reason}", reader.at)),
+            Err(reason) => Err(format!("byte {} of data.pkl: {reason}", reader.bytes.at())),
         }
     }
 }
 
 struct Reader<'a> {
-    bytes: &'a [u8],
-    at: usize,
+    bytes: Bytes<'a>,
     values: Vec<Value>,
     stack: Vec<Id>,
     /// Heights of the stack at which marks lie.
@@ -79,10 +80,10 @@ struct Reader<'a> {
 impl Reader<'_> {
     fn run(&mut self) -> Result<Id, String> {
         loop {
-            match self.byte()? {
+            match self.bytes.byte()? {
                 b'.' => return self.pop(),
-                0x80 => drop(self.byte()?),
-                0x95 => drop(self.take(8)?),
+                0x80 => drop(self.bytes.byte()?),
+                0x95 => drop(self.bytes.take(8)?),
                 b'(' => self.marks.push(self.stack.len()),
                 b'0' => drop(self.pop()?),
                 b'1' => drop(self.pop_mark()?),
@@ -94,42 +95,45 @@ impl Reader<'_> {
                 0x88 => self.push(Value::Int(1)),
                 0x89 => self.push(Value::Int(0)),
                 b'J' => {
-                    let value = self.u32()? as i32;
+                    let value = self.bytes.u32()? as i32;
                     self.push(Value::Int(value.into()));
                 }
                 b'K' => {
-                    let value = self.byte()?;
+                    let value = self.bytes.byte()?;
                     self.push(Value::Int(value.into()));
                 }
                 b'M' => {
-                    let value = u16::from_le_bytes(self.array()?);
+                    let value = u16::from_le_bytes(self.bytes.array()?);
                     self.push(Value::Int(value.into()));
                 }
                 0x8a => {
-                    let length = self.byte()?.into();
-                    self.long(length)?;
+                    let length = self.bytes.byte()?;
+                    let value = self.bytes.long(length.into())?;
+                    self.push(Value::Int(value));
                 }
                 b'G' => {
-                    self.take(8)?;
+                    self.bytes.take(8)?;
                     self.push(Value::Other);
                 }
                 b'X' => {
-                    let length = self.u32()?;
-                    self.text(length as usize)?;
+                    let length = self.bytes.u32()?;
+                    let text = self.bytes.text(length as usize)?;
+                    self.push(Value::Text(text.into()));
                 }
                 0x8c => {
-                    let length = self.byte()?;
-                    self.text(length.into())?;
+                    let length = self.bytes.byte()?;
+                    let text = self.bytes.text(length.into())?;
+                    self.push(Value::Text(text.into()));
                 }
                 // Byte strings play no part in a checkpoint's tensors.
                 b'T' | b'B' => {
-                    let length = self.u32()?;
-                    self.take(length as usize)?;
+                    let length = self.bytes.u32()?;
+                    self.bytes.take(length as usize)?;
                     self.push(Value::Other);
                 }
                 b'U' | b'C' => {
-                    let length = self.byte()?;
-                    self.take(length.into())?;
+                    let length = self.bytes.byte()?;
+                    self.bytes.take(length.into())?;
                     self.push(Value::Other);
                 }
                 b')' | b']' => self.push(Value::Sequence(Vec::new())),
@@ -166,24 +170,24 @@ impl Reader<'_> {
                     self.set(&items)?;
                 }
                 b'q' => {
-                    let key = self.byte()?;
+                    let key = self.bytes.byte()?;
                     self.remember(key.into())?;
                 }
                 b'r' => {
-                    let key = self.u32()?;
+                    let key = self.bytes.u32()?;
                     self.remember(key)?;
                 }
                 0x94 => self.remember(self.memo.len() as u32)?,
                 b'h' => {
-                    let key = self.byte()?;
+                    let key = self.bytes.byte()?;
                     self.recall(key.into())?;
                 }
                 b'j' => {
-                    let key = self.u32()?;
+                    let key = self.bytes.u32()?;
                     self.recall(key)?;
                 }
                 b'c' => {
-                    let (module, name) = (self.line()?, self.line()?);
+                    let (module, name) = (self.bytes.line()?, self.bytes.line()?);
                     self.push(Value::Global(format!("{module}.{name}")));
                 }
                 0x93 => {
@@ -218,62 +222,6 @@ impl Reader<'_> {
                 }
             }
         }
-    }
-
-    fn take(&mut self, count: usize) -> Result<&[u8], String> {
-        let rest = self.bytes.get(self.at..).unwrap_or_default();
-        let taken = rest.get(..count).ok_or("the pickle ends early")?;
-        self.at += count;
-        Ok(taken)
-    }
-
-    fn array<const N: usize>(&mut self) -> Result<[u8; N], String> {
-        let taken = self.take(N)?;
-        taken.try_into().map_err(|_| "the pickle ends early".into())
-    }
-
-    fn byte(&mut self) -> Result<u8, String> {
-        Ok(self.array::<1>()?[0])
-    }
-
-    fn u32(&mut self) -> Result<u32, String> {
-        Ok(u32::from_le_bytes(self.array()?))
-    }
-
-    /// A little-endian two's complement number.
-    fn long(&mut self, length: usize) -> Result<(), String> {
-        let bytes = self.take(length)?;
-        if length > 8 {
-            return Err("an integer of more than 64 bits".into());
-        }
-        let fill = if bytes.last().is_some_and(|high| high & 0x80 != 0) {
-            0xff
-        } else {
-            0
-        };
-        let mut wide = [fill; 8];
-        wide[..length].copy_from_slice(bytes);
-        self.push(Value::Int(i64::from_le_bytes(wide)));
-        Ok(())
-    }
-
-    fn text(&mut self, length: usize) -> Result<(), String> {
-        let text =
-            std::str::from_utf8(self.take(length)?).map_err(|_| "a string that is not UTF-8")?;
-        let value = Value::Text(text.into());
-        self.push(value);
-        Ok(())
-    }
-
-    fn line(&mut self) -> Result<String, String> {
-        let rest = self.bytes.get(self.at..).unwrap_or_default();
-        let end = rest
-            .iter()
-            .position(|&b| b == b'\n')
-            .ok_or("the pickle ends early")?;
-        let line = std::str::from_utf8(&rest[..end]).map_err(|_| "a name that is not UTF-8")?;
-        self.at += end + 1;
-        Ok(line.into())
     }
 
     fn push(&mut self, value: Value) {

@@ -14,9 +14,8 @@ use host_train::dataset::pairs::PairSet;
 use host_train::pose64::{Pose64, Position};
 use host_train::register::background::that_counts;
 use host_train::register::prepared::Prepared;
-use host_train::register::{Start, within_capacity};
+use host_train::register::{Start, in_order, within_capacity};
 use reagent_core::dims::STEPS;
-use reagent_core::order::put_in_order;
 use reagent_core::verdict::Percent;
 use reagent_core::wire::{CloudView, Mode, RefineReply, RefineRequest};
 use reagent_core::{Grid, Pose};
@@ -174,12 +173,6 @@ struct Sent {
     view_point: Option<Point>,
     /// What it saw besides, relative to the origin.
     background: Vec<Point>,
-}
-
-/// Neighbours one after the other: a robot without memory for an order takes half the time.
-fn in_order(mut points: Vec<Point>) -> Vec<Point> {
-    put_in_order(&mut points);
-    points
 }
 
 impl Sent {

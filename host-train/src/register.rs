@@ -22,6 +22,7 @@ use crate::register::thin::thin;
 use crate::register::trace::Step;
 use reagent_core::dims::MAX_POINTS;
 use reagent_core::net::Scratch;
+use reagent_core::order::put_in_order;
 use reagent_core::pipeline::{self, Answer, Progress, Task};
 use reagent_core::polish::Workspace;
 use reagent_core::{Error, Frame, Policy, Pose, Registrar, start};
@@ -139,6 +140,12 @@ fn recorder<'c>(
         }
         Ok(())
     }
+}
+
+/// A cloud as it is sent to a robot, neighbours one after the other: one without memory for an order takes half the time.
+pub fn in_order(mut points: Vec<Point>) -> Vec<Point> {
+    put_in_order(&mut points);
+    points
 }
 
 /// A cloud within the core's capacity: itself, or [`SUBSAMPLE`] of its points ([`thin::thin`]).

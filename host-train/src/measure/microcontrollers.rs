@@ -7,6 +7,7 @@ use crate::measure::latency::CALIBRATION;
 use crate::policy::manifest::manifest;
 use crate::policy::{ExportError, WeightFile};
 use crate::protocol::{self, Protocol};
+use crate::register::in_order;
 use reagent_core::Policy;
 use reagent_core::budget::{
     CLOUD_BYTES, CODE_BUDGET, COMPACT_FLASH_BUDGET, COMPACT_MULTIPLY_ADD_BUDGET,
@@ -15,7 +16,6 @@ use reagent_core::budget::{
 };
 use reagent_core::dims::STEPS;
 use reagent_core::grid::Grid;
-use reagent_core::order::put_in_order;
 use reagent_core::wire::{self, CloudView, Message, REQUEST_OVERHEAD_BYTES, RefineRequest};
 use reagent_link::board::{
     Board, BoardError, Clouds, Kind, Simulation, build_image, check_simulator, flash_content,
@@ -121,11 +121,7 @@ fn measure(
     source: &[[f32; 3]],
     target: &[[f32; 3]],
 ) -> Result<Budget, McuError> {
-    let [source, target] = [source, target].map(|cloud| {
-        let mut cloud = cloud.to_vec();
-        put_in_order(&mut cloud); // as clients send it
-        cloud
-    });
+    let [source, target] = [source, target].map(|cloud| in_order(cloud.to_vec()));
     let manifest = manifest(1, "", policy).expect("no name is short enough");
     let image = build_image(kind, Clouds::Floats)?;
     let grid_image = build_image(kind, Clouds::Grid)?;

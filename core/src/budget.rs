@@ -47,9 +47,9 @@ pub const CORTEX_M7_INSTRUCTION_BUDGET: f64 = 0.6;
 /// The same of a Cortex-M55, with Helium.
 pub const CORTEX_M55_INSTRUCTION_BUDGET: f64 = 0.15;
 
-/// RAM of [`crate::polish::Workspace`], bytes: only for who polishes.
+/// RAM of [`crate::polish::Workspace`], bytes: only for refinement.
 pub const WORKSPACE_BYTES: usize = core::mem::size_of::<crate::polish::Workspace>();
-/// RAM or flash of [`crate::model::Model`], bytes: only for who registers with several targets by turns.
+/// RAM or flash of [`crate::model::Model`], bytes: only where several targets are in use.
 pub const MODEL_BYTES: usize = core::mem::size_of::<crate::model::Model>();
 
 const _: () = assert!(SCRATCH_BYTES < 96 * 1024);

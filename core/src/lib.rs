@@ -10,7 +10,7 @@
 //!    [`Action`] ([`decision`], [`steps`]) and accumulates it ([`Pose::accumulate`]).
 //! 4. [`Registration::target_from_source`] is the pose, in the clouds' own units; [`Verdict`] says how
 //!    the steps ended.
-//! 5. [`polish`], for who wants more: a few robust steps of closest points; [`verify`] compares the
+//! 5. [`polish`], for those who want more: a few robust steps of closest points; [`verify`] compares the
 //!    result with other poses, and [`verdict`] tells how probably it is right. Both have working memory of their own.
 //! 6. [`pipeline`] is all of that for one cloud; [`track`] follows an object through a stream of them.
 //!

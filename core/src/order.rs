@@ -84,7 +84,7 @@ impl Order {
     }
 }
 
-/// Puts a cloud's points in this order in place: for who registers it where there is no memory for an order, as on a
+/// Puts a cloud's points in this order in place: for where it is registered without memory for an order, as on a
 /// microcontroller. Poses may differ in their last bits, since the centroid is summed up in the order of the points.
 pub fn put_in_order(cloud: &mut [[f32; 3]]) {
     arrange(cloud, |&point| point.into());

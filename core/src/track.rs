@@ -4,7 +4,7 @@
 //! |---|---|---|
 //! | tracked | closest points from the last pose ([`Mode::Refine`]) | the task's mode from there, else it is lost |
 //! | tracked, every thirtieth cloud | the task's mode from the last pose: closest points stay in a minimum beside the right one | it is lost |
-//! | lost | the task's mode: by turns from the last pose, far more uncertain, and from anywhere | it is still lost |
+//! | lost | the task's mode: alternately from the last pose with far more uncertainty and from anywhere | it is still lost |
 //!
 //! So a cloud costs a refinement and a whole registration at most.
 

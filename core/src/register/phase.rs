@@ -1,7 +1,7 @@
 //! A registration in slices, for control loops whose period is shorter than a step.
 //!
-//! A step looks at every point of a cloud: 150 million instructions for 1024 points on a Cortex-M7. A slice
-//! looks at as many as there is time for. What is done between two slices is the caller's; the steps and
+//! A step looks at every point of a cloud, which takes a microcontroller longer than a control loop may wait. A slice
+//! looks at as many points as there is time for. What is done between two slices is the caller's; the steps and
 //! poses are the same to the bit, however they are sliced.
 //!
 //! ```

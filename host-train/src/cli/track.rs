@@ -25,8 +25,8 @@ use walkdir::WalkDir;
 /// Follow an object through a sequence of clouds and print a JSON line for each
 ///
 /// Each cloud is refined by closest points from the last pose. Where that is not probably right, and at first, it is registered
-/// as `register` does. Where that is not either, the object is lost, and looked for in each of the next clouds: by turns
-/// about the last pose, far more uncertain, and turned in any way. Lines say whether it is tracked, found or lost, the pose of the cloud on
+/// as `register` does. Where that is not either, the object is lost, and looked for in each of the next clouds: alternately
+/// from the last pose with far more uncertainty and from anywhere. Lines say whether it is tracked, found or lost, the pose of the cloud on
 /// the model, its probability, what was done last and the time without reading files; the end of stderr sums up.
 ///
 /// Exit status: 0 whether the object was seen or not, 1 where a file cannot be read, 2 on bad usage.

@@ -13,8 +13,8 @@ use std::time::Instant;
 /// Points of each cloud that are used unless told otherwise: as many as one core keeps up with at a camera's rate.
 pub const POINTS: usize = 1024;
 
-/// The bundled policy for clouds that are views from one point, or not: the compact ones take a third of the time, and verification
-/// makes up for what they lack.
+/// The bundled policy for clouds that are views from one point, or not: the compact ones take less time, and verification makes up
+/// for what they lack.
 pub fn bundled_policy(of_views: bool) -> &'static str {
     if of_views { VIEWS_COMPACT } else { COMPACT }
 }

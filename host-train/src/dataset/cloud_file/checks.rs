@@ -40,7 +40,22 @@ impl CloudFile {
                 self.notes.push(Note::NormalsLeftOut);
             }
         }
+        self.notice_loose_vertices();
         Ok(self)
+    }
+
+    /// Notes where most vertices are corners of no face, as of a cloud with a few triangles beside it: the surface is used alone.
+    fn notice_loose_vertices(&mut self) {
+        let Some(faces) = &self.faces else { return };
+        let mut is_corner = vec![false; self.points.len()];
+        for &vertex in faces.iter().flatten() {
+            is_corner[vertex as usize] = true;
+        }
+        let of = is_corner.len();
+        let vertices = is_corner.into_iter().filter(|&corner| !corner).count();
+        if 2 * vertices > of {
+            self.notes.push(Note::LooseVertices { vertices, of });
+        }
     }
 
     /// Leaves out invalid points, what goes with them, and the faces that they are corners of. Returns how many.

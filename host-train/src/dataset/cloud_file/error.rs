@@ -100,8 +100,8 @@ pub enum CloudError {
     #[cfg(not(target_family = "wasm"))]
     #[error(transparent)]
     Bag(#[from] BagError),
-    /// All faces of the mesh are degenerate.
-    #[error("{}: the mesh has no area to sample points from", path.display())]
+    /// There are no faces, or all of them are degenerate.
+    #[error("{}: no surface to draw points from: it has no faces, or none with an area", path.display())]
     NoArea {
         /// File concerned.
         path: PathBuf,

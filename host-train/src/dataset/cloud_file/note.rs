@@ -43,6 +43,13 @@ pub enum Note {
     },
     /// Normals that could not be kept: some are undefined, or a vertex has several.
     NormalsLeftOut,
+    /// Most vertices of a mesh are corners of no face; points are drawn from its faces alone.
+    LooseVertices {
+        /// How many.
+        vertices: usize,
+        /// Of all that the mesh has.
+        of: usize,
+    },
     /// Parts of the file that are not used.
     Ignored {
         /// Their names.
@@ -117,6 +124,10 @@ impl fmt::Display for Note {
             Note::NormalsLeftOut => write!(
                 f,
                 "its normals are left out: some are undefined, or differ at one vertex"
+            ),
+            Note::LooseVertices { vertices, of } => write!(
+                f,
+                "{vertices} of its {of} vertices are corners of no face and are not used"
             ),
             Note::Ignored { what } => write!(f, "not used: {what}"),
             Note::Thinned { from, to } => {

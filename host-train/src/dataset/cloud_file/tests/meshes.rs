@@ -17,6 +17,11 @@ fn meshes_as_programs_write_them() {
         (file.points.as_slice(), file.faces),
         (&TETRAHEDRON[..3], Some(vec![[0, 1, 2]]))
     );
+    // A cloud with a triangle beside it is a mesh: what is not used is said.
+    let beside = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 5 5 5\nv 6 6 6\nv 7 7 7\nv 8 8 8\nf 1 2 3\n";
+    let file = read(".obj", beside).expect("obj");
+    let loose = Note::LooseVertices { vertices: 4, of: 7 };
+    assert_eq!(file.notes, [loose]);
     for (bad, line) in [
         ("f 1 2 9", "line 4"),
         ("f 0 1 2", "line 4"),

@@ -64,7 +64,7 @@ pub struct RefineArgs {
     pub mode: Option<Mode>,
     /// Where to start: none (turned in any way), identity, 12 numbers separated by commas (rows of [R | t]), or a file
     /// with them, also what --json wrote [default: identity]
-    #[arg(long, value_name = "POSE")]
+    #[arg(long, value_name = "POSE", allow_hyphen_values = true)]
     pub init: Option<Initial>,
     /// Time that the robot has for each answer, seconds; boards in a simulator need a minute and more
     #[arg(long, value_name = "SECONDS", default_value = "10", value_parser = seconds)]

@@ -12,9 +12,8 @@ mod service;
 
 use crate::session::{SessionArgs, open};
 use anyhow::{Context, anyhow};
-use host_train::cli::Initial;
+use host_train::cli::{Initial, Input, Units};
 use host_train::dataset::Point;
-use host_train::dataset::cloud_file::read_file;
 use host_train::dataset::ros::point_cloud2::PointCloud2;
 use host_train::policy::{REAGENT, VIEWS, WeightFile};
 use host_train::register::prepared::Prepared;
@@ -35,7 +34,7 @@ use std::pin::pin;
 
 /// Be a node of a ROS 2 network over rmw_zenoh (Jazzy and later): publish where a model is in the clouds of a topic, until Ctrl-C
 ///
-/// Clouds are sensor_msgs/PointCloud2 of the object alone, in the model's units. For each, ~/pose (geometry_msgs/PoseStamped) and
+/// Clouds are sensor_msgs/PointCloud2 of the object alone, in the model's unit or that of --unit. For each, ~/pose (geometry_msgs/PoseStamped) and
 /// ~/pose_with_covariance say where the model's frame is in the cloud's, as far as the pose is probably right; /diagnostics says
 /// what came of every cloud. The service ~/register (std_srvs/Trigger) registers the newest cloud and answers with the same as JSON. Settings are parameters, of which mode and on_request can be set; /parameter_events tells them. ~/model is the model, latched, in the frame of --tf or of the file's name. While one is registered, of those that come the newest is kept.
 #[derive(clap::Args, Clone, Debug)]
@@ -43,6 +42,9 @@ pub struct RosArgs {
     /// Cloud or mesh of the object (.ply .pcd .xyz .txt .asc .csv .pts .npy .off .obj .stl)
     #[arg(long, value_name = "FILE")]
     pub model: PathBuf,
+    /// Unit of the model, where clouds are in metres, or of both, as in:mm: mm, cm, m, in, ft [default: that of the clouds]
+    #[arg(long, value_name = "UNIT[:UNIT]")]
+    pub unit: Option<Units>,
     /// Topic of the clouds
     #[arg(long, value_name = "/TOPIC", value_parser = names::topic, default_value = "/points")]
     pub cloud: String,
@@ -58,7 +60,7 @@ pub struct RosArgs {
     pub mode: Mode,
     /// Where each starts: none (turned in any way), identity, 12 numbers (rows of [R | t] from the cloud to the model), or a file
     /// with them [default: identity]
-    #[arg(long, value_name = "POSE")]
+    #[arg(long, value_name = "POSE", allow_hyphen_values = true)]
     pub init: Option<Initial>,
     /// Follow one object from cloud to cloud, as `host-train track` does: --mode is for where refinement from the last pose is not
     /// enough, --init for an object that no cloud has shown
@@ -241,8 +243,8 @@ impl RosArgs {
     }
 
     fn prepared(&self, points: Option<usize>) -> anyhow::Result<Prepared<'static>> {
-        let file = read_file(&self.model)?;
-        Ok(Prepared::of_file(&file, &self.model, points, self.seed)?)
+        let scale = self.unit.map_or(1.0, |units| units.scale);
+        Ok(Input::read(&self.model, scale, points, self.seed)?.cloud)
     }
 }
 

@@ -229,6 +229,19 @@ async fn clouds_come_in_and_poses_and_reasons_go_out() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn a_model_in_another_unit_than_its_clouds_is_found() {
+    let folder = tempfile::tempdir().expect("a temporary directory");
+    let options = ["--unit", "mm"];
+    let (session, _node, [_, diagnostics]) = looking_for_a_part(folder.path(), &options).await;
+    let metres = part().into_iter().map(|point| point.map(|x| 1e-3 * x));
+    let cloud = Cdr::cloud(&metres.collect::<Vec<_>>());
+    session.put(CLOUD, cloud).await.expect("an open session");
+    let said = next(&diagnostics).await;
+    let said = String::from_utf8_lossy(&said);
+    assert!(said.contains("converged"), "{said}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn a_model_in_the_frame_of_its_clouds_has_no_transform() {
     let folder = tempfile::tempdir().expect("a temporary directory");
     let options = ["--tf", "camera"];

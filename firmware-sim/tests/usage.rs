@@ -106,6 +106,17 @@ fn a_bad_value_is_refused_with_its_option_and_with_what_is_taken() {
         ),
         (
             "ros --model m.ply",
+            "--init -2,0,0,0,0,1,0,0,0,0,1,0",
+            "the pose is not a rigid transform",
+        ),
+        (
+            "refine --fleet f --robot r a.ply b.ply",
+            "--init -2,0,0,0,0,1,0,0,0,0,1,0",
+            "the pose is not a rigid transform",
+        ),
+        ("ros --model m.ply", "--unit inch", "\"inch\" is no unit"),
+        (
+            "ros --model m.ply",
             "--tf EMPTY",
             "it is empty; a frame is a name",
         ),

@@ -28,7 +28,7 @@ mod train;
 mod views;
 
 pub use output::{check_writable, write_json};
-pub use register::{Initial, Input, SourceArgs};
+pub use register::{Initial, Input, SourceArgs, Units};
 
 #[cfg(feature = "publish")]
 use crate::publish::{self, PublishArgs};

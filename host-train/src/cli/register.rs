@@ -9,7 +9,7 @@ mod source;
 mod text;
 
 pub use initial::Initial;
-pub use input::Input;
+pub use input::{Input, Units};
 pub use source::SourceArgs;
 
 use super::output::check_writable;

@@ -57,9 +57,9 @@ impl Input {
 
 /// Units of length: that of the source, and that of the target.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(in crate::cli) struct Units {
+pub struct Units {
     /// Source units in a target unit.
-    pub(in crate::cli) scale: f64,
+    pub scale: f64,
 }
 
 impl FromStr for Units {

@@ -14,10 +14,13 @@ use reagent_core::pipeline::Mode;
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
+// A signature tells Python numbers, and not the names of constants.
+const _: () = assert!(POINTS == 1024);
+
 /// Follows an object through a stream of clouds, such as a camera's.
 ///
 /// Closest points alone lead from the last pose to the next, which takes a few milliseconds. Where that gives no pose that is probably
-/// right, and at every thirtieth cloud, the policy's steps and `mode` do; a lost object is looked for by turns from the last pose and from anywhere.
+/// right, and at every thirtieth cloud, the policy's steps and `mode` do; a lost object is looked for alternately from the last pose and from anywhere.
 ///
 /// target: the object's model, as `register` takes it.
 /// init: where it is looked for at first: a pose, "identity" or "anywhere".
@@ -52,7 +55,7 @@ struct State {
 #[pymethods]
 impl Tracker {
     #[new]
-    #[pyo3(signature = (target, init = None, mode = "verify", viewpoint = None, *, policy = None, steps = 10, points = POINTS))]
+    #[pyo3(signature = (target, init = None, mode = "verify", viewpoint = None, *, policy = None, steps = 10, points = 1024))]
     #[allow(clippy::too_many_arguments, reason = "keywords in Python")]
     fn new(
         target: &Bound<'_, PyAny>,

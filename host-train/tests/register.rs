@@ -368,7 +368,8 @@ fn the_best_of_several_starts_is_given_out_and_the_next_best_are_listed() {
                 other["target_from_source"].as_array().map(Vec::len),
                 Some(3)
             );
-            assert!(other["probability"].as_f64() < document["probability"].as_f64());
+            // It fits far worse than the one given out.
+            assert!(other["probability"].as_f64() < Some(0.05), "{other}");
             assert!(other["residual"][0].as_f64() > document["polish"]["residual"][0].as_f64());
         }
     }

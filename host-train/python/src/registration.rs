@@ -192,7 +192,7 @@ impl Other {
         matrix(py, self.0.target_from_source)
     }
 
-    /// That it is right, had it been given out.
+    /// That it is right: what would be said of it alone, and how much less probable it is than the pose given out.
     #[getter]
     fn probability(&self) -> f32 {
         self.0.probability

@@ -14,7 +14,7 @@ use reagent_core::verify::Ranked;
 pub struct Other {
     /// The pose, and how the clouds fit under it.
     pub refined: Refined,
-    /// That it is right, had it been given out.
+    /// That it is right: what would be said of it alone, and how much less probable it is than the pose given out.
     pub probability: f32,
 }
 
@@ -41,7 +41,7 @@ pub fn best_and_others(
         candidates.extend(ranked.into_iter().map(|ranked| (place, ranked)));
     }
     candidates.sort_by(|(_, a), (_, b)| a.energy.total_cmp(&b.energy));
-    let Some(&(best, _)) = candidates.first() else {
+    let Some(&(best, first)) = candidates.first() else {
         return Ok((0, Vec::new()));
     };
     let mut named = vec![found[best].1.answer.target_from_source];
@@ -65,7 +65,7 @@ pub fn best_and_others(
         };
         others.push(Other {
             refined,
-            probability: evidence.probability(),
+            probability: evidence.probability() * (first.energy - candidate.energy).exp(),
         });
     }
     Ok((best, others))

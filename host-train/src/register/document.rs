@@ -162,7 +162,7 @@ pub struct RefinedStage {
 pub struct OtherPose {
     /// The pose.
     pub target_from_source: [[f64; 4]; 3],
-    /// That it is right, had it been given out.
+    /// That it is right: what would be said of it alone, and how much less probable it is than the pose given out.
     pub probability: f32,
     /// As of [`RefinedStage`].
     pub residual: [f32; 2],

@@ -54,7 +54,7 @@ pub(super) fn report(done: &Done) -> String {
     }
     for other in &done.others {
         text += &format!(
-            "next best: residual {:.3}, right within 5 degrees and .05 radii of the target, had it been given out: {}\n",
+            "next best: residual {:.3}, right within 5 degrees and .05 radii of the target: {}\n",
             other.refined.residual.mean(),
             Percent(other.probability)
         );

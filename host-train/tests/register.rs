@@ -266,7 +266,7 @@ fn what_cannot_be_registered_is_refused_in_one_line() {
         ("short.ply m.off", &["short.ply", "end of file"]),
         ("none.pcd m.off", &["none.pcd", "1 invalid"]),
         ("m.off same.xyz", &["same.xyz", "coincide"]),
-        ("noarea.off m.off", &["noarea.off", "no area"]),
+        ("noarea.off m.off", &["noarea.off", "none with an area"]),
         (
             "m.off m.off --out moved.doc",
             &["moved.doc", ".ply .pcd .xyz or .npy"],

@@ -54,9 +54,9 @@ const SURFACE: usize = 16_384;
 /// Cases of each kind.
 const CASES: u64 = 24;
 const SEED: u64 = 2024;
-/// Share of wrong poses called right, at most: today views whose pose is somewhat off, another thing that looks the same from there,
+/// Wrong poses called right, at most, of some 125: today views whose pose is somewhat off, another thing that looks the same from there,
 /// and a mirror image that differs from the thing in a detail.
-const MOST_WRONG: f64 = 0.04;
+const MOST_WRONG: u32 = 5;
 /// Shares of right poses called right, at least, of whole clouds and of views.
 const LEAST_RIGHT: f64 = 0.97;
 const LEAST_RIGHT_OF_VIEWS: f64 = 0.8;
@@ -276,7 +276,7 @@ fn nothing_wrong_is_called_right_and_what_is_right_is() {
     let share = |of: u32, all: u32| f64::from(of) / f64::from(all);
     let ([right, right_called], [seen, seen_called]) = (whole, views);
     assert!(wrong > 90 && right > 60 && seen > 15, "{told}");
-    assert!(share(wrong_called, wrong) <= MOST_WRONG, "{told}");
+    assert!(wrong_called <= MOST_WRONG, "{told}");
     assert!(share(right_called, right) >= LEAST_RIGHT, "{told}");
     assert!(share(seen_called, seen) >= LEAST_RIGHT_OF_VIEWS, "{told}");
 }

@@ -105,7 +105,11 @@ impl Refiner<'_> {
         let polished = self.polish_inside(at_hand);
         let mut search = Search {
             refiner: self,
-            at_hand: lead_at_hand(polished.residual),
+            at_hand: if begun == at_hand {
+                0.0
+            } else {
+                lead_at_hand(polished.residual)
+            },
             hypotheses: 0,
             ended: [None; ENDED],
             contenders: [None; RANKED],

@@ -37,6 +37,8 @@ const NUDGED: usize = 3;
 /// by their sample of points alone.
 const BOTH_EXPLAINED: f32 = 0.55;
 const AT_HAND: f32 = 1.0;
+/// Standard errors by which one that fits better than by its sample takes its place all the same.
+const BETTER: f32 = 2.0;
 /// How much more loss than the best a hypothesis may have to be polished.
 const FAR_BEHIND: f32 = 0.2;
 /// Hypotheses that are polished besides the start and the policy's pose.
@@ -61,7 +63,7 @@ pub(super) struct Search<'r, 'w> {
     pub(super) contenders: [Option<Contender>; RANKED],
 }
 
-/// How much more probable than the pose at hand another must be.
+/// How much more probable than the pose at hand, which something led to, another must be.
 pub(super) fn lead_at_hand(Residual { source, target }: Residual) -> f32 {
     if source.max(target) < BOTH_EXPLAINED {
         AT_HAND
@@ -177,11 +179,15 @@ impl Search<'_, '_> {
     }
 
     pub(super) fn best(&self) -> Option<usize> {
-        let in_place = |i| if i == 0 { self.at_hand } else { 0.0 };
-        let held = self.contenders.iter().enumerate();
-        held.filter_map(|(i, contender)| contender.map(|c| (i, c.energy - in_place(i))))
-            .min_by(|a, b| a.1.total_cmp(&b.1))
-            .map(|(i, _)| i)
+        let energy = |i: usize| self.contenders.get(i).copied().flatten().map(|c| c.energy);
+        let held = (0..RANKED).filter_map(|i| energy(i).map(|energy| (i, energy)));
+        let (best, least) = held.min_by(|a, b| a.1.total_cmp(&b.1))?;
+        let lead = energy(0)? - least;
+        let better = self.refiner.losses().excess(0, best).score();
+        Some(match lead < self.at_hand && better < BETTER {
+            true => 0,
+            false => best,
+        })
     }
 
     /// Screens hypotheses, sifts the best and enters the best of those.

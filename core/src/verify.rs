@@ -22,7 +22,7 @@ use crate::start::{Prior, Start};
 mod search;
 mod undetermined;
 
-use search::{ENDED, Search, lead_at_hand};
+use search::{ENDED, Search, explains_both};
 use undetermined::lead;
 pub use undetermined::{Axis, OTHERS, Undetermined};
 
@@ -105,11 +105,7 @@ impl Refiner<'_> {
         let polished = self.polish_inside(at_hand);
         let mut search = Search {
             refiner: self,
-            at_hand: if begun == at_hand {
-                0.0
-            } else {
-                lead_at_hand(polished.residual)
-            },
+            holds: begun != at_hand && explains_both(polished.residual),
             hypotheses: 0,
             ended: [None; ENDED],
             contenders: [None; RANKED],

@@ -55,8 +55,8 @@ impl Workspace {
         workspace
     }
 
-    /// Makes a target ready for any number of registrations. The target of the last one is ready anyhow: this is for who
-    /// registers with several by turns.
+    /// Makes a target ready for any number of registrations. The target of the last one is ready anyhow: this is for several targets
+    /// in use at a time.
     ///
     /// # Errors
     /// As [`crate::frame::check_cloud`] and [`crate::Frame::of`]; the model is of no target then.

@@ -32,12 +32,11 @@ const COPIES: usize = 8;
 const ALIKE: f32 = 0.08;
 /// Poses near the best that are polished.
 const NUDGED: usize = 3;
-/// Residual on both sides below which the pose at hand explains both clouds, no side of them unseen; and how much more probable
-/// than it another must be then, a logarithm: what led to it saw both clouds, and the copies of a symmetric shape fit better or worse
-/// by their sample of points alone.
+/// Residual on both sides below which a pose explains both clouds, no side of them unseen. Where something led to the pose at hand
+/// and it does, another must be more probable by so much, a logarithm, since the copies of a symmetric shape fit better or worse by
+/// their sample of points alone, or fit better by so many standard errors.
 const BOTH_EXPLAINED: f32 = 0.55;
-const AT_HAND: f32 = 1.0;
-/// Standard errors by which one that fits better than by its sample takes its place all the same.
+const MORE_PROBABLE: f32 = 1.0;
 const BETTER: f32 = 2.0;
 /// How much more loss than the best a hypothesis may have to be polished.
 const FAR_BEHIND: f32 = 0.2;
@@ -55,21 +54,17 @@ const SPINS_POLISHED: usize = 1;
 /// A search under way.
 pub(super) struct Search<'r, 'w> {
     pub(super) refiner: &'r mut Refiner<'w>,
-    /// How much more probable than the first contender, the pose at hand, another must be.
-    pub(super) at_hand: f32,
+    /// Whether the first contender, the pose at hand, is held on to.
+    pub(super) holds: bool,
     pub(super) hypotheses: usize,
     /// Where those that were sifted ended.
     pub(super) ended: [Option<Rigid>; ENDED],
     pub(super) contenders: [Option<Contender>; RANKED],
 }
 
-/// How much more probable than the pose at hand, which something led to, another must be.
-pub(super) fn lead_at_hand(Residual { source, target }: Residual) -> f32 {
-    if source.max(target) < BOTH_EXPLAINED {
-        AT_HAND
-    } else {
-        0.0
-    }
+/// Whether a pose explains both clouds.
+pub(super) fn explains_both(Residual { source, target }: Residual) -> bool {
+    source.max(target) < BOTH_EXPLAINED
 }
 
 impl Search<'_, '_> {
@@ -182,12 +177,10 @@ impl Search<'_, '_> {
         let energy = |i: usize| self.contenders.get(i).copied().flatten().map(|c| c.energy);
         let held = (0..RANKED).filter_map(|i| energy(i).map(|energy| (i, energy)));
         let (best, least) = held.min_by(|a, b| a.1.total_cmp(&b.1))?;
-        let lead = energy(0)? - least;
-        let better = self.refiner.losses().excess(0, best).score();
-        Some(match lead < self.at_hand && better < BETTER {
-            true => 0,
-            false => best,
-        })
+        let holds = self.holds
+            && energy(0)? - least < MORE_PROBABLE
+            && self.refiner.losses().excess(0, best).score() < BETTER;
+        Some(if holds { 0 } else { best })
     }
 
     /// Screens hypotheses, sifts the best and enters the best of those.

@@ -31,8 +31,8 @@ impl Lookup {
             // What is nearest to the cells before these, one row up, is not far.
             let before = first.checked_sub(CELLS);
             let before = before.and_then(|before| self.places.get(before..first));
-            surface.show_known(&mut batch, before.unwrap_or(&[0]).iter());
-            surface.nearest(isa, &mut batch, f32::INFINITY);
+            surface.show_known(&mut batch, before.unwrap_or(&[0]).iter().copied());
+            surface.nearest(isa, &mut batch);
             let places = self.places.iter_mut().skip(first);
             for (place, found) in places.zip(batch.place) {
                 *place = found as u16;

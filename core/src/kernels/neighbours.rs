@@ -12,15 +12,15 @@ use super::Kind;
 /// Queries of a [`Batch`].
 pub const BATCH: usize = 16;
 
-/// A batch of query points and the nearest of the points that they were shown so far.
+/// A batch of query points and the nearest of the points that they were shown so far, of those that are nearer than a limit.
 #[derive(Clone, Debug)]
 #[repr(C, align(64))]
 pub struct Batch {
     /// Coordinates, one row an axis.
     pub at: [[f32; BATCH]; 3],
-    /// Squared distance to the nearest point.
+    /// Squared distance to the nearest point; the limit where none is nearer.
     pub nearest: [f32; BATCH],
-    /// Place of the nearest point; the first of equals.
+    /// Place of the nearest point, the first of equals; as it was where none is nearer than the limit.
     pub place: [u32; BATCH],
 }
 
@@ -56,7 +56,6 @@ fn nearest<const LANES: usize>(
     points: &[[f32; 3]],
     boxes: &[Corners],
     first: u32,
-    limit: f32,
 ) {
     let Batch {
         at: [x, y, z],
@@ -73,7 +72,7 @@ fn nearest<const LANES: usize>(
         let (mut best, mut best_place) = (*nearest, *place);
         let runs = (first..).step_by(RUN).zip(points.chunks(RUN)).zip(boxes);
         for ((start, points), corners) in runs {
-            if !reaches([x, y, z], &best, corners, limit) {
+            if !reaches([x, y, z], &best, corners) {
                 continue;
             }
             for (here, &[a, b, c]) in (start..).zip(points) {
@@ -99,14 +98,13 @@ fn nearest<const LANES: usize>(
     }
 }
 
-/// Whether a box reaches nearer to one of the queries than its nearest point, and than the root of `limit`. No point of a box
-/// that does not is nearer, however its distance is rounded: both are the same sums of differences, and those are ordered.
+/// Whether a box reaches nearer to one of the queries than its nearest point. No point of a box that does not is nearer, however
+/// its distance is rounded: both are the same sums of differences, and those are ordered.
 #[inline(always)]
 fn reaches<const LANES: usize>(
     at: [&[f32; LANES]; 3],
     nearest: &[f32; LANES],
     [low, high]: &Corners,
-    limit: f32,
 ) -> bool {
     let mut gaps = [0.0f32; LANES];
     for ((row, low), high) in at.into_iter().zip(low).zip(high) {
@@ -119,7 +117,6 @@ fn reaches<const LANES: usize>(
     }
     let mut reached = 0u32;
     for (gap, &nearest) in gaps.into_iter().zip(nearest) {
-        let nearest = if nearest < limit { nearest } else { limit };
         reached |= u32::from(gap < nearest);
     }
     reached != 0
@@ -163,20 +160,14 @@ fn moments<const LANES: usize>(
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
-fn nearest_avx2(batch: &mut Batch, points: &[[f32; 3]], boxes: &[Corners], first: u32, limit: f32) {
-    nearest::<8>(batch, points, boxes, first, limit);
+fn nearest_avx2(batch: &mut Batch, points: &[[f32; 3]], boxes: &[Corners], first: u32) {
+    nearest::<8>(batch, points, boxes, first);
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f")]
-fn nearest_avx512(
-    batch: &mut Batch,
-    points: &[[f32; 3]],
-    boxes: &[Corners],
-    first: u32,
-    limit: f32,
-) {
-    nearest::<16>(batch, points, boxes, first, limit);
+fn nearest_avx512(batch: &mut Batch, points: &[[f32; 3]], boxes: &[Corners], first: u32) {
+    nearest::<16>(batch, points, boxes, first);
 }
 
 #[cfg(target_arch = "x86_64")]
@@ -193,27 +184,18 @@ fn moments_avx512(at: &[[f32; BATCH]; 3], points: &[[f32; 3]], share: f32, sums:
 
 impl Isa {
     /// Shows `points`, whose places count from `first`, to a batch: in runs of [`RUN`], each within its box, and only those
-    /// that may hold a point nearer than a query's nearest and than the root of `limit`. The same bits on every kernel.
-    pub fn show(
-        self,
-        batch: &mut Batch,
-        points: &[[f32; 3]],
-        boxes: &[Corners],
-        first: u32,
-        limit: f32,
-    ) {
+    /// that may hold a point nearer than a query's nearest. The same bits on every kernel.
+    pub fn show(self, batch: &mut Batch, points: &[[f32; 3]], boxes: &[Corners], first: u32) {
         match self.0 {
             // SAFETY: the instruction set was detected.
             #[cfg(target_arch = "x86_64")]
-            Kind::Avx2 | Kind::AvxVnni => unsafe {
-                nearest_avx2(batch, points, boxes, first, limit);
-            },
+            Kind::Avx2 | Kind::AvxVnni => unsafe { nearest_avx2(batch, points, boxes, first) },
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
             Kind::Avx512 | Kind::Avx512Vnni | Kind::Amx => unsafe {
-                nearest_avx512(batch, points, boxes, first, limit);
+                nearest_avx512(batch, points, boxes, first);
             },
-            _ => nearest::<8>(batch, points, boxes, first, limit),
+            _ => nearest::<8>(batch, points, boxes, first),
         }
     }
 

@@ -5,7 +5,7 @@ use super::{Refiner, Work};
 use crate::solve::Rigid;
 use crate::surface::Surface;
 
-/// Distance from which a point is near nothing of a surface, in radii of a neighbourhood: its loss is 1 anyway.
+/// Distance from which a point is near nothing of a surface, in radii of a neighbourhood: its loss is 1.
 const NEAR_NOTHING: f32 = 1.0;
 
 impl Refiner<'_> {
@@ -14,7 +14,7 @@ impl Refiner<'_> {
         self.match_every(at, [1, 1], [f32::INFINITY; 2]);
     }
 
-    /// Matches about `points` of each cloud with all of the other; one that is near nothing, with any.
+    /// Matches about `points` of each cloud with all of the other; one that is near nothing, with none.
     pub(crate) fn match_both(&mut self, at: Rigid, points: usize) {
         let [source, target] = self.surfaces();
         let near = [target, source]
@@ -22,7 +22,7 @@ impl Refiner<'_> {
         self.match_every(at, every(points, source, target), near);
     }
 
-    /// Matches every so many-th point of each cloud with all of the other; where none is within the root of a limit, with any.
+    /// Matches every so many-th point of each cloud with all of the other; where none is within the root of a limit, with none.
     fn match_every(&mut self, at: Rigid, [of_s, of_t]: [usize; 2], [limit_s, limit_t]: [f32; 2]) {
         let (isa, target, pose) = (self.isa, &self.model.surface, at.pose());
         let Work {
@@ -35,8 +35,7 @@ impl Refiner<'_> {
         of_target.find(isa, [target, source], pose.inverse(), of_t, limit_t);
     }
 
-    /// The same for a stage's steps, and the squared distance from which a match has no weight: only those nearer are the
-    /// nearest for certain.
+    /// The same for a stage's steps, and the squared distance from which a match has no weight: only those nearer are looked for.
     pub(super) fn match_within_gate(&mut self, at: Rigid, stage: &Stage) -> f32 {
         let (isa, target, pose) = (self.isa, &self.model.surface, at.pose());
         let Work {
@@ -64,15 +63,20 @@ impl Refiner<'_> {
         stage.gate(of_target.median_squared().min(median), radius)
     }
 
-    /// Places in the source and in the target of the points matched last, both ways.
+    /// Places in the source and in the target of the points matched last with one within the limit, both ways.
     pub(super) fn matched(&self) -> impl Iterator<Item = (usize, usize)> {
         let Work {
             of_source,
             of_target,
             ..
         } = &*self.work;
-        let forward = of_source.matches().map(|found| (found.of, found.to));
-        forward.chain(of_target.matches().map(|found| (found.to, found.of)))
+        let forward = of_source
+            .matches()
+            .filter_map(|m| m.to.map(|to| (m.of, to)));
+        let backward = of_target
+            .matches()
+            .filter_map(|m| m.to.map(|to| (to, m.of)));
+        forward.chain(backward)
     }
 }
 

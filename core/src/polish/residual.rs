@@ -73,9 +73,10 @@ impl Refiner<'_> {
         let mut sum = 0.0f64;
         let [mut on_surface, mut near, mut within, mut count] = [0u32; 4];
         for found in self.work.of_source.matches() {
-            let ((p, _), (q, n)) = (source.at(found.of), target.at(found.to));
-            let apart = pose.apply(p) - q;
             count += 1;
+            let Some(to) = found.to else { continue };
+            let ((p, _), (q, n)) = (source.at(found.of), target.at(to));
+            let apart = pose.apply(p) - q;
             near += u32::from(loss::is_near_surface(apart, n, target.radius));
             within += u32::from(apart.length_squared() < target.radius * target.radius);
             if loss::is_on_surface(apart, n, target.radius) {
@@ -130,7 +131,7 @@ impl Refiner<'_> {
     }
 }
 
-/// Losses of the points matched last, of the source and of the target. Where a view point is known the target's
+/// Losses of the points matched last, of the source and of the target: 1 of what is near nothing. Where a view point is known the target's
 /// are 1 for what stands in front of what was seen, and less than that for what only was not seen.
 fn matched_losses<'a>(
     [source, target]: [&'a Surface; 2],
@@ -151,9 +152,11 @@ fn matched_losses<'a>(
     ]
     .map(|([surface, other], matching, pose, sees)| {
         matching.matches().map(move |found| {
-            let ((p, _), (q, n)) = (surface.at(found.of), other.at(found.to));
-            let p = pose.apply(p);
-            let loss = by(p - q, n, other.radius);
+            let p = pose.apply(surface.at(found.of).0);
+            let loss = found.to.map_or(1.0, |to| {
+                let (q, n) = other.at(to);
+                by(p - q, n, other.radius)
+            });
             match sees {
                 true if seen.hides(p) => 1.0,
                 true => UNSEEN * loss,

@@ -8,13 +8,17 @@ use crate::kernels::{BATCH, Batch, Isa, RUN};
 use crate::pose::Pose;
 use glam::Vec3;
 
+/// Bit of a place that says that no point was within the limit.
+const BEYOND: u16 = 1 << 15;
+const _: () = assert!(SURFACE_POINTS <= BEYOND as usize);
+
 /// A point's nearest point of the other surface.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Match {
     /// Place of the point.
     pub(crate) of: usize,
-    /// Place of the nearest point of the other surface.
-    pub(crate) to: usize,
+    /// Place of the nearest point of the other surface; none where it is not within the limit.
+    pub(crate) to: Option<usize>,
 }
 
 /// Which points of another surface are nearest to a surface's, by when they were looked for last.
@@ -28,7 +32,8 @@ pub(crate) struct Matching {
     every: usize,
     /// Whether all points were matched at least once.
     is_known: bool,
-    /// Of each point: the place of the other surface's point that was nearest when it was matched last.
+    /// Of each point: the place of the other surface's point that was nearest when one was found last, and [`BEYOND`] where none was
+    /// within the limit since.
     place: [u16; SURFACE_POINTS],
 }
 
@@ -47,8 +52,8 @@ impl Matching {
         (self.len, self.every, self.is_known) = (0, 0, false);
     }
 
-    /// Finds the nearest point of `other` to every `every`-th point of a surface, seen under `pose`. Where none is nearer than the root of
-    /// `limit`, any may be found; what was nearest under another pose shortens the search.
+    /// Finds the nearest point of `other` to every `every`-th point of a surface, seen under `pose`, if it is nearer than the root of
+    /// `limit`. What was nearest under another pose shortens the search.
     pub(crate) fn find(
         &mut self,
         isa: Isa,
@@ -66,13 +71,15 @@ impl Matching {
         let mut batch = Batch::EMPTY;
         for ((points, places), keys) in points.zip(places).zip(keys) {
             load(&mut batch, &mut every_nth(points, every, pose));
-            batch.nearest = [f32::INFINITY; BATCH];
+            (batch.nearest, batch.place) = ([limit; BATCH], [0; BATCH]);
             if self.is_known {
-                other.show_known(&mut batch, places.iter().step_by(every));
+                let places = places.iter().step_by(every);
+                other.show_known(&mut batch, places.map(|place| place & !BEYOND));
             }
-            other.nearest(isa, &mut batch, limit);
-            for (place, found) in places.iter_mut().step_by(every).zip(batch.place) {
-                *place = found as u16;
+            other.nearest(isa, &mut batch);
+            let found = batch.place.iter().zip(&batch.nearest);
+            for (place, (&found, &squared)) in places.iter_mut().step_by(every).zip(found) {
+                *place = found as u16 | if squared < limit { 0 } else { BEYOND };
             }
             *keys = batch.nearest.map(f32::to_bits); // in the order of the distances: they are not negative
         }
@@ -95,7 +102,7 @@ impl Matching {
         let points = every_nth(surface.points(), every, pose);
         let places = self.place.iter().step_by(every);
         for ((key, p), &place) in self.keys.0.iter_mut().zip(points).zip(places) {
-            let (q, _) = other.at(place.into());
+            let (q, _) = other.at((place & !BEYOND).into());
             *key = (p - q).length_squared().to_bits();
             count += 1;
         }
@@ -107,11 +114,11 @@ impl Matching {
         let places = self.place.iter().enumerate().take(self.len);
         places.step_by(self.every.max(1)).map(|(of, &to)| Match {
             of,
-            to: usize::from(to),
+            to: (to & BEYOND == 0).then_some(usize::from(to)),
         })
     }
 
-    /// Median squared distance of the matches, once after [`Self::find`].
+    /// Median squared distance of the matches, once after [`Self::find`]; the limit where it is not below that.
     pub(crate) fn median_squared(&mut self) -> f32 {
         let count = self.len.div_ceil(self.every.max(1));
         self.keys.select(count, count / 2)
@@ -119,27 +126,29 @@ impl Matching {
 }
 
 impl Surface {
-    /// Shows each lane of a batch one point that may be near; those beyond the last, that of the last.
-    pub(crate) fn show_known<'a>(
-        &self,
-        batch: &mut Batch,
-        mut places: impl Iterator<Item = &'a u16>,
-    ) {
+    /// Shows each lane of a batch one point that may be near; those beyond the last, that of the last. Where it is not nearer than
+    /// the limit its place is kept.
+    pub(crate) fn show_known(&self, batch: &mut Batch, mut places: impl Iterator<Item = u16>) {
         let Batch { at, nearest, place } = batch;
         let [x, y, z] = at;
         let mut known = 0;
         for ((((x, y), z), nearest), place) in x.iter().zip(y).zip(z).zip(nearest).zip(place) {
-            known = places.next().copied().unwrap_or(known);
+            known = places.next().unwrap_or(known);
             if let Some(&[a, b, c]) = self.points().get(usize::from(known)) {
                 let (dx, dy, dz) = (*x - a, *y - b, *z - c);
-                (*nearest, *place) = (dx * dx + dy * dy + dz * dz, known.into());
+                let squared = dx * dx + dy * dy + dz * dz;
+                *nearest = if squared < *nearest {
+                    squared
+                } else {
+                    *nearest
+                };
+                *place = known.into();
             }
         }
     }
 
-    /// Nearest points to a batch, all of whose lanes are set, by distances that are known already or infinite; where no point
-    /// is nearer than the root of `limit`, any.
-    pub(crate) fn nearest(&self, isa: Isa, batch: &mut Batch, limit: f32) {
+    /// Nearest points to a batch, all of whose lanes are set, by distances that are known already or a limit.
+    pub(crate) fn nearest(&self, isa: Isa, batch: &mut Batch) {
         let gaps = self.boxes.gaps(&bounds_of(batch), self.len.div_ceil(BLOCK));
         let mut worst = largest(&batch.nearest);
         let mut shown = usize::MAX;
@@ -150,23 +159,23 @@ impl Surface {
                 .zip(self.blocks())
                 .map(|(&gap, (start, _))| (gap, start));
             (_, shown) = starts.fold((f32::INFINITY, 0), |a, b| nearer(&a, b));
-            self.show(isa, batch, shown, f32::INFINITY);
+            self.show(isa, batch, shown);
             worst = largest(&batch.nearest);
         }
         for (&gap, (start, _)) in gaps.iter().zip(self.blocks()) {
-            if gap < worst && gap < limit && start != shown {
-                self.show(isa, batch, start, limit);
+            if gap < worst && start != shown {
+                self.show(isa, batch, start);
                 worst = largest(&batch.nearest);
             }
         }
     }
 
     /// Shows the block that starts at a place to a batch.
-    fn show(&self, isa: Isa, batch: &mut Batch, start: usize, limit: f32) {
+    fn show(&self, isa: Isa, batch: &mut Batch, start: usize) {
         let points = self.points().get(start..).unwrap_or(&[]);
         let points = points.get(..BLOCK).unwrap_or(points);
         let runs = self.runs.get(start / RUN..).unwrap_or(&[]);
-        isa.show(batch, points, runs, start as u32, limit);
+        isa.show(batch, points, runs, start as u32);
     }
 }
 

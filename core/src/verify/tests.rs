@@ -42,6 +42,28 @@ fn a_target_that_is_ready_changes_no_bit() {
 }
 
 #[test]
+fn every_kernel_gives_the_same_bits() {
+    use crate::kernels::Isa;
+    // Half of the source has no counterpart.
+    let mut source = moved(&part(400, 5), pose([0.1, 0.2, -0.1], [0.3, 0.1, 0.2]));
+    let away = part(400, 7).into_iter().map(|[x, y, z]| [x + 1.4, y, z]);
+    source.extend(away);
+    let target = part(500, 4);
+    let start = Start::at(Pose::IDENTITY);
+    let verified = |isa| {
+        let mut workspace = Box::new(Workspace::with_isa(isa));
+        let mut refiner = Refiner::new(&source, &target, &mut workspace).expect("clouds");
+        refiner
+            .verify(Pose::IDENTITY, &start)
+            .expect("a rigid pose")
+    };
+    let expected = verified(Isa::PORTABLE);
+    for isa in Isa::all() {
+        assert_eq!(verified(isa), expected, "{}", isa.name());
+    }
+}
+
+#[test]
 fn flips_are_found_and_taken_back() {
     use core::f32::consts::PI;
     let truth = pose([0.4, -0.2, 0.3], [0.2, -0.1, 0.3]);

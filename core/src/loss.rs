@@ -3,7 +3,7 @@
 use glam::Vec3;
 
 /// Distance along the surface that the sampling explains, in radii of a neighbourhood.
-const GAP: f32 = 0.3;
+pub(crate) const GAP: f32 = 0.3;
 /// Distance from a surface at which half of a point's loss is reached, in radii of a neighbourhood.
 pub(crate) const SURFACE: f32 = 0.1;
 /// The same for the distance between points.

@@ -36,7 +36,7 @@ impl Refiner<'_> {
         }
         let mut sifted = Best::<POLISHED>::NONE;
         for (_, at) in screened.held() {
-            let (loss, at) = self.sifted(at);
+            let (loss, at) = self.sifted_below(least + ALIKE, at);
             if loss < least + ALIKE {
                 sifted.offer(loss, at);
             }

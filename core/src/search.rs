@@ -69,10 +69,10 @@ impl<const N: usize> Best<N> {
         }
     }
 
-    /// Whether one of that score would be held.
-    pub(crate) fn takes(&self, score: f32) -> bool {
+    /// Score from which on a hypothesis is not taken.
+    pub(crate) fn most(&self) -> f32 {
         let worst = self.0.last().copied().flatten();
-        worst.is_none_or(|(worst, _)| score < worst)
+        worst.map_or(f32::INFINITY, |(worst, _)| worst)
     }
 
     /// Score of the best.

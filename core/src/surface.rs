@@ -1,9 +1,8 @@
 //! A cloud as a sampled surface: points in spatial order, boxes around runs of them, and normals. It does not change while others
 //! are matched with it: what [`matching`] finds is kept apart.
 
-use crate::cells::bounds;
 use crate::dims::SURFACE_POINTS;
-use crate::kernels::{Corners, Isa, RUN};
+use crate::kernels::{Bare, Boxes, Corners, Isa, Places, RUNS};
 use crate::outliers::{Bulk, ordered, unordered};
 use crate::solve::principal_axes;
 use glam::{Mat3, Vec3};
@@ -15,21 +14,15 @@ pub(crate) mod matching;
 mod normals;
 mod order;
 
-use boxes::Boxes;
 use order::put_in_order;
-
-/// Points of one box.
-const BLOCK: usize = 32;
-const BLOCKS: usize = SURFACE_POINTS / BLOCK;
-const RUNS: usize = SURFACE_POINTS / RUN;
 
 /// See the module. Lengths are in a frame of the caller's.
 #[derive(Clone, Debug)]
 pub(crate) struct Surface {
     len: usize,
-    points: [[f32; 3]; SURFACE_POINTS],
-    normals: [[f32; 3]; SURFACE_POINTS],
-    boxes: Boxes,
+    points: Places,
+    normals: Places,
+    blocks: Boxes,
     /// The boxes of runs of points within the blocks.
     runs: [Corners; RUNS],
     /// Share of the cloud's points that were left out as outliers.
@@ -42,9 +35,9 @@ impl Surface {
     /// Without points. All bits are zero, so that a static one takes no room in a program's file.
     pub(crate) const EMPTY: Surface = Surface {
         len: 0,
-        points: [[0.0; 3]; SURFACE_POINTS],
-        normals: [[0.0; 3]; SURFACE_POINTS],
-        boxes: Boxes::ZERO,
+        points: [[0.0; 3]; SURFACE_POINTS + 1],
+        normals: [[0.0; 3]; SURFACE_POINTS + 1],
+        blocks: Boxes::ZERO,
         runs: [[[0.0; 3]; 2]; RUNS],
         left_out: 0.0,
         radius: 0.0,
@@ -60,6 +53,14 @@ impl Surface {
         match (self.points.get(place), self.normals.get(place)) {
             (Some(&point), Some(&normal)) => (Vec3::from_array(point), Vec3::from_array(normal)),
             _ => (Vec3::ZERO, Vec3::ZERO),
+        }
+    }
+
+    /// Points and normals as kernels take them; places beyond the last hold what was there before.
+    pub(crate) fn bare(&self) -> Bare<'_> {
+        Bare {
+            points: &self.points,
+            normals: &self.normals,
         }
     }
 
@@ -91,30 +92,11 @@ impl Surface {
         self.estimate_normals(isa, keys);
     }
 
-    /// Finds the boxes.
-    fn enclose(&mut self) {
-        let points = self.points.get(..self.len).unwrap_or(&[]);
-        let corners =
-            |points: &[[f32; 3]]| bounds(points, |&p| Vec3::from_array(p)).map(|v| v.to_array());
-        for (place, run) in self.runs.iter_mut().zip(points.chunks(RUN)) {
-            *place = corners(run);
-        }
-        for (block, points) in points.chunks(BLOCK).enumerate() {
-            self.boxes.set(block, corners(points));
-        }
-    }
-
     /// Takes the mirror image, x the other way around; twice is the same again, to the bit.
     pub(crate) fn mirror(&mut self) {
         let vectors = self.points.iter_mut().chain(&mut self.normals);
         vectors.for_each(|[x, _, _]| *x = -*x);
-        let ([low, _, _], [high, _, _]) = (&mut self.boxes.low, &mut self.boxes.high);
-        for (low, high) in low.iter_mut().zip(high) {
-            (*low, *high) = (-*high, -*low);
-        }
-        for [[low, _, _], [high, _, _]] in &mut self.runs {
-            (*low, *high) = (-*high, -*low);
-        }
+        self.mirror_boxes();
     }
 
     /// Principal axes of the points.
@@ -144,11 +126,7 @@ impl Surface {
         }
         libm::sqrtf(keys.select(self.len, self.len / 2))
     }
-
-    /// Blocks: the place of the first point, and the points.
-    fn blocks(&self) -> impl Iterator<Item = (usize, &[[f32; 3]])> {
-        (0..).step_by(BLOCK).zip(self.points().chunks(BLOCK))
-    }
 }
+
 #[cfg(test)]
 mod tests;

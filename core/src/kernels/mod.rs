@@ -12,8 +12,9 @@
 //! - **Network in integers** (`byte`): points to codes, and the same three on codes; [`crate::quant`] has the
 //!   numbers.
 //! - **Training** (`critical`): the search for critical points in bytes and the gradient through them.
-//! - **Refinement and metrics**: distances to the nearest points (`nearest`), plane fits over neighbours
-//!   (`neighbours`), normal equations of matched points (`equations`).
+//! - **Refinement** (on `lanes`): nearest points in boxes (`matching`), plane fits over neighbours (`neighbours`), normal equations
+//!   of matched points (`equations`), steps and losses on few points in a grid (`coarse`).
+//! - **Metrics**: distances to the nearest points (`nearest`).
 //! - **Measurement** (`peak`): multiply-adds on registers, as many as the core can.
 //!
 //! Where a machine multiplies bf16 in tiles (AMX), the last embedding layer may be split into parts of bf16
@@ -36,12 +37,18 @@ use crate::layer::Dense;
 mod aarch64;
 #[cfg(any(arm_kernels = "dsp", arm_kernels = "helium"))]
 mod arm_m;
+mod boxes;
 mod byte;
+mod coarse;
 mod critical;
 mod equations;
 mod float;
+mod lanes;
+mod losses;
+mod matching;
 mod nearest;
 mod neighbours;
+mod oriented;
 mod packed;
 mod peak;
 mod pruned;
@@ -58,9 +65,14 @@ use aarch64::detect;
 #[cfg(target_arch = "x86_64")]
 use x86::detect;
 
-pub use equations::{PAIRS, Pairs, Sums, Weighing};
+pub use boxes::{BLOCK, BLOCKS, Boxed, Boxes, Corners, RUN, RUNS};
+pub use coarse::{CELLS, GRID, HALF, Near};
+pub use equations::{Pair, Sums, Weighing};
+pub use lanes::{LANES, Places, Row};
+pub use matching::{BEYOND, Sought};
 pub use nearest::Queries;
-pub use neighbours::{BATCH, Batch, Corners, Moments, RUN};
+pub use neighbours::{BATCH, Batch, Moments};
+pub use oriented::{Bare, Oriented};
 pub use packed::PackedDense;
 pub use peak::Arithmetic;
 pub(crate) use pruned::NEAR;

@@ -1,16 +1,17 @@
-//! Nearest neighbours with their places, and moments of neighbourhoods; queries in lanes.
+//! Batches of points whose neighbours are looked at, and moments of their neighbourhoods; in lanes.
 //!
-//! As in [`super::nearest`]: no fused multiply-add, sums in the order of the points, so that every kernel
-//! gives the same bits.
+//! As in [`super::lanes`]: the same bits on every kernel.
 
 #![allow(unsafe_code)]
 
 use super::Isa;
 #[cfg(target_arch = "x86_64")]
 use super::Kind;
+use super::boxes::{Boxed, bounds};
+use super::lanes::{LANES, Lanes, Row, Vectors, on_lanes};
 
 /// Queries of a [`Batch`].
-pub const BATCH: usize = 16;
+pub const BATCH: usize = LANES;
 
 /// A batch of query points and the nearest of the points that they were shown so far, of those that are nearer than a limit.
 #[derive(Clone, Debug)]
@@ -44,182 +45,79 @@ impl Moments {
     pub const ZERO: Moments = Moments([[0.0; BATCH]; 10]);
 }
 
-/// Points of a run of neighbours.
-pub const RUN: usize = 8;
-
-/// An axis-parallel box about [`RUN`] points or fewer: its lowest and highest corner.
-pub type Corners = [[f32; 3]; 2];
-
+/// See [`Isa::moments`].
 #[inline(always)]
-fn nearest<const LANES: usize>(
-    batch: &mut Batch,
-    points: &[[f32; 3]],
-    boxes: &[Corners],
-    first: u32,
-) {
-    let Batch {
-        at: [x, y, z],
-        nearest,
-        place,
-    } = batch;
-    let (x, _) = x.as_chunks::<LANES>();
-    let (y, _) = y.as_chunks::<LANES>();
-    let (z, _) = z.as_chunks::<LANES>();
-    let (nearest, _) = nearest.as_chunks_mut::<LANES>();
-    let (place, _) = place.as_chunks_mut::<LANES>();
-    let queries = x.iter().zip(y).zip(z).zip(nearest).zip(place);
-    for ((((x, y), z), nearest), place) in queries {
-        let (mut best, mut best_place) = (*nearest, *place);
-        let runs = (first..).step_by(RUN).zip(points.chunks(RUN)).zip(boxes);
-        for ((start, points), corners) in runs {
-            if !reaches([x, y, z], &best, corners) {
-                continue;
-            }
-            for (here, &[a, b, c]) in (start..).zip(points) {
-                let mut squared = [0.0f32; LANES];
-                for i in 0..LANES {
-                    let (dx, dy, dz) = (x[i] - a, y[i] - b, z[i] - c);
-                    squared[i] = dx * dx + dy * dy + dz * dz;
-                }
-                // Places first: a comparison that also chose the distance would keep it in memory.
-                for i in 0..LANES {
-                    best_place[i] = if squared[i] < best[i] {
-                        here
-                    } else {
-                        best_place[i]
-                    };
-                }
-                for (best, squared) in best.iter_mut().zip(squared) {
-                    *best = if squared < *best { squared } else { *best };
-                }
+fn moments<L: Lanes>(at: &[Row; 3], points: &Boxed<'_>, radius_squared: f32, sums: &mut Moments) {
+    let per_squared = if radius_squared > 0.0 {
+        1.0 / radius_squared
+    } else {
+        0.0
+    };
+    let gaps = points.gaps::<L>(&bounds::<L>(at));
+    for (block, &gap) in gaps.iter().take(points.count()).enumerate() {
+        if gap < radius_squared {
+            for lane in (0..LANES).step_by(L::COUNT) {
+                add::<L>(
+                    at,
+                    &points.points.0[points.places(block)],
+                    per_squared,
+                    lane,
+                    sums,
+                );
             }
         }
-        (*nearest, *place) = (best, best_place);
     }
 }
 
-/// Whether a box reaches nearer to one of the queries than its nearest point. No point of a box that does not is nearer, however
-/// its distance is rounded: both are the same sums of differences, and those are ordered.
+/// Adds the moments of points about the lanes from one on.
 #[inline(always)]
-fn reaches<const LANES: usize>(
-    at: [&[f32; LANES]; 3],
-    nearest: &[f32; LANES],
-    [low, high]: &Corners,
-) -> bool {
-    let mut gaps = [0.0f32; LANES];
-    for ((row, low), high) in at.into_iter().zip(low).zip(high) {
-        for (gap, x) in gaps.iter_mut().zip(row) {
-            let (below, above) = (low - x, x - high);
-            let d = if below > above { below } else { above };
-            let d = if d > 0.0 { d } else { 0.0 };
-            *gap += d * d;
-        }
-    }
-    let mut reached = 0u32;
-    for (gap, &nearest) in gaps.into_iter().zip(nearest) {
-        reached |= u32::from(gap < nearest);
-    }
-    reached != 0
-}
-
-#[inline(always)]
-fn moments<const LANES: usize>(
-    at: &[[f32; BATCH]; 3],
+fn add<L: Lanes>(
+    at: &[Row; 3],
     points: &[[f32; 3]],
-    per_squared_radius: f32,
+    per_squared: f32,
+    lane: usize,
     sums: &mut Moments,
 ) {
-    for lane in (0..BATCH).step_by(LANES) {
-        let load = |row: &[f32; BATCH]| -> [f32; LANES] { core::array::from_fn(|i| row[lane + i]) };
-        let [x, y, z] = at.each_ref().map(load);
-        let mut sum: [[f32; LANES]; 10] = sums.0.each_ref().map(load);
-        for &[a, b, c] in points {
-            for i in 0..LANES {
-                let (dx, dy, dz) = (a - x[i], b - y[i], c - z[i]);
-                let share = (dx * dx + dy * dy + dz * dz) * per_squared_radius;
-                let weight = 1.0 - share;
-                let weight = if weight > 0.0 { weight } else { 0.0 };
-                let (wx, wy, wz) = (weight * dx, weight * dy, weight * dz);
-                sum[0][i] += weight;
-                sum[1][i] += wx;
-                sum[2][i] += wy;
-                sum[3][i] += wz;
-                sum[4][i] += wx * dx;
-                sum[5][i] += wy * dy;
-                sum[6][i] += wz * dz;
-                sum[7][i] += wx * dy;
-                sum[8][i] += wx * dz;
-                sum[9][i] += wy * dz;
-            }
-        }
-        for (row, sum) in sums.0.iter_mut().zip(sum) {
-            row[lane..lane + LANES].copy_from_slice(&sum);
-        }
+    let (at, per_squared) = (Vectors::<L>::load(at, lane), L::all(per_squared));
+    let mut sum = [L::all(0.0); 10];
+    for (sum, row) in sum.iter_mut().zip(&sums.0) {
+        *sum = L::load(row, lane);
     }
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn nearest_avx2(batch: &mut Batch, points: &[[f32; 3]], boxes: &[Corners], first: u32) {
-    nearest::<8>(batch, points, boxes, first);
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx512f")]
-fn nearest_avx512(batch: &mut Batch, points: &[[f32; 3]], boxes: &[Corners], first: u32) {
-    nearest::<16>(batch, points, boxes, first);
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn moments_avx2(at: &[[f32; BATCH]; 3], points: &[[f32; 3]], share: f32, sums: &mut Moments) {
-    moments::<8>(at, points, share, sums);
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx512f")]
-fn moments_avx512(at: &[[f32; BATCH]; 3], points: &[[f32; 3]], share: f32, sums: &mut Moments) {
-    moments::<16>(at, points, share, sums);
+    for &point in points {
+        let d = Vectors::all(point) - at;
+        let weight = (L::all(1.0) - d.dot(d) * per_squared).max(L::all(0.0));
+        let (wx, wy, wz) = (weight * d.x, weight * d.y, weight * d.z);
+        sum = [
+            sum[0] + weight,
+            sum[1] + wx,
+            sum[2] + wy,
+            sum[3] + wz,
+            sum[4] + wx * d.x,
+            sum[5] + wy * d.y,
+            sum[6] + wz * d.z,
+            sum[7] + wx * d.y,
+            sum[8] + wx * d.z,
+            sum[9] + wy * d.z,
+        ];
+    }
+    for (sum, row) in sum.iter().zip(&mut sums.0) {
+        sum.store(row, lane);
+    }
 }
 
 impl Isa {
-    /// Shows `points`, whose places count from `first`, to a batch: in runs of [`RUN`], each within its box, and only those
-    /// that may hold a point nearer than a query's nearest. The same bits on every kernel.
-    pub fn show(self, batch: &mut Batch, points: &[[f32; 3]], boxes: &[Corners], first: u32) {
-        match self.0 {
-            // SAFETY: the instruction set was detected.
-            #[cfg(target_arch = "x86_64")]
-            Kind::Avx2 | Kind::AvxVnni => unsafe { nearest_avx2(batch, points, boxes, first) },
-            // SAFETY: as above.
-            #[cfg(target_arch = "x86_64")]
-            Kind::Avx512 | Kind::Avx512Vnni | Kind::Amx => unsafe {
-                nearest_avx512(batch, points, boxes, first);
-            },
-            _ => nearest::<8>(batch, points, boxes, first),
-        }
-    }
-
-    /// Adds the moments of `points` about each query, weighted by `max(0, 1 - d² per_squared_radius)`. The
-    /// same bits on every kernel.
+    /// Adds the moments of points about each of a row's, weighted by 1 less the share of the squared radius that the squared distance
+    /// is; of points beyond the radius, nothing. The same bits on every kernel.
     pub fn moments(
         self,
-        at: &[[f32; BATCH]; 3],
-        points: &[[f32; 3]],
-        per_squared_radius: f32,
+        at: &[Row; 3],
+        points: &Boxed<'_>,
+        radius_squared: f32,
         sums: &mut Moments,
     ) {
-        match self.0 {
-            // SAFETY: the instruction set was detected.
-            #[cfg(target_arch = "x86_64")]
-            Kind::Avx2 | Kind::AvxVnni => unsafe {
-                moments_avx2(at, points, per_squared_radius, sums);
-            },
-            // SAFETY: as above.
-            #[cfg(target_arch = "x86_64")]
-            Kind::Avx512 | Kind::Avx512Vnni | Kind::Amx => unsafe {
-                moments_avx512(at, points, per_squared_radius, sums);
-            },
-            _ => moments::<8>(at, points, per_squared_radius, sums),
-        }
+        on_lanes!(
+            self,
+            moments(at: &[Row; 3], points: &Boxed<'_>, radius_squared: f32, sums: &mut Moments)
+        );
     }
 }

@@ -79,3 +79,4 @@ pub(super) mod avx512_vnni;
 pub(super) mod avx512_vnni_pruned;
 pub(super) mod avx512_vnni_sieve;
 pub(super) mod detect;
+pub(super) mod lanes;

@@ -3,7 +3,7 @@
 use super::Refiner;
 use super::stage::{FINE, NEAR, Stage};
 use crate::covariance::Covariance;
-use crate::kernels::{PAIRS, Pairs, Sums, Weighing};
+use crate::kernels::{LANES, Sums, Weighing};
 use crate::solve::{Motion, Rigid, least};
 use crate::surface::Surface;
 use glam::Vec3;
@@ -25,17 +25,18 @@ impl Refiner<'_> {
             gate: self.match_within_gate(at, stage),
             tangential: stage.tangential,
         };
-        let [source, target] = self.surfaces();
+        const AT_ONCE: usize = 4 * LANES;
+        let surfaces = self.surfaces().map(Surface::bare);
         let mut matched = self.matched();
         let (pose, mut sums) = (at.pose(), Sums::ZERO);
+        let mut pairs = [[0; 2]; AT_ONCE];
         loop {
-            let mut pairs = Pairs::ZERO;
-            let count = fill(&mut pairs, &mut matched, source, target);
-            if count == 0 {
+            let places = pairs.iter_mut().zip(&mut matched);
+            let count = places.map(|(place, pair)| *place = pair).count();
+            let Some(pairs) = pairs.get(..count).filter(|pairs| !pairs.is_empty()) else {
                 return Motion::of(&sums);
-            }
-            self.isa.see(&mut pairs, &pose);
-            self.isa.equations(&pairs, by, count, &mut sums);
+            };
+            self.isa.equations(pairs, surfaces, &pose, by, &mut sums);
         }
     }
 
@@ -45,8 +46,8 @@ impl Refiner<'_> {
         let [source, target] = self.surfaces();
         let (pose, mut motion) = (at.pose(), Motion::ZERO);
         let (mut squares, mut weights) = (0.0f64, 0.0f64);
-        for (i, j) in self.matched() {
-            let ((p, m), (q, n)) = (source.at(i), target.at(j));
+        for [i, j] in self.matched() {
+            let ((p, m), (q, n)) = (source.at(i.into()), target.at(j.into()));
             let (p, m) = (pose.apply(p), pose.rotation * m);
             let (apart, middle) = (p - q, (p + q) * 0.5);
             let share = (1.0 - apart.length_squared() / gate).max(0.0);
@@ -71,37 +72,4 @@ impl Refiner<'_> {
             self.model.frame.scale,
         )
     }
-}
-
-/// Sets pairs to the next matches of a place in the source and one in the target; how many there were.
-fn fill(
-    pairs: &mut Pairs,
-    matched: &mut impl Iterator<Item = (usize, usize)>,
-    source: &Surface,
-    target: &Surface,
-) -> usize {
-    let Pairs { p, m, q, n } = pairs;
-    let lanes = columns(p).zip(columns(m)).zip(columns(q).zip(columns(n)));
-    let filled = lanes.zip(matched).map(|(((p, m), (q, n)), (i, j))| {
-        set(p, m, source.at(i));
-        set(q, n, target.at(j));
-    });
-    filled.count()
-}
-
-/// The lanes of three rows.
-pub(super) fn columns(rows: &mut [[f32; PAIRS]; 3]) -> impl Iterator<Item = [&mut f32; 3]> {
-    let [x, y, z] = rows;
-    let lanes = x.iter_mut().zip(y).zip(z);
-    lanes.map(|((x, y), z)| [x, y, z])
-}
-
-/// Sets a point and its normal.
-pub(super) fn set(
-    [x, y, z]: [&mut f32; 3],
-    [a, b, c]: [&mut f32; 3],
-    (point, normal): (Vec3, Vec3),
-) {
-    [*x, *y, *z] = point.to_array();
-    [*a, *b, *c] = normal.to_array();
 }

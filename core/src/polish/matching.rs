@@ -2,6 +2,7 @@
 
 use super::stage::Stage;
 use super::{Refiner, Work};
+use crate::kernels::Pair;
 use crate::solve::Rigid;
 use crate::surface::Surface;
 
@@ -49,12 +50,15 @@ impl Refiner<'_> {
         let radius = source.radius.max(target.radius);
         let back = pose.inverse();
         // A median is at most what it was by the last matches, and so is the gate.
-        let gate = stage.gate(of_source.largest_median(forward, pose, every_s), radius);
+        let gate = stage.gate(
+            of_source.largest_median(isa, forward, pose, every_s),
+            radius,
+        );
         of_source.find(isa, forward, pose, every_s, gate);
         let median = of_source.median_squared();
         let gate = stage.gate(
             of_target
-                .largest_median(backward, back, every_t)
+                .largest_median(isa, backward, back, every_t)
                 .min(median),
             radius,
         );
@@ -64,7 +68,7 @@ impl Refiner<'_> {
     }
 
     /// Places in the source and in the target of the points matched last with one within the limit, both ways.
-    pub(super) fn matched(&self) -> impl Iterator<Item = (usize, usize)> {
+    pub(super) fn matched(&self) -> impl Iterator<Item = Pair> {
         let Work {
             of_source,
             of_target,
@@ -72,10 +76,10 @@ impl Refiner<'_> {
         } = &*self.work;
         let forward = of_source
             .matches()
-            .filter_map(|m| m.to.map(|to| (m.of, to)));
+            .filter_map(|m| m.to.map(|to| [m.of as u16, to as u16]));
         let backward = of_target
             .matches()
-            .filter_map(|m| m.to.map(|to| (to, m.of)));
+            .filter_map(|m| m.to.map(|to| [to as u16, m.of as u16]));
         forward.chain(backward)
     }
 }

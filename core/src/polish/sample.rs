@@ -1,26 +1,23 @@
 //! Few of a surface's points with their normals, in lanes: what searches look at under many poses.
 
-use crate::kernels::PAIRS;
+use crate::kernels::{LANES, Oriented};
 use crate::surface::Surface;
 
 /// Points at most.
 const SAMPLED: usize = 512;
 
-/// Points, and their normals: one row an axis.
-type Lanes = [[[f32; PAIRS]; 3]; 2];
-
 /// Points evenly spread over a surface, any first of them as well.
 #[derive(Clone, Debug)]
 pub(crate) struct Sample {
     len: usize,
-    lanes: [Lanes; SAMPLED / PAIRS],
+    lanes: [Oriented; SAMPLED / LANES],
 }
 
 impl Sample {
     /// Of no surface. All bits are zero.
     pub(crate) const EMPTY: Sample = Sample {
         len: 0,
-        lanes: [[[[0.0; PAIRS]; 3]; 2]; SAMPLED / PAIRS],
+        lanes: [Oriented::ZERO; SAMPLED / LANES],
     };
 
     /// Takes a surface's points.
@@ -29,8 +26,8 @@ impl Sample {
         self.len = all.min(SAMPLED);
         let places = spread(self.len).map(|i| i * all / self.len.max(1));
         let mut places = places.map(|place| surface.at(place));
-        for rows in &mut self.lanes {
-            let [[x, y, z], [a, b, c]] = rows;
+        for Oriented { points, normals } in &mut self.lanes {
+            let ([x, y, z], [a, b, c]) = (points, normals);
             let lanes = x.iter_mut().zip(y).zip(z).zip(a).zip(b).zip(c);
             for (((((x, y), z), a), b), c) in lanes {
                 let (point, normal) = places.next().unwrap_or_default();
@@ -40,12 +37,11 @@ impl Sample {
         }
     }
 
-    /// The first so many, and how many there are in each of the lanes.
-    pub(crate) fn first(&self, points: usize) -> impl Iterator<Item = (&Lanes, usize)> {
-        let points = points.min(self.len);
-        let counts = (0..points).step_by(PAIRS);
-        let counts = counts.map(move |first| (points - first).min(PAIRS));
-        self.lanes.iter().zip(counts)
+    /// The first so many, and how many there are.
+    pub(crate) fn first(&self, points: usize) -> (&[Oriented], usize) {
+        let count = points.min(self.len);
+        let lanes = self.lanes.get(..count.div_ceil(LANES)).unwrap_or(&[]);
+        (lanes, count)
     }
 }
 

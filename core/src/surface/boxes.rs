@@ -1,65 +1,51 @@
-//! Boxes around blocks of points, and their distances.
+//! Boxes around runs and blocks of a surface's points.
 
-use super::BLOCKS;
-use crate::kernels::{BATCH, Batch, Corners};
+use super::Surface;
+use crate::cells::bounds;
+use crate::kernels::{BLOCK, Boxed, Corners, RUN};
+use glam::Vec3;
 
-/// The boxes of all blocks, one row an axis: distances to all of them are found in lanes.
-#[derive(Clone, Debug)]
-pub(super) struct Boxes {
-    pub(super) low: [[f32; BLOCKS]; 3],
-    pub(super) high: [[f32; BLOCKS]; 3],
-}
+impl Surface {
+    /// The points in their boxes.
+    pub(crate) fn boxed(&self) -> Boxed<'_> {
+        Boxed {
+            points: (&self.points, self.len),
+            runs: &self.runs,
+            blocks: &self.blocks,
+        }
+    }
 
-impl Boxes {
-    /// Of no blocks. All bits are zero.
-    pub(super) const ZERO: Boxes = Boxes {
-        low: [[0.0; BLOCKS]; 3],
-        high: [[0.0; BLOCKS]; 3],
-    };
-
-    pub(super) fn set(&mut self, block: usize, [low, high]: Corners) {
-        for (rows, corner) in [(&mut self.low, low), (&mut self.high, high)] {
-            for (row, x) in rows.iter_mut().zip(corner) {
-                if let Some(place) = row.get_mut(block) {
-                    *place = x;
+    /// Finds the boxes.
+    pub(super) fn enclose(&mut self) {
+        let points = self.points.get(..self.len).unwrap_or(&[]);
+        for (place, run) in self.runs.iter_mut().zip(points.chunks(RUN)) {
+            *place = corners(run);
+        }
+        for (block, points) in points.chunks(BLOCK).enumerate() {
+            let [low, high] = corners(points);
+            for (rows, corner) in [(&mut self.blocks.low, low), (&mut self.blocks.high, high)] {
+                for (rows, x) in rows.iter_mut().zip(corner) {
+                    if let Some(place) = rows.as_flattened_mut().get_mut(block) {
+                        *place = x;
+                    }
                 }
             }
         }
     }
 
-    /// Squared distance of the first `blocks` from a box.
-    pub(super) fn gaps(&self, [low, high]: &Corners, blocks: usize) -> [f32; BLOCKS] {
-        let mut gaps = [0.0f32; BLOCKS];
-        let corners = low.iter().zip(high);
-        for ((low, high), (&l, &h)) in self.low.iter().zip(&self.high).zip(corners) {
-            let boxes = gaps.iter_mut().zip(low).zip(high).take(blocks);
-            for ((gap, &low), &high) in boxes {
-                let (below, above) = (l - high, low - h);
-                let d = if below > above { below } else { above };
-                let d = if d > 0.0 { d } else { 0.0 };
-                *gap += d * d;
-            }
+    /// Mirrors them, x the other way around.
+    pub(super) fn mirror_boxes(&mut self) {
+        let ([low, _, _], [high, _, _]) = (&mut self.blocks.low, &mut self.blocks.high);
+        let rows = low.as_flattened_mut().iter_mut();
+        for (low, high) in rows.zip(high.as_flattened_mut()) {
+            (*low, *high) = (-*high, -*low);
         }
-        gaps
+        for [[low, _, _], [high, _, _]] in &mut self.runs {
+            (*low, *high) = (-*high, -*low);
+        }
     }
 }
 
-pub(super) fn bounds_of(batch: &Batch) -> Corners {
-    let negated = batch.at.map(|row| row.map(|x| -x));
-    let low = negated.each_ref().map(|row| -largest(row));
-    [low, batch.at.each_ref().map(largest)]
-}
-
-/// The largest of some numbers, in lanes.
-pub(super) fn largest(values: &[f32; BATCH]) -> f32 {
-    let (chunks, _) = values.as_chunks::<4>();
-    let mut lanes = [f32::NEG_INFINITY; 4];
-    for chunk in chunks {
-        for (most, &x) in lanes.iter_mut().zip(chunk) {
-            *most = if x > *most { x } else { *most };
-        }
-    }
-    let larger = |a: f32, b: f32| if a > b { a } else { b };
-    let [a, b, c, d] = lanes;
-    larger(larger(a, b), larger(c, d))
+fn corners(points: &[[f32; 3]]) -> Corners {
+    bounds(points, |&p| Vec3::from_array(p)).map(|corner| corner.to_array())
 }

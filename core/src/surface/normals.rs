@@ -1,9 +1,8 @@
 //! Normals, from moments of neighbourhoods.
 
-use super::boxes::bounds_of;
+use super::Surface;
 use super::keys::Keys;
 use super::matching::load;
-use super::{BLOCK, Surface};
 use crate::kernels::{BATCH, Batch, Isa, Moments};
 use crate::solve::least;
 use glam::Vec3;
@@ -55,20 +54,12 @@ impl Surface {
     fn normals_within_radius(&mut self, isa: Isa, keys: &mut Keys) -> f32 {
         let radius = NORMAL_RADIUS * self.radius;
         let squared = radius * radius;
-        let share = if squared > 0.0 { 1.0 / squared } else { 0.0 };
         for start in (0..self.len).step_by(BATCH) {
             let mut batch = Batch::EMPTY;
             let points = self.points().get(start..).unwrap_or(&[]);
             load(&mut batch, &mut points.iter().map(|&p| Vec3::from_array(p)));
-            let gaps = self
-                .boxes
-                .gaps(&bounds_of(&batch), self.len.div_ceil(BLOCK));
             let mut sums = Moments::ZERO;
-            for (&gap, (_, points)) in gaps.iter().zip(self.blocks()) {
-                if gap < squared {
-                    isa.moments(&batch.at, points, share, &mut sums);
-                }
-            }
+            isa.moments(&batch.at, &self.boxed(), squared, &mut sums);
             let end = self.len.min(start + BATCH);
             let places = self.normals.iter_mut().zip(&mut keys.0);
             for (lane, (normal, key)) in places.take(end).skip(start).enumerate() {

@@ -1,5 +1,7 @@
 use super::matching::{Match, Matching};
 use super::*;
+use crate::cells::bounds;
+use crate::kernels::RUN;
 use crate::polish::tests::{Numbers, part, pose};
 
 fn surface(points: &[[f32; 3]]) -> Box<Surface> {
@@ -58,6 +60,45 @@ fn neighbourhoods_are_wider_where_they_are_all_noise_and_not_where_they_are_bent
 }
 
 #[test]
+fn every_kernel_gives_the_same_bits() {
+    let clouds = [(part(300, 3), part(500, 4)), (part(9, 3), part(40, 4))];
+    let poses = [
+        pose([0.3, 0.2, -0.4], [0.5, 0.1, 0.3]),
+        pose([0.1, 0.0, -0.1], [0.1, 0.0, 0.0]),
+    ];
+    for (source, target) in &clouds {
+        let found = |isa: Isa| {
+            let (mut surfaces, mut keys) = ([(); 2].map(|()| Box::new(Surface::EMPTY)), Keys::ZERO);
+            for (surface, points) in surfaces.iter_mut().zip([source, target]) {
+                surface.fill(isa, points, Bulk::ALL, Vec3::ZERO, 1.0, &mut keys);
+            }
+            let mut bits: Vec<u32> = Vec::new();
+            for surface in &surfaces {
+                let normals = surface.normals.as_flattened();
+                bits.extend(normals.iter().map(|x| x.to_bits()));
+            }
+            let surfaces = surfaces.each_ref().map(|surface| &**surface);
+            let mut matching = Matching::EMPTY;
+            for pose in poses {
+                for (every, limit) in [(2, 0.04), (1, f32::INFINITY), (3, 0.01), (1, 1e-4)] {
+                    let median = matching.largest_median(isa, surfaces, pose, every);
+                    matching.find(isa, surfaces, pose, every, limit);
+                    bits.push(median.to_bits());
+                    let places = matching.matches().map(|found| found.to);
+                    bits.extend(places.map(|to| to.map_or(u32::MAX, |to| to as u32)));
+                    bits.push(matching.median_squared().to_bits());
+                }
+            }
+            bits
+        };
+        let expected = found(Isa::PORTABLE);
+        for isa in Isa::all() {
+            assert_eq!(found(isa), expected, "{}", isa.name());
+        }
+    }
+}
+
+#[test]
 fn matches_are_the_nearest_within_the_limit_and_none_beyond() {
     let (source, target) = (surface(&part(300, 3)), surface(&part(500, 4)));
     let mut matching = Matching::EMPTY;
@@ -71,7 +112,7 @@ fn matches_are_the_nearest_within_the_limit_and_none_beyond() {
         (far, 1, 1e-4),
     ] {
         let surfaces = [&*source, &*target];
-        let bound = matching.largest_median(surfaces, pose, every);
+        let bound = matching.largest_median(Isa::best(), surfaces, pose, every);
         matching.find(Isa::best(), surfaces, pose, every, limit);
         let mut found: Vec<f32> = Vec::new();
         for Match { of, to } in matching.matches() {

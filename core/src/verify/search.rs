@@ -120,7 +120,7 @@ impl Search<'_, '_> {
         for at in copies(best.at, axes) {
             go_on()?;
             // The target's centre is not that of its symmetries: a few steps lead to where the copy fits.
-            let (loss, at) = self.refiner.sifted(at);
+            let (loss, at) = self.refiner.sifted_below(least + ALIKE, at);
             if loss < least + ALIKE {
                 self.hypotheses += 1;
                 self.refiner.match_both(at, compared);
@@ -152,9 +152,10 @@ impl Search<'_, '_> {
         for at in nudged(best.at) {
             go_on()?;
             self.hypotheses += 1;
-            let mut carried = Some(self.refiner.sifted(at));
+            let loss = |sifted: &Option<(f32, Rigid)>| sifted.map_or(f32::INFINITY, |s| s.0);
+            let most = nearest.last().map_or(f32::INFINITY, loss);
+            let mut carried = Some(self.refiner.sifted_below(most, at));
             for held in &mut nearest {
-                let loss = |sifted: &Option<(f32, Rigid)>| sifted.map_or(f32::INFINITY, |s| s.0);
                 if loss(&carried) < loss(held) {
                     core::mem::swap(held, &mut carried);
                 }
@@ -213,11 +214,13 @@ impl Search<'_, '_> {
             let mut matched = Best::<MATCHED>::NONE;
             let [source, target] = self.refiner.surfaces();
             // Most are given up after few points.
-            let [few, all] = PAIR_POINTS
-                .map(|points| move |r: &Refiner<'_>, at| r.coarse_loss(at, points, SCREEN_SCALE));
+            let [few, all] = PAIR_POINTS.map(|points| {
+                move |r: &Refiner<'_>, most, at| r.coarse_loss_below(most, at, points, SCREEN_SCALE)
+            });
             matching_pairs(source, target, |at| {
-                if matched.takes(few(self.refiner, at) - PAIR_SLACK) {
-                    matched.offer(all(self.refiner, at), at);
+                let most = matched.most();
+                if few(self.refiner, most + PAIR_SLACK, at) - PAIR_SLACK < most {
+                    matched.offer(all(self.refiner, most, at), at);
                 }
             });
             for (_, at) in matched.held() {
@@ -257,7 +260,7 @@ impl Search<'_, '_> {
 
     /// Takes further steps, and offers where they end: of those that fit alike, the most probable under the start.
     fn sift(&mut self, at: Rigid, prior: Option<&Prior>, sifted: &mut Best<POLISHED>) {
-        let (loss, at) = self.refiner.sifted(at);
+        let (loss, at) = self.refiner.sifted_below(sifted.most(), at);
         let surprise = prior.map_or(0.0, |prior| prior.surprise(at));
         let loss = loss + surprise / (12.0 * ALL_LOST);
         if let Some(place) = self.ended.iter_mut().find(|ended| ended.is_none()) {

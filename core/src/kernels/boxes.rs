@@ -1,0 +1,112 @@
+//! Boxes around runs and blocks of points that follow each other in space.
+
+use super::lanes::{LANES, Lanes, Places, Row, Vectors};
+use crate::dims::SURFACE_POINTS;
+use core::ops::Range;
+
+/// Points of a run of neighbours.
+pub const RUN: usize = 8;
+/// Points of a block of runs.
+pub const BLOCK: usize = 32;
+/// Blocks and runs of a surface, at most.
+pub const BLOCKS: usize = SURFACE_POINTS / BLOCK;
+/// See [`BLOCKS`].
+pub const RUNS: usize = SURFACE_POINTS / RUN;
+
+/// An axis-parallel box: its lowest and highest corner.
+pub type Corners = [[f32; 3]; 2];
+
+/// The boxes of all blocks, one row an axis: distances to all of them are found in lanes.
+#[derive(Clone, Debug)]
+pub struct Boxes {
+    /// Lowest coordinates.
+    pub low: [[Row; BLOCKS / LANES]; 3],
+    /// Highest coordinates.
+    pub high: [[Row; BLOCKS / LANES]; 3],
+}
+
+impl Boxes {
+    /// Of no blocks. All bits are zero.
+    pub const ZERO: Boxes = Boxes {
+        low: [[[0.0; LANES]; BLOCKS / LANES]; 3],
+        high: [[[0.0; LANES]; BLOCKS / LANES]; 3],
+    };
+}
+
+/// A surface's points in boxes.
+#[derive(Clone, Copy, Debug)]
+pub struct Boxed<'a> {
+    /// The points in spatial order, and how many there are.
+    pub points: (&'a Places, usize),
+    /// Boxes of the runs.
+    pub runs: &'a [Corners; RUNS],
+    /// Boxes of the blocks.
+    pub blocks: &'a Boxes,
+}
+
+impl Boxed<'_> {
+    /// How many blocks there are.
+    #[inline(always)]
+    pub(super) fn count(&self) -> usize {
+        self.points.1.div_ceil(BLOCK).min(BLOCKS)
+    }
+
+    /// Places of a block's points.
+    #[inline(always)]
+    pub(super) fn places(&self, block: usize) -> Range<usize> {
+        block * BLOCK..self.points.1.min((block + 1) * BLOCK)
+    }
+
+    /// Squared distances of the blocks' boxes from one.
+    #[inline(always)]
+    pub(super) fn gaps<L: Lanes>(&self, &[low, high]: &Corners) -> [f32; BLOCKS] {
+        let (low, high, zero) = (Vectors::<L>::all(low), Vectors::all(high), L::all(0.0));
+        let mut gaps = [[0.0; LANES]; BLOCKS / LANES];
+        for (k, gaps) in gaps
+            .iter_mut()
+            .enumerate()
+            .take(self.count().div_ceil(LANES))
+        {
+            let ([lx, ly, lz], [hx, hy, hz]) = (&self.blocks.low, &self.blocks.high);
+            for lane in (0..LANES).step_by(L::COUNT) {
+                let below = low - Vectors::of([&hx[k], &hy[k], &hz[k]], lane);
+                let above = Vectors::of([&lx[k], &ly[k], &lz[k]], lane) - high;
+                let gap = Vectors {
+                    x: below.x.max(above.x).max(zero),
+                    y: below.y.max(above.y).max(zero),
+                    z: below.z.max(above.z).max(zero),
+                };
+                gap.dot(gap).store(gaps, lane);
+            }
+        }
+        let mut flat = [0.0; BLOCKS];
+        flat.copy_from_slice(gaps.as_flattened());
+        flat
+    }
+}
+
+/// The box about some points, one row an axis.
+#[inline(always)]
+pub(super) fn bounds<L: Lanes>([x, y, z]: &[Row; 3]) -> Corners {
+    let low = [smallest::<L>(x), smallest::<L>(y), smallest::<L>(z)];
+    [low, [largest::<L>(x), largest::<L>(y), largest::<L>(z)]]
+}
+
+/// The largest of a row.
+#[inline(always)]
+pub(super) fn largest<L: Lanes>(row: &Row) -> f32 {
+    let mut most = L::load(row, 0);
+    for lane in (L::COUNT..LANES).step_by(L::COUNT) {
+        most = most.max(L::load(row, lane));
+    }
+    most.largest()
+}
+
+#[inline(always)]
+fn smallest<L: Lanes>(row: &Row) -> f32 {
+    let mut least = L::load(row, 0);
+    for lane in (L::COUNT..LANES).step_by(L::COUNT) {
+        least = least.min(L::load(row, lane));
+    }
+    -(L::all(0.0) - least).largest()
+}

@@ -9,7 +9,7 @@ use crate::refine::{Row, ask, errors};
 use crate::session::{SessionArgs, open};
 use anyhow::{Context, bail};
 use ed25519_dalek::SigningKey;
-use host_train::cli::{check_writable, write_json};
+use host_train::cli::{check_outputs, write_json};
 use host_train::learn::train::fine_tune;
 use host_train::measure::metrics::PairMetrics;
 use host_train::policy::WeightFile;
@@ -74,9 +74,7 @@ impl DemoArgs {
     /// Anything that fails, a robot's refusal included.
     pub async fn run(self) -> anyhow::Result<()> {
         let started = Instant::now();
-        if let Some(path) = &self.json {
-            check_writable(path)?;
-        }
+        check_outputs([&self.json])?;
         let scene = Scene::of(&self)?;
         println!("{}", scene.description);
 

@@ -15,7 +15,7 @@ use crate::refine::{Answer, ask};
 use anyhow::{Context, ensure};
 use ed25519_dalek::SigningKey;
 use figures::Times;
-use host_train::cli::{check_writable, write_json};
+use host_train::cli::{check_outputs, write_json};
 use host_train::dataset::pairs::PairSet;
 use host_train::dataset::procedural;
 use host_train::policy::WeightFile;
@@ -102,9 +102,7 @@ impl FleetArgs {
     }
 
     async fn work(&self) -> anyhow::Result<()> {
-        if let Some(path) = &self.json {
-            check_writable(path)?;
-        }
+        check_outputs([&self.json])?;
         let policy = self.policy()?;
         let models = procedural::models(self.seed, PAIRS);
         let pairs = Arc::new(protocol::draw(

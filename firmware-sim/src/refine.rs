@@ -8,7 +8,7 @@ pub(crate) use table::{Row, errors};
 use crate::client::{Client, RefineError};
 use crate::node::ANY;
 use crate::session::{SessionArgs, open};
-use host_train::cli::{Initial, Input, SourceArgs, check_writable, write_json};
+use host_train::cli::{Initial, Input, SourceArgs, check_outputs, write_json};
 use host_train::dataset::Point;
 use host_train::dataset::pairs::PairSet;
 use host_train::pose64::{Pose64, Position};
@@ -206,9 +206,7 @@ impl RefineArgs {
     /// Files that cannot be read, no session, and the first request without a pose.
     pub async fn run(self) -> anyhow::Result<()> {
         // A file that cannot be written is known before anybody is asked.
-        for path in [&self.trace, &self.json].into_iter().flatten() {
-            check_writable(path)?;
-        }
+        check_outputs([&self.trace, &self.json])?;
         if let Some(path) = &self.pairs {
             let pairs = PairSet::load(path)?;
             return self.start().await?.refine_pairs(&pairs).await;

@@ -15,16 +15,22 @@ pub fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
     replace(path, bytes).map_err(plain)
 }
 
-/// Whether [`write()`] would find a place for its file; what is there is left as it is.
+/// The place at which [`write()`] would put its file, under one name however the path leads there; `None` where it would write
+/// through. What is there is left as it is.
 ///
 /// # Errors
-/// The system's.
-pub fn check(path: &Path) -> io::Result<()> {
-    if path == Path::new("-") || is_special(path) {
-        return Ok(());
+/// The system's, where it would find no place.
+pub fn place(path: &Path) -> io::Result<Option<PathBuf>> {
+    if path == Path::new("-") {
+        return Ok(Some(path.into()));
     }
-    let prepared = target(path).and_then(|target| prepare(&target));
-    prepared.map(drop).map_err(plain)
+    if is_special(path) {
+        return Ok(None);
+    }
+    let target = target(path)?;
+    prepare(&target).map_err(plain)?;
+    let folder = directory(&target).canonicalize()?;
+    Ok(target.file_name().map(|name| folder.join(name)))
 }
 
 fn replace(path: &Path, bytes: &[u8]) -> io::Result<()> {
@@ -235,11 +241,11 @@ mod tests {
         let at = |name: &str| folder.path().join(name);
         fs::write(at("old"), "old").expect("written");
         for path in [at("old"), at("new"), "/dev/full".into(), "-".into()] {
-            check(&path).expect("it can");
+            place(&path).expect("it can");
         }
         assert_eq!(fs::read_to_string(at("old")).expect("read"), "old");
         for path in [at("no/such"), folder.path().into()] {
-            check(&path).expect_err("it cannot");
+            place(&path).expect_err("it cannot");
         }
         assert_eq!(names(folder.path()), ["old"]);
     }

@@ -287,3 +287,27 @@ fn a_policy_that_is_worse_on_views_is_not_published_unless_it_is_said() {
         &["procedural:3", "views:DIR"],
     );
 }
+
+#[test]
+fn one_file_cannot_be_two_outputs() {
+    let folder = folder();
+    for arguments in [
+        "register scan.ply part.ply --json a --trace ./a",
+        "register scan.ply part.ply --out a.ply --html other/../a.ply",
+        "eval --methods icp --pairs p.h5 --json a --record a",
+    ] {
+        std::fs::create_dir_all(folder.path().join("other")).expect("a folder");
+        fail(
+            folder.path(),
+            arguments,
+            &["two outputs cannot be one file"],
+        );
+    }
+    // What is no file takes any number of them.
+    #[cfg(unix)]
+    fail(
+        folder.path(),
+        "register scan.ply part.ply --json /dev/null --trace /dev/null",
+        &["scan.ply"],
+    );
+}

@@ -1,6 +1,6 @@
 //! `host-train bench`
 
-use super::output::{write_json, write_text};
+use super::output::{check_outputs, write_json, write_text};
 use super::source::{DataSource, positive};
 use crate::learn::train::{self, Stage, TrainConfig};
 use crate::measure::latency;
@@ -78,6 +78,7 @@ pub(super) struct BenchArgs {
 
 impl BenchArgs {
     pub(super) fn run(self, seed: u64) -> anyhow::Result<()> {
+        check_outputs([&self.json, &self.page])?;
         if self.train {
             self.training(seed)
         } else if self.mcu {

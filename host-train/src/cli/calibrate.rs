@@ -1,6 +1,6 @@
 //! `host-train calibrate`
 
-use super::output::write_json;
+use super::output::{check_outputs, write_json};
 use super::source;
 use crate::dataset::{self, Split, modelnet};
 use crate::measure::calibrate::{Kind, Row, collect, fit, probability};
@@ -72,6 +72,7 @@ struct Outcomes {
 
 impl CalibrateArgs {
     pub(super) fn run(self, seed: u64) -> anyhow::Result<()> {
+        check_outputs([&self.json])?;
         let named = |default: &str| self.weights.clone().unwrap_or_else(|| default.into());
         let [whole, of_views] = [REAGENT, VIEWS].map(|default| WeightFile::load(&named(default)));
         let (whole, of_views) = (whole?, of_views?);

@@ -27,7 +27,7 @@ mod track;
 mod train;
 mod views;
 
-pub use output::{check_writable, write_json};
+pub use output::{check_outputs, write_json};
 pub use register::{Initial, Input, SourceArgs, Units};
 
 #[cfg(feature = "publish")]

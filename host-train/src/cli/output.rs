@@ -1,16 +1,29 @@
 //! Files that commands write; `-` is standard output.
 
 use crate::files;
-use anyhow::Context;
+use anyhow::{Context, ensure};
 use serde::Serialize;
-use std::path::Path;
+use std::collections::HashSet;
+use std::path::{Path, PathBuf};
 
-/// Refuses a file that could not be written, naming it, before the work that it is to hold.
+/// Refuses files that could not be written, and one that two outputs would be, before the work that they are to hold.
 ///
 /// # Errors
-/// The system's.
-pub fn check_writable(path: &Path) -> anyhow::Result<()> {
-    files::check(path).with_context(|| cannot_write(path))
+/// The system's, or that there are two; both name the file.
+pub fn check_outputs<'a>(
+    paths: impl IntoIterator<Item = &'a Option<PathBuf>>,
+) -> anyhow::Result<()> {
+    let mut places = HashSet::new();
+    for path in paths.into_iter().flatten() {
+        let place = files::place(path).with_context(|| cannot_write(path))?;
+        let is_free = place.is_none_or(|place| places.insert(place));
+        ensure!(
+            is_free,
+            "{}: two outputs cannot be one file",
+            path.display()
+        );
+    }
+    Ok(())
 }
 
 fn cannot_write(path: &Path) -> String {

@@ -12,7 +12,7 @@ pub use initial::Initial;
 pub use input::{Input, Units};
 pub use source::SourceArgs;
 
-use super::output::check_writable;
+use super::output::check_outputs;
 use super::{BelowProbability, bad_usage};
 use crate::cli::source::positive;
 use crate::dataset::cloud_file::{STANDARD, check_output};
@@ -149,9 +149,7 @@ impl RegisterArgs {
         if let Some(path) = &self.out {
             check_output(path)?;
         }
-        for path in self.outputs().into_iter().flatten() {
-            check_writable(path)?;
-        }
+        check_outputs(self.outputs())?;
         let pairs = match &self.pairs {
             Some(list) => Some(pairs::find(list)?),
             None => None,

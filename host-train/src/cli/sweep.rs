@@ -1,7 +1,7 @@
 //! `host-train sweep`
 
 use super::methods::MethodArgs;
-use super::output::write_json;
+use super::output::{check_outputs, write_json};
 use super::progress::Progress;
 use super::source::DataSource;
 use super::{bad_usage, source, table};
@@ -55,6 +55,7 @@ fn names() -> PossibleValuesParser {
 
 impl SweepArgs {
     pub(super) fn run(self, seed: u64) -> anyhow::Result<()> {
+        check_outputs([&self.json])?;
         let named = |vary: &Vary| {
             let value = vary.to_possible_value().expect("no value is hidden");
             self.vary

@@ -1,7 +1,7 @@
 //! `host-train track`
 
 use super::bad_usage;
-use super::output::{check_writable, write_text};
+use super::output::{check_outputs, write_text};
 use super::register::input::{Input, Units};
 use super::register::{Initial, factor, view_point};
 use crate::dataset::cloud_file::bag::{Bag, is_bag};
@@ -143,9 +143,7 @@ impl TrackArgs {
         if self.topic.is_some() && !has_bag {
             bad_usage("track", "--topic is for bags (.mcap)");
         }
-        if let Some(path) = &self.json {
-            check_writable(path)?;
-        }
+        check_outputs([&self.json])?;
         let bundled = Path::new(bundled_policy(self.view.is_some()));
         let weights = WeightFile::load(self.weights.as_deref().unwrap_or(bundled))?;
         let request = Request {

@@ -36,6 +36,7 @@ fn bad_usage_has_status_2() {
         "register --weights w.rgw a.ply b.ply --init 2,0,0,0,0,1,0,0,0,0,1,0",
         "export --run run --format f64 --out w.rgw",
         "publish --weights w.rgw --fleet lab",
+        "calibrate --data procedural",
         "keygen --out signing.key --seed 3",
     ] {
         let output = run(folder.path(), arguments);

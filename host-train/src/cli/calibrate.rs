@@ -24,7 +24,7 @@ const HELD_BACK: f64 = 0.3;
 #[derive(Debug, Args)]
 pub(super) struct CalibrateArgs {
     /// Data set whose training split is used
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "DIR", value_parser = data_set)]
     data: PathBuf,
     /// Meshes of which views are rendered [default: built-in shapes]
     #[arg(long, value_name = "DIR")]
@@ -38,6 +38,16 @@ pub(super) struct CalibrateArgs {
     /// Write weights, quality and outcomes as JSON, for `report` too
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
+}
+
+fn data_set(text: &str) -> Result<PathBuf, String> {
+    match text {
+        "procedural" => Err(
+            "probabilities are fitted to models of real things: give a folder of meshes or clouds,              as `train --data` takes it; built-in shapes are seen as views without --meshes"
+                .into(),
+        ),
+        _ => Ok(text.into()),
+    }
 }
 
 /// Each has weights of its own.

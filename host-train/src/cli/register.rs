@@ -5,6 +5,7 @@ mod initial;
 pub(super) mod input;
 mod one;
 mod pairs;
+mod series;
 mod source;
 mod text;
 
@@ -59,7 +60,7 @@ pub(super) struct RegisterArgs {
     target: Option<PathBuf>,
     /// Register many pairs, and print one JSON line each: a folder with NAME_source.EXT and NAME_target.EXT, or a
     /// list with two paths a line, and the three coordinates of --view where a source has a view point of its own
-    #[arg(long, value_name = "FOLDER|LIST", conflicts_with_all = ["source", "target", "out", "trace", "html", "matrix"])]
+    #[arg(long, value_name = "FOLDER|LIST", conflicts_with_all = ["source", "target", "out", "trace", "html", "series", "matrix"])]
     pairs: Option<PathBuf>,
     /// Where to start: none (turned in any way), identity, 12 numbers separated by commas (rows of [R | t]), or a
     /// file with them: .txt, .json, also what --json wrote. May be given several times, and a file may hold several
@@ -96,6 +97,10 @@ pub(super) struct RegisterArgs {
     /// Write a page to look at, one HTML file: the clouds, to be turned, step by step, and the verdict
     #[arg(long, value_name = "FILE.html")]
     html: Option<PathBuf>,
+    /// Write a folder of .ply files for programs that show clouds: target.ply, and source_000.ply and so on, the source in its
+    /// initial pose, after each step, and in the pose that is given out. Coordinates are those of --trace
+    #[arg(long, value_name = "FOLDER")]
+    series: Option<PathBuf>,
     /// Write pose, verdict, probability, stages, notes and time (milliseconds) as JSON; of pairs a line each
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
@@ -150,6 +155,9 @@ impl RegisterArgs {
             check_output(path)?;
         }
         check_outputs(self.outputs())?;
+        if let Some(folder) = &self.series {
+            series::make_folder(folder)?;
+        }
         let pairs = match &self.pairs {
             Some(list) => Some(pairs::find(list)?),
             None => None,

@@ -1,7 +1,7 @@
 //! One pair: what is printed and written of it.
 
 use super::pairs::Pair;
-use super::{Pairing, RegisterArgs, text};
+use super::{Pairing, RegisterArgs, series, text};
 use crate::cli::output::{write_json, write_text};
 use crate::dataset::Point;
 use crate::dataset::cloud_file::{CloudFile, STANDARD, extension, write_cloud};
@@ -46,6 +46,9 @@ impl RegisterArgs {
         if let Some(path) = &self.html {
             let report = Report::of_registrations(vec![self.traced(&pairing, pair)]);
             write_text(path, &report.html()?)?;
+        }
+        if let Some(folder) = &self.series {
+            series::write(folder, &self.traced(&pairing, pair))?;
         }
         if let Some(path) = &self.json {
             write_json(path, &self.document(&pairing))?;

@@ -30,6 +30,11 @@ pub enum Note {
         /// Number that was read.
         read: usize,
     },
+    /// The file goes on after all that its header counts.
+    Beyond {
+        /// By how much.
+        bytes: usize,
+    },
     /// Numbers are written with a decimal comma.
     DecimalComma,
     /// The first column counts the lines and was left out.
@@ -91,6 +96,15 @@ pub enum Note {
     NoFaces,
 }
 
+impl Note {
+    /// Of what follows all that a header counts; blanks and zeros only fill the file up.
+    pub(super) fn beyond(rest: &[u8]) -> Option<Note> {
+        let is_filling = |&byte: &u8| byte == 0 || byte.is_ascii_whitespace();
+        let bytes = rest.len();
+        (!rest.iter().all(is_filling)).then_some(Note::Beyond { bytes })
+    }
+}
+
 impl fmt::Display for Note {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -113,6 +127,10 @@ impl fmt::Display for Note {
             } => write!(
                 f,
                 "it claims {claimed} {what} and holds {read}; all {read} are read"
+            ),
+            Note::Beyond { bytes } => write!(
+                f,
+                "it holds more than its header counts: the last {bytes} bytes are not read"
             ),
             Note::DecimalComma => write!(f, "numbers are read with a decimal comma"),
             Note::IndexColumn => write!(f, "the first column counts the lines and is left out"),

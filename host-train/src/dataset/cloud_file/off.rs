@@ -78,6 +78,8 @@ pub(super) fn parse(bytes: &[u8]) -> Result<CloudFile, String> {
         }
         sizes.push(corners);
     }
+    let rest: String = lines.map(|(_, text)| text).collect();
+    file.notes.extend(Note::beyond(rest.as_bytes()));
     divide(&mut file, &polygons, &sizes)?;
     Ok(file)
 }

@@ -3,14 +3,13 @@
 use super::{CloudFile, Note, Position};
 use pcd_rs::{DataKind, DynReader, DynRecord, Field, PcdMeta, ViewPoint};
 use std::borrow::Cow;
-use std::io::Read;
 
 /// Larger records than any sensor's are a corrupt header.
 const MAX_RECORD_BYTES: u64 = 1 << 16;
 
 pub(super) fn parse(bytes: &[u8]) -> Result<CloudFile, String> {
     let bytes = &*without_empty_fields(bytes);
-    check_sizes(bytes)?;
+    let beyond = Note::beyond(after_points(bytes)?);
     let reader = DynReader::from_bytes(bytes).map_err(|e| e.to_string())?;
     // Padding has a definition, but no place in the records that the reader returns.
     let definitions = reader.meta().field_defs.fields.iter();
@@ -32,6 +31,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<CloudFile, String> {
         normals: normal.map(|_| Vec::new()),
         colours: colour.map(|_| Vec::new()),
         intensities: intensity.map(|_| Vec::new()),
+        notes: beyond.into_iter().collect(),
         ..CloudFile::default()
     };
     let used: Vec<usize> = [Some(point), normal]
@@ -146,8 +146,9 @@ fn without_empty_fields(bytes: &[u8]) -> Cow<'_, [u8]> {
     changed.into()
 }
 
-/// Refuses what would make the reader reserve memory for, or reach for, more than the file holds.
-fn check_sizes(bytes: &[u8]) -> Result<(), String> {
+/// What follows the points that the header counts. Refuses what would make the reader reserve memory for, or reach for, more
+/// than the file holds.
+fn after_points(bytes: &[u8]) -> Result<&[u8], String> {
     let mut rest = bytes;
     let meta = PcdMeta::from_reader(&mut rest).map_err(|e| e.to_string())?;
     let fields = meta.field_defs.fields.iter();
@@ -159,31 +160,31 @@ fn check_sizes(bytes: &[u8]) -> Result<(), String> {
     }
     let size = record.saturating_mul(meta.num_points);
     let too_short = || {
-        Err(format!(
+        format!(
             "{} points of {record} bytes do not fit the file; it is cut off or corrupt",
             meta.num_points
-        ))
+        )
+    };
+    let after = |held: u64| {
+        let held = usize::try_from(held).ok();
+        held.and_then(|held| rest.get(held..)).ok_or_else(too_short)
     };
     match meta.data {
-        DataKind::Ascii => Ok(()),
-        DataKind::Binary if size > rest.len() as u64 => too_short(),
-        DataKind::Binary => Ok(()),
+        DataKind::Ascii => {
+            let lines = rest.split_inclusive(|&byte| byte == b'\n');
+            let held = lines.take(meta.num_points as usize).map(<[u8]>::len);
+            Ok(&rest[held.sum()..])
+        }
+        DataKind::Binary => after(size),
         DataKind::BinaryCompressed => {
-            let mut sizes = [0u8; 8];
-            rest.read_exact(&mut sizes).map_err(|e| e.to_string())?;
-            let [compressed, whole] = [0, 4].map(|at| {
-                u64::from(u32::from_le_bytes([
-                    sizes[at],
-                    sizes[at + 1],
-                    sizes[at + 2],
-                    sizes[at + 3],
-                ]))
-            });
+            let (sizes, data) = rest.split_at_checked(8).ok_or_else(too_short)?;
+            let number = |at: usize| u32::from_le_bytes([0, 1, 2, 3].map(|i| sizes[at + i]));
+            let [compressed, whole] = [0, 4].map(|at| u64::from(number(at)));
             // LZF makes at most 264 bytes of 3.
-            if compressed > rest.len() as u64 || whole != size || whole > 88 * compressed {
-                return too_short();
+            if whole != size || whole > 88 * compressed {
+                return Err(too_short());
             }
-            Ok(())
+            data.get(compressed as usize..).ok_or_else(too_short)
         }
     }
 }

@@ -145,6 +145,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<CloudFile, String> {
         let what = super::lines::excerpt(&ignored.join(", "));
         file.notes.push(Note::Ignored { what });
     }
+    file.notes.extend(Note::beyond(reader.get_ref()));
     divide(&mut file, &polygons, &sizes)?;
     Ok(file)
 }

@@ -327,3 +327,23 @@ fn contents_tell_what_standard_input_is() {
     assert_eq!(kind_of(&[[0; 84].as_slice(), &[1; 50]].concat()), "stl");
     assert_eq!(kind_of(b"\xff\xfe1\0 \0"), "xyz");
 }
+
+#[test]
+fn what_follows_all_that_a_header_counts_is_told() {
+    let records = |points: usize| vec![0x3f; 16 * points];
+    let more = b"1 2 3 4\n";
+    for (name, file, filling) in [
+        (".off", OFF.as_bytes().to_vec(), b"\n  "),
+        (".ply", PLY.as_bytes().to_vec(), b"\n  "),
+        (".pcd", PCD.as_bytes().to_vec(), b"\n  "),
+        (".pcd", pcd_binary("binary", &records(3)), b"\0\0\n"),
+    ] {
+        let beyond = |file: &[u8]| {
+            let notes = read(name, file).expect("it is read").notes;
+            notes.iter().any(|note| matches!(note, Note::Beyond { .. }))
+        };
+        assert!(!beyond(&file), "{name}");
+        assert!(!beyond(&[file.as_slice(), filling].concat()), "{name}");
+        assert!(beyond(&[file.as_slice(), more].concat()), "{name}");
+    }
+}

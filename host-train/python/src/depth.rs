@@ -3,7 +3,7 @@
 use crate::array::{numbers, without_mask};
 use crate::error::{Error, bad};
 use host_train::dataset::depth::image::Image;
-use host_train::dataset::depth::{DepthImage, Intrinsics};
+use host_train::dataset::depth::{DepthImage, Intrinsics, checked_scale};
 use numpy::ndarray::arr2;
 use numpy::{PyArray2, PyArrayDescrMethods, PyUntypedArray, PyUntypedArrayMethods};
 use pyo3::prelude::*;
@@ -53,9 +53,7 @@ pub(crate) fn depth_image(
     mask: Option<&Bound<'_, PyAny>>,
     depth_scale: f64,
 ) -> PyResult<DepthImage> {
-    if !(depth_scale > 0.0 && depth_scale.is_finite()) {
-        return Err(bad("depth_scale", "expected a positive number"));
-    }
+    checked_scale(depth_scale).map_err(Error::new_err)?;
     let has_bytes = |array: &Bound<'_, PyUntypedArray>| array.dtype().itemsize() == 1;
     if depth.cast::<PyUntypedArray>().is_ok_and(has_bytes) {
         let what = "expected floats or integers of 16 bits or more, found 8 bits";

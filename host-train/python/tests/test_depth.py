@@ -111,5 +111,5 @@ def test_other_arguments_are_those_of_register():
 
 @pytest.mark.parametrize("scale", [0, -1, numpy.nan, numpy.inf])
 def test_scales_are_positive(scale):
-    with pytest.raises(reagent.Error, match="depth_scale: expected a positive number"):
+    with pytest.raises(reagent.Error, match="depth_scale: expected a positive number, found"):
         reagent.points_of_depth(numpy.ones((2, 3)), CAMERA, depth_scale=scale)

@@ -4,7 +4,7 @@ use super::json::{
     self, Annotation, AnnotationInfo, CameraEntry, Numbered, SCENE_CAMERA, SCENE_GT,
 };
 use super::{BopError, Models};
-use crate::dataset::depth::{DepthError, DepthImage, Intrinsics, image};
+use crate::dataset::depth::{DepthError, DepthImage, Intrinsics, checked_scale, image};
 use reagent_core::Pose;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -80,9 +80,9 @@ impl Scenes {
         let cameras_path = folder.join("scene_camera.json");
         let cameras: Numbered<CameraEntry> = json::read(&cameras_path, SCENE_CAMERA)?;
         for (&image, camera) in &cameras {
-            let view = view(camera).ok_or_else(|| BopError::Malformed {
+            let view = view(camera).map_err(|reason| BopError::Malformed {
                 path: cameras_path.clone(),
-                reason: format!("image {image}: cam_K has no positive focal lengths, skews, or depth_scale is not positive"),
+                reason: format!("image {image}: {reason}"),
                 expected: SCENE_CAMERA,
             })?;
             self.views.insert((scene, image), view);
@@ -223,13 +223,11 @@ fn scene_folders(dir: &Path) -> Result<BTreeMap<u32, PathBuf>, BopError> {
     Ok(scenes)
 }
 
-fn view(camera: &CameraEntry) -> Option<View> {
+fn view(camera: &CameraEntry) -> Result<View, String> {
     // As it is computed with: a skew too small for f32 is none.
-    let matrix = camera.intrinsics.map(|x| f64::from(x as f32));
-    let depth_scale_mm = camera.depth_scale as f32;
-    let camera = Intrinsics::of_matrix(matrix).ok()?;
-    (depth_scale_mm > 0.0 && depth_scale_mm.is_finite()).then_some(View {
-        camera,
-        depth_scale_mm,
+    let single = |x: f64| f64::from(x as f32);
+    Ok(View {
+        camera: Intrinsics::of_matrix(camera.intrinsics.map(single))?,
+        depth_scale_mm: checked_scale(single(camera.depth_scale))? as f32,
     })
 }

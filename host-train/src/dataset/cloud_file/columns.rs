@@ -106,7 +106,7 @@ const COORDINATES: [[&str; 3]; 6] = [
 ];
 
 /// Where the coordinates are: columns whose names go together, whatever else is there, or the only ones that may be.
-pub(super) fn coordinates(names: &[String]) -> Option<[usize; 3]> {
+fn coordinates(names: &[String]) -> Option<[usize; 3]> {
     let place = |name: &str| names.iter().position(|n| n == name);
     let together = |[x, y, z]: [&str; 3]| Some([place(x)?, place(y)?, place(z)?]);
     let only = |axis: usize| {

@@ -5,7 +5,7 @@
 //! counts the lines. Where columns have names, those beside the coordinates may hold text. What could be read in two ways is
 //! refused.
 
-use super::columns::{Layout, coordinates};
+use super::columns::Layout;
 use super::lines::{self, decode, excerpt, without_comment};
 use super::{CloudFile, Note, Position};
 use crate::dataset::Point;
@@ -14,10 +14,8 @@ use std::borrow::Cow;
 /// Columns of one file and what is known of them.
 #[derive(Default)]
 struct Table {
-    /// Names of the columns, in lower case, where a line gives them.
-    names: Vec<String>,
-    /// Where the names put the coordinates.
-    point: Option<[usize; 3]>,
+    /// What the columns hold, where a line names them.
+    named: Option<Layout>,
     /// Numbers, row by row; NaN for text.
     numbers: Vec<f64>,
     /// Numbers of a row; 0 before the first.
@@ -53,12 +51,13 @@ impl Table {
         let comment = &text[content.len()..];
         let content = content.trim();
         if content.is_empty() {
-            let names = self.names_of(comment.trim_start_matches(['#', '/']));
-            self.take_names(names.unwrap_or_default());
+            let named = self.names(comment.trim_start_matches(['#', '/']));
+            self.named = self.named.take().or(named);
             return Ok(());
         }
         let fields = self.fields(content)?;
-        let is_coordinate = |at: usize| self.point.is_none_or(|point| point.contains(&at));
+        let named = self.named.as_ref();
+        let is_coordinate = |at: usize| named.is_none_or(|layout| layout.point.contains(&at));
         let value = |(at, field): (usize, &Cow<str>)| {
             number(field).or((!is_coordinate(at)).then_some(f64::NAN))
         };
@@ -84,16 +83,14 @@ impl Table {
             }
             _ => {}
         }
-        match self.names_of(content) {
-            Some(names) => self.take_names(names),
-            None => {
-                return Err(format!(
-                    "expected three coordinates, found \"{}\"",
-                    excerpt(content)
-                ));
-            }
+        self.named = self.names(content);
+        match self.named {
+            Some(_) => Ok(()),
+            None => Err(format!(
+                "expected three coordinates, found \"{}\"",
+                excerpt(content)
+            )),
         }
-        Ok(())
     }
 
     /// Divides a line at its separators: semicolons where there are any, else commas, unless these are decimal
@@ -155,14 +152,9 @@ impl Table {
         }
     }
 
-    fn take_names(&mut self, names: Vec<String>) {
-        self.point = coordinates(&names).or(self.point);
-        self.names.extend(names);
-    }
-
-    /// The names of the columns, if this line before the points gives those of the coordinates.
-    fn names_of(&self, text: &str) -> Option<Vec<String>> {
-        if self.columns > 0 || !self.names.is_empty() {
+    /// What the columns hold, if this line before the points names them.
+    fn names(&self, text: &str) -> Option<Layout> {
+        if self.columns > 0 || self.named.is_some() {
             return None;
         }
         let separator = [';', ',', '\t'].into_iter().find(|&c| text.contains(c));
@@ -179,14 +171,13 @@ impl Table {
                 .to_owned()
         };
         let names: Vec<String> = words.into_iter().map(name).collect();
-        let known = coordinates(&names).is_some();
-        known.then_some(names)
+        Layout::named(&names)
     }
 
     /// The points and what goes with them.
     fn finish(self, file: &mut CloudFile) -> Result<(), String> {
         let rows = self.numbers.len().checked_div(self.columns).unwrap_or(0);
-        if self.commas && !self.fractions && self.columns >= 6 && self.names.is_empty() {
+        if self.commas && !self.fractions && self.columns >= 6 && self.named.is_none() {
             return Err(format!(
                 "{} whole numbers a line with commas between them: these could be decimal commas; separate the \
                  numbers by semicolons, or name the columns on the first line",
@@ -213,26 +204,28 @@ impl Table {
         let single = |triples: Vec<Position>| -> Vec<Point> {
             triples.into_iter().map(|t| t.map(|x| x as f32)).collect()
         };
-        let mut layout = if self.names.is_empty() {
-            let counts = |first: f64| column(0).zip(0..).all(|(x, i)| x == first + f64::from(i));
-            let index = self.columns > 3 && rows > 1 && (counts(0.0) || counts(1.0));
-            if index {
-                file.notes.push(Note::IndexColumn);
+        let is_guess = self.named.is_none();
+        let mut layout = match self.named {
+            Some(layout) if layout.point.iter().all(|&at| at < self.columns) => layout,
+            Some(_) => return Err("its first line names more columns than the points have".into()),
+            None => {
+                let counts =
+                    |first: f64| column(0).zip(0..).all(|(x, i)| x == first + f64::from(i));
+                let index = self.columns > 3 && rows > 1 && (counts(0.0) || counts(1.0));
+                if index {
+                    file.notes.push(Note::IndexColumn);
+                }
+                Layout::guessed(usize::from(index), self.columns, |at| {
+                    column(at).all(|x| (0.0..=255.0).contains(&x) && x.fract() == 0.0)
+                })
             }
-            Layout::guessed(usize::from(index), self.columns, |at| {
-                column(at).all(|x| (0.0..=255.0).contains(&x) && x.fract() == 0.0)
-            })
-        } else {
-            Layout::named(&self.names)
-                .filter(|layout| layout.point.iter().all(|&at| at < self.columns))
-                .ok_or("its first line names more columns than the points have")?
         };
         let has = |at: [usize; 3]| at.iter().all(|&at| at < self.columns);
         file.points = triple(layout.point);
         let normals = layout.normal.filter(|&at| has(at));
         file.normals = normals.map(|at| single(triple(at)));
         // Without names they may be something else.
-        if self.names.is_empty() && !file.normals.as_deref().is_none_or(super::are_units) {
+        if is_guess && !file.normals.as_deref().is_none_or(super::are_units) {
             file.normals = None;
             layout.ignored = "the last three columns".into();
         }

@@ -145,7 +145,7 @@ fn of_json(text: &str, image: &Path) -> Result<Intrinsics, String> {
                 .width
                 .zip(flat.height)
                 .map(|(width, height)| [width, height]),
-            depth_scale: checked_scale(flat.depth_scale)?,
+            depth_scale: flat.depth_scale.map(checked_scale).transpose()?,
             ..camera
         });
     }
@@ -163,17 +163,21 @@ fn of_json(text: &str, image: &Path) -> Result<Intrinsics, String> {
         depth_scale,
     } = fields(entry)?;
     Ok(Intrinsics {
-        depth_scale: checked_scale(depth_scale)?,
+        depth_scale: depth_scale.map(checked_scale).transpose()?,
         ..Intrinsics::of_matrix(matrix)?
     })
 }
 
-fn checked_scale(scale: Option<f64>) -> Result<Option<f64>, String> {
-    match scale {
-        Some(scale) if !(scale > 0.0 && scale.is_finite()) => {
-            Err(format!("its depth_scale is {scale}"))
-        }
-        scale => Ok(scale),
+/// What a unit of depth is in another unit, as a file or an argument has it.
+///
+/// # Errors
+/// In words: it is not positive, or not finite.
+pub fn checked_scale(scale: f64) -> Result<f64, String> {
+    match scale > 0.0 && scale.is_finite() {
+        true => Ok(scale),
+        false => Err(format!(
+            "depth_scale: expected a positive number, found {scale}"
+        )),
     }
 }
 

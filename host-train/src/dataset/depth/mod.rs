@@ -12,7 +12,7 @@ mod camera;
 mod error;
 pub mod image;
 
-pub use camera::Intrinsics;
+pub use camera::{Intrinsics, checked_scale};
 pub use error::DepthError;
 
 use super::Point;

@@ -132,8 +132,14 @@ fn cameras_are_four_numbers_or_files_of_several_kinds() {
         ("600 610 320 one", "\"one\" is not a number"),
         ("600 2 320 0 610 240 0 0 1", "K has the rows"),
         ("{\"fx\": 600}", "missing field `fy`"),
-        (&bop.replace("0.1", "0"), "its depth_scale is 0"),
-        (&entry.replace("0.1", "-1"), "its depth_scale is -1"),
+        (
+            &bop.replace("0.1", "0"),
+            "depth_scale: expected a positive number, found 0",
+        ),
+        (
+            &entry.replace("0.1", "-1"),
+            "depth_scale: expected a positive number, found -1",
+        ),
         ("{\"cam_K\": [600]}", "invalid length 1"),
         (&format!("{{\"3\": {entry}}}"), "no image 000007"),
         ("{", "EOF"),

@@ -6,7 +6,7 @@ use crate::client::Client;
 use crate::node::{Node, NodeConfig};
 use crate::policy::Trust;
 use crate::refine::{Row, ask, errors};
-use crate::session::{SessionArgs, open};
+use crate::session::{SessionArgs, open, unused_endpoint};
 use anyhow::{Context, bail};
 use ed25519_dalek::SigningKey;
 use host_train::cli::{check_outputs, write_json};
@@ -17,7 +17,6 @@ use host_train::publish::Publisher;
 use reagent_core::wire::{CHUNK_BYTES, CloudView, Manifest, Mode, RefineRequest};
 use scene::Scene;
 use serde_json::json;
-use std::net::TcpListener;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 use zenoh::Session;
@@ -78,7 +77,7 @@ impl DemoArgs {
         let scene = Scene::of(&self)?;
         println!("{}", scene.description);
 
-        let endpoint = unused_endpoint()?;
+        let endpoint = unused_endpoint().context("no loopback port is free")?;
         let host = open(&SessionArgs {
             listen: vec![endpoint.clone()],
             ..SessionArgs::default()
@@ -278,12 +277,6 @@ pub(crate) async fn join(endpoint: &str) -> anyhow::Result<Session> {
         ..SessionArgs::default()
     };
     Ok(open(&args).await?)
-}
-
-/// A loopback endpoint on which nothing listens.
-pub(crate) fn unused_endpoint() -> anyhow::Result<String> {
-    let listener = TcpListener::bind("127.0.0.1:0").context("no loopback port is free")?;
-    Ok(format!("tcp/{}", listener.local_addr()?))
 }
 
 /// A key for this demo only: whoever knows the seed knows it.

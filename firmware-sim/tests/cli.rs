@@ -1,21 +1,20 @@
 //! The program as a user runs it.
 #![cfg(feature = "demo")]
 
-mod support;
-
 use ed25519_dalek::SigningKey;
 use firmware_sim::client::Client;
+use firmware_sim::session::unused_endpoint;
 use host_train::dataset::pairs::PairSet;
 use host_train::learn::nn::{Parameters, Shape};
 use host_train::policy::WeightFile;
 use host_train::publish::Publisher;
 use reagent_core::Pose;
 use reagent_core::wire::{CloudView, RefineRequest, keys};
+use reagent_tests::network::{self, network};
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 use std::time::Duration;
-use support::{network, unused_endpoint};
 
 fn firmware_sim(arguments: &[&str]) -> Output {
     let mut program = Command::new(env!("CARGO_BIN_EXE_firmware-sim"));
@@ -264,8 +263,8 @@ fn logging_node(
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_node_logs_its_router_going_and_coming_and_every_request() {
-    let endpoint = unused_endpoint();
-    let router = support::router(&endpoint).await;
+    let endpoint = unused_endpoint().expect("a free port");
+    let router = network::router(&endpoint).await;
     let (node, mut log) = logging_node(&endpoint);
     let mut until = move |text: &str| {
         let line = log.find(|line| line.as_ref().is_ok_and(|line| line.contains(text)));
@@ -274,7 +273,7 @@ async fn a_node_logs_its_router_going_and_coming_and_every_request() {
     tokio::task::block_in_place(|| until("connected to router"));
     router.close().await.expect("it was open");
     tokio::task::block_in_place(|| until("lost router"));
-    let router = support::router(&endpoint).await;
+    let router = network::router(&endpoint).await;
     tokio::task::block_in_place(|| until("connected to router"));
 
     let cloud = [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.5; 3]];

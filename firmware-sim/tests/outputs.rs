@@ -1,8 +1,6 @@
 //! Files that commands write, and what a robot keeps: through links and devices, and on a full disk.
 #![cfg(all(feature = "demo", unix))]
 
-mod support;
-
 use ed25519_dalek::SigningKey;
 use firmware_sim::node::{Node, NodeConfig};
 use firmware_sim::policy::Trust;
@@ -11,12 +9,12 @@ use host_train::learn::nn::{Parameters, Shape};
 use host_train::policy::WeightFile;
 use host_train::publish::Publisher;
 use reagent_core::wire::WhyNot;
+use reagent_tests::network::network;
 use std::fs::{self, Permissions};
 use std::os::unix::fs::{FileTypeExt, PermissionsExt, symlink};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::time::Duration;
-use support::network;
 use zenoh::Session;
 
 /// A router, a robot with a policy, and two clouds to ask it about.

@@ -3,16 +3,15 @@
 
 #[path = "ros/parameters.rs"]
 mod parameters;
-mod support;
 
 use host_train::dataset::ros::cdr::{from_cdr, to_cdr};
+use reagent_tests::network::network;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
-use support::network;
 use tokio::time::timeout;
 use zenoh::Session;
 use zenoh::handlers::FifoChannelHandler;

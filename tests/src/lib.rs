@@ -1,9 +1,10 @@
-//! What the integration tests share: golden numbers, where optional data lies, and a depth image.
+//! What the integration tests share: golden numbers, where optional data lies, a depth image, and a network.
 //!
 //! Golden numbers are outputs of the authors' PyTorch implementation of ReAgent for recorded inputs. Small
 //! extracts are in `tests/fixtures`; the complete file is used where it lies beside the checkout.
 
 pub mod depth;
+pub mod network;
 
 use host_train::learn::nn::{Parameters, Shape};
 use safetensors::{Dtype, SafeTensors};

@@ -5,7 +5,7 @@ mod support;
 use firmware_sim::client::{self, RefineError};
 use firmware_sim::node::{Node, NodeConfig, NodeError, PLACES};
 use firmware_sim::policy::Trust;
-use firmware_sim::session::{SessionArgs, open};
+use firmware_sim::session::{SessionArgs, open, unused_endpoint};
 use host_train::register::register;
 use reagent_core::pipeline::Task;
 use reagent_core::start::Start;
@@ -15,7 +15,6 @@ use reagent_core::wire::{
 use reagent_core::{Grid, Pose};
 use std::sync::Arc;
 use std::time::Duration;
-use support::network::unused_endpoint;
 use support::{
     FLEET, Network, local_pose, publisher, random_cloud, random_policy, request, served, until,
 };
@@ -321,7 +320,7 @@ async fn nobody_at_the_key_is_said_at_once() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn no_router_at_the_endpoint_is_an_error_that_names_it() {
-    let endpoint = unused_endpoint();
+    let endpoint = unused_endpoint().expect("a free port");
     let args = SessionArgs {
         connect: vec![endpoint.clone()],
         ..SessionArgs::default()

@@ -6,7 +6,7 @@
 mod support;
 
 use firmware_sim::client::Client;
-use firmware_sim::session::{SessionArgs, open};
+use firmware_sim::session::{SessionArgs, open, unused_endpoint};
 use host_train::random::{Purpose, stream};
 use rand::RngExt;
 use rand::seq::IndexedRandom;
@@ -16,7 +16,6 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
-use support::network::unused_endpoint;
 use support::process::{self, Member};
 use support::{FLEET, int8_policy, random_cloud, request};
 use tokio::sync::{Semaphore, watch};
@@ -60,7 +59,7 @@ impl Fleet {
             file.save(&path).expect("writable");
             path
         });
-        let routers = [(); 2].map(|()| unused_endpoint());
+        let routers = [(); 2].map(|()| unused_endpoint().expect("a free port"));
         let mut fleet = Fleet {
             folder,
             members: Vec::new(),

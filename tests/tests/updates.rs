@@ -8,13 +8,10 @@ use host_train::learn::nn::{Parameters, Shape};
 use host_train::policy::WeightFile;
 use host_train::publish::{PublishError, chunk_table, manifest};
 use reagent_core::wire;
-use std::collections::BTreeMap;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
-use std::sync::{Arc, Mutex};
-use support::{FLEET, Host, Network, config, publisher, random_policy, until};
+use support::{FLEET, Host, Network, config, publisher, random_policy, storage, until};
 use tokio::sync::Notify;
-use zenoh::Wait;
-use zenoh::key_expr::KeyExpr;
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_node_killed_half_way_goes_on_where_it_was() {
@@ -127,29 +124,7 @@ async fn a_stored_policy_needs_no_publisher() {
         "{unkept:?}"
     );
 
-    // As a router's storage does it: what is put is kept, and answered.
-    let kept: Arc<Mutex<BTreeMap<String, Vec<u8>>>> = Arc::default();
-    let everything = format!("reagent/v1/{FLEET}/policy/**");
-    let keeping = kept.clone();
-    let put = network.router.declare_subscriber(&everything);
-    let put = put.callback(move |sample| {
-        let (key, bytes) = (sample.key_expr().to_string(), sample.payload().to_bytes());
-        let mut kept = keeping.lock().expect("no holder panics");
-        kept.insert(key, bytes.into_owned());
-    });
-    let _put = put.await.expect("an open session");
-    let answering = kept.clone();
-    let asked = network.router.declare_queryable(&everything).complete(true);
-    let asked = asked.callback(move |query| {
-        let kept = answering.lock().expect("no holder panics").clone();
-        for (key, bytes) in kept {
-            let key = KeyExpr::try_from(key).expect("it was a key");
-            if query.key_expr().intersects(&key) {
-                query.reply(key, bytes).wait().expect("an open session");
-            }
-        }
-    });
-    let _asked = asked.await.expect("an open session");
+    let _storage = storage(&network.router).await;
     let stored = publisher.store(1, "first", &random_policy(1)).await;
     let stored = stored.expect("it is kept");
     drop(publisher);

@@ -4,10 +4,10 @@ mod support;
 
 use firmware_sim::node::{Node, NodeConfig};
 use firmware_sim::policy::{Trust, UpdateError};
-use host_train::publish::{PublishError, Publisher, manifest};
+use host_train::publish::{PublishArgs, PublishError, Publisher, manifest};
 use reagent_core::wire::{Manifest, Release, WhyNot};
 use std::time::Duration;
-use support::{FLEET, Host, Network, int8_policy, key, publisher, until};
+use support::{FLEET, Host, Network, int8_policy, key, publisher, storage, until};
 
 const NOW: u64 = 1_795_000_000;
 
@@ -123,6 +123,56 @@ async fn publishers_are_told_who_took_a_policy_and_who_did_not_and_why() {
     assert_eq!(told.taken, ["a", "c"]);
     assert_eq!(told.refused, [("b".to_owned(), WhyNot::Untrusted)]);
     assert_eq!(told.silent, []);
+}
+
+/// Whoever waits for nobody is told of nobody, and that is no failure.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_policy_is_stored_without_waiting_for_robots() {
+    #[derive(clap::Parser)]
+    struct Publish {
+        #[command(flatten)]
+        args: PublishArgs,
+    }
+    let folder = tempfile::tempdir().expect("a temporary directory");
+    let at = |name: &str| folder.path().join(name).display().to_string();
+    host_train::publish::keygen(&folder.path().join("key")).expect("written");
+    int8_policy()
+        .save(&folder.path().join("policy.rgw"))
+        .expect("written");
+    let network = Network::start().await;
+    let _storage = storage(&network.router).await;
+    let trusted = Trust::Keys(vec![key(2).verifying_key()]);
+    let config = NodeConfig {
+        fleet: FLEET.into(),
+        robot: "a".into(),
+        trust: trusted,
+        state: None,
+    };
+    let node = Node::start(network.join().await, config).await;
+    let _node = node.expect("good names");
+    for (version, wait) in [("1", "0"), ("2", "60")] {
+        let (weights, key) = (at("policy.rgw"), at("key"));
+        let arguments = [
+            "publish",
+            "--weights",
+            &weights,
+            "--key",
+            &key,
+            "--fleet",
+            FLEET,
+            "--store",
+            "--policy-version",
+            version,
+            "--wait",
+            wait,
+            "--connect",
+            &network.endpoint,
+        ];
+        let Publish { args } = clap::Parser::try_parse_from(arguments).expect("good usage");
+        let published = host_train::publish::run(args).await;
+        let is_told = matches!(published, Err(PublishError::NotTaken { .. }));
+        assert_eq!(is_told, wait != "0", "{published:?}");
+    }
 }
 
 /// Signed with the wrong key, and then with the right one: what a robot said of the first is not taken for the second's.

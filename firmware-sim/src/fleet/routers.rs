@@ -1,7 +1,7 @@
 //! The routers of a fleet on one machine: processes of this program, each of which knows all before it.
 
-use crate::demo::unused_endpoint;
 use anyhow::Context;
+use reagent_link::session::unused_endpoint;
 use std::io::{BufRead, BufReader, copy, sink};
 use std::process::{Child, Command, Stdio};
 
@@ -24,7 +24,9 @@ impl Routers {
         };
         for number in 0..count {
             let given = listen.filter(|_| number == 0).map(str::to_owned);
-            let endpoint = given.map_or_else(unused_endpoint, Ok)?;
+            let endpoint = given
+                .map_or_else(unused_endpoint, Ok)
+                .context("no loopback port is free")?;
             routers.add(endpoint)?;
         }
         Ok(routers)

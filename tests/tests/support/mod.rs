@@ -3,8 +3,6 @@
 
 pub(crate) mod datagrams;
 pub(crate) mod link;
-#[path = "../../../firmware-sim/tests/support/mod.rs"]
-pub(crate) mod network;
 pub(crate) mod process;
 pub(crate) mod secured;
 
@@ -23,11 +21,15 @@ use rand::RngExt;
 use reagent_core::net::Scratch;
 use reagent_core::wire::{self, CloudView, Manifest, Mode, RefineRequest, keys};
 use reagent_core::{Decision, Frame, Pose, Registrar};
+use reagent_tests::network::network;
+use std::collections::BTreeMap;
 use std::path::Path;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::sync::watch;
+use zenoh::key_expr::KeyExpr;
+use zenoh::pubsub::Subscriber;
 use zenoh::query::{Query, Queryable};
 use zenoh::{Session, Wait};
 
@@ -39,7 +41,7 @@ pub(crate) struct Network {
 
 impl Network {
     pub(crate) async fn start() -> Network {
-        let (router, endpoint) = network::network().await;
+        let (router, endpoint) = network().await;
         Network { endpoint, router }
     }
 
@@ -189,6 +191,31 @@ impl Host {
     pub(crate) fn asked(&self) -> u32 {
         self.asked.load(Ordering::Relaxed)
     }
+}
+
+/// Keeps the fleet's policies as a router's storage does: what is put is kept, and answered.
+pub(crate) async fn storage(router: &Session) -> (Subscriber<()>, Queryable<()>) {
+    let kept: Arc<Mutex<BTreeMap<String, Vec<u8>>>> = Arc::default();
+    let everything = format!("reagent/v1/{FLEET}/policy/**");
+    let keeping = kept.clone();
+    let put = router.declare_subscriber(&everything);
+    let put = put.callback(move |sample| {
+        let (key, bytes) = (sample.key_expr().to_string(), sample.payload().to_bytes());
+        let mut kept = keeping.lock().expect("no holder panics");
+        kept.insert(key, bytes.into_owned());
+    });
+    let put = put.await.expect("an open session");
+    let asked = router.declare_queryable(&everything).complete(true);
+    let asked = asked.callback(move |query| {
+        let kept = kept.lock().expect("no holder panics").clone();
+        for (key, bytes) in kept {
+            let key = KeyExpr::try_from(key).expect("it was a key");
+            if query.key_expr().intersects(&key) {
+                query.reply(key, bytes).wait().expect("an open session");
+            }
+        }
+    });
+    (put, asked.await.expect("an open session"))
 }
 
 /// Publishes a frame where manifests are announced, once a robot listens there.

@@ -7,10 +7,10 @@ pub(crate) const GAP: f32 = 0.3;
 /// Distance from a surface at which half of a point's loss is reached, in radii of a neighbourhood.
 pub(crate) const SURFACE: f32 = 0.1;
 /// The same for the distance between points.
-const POINT: f32 = 0.1;
+pub(crate) const POINT: f32 = 0.1;
 /// Share of the loss that is of the distance between points: small, but clouds that share points tell by it which turn
 /// of a surface of revolution is meant.
-const POINT_SHARE: f32 = 0.25;
+pub(crate) const POINT_SHARE: f32 = 0.25;
 /// Loss of a point from which on it has no counterpart: half a neighbourhood's radius from it.
 const UNMATCHED: f32 = 0.96;
 
@@ -39,14 +39,6 @@ pub(crate) fn is_near_surface(apart: Vec3, normal: Vec3, radius: f32) -> bool {
     of_surface(apart, normal, radius, 3.0 * SURFACE) < 0.5
 }
 
-/// The same with a share for the distance between the points themselves.
-#[inline(always)]
-pub(crate) fn of_match(apart: Vec3, normal: Vec3, radius: f32) -> f32 {
-    let surface = of_surface(apart, normal, radius, SURFACE);
-    let point = saturating(apart.length_squared(), POINT * radius);
-    surface + POINT_SHARE * (point - surface)
-}
-
 /// `d² / (d² + c²)` (Geman and McClure).
 #[inline(always)]
 fn saturating(squared: f32, half: f32) -> f32 {
@@ -67,16 +59,19 @@ impl Losses {
         len: [0; CONTENDERS],
     };
 
-    /// Keeps those of a pose.
-    pub(crate) fn keep(&mut self, contender: usize, losses: impl Iterator<Item = f32>) {
+    /// Keeps those of a pose: of the source's points, then of the target's.
+    pub(crate) fn keep(&mut self, contender: usize, losses: [impl Iterator<Item = f32>; 2]) {
         let (Some(row), Some(len)) = (self.of.get_mut(contender), self.len.get_mut(contender))
         else {
             return;
         };
+        let mut places = row.iter_mut();
         *len = 0;
-        for (place, loss) in row.iter_mut().zip(losses) {
-            *place = (255.0 * loss + 0.5) as u8;
-            *len += 1;
+        for losses in losses {
+            for (loss, place) in losses.zip(&mut places) {
+                *place = (255.0 * loss + 0.5) as u8;
+                *len += 1;
+            }
         }
     }
 

@@ -36,8 +36,7 @@ impl Refiner<'_> {
         }
         let mut sifted = Best::<POLISHED>::NONE;
         for (_, at) in screened.held() {
-            let (loss, at) = self.sifted_below(least + ALIKE, at);
-            if loss < least + ALIKE {
+            if let Some((loss, at)) = self.sifted_early(least + ALIKE, at) {
                 sifted.offer(loss, at);
             }
         }

@@ -4,6 +4,7 @@
 //! Two points with normals have a distance and three angles, whatever the pose (Drost et al. 2010). Normals have no sign, and
 //! so two poses lay one pair on another.
 
+use crate::kernels::{Isa, LANES};
 use crate::rotation::Rotation;
 use crate::solve::Rigid;
 use crate::surface::Surface;
@@ -16,7 +17,7 @@ const TARGET_PAIRS: usize = 2048;
 /// Distances between the points of a pair, target radii.
 const APART: core::ops::Range<f32> = 0.4..1.4;
 /// Differences up to which pairs are alike: of the distance, and of the cosines.
-const ALIKE: [f32; 2] = [0.05, 0.15];
+const ALIKE: [f32; 4] = [0.05, 0.15, 0.15, 0.15];
 
 /// Two points with normals: what no pose changes, and a frame that any does.
 #[derive(Clone, Copy)]
@@ -53,14 +54,10 @@ impl Pair {
         })
     }
 
-    fn is_like(&self, other: &Pair) -> bool {
-        let [distance, cosine] = ALIKE;
-        (self.distance - other.distance).abs() < distance
-            && self
-                .cosines
-                .iter()
-                .zip(other.cosines)
-                .all(|(a, b)| (a - b).abs() < cosine)
+    /// By what pairs are like each other.
+    fn features(&self) -> [f32; 4] {
+        let [a, b, c] = self.cosines;
+        [self.distance, a, b, c]
     }
 
     /// The poses that lay this pair on another.
@@ -81,14 +78,35 @@ impl Pair {
 }
 
 /// Tells the poses that lay pairs of the source on pairs of the target that are like them.
-pub(crate) fn matching_pairs(source: &Surface, target: &Surface, mut tell: impl FnMut(Rigid)) {
-    let mut pairs = [None; SOURCE_PAIRS];
-    for (place, pair) in pairs.iter_mut().zip(drawn(source, 1)) {
-        *place = Some(pair);
+pub(crate) fn matching_pairs(
+    isa: Isa,
+    source: &Surface,
+    target: &Surface,
+    mut tell: impl FnMut(Rigid),
+) {
+    let mut pairs = [[None; LANES]; SOURCE_PAIRS / LANES];
+    // No pair is like what is infinite.
+    let mut rows = [[[f32::INFINITY; LANES]; 4]; SOURCE_PAIRS / LANES];
+    let mut drawn_of_source = drawn(source, 1);
+    for (pairs, rows) in pairs.iter_mut().zip(&mut rows) {
+        let [a, b, c, d] = rows;
+        let lanes = a.iter_mut().zip(b).zip(c).zip(d);
+        for (place, (((a, b), c), d)) in pairs.iter_mut().zip(lanes) {
+            *place = drawn_of_source.next();
+            if let Some(pair) = place {
+                [*a, *b, *c, *d] = pair.features();
+            }
+        }
     }
+    let mut alike = [0u32; SOURCE_PAIRS / LANES];
     for onto in drawn(target, 2).take(TARGET_PAIRS) {
-        let alike = pairs.iter().flatten().filter(|pair| pair.is_like(&onto));
-        alike.flat_map(|pair| pair.onto(&onto)).for_each(&mut tell);
+        isa.alike(&rows, &onto.features(), &ALIKE, &mut alike);
+        for (&alike, pairs) in alike.iter().zip(&pairs) {
+            let lanes = pairs.iter().enumerate();
+            let pairs = lanes.filter(|(lane, _)| alike >> lane & 1 == 1);
+            let poses = pairs.flat_map(|(_, pair)| pair.iter().flat_map(|pair| pair.onto(&onto)));
+            poses.for_each(&mut tell);
+        }
     }
 }
 
@@ -108,7 +126,6 @@ fn drawn(surface: &Surface, seed: u32) -> impl Iterator<Item = Pair> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::kernels::Isa;
     use crate::outliers::Bulk;
     use crate::polish::tests::{Numbers, error, pose};
     use crate::surface::keys::Keys;
@@ -135,7 +152,12 @@ mod tests {
                 continue;
             };
             let there = Pair::of(there(p, m), there(q, n)).expect("the same pair");
-            assert!(here.is_like(&there));
+            let features = here.features().into_iter().zip(there.features());
+            assert!(
+                features
+                    .zip(ALIKE)
+                    .all(|((a, b), most)| (a - b).abs() < most)
+            );
             let poses = here.onto(&there).map(|at| error(at.pose(), truth));
             assert!(
                 poses
@@ -152,7 +174,7 @@ mod tests {
     fn surfaces_without_pairs_have_no_poses() {
         let one = surface(&[[0.0; 3]; 4]);
         for source in [&one, &Surface::EMPTY] {
-            matching_pairs(source, &one, |at| panic!("{at:?}"));
+            matching_pairs(Isa::best(), source, &one, |at| panic!("{at:?}"));
         }
     }
 }

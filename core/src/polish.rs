@@ -220,7 +220,7 @@ impl<'w> Refiner<'w> {
         let overlap = self.matched_overlap(at);
         Candidate {
             at,
-            residual: self.matched_residual_of(at, &DepthGrid::EMPTY),
+            residual: self.matched_residual_unseen(at),
             overlap,
             rotation_constraint: self.least_constraint(at).1,
             iterations,
@@ -333,6 +333,11 @@ impl<'w> Refiner<'w> {
     /// Towards which the sensor looks, in the source's frame.
     pub(crate) fn ahead(&self) -> Option<Vec3> {
         self.work.seen.ahead()
+    }
+
+    /// Its kernels.
+    pub(crate) fn isa(&self) -> Isa {
+        self.isa
     }
 
     /// Losses that were kept.

@@ -44,8 +44,8 @@ pub(super) trait Lanes:
     fn turned(self, by: Self) -> Self;
     /// The largest of all lanes.
     fn largest(self) -> f32;
-    /// Whether it is less than `other`'s in any lane.
-    fn any_below(self, other: Self) -> bool;
+    /// A bit for each that is less than `other`'s, the first the lowest.
+    fn below(self, other: Self) -> u32;
     /// `self` and `counts`, but `other` and `count` where that is less.
     fn keep_less(self, counts: Self::Counts, other: Self, count: u32) -> (Self, Self::Counts);
     /// The bits of each as a count, less some.
@@ -274,12 +274,12 @@ impl Lanes for Four {
     }
 
     #[inline(always)]
-    fn any_below(self, other: Self) -> bool {
-        let mut any = 0u32;
+    fn below(self, other: Self) -> u32 {
+        let mut bits = 0;
         for i in 0..4 {
-            any |= u32::from(self.0[i] < other.0[i]);
+            bits |= u32::from(self.0[i] < other.0[i]) << i;
         }
-        any != 0
+        bits
     }
 
     #[inline(always)]

@@ -1,7 +1,17 @@
-//! What a pair of nearest points says of a fit, pairs in lanes.
+//! What pairs of nearest points say of a fit, pairs in lanes.
+//!
+//! As in [`super::lanes`]: the same bits on every kernel.
 
-use super::lanes::{Lanes, Vectors};
-use crate::loss::GAP;
+#![allow(unsafe_code)]
+
+use super::Isa;
+#[cfg(target_arch = "x86_64")]
+use super::Kind;
+use super::lanes::{LANES, Lanes, Seen, Vectors, on_lanes};
+use super::matching::{BEYOND, Sought};
+use super::oriented::Bare;
+use crate::dims::SURFACE_POINTS;
+use crate::loss::{GAP, POINT, SURFACE};
 
 /// Loss of a point `apart` from the nearest of a surface sampled with neighbourhoods of `radius`, whose normal
 /// there is given: 0 on the surface, half `scale` radii from it, 1 far away.
@@ -22,4 +32,66 @@ pub(super) fn of_surface<L: Lanes>(
 #[inline(always)]
 fn saturating<L: Lanes>(squared: L, half: f32) -> L {
     squared / (squared + L::all((half * half).max(1e-12)))
+}
+
+/// See [`Isa::losses`].
+#[inline(always)]
+fn losses<L: Lanes>(
+    sought: &Sought<'_>,
+    other: Bare<'_>,
+    radius: f32,
+    point_share: f32,
+    places: &[u16; SURFACE_POINTS],
+    losses: &mut [u32; SURFACE_POINTS],
+) {
+    let seen = Seen::<L>::under(&sought.pose);
+    let all = sought.count();
+    for (first, losses) in (0..all).step_by(LANES).zip(losses.as_chunks_mut().0) {
+        let losses: &mut [u32; LANES] = losses;
+        let of = sought.places(first, LANES.min(all - first));
+        let mut to = [0; LANES];
+        for (to, &of) in to.iter_mut().zip(&of) {
+            *to = places[usize::from(of) % SURFACE_POINTS];
+        }
+        let mut row = [0.0; LANES];
+        for lane in (0..LANES).step_by(L::COUNT) {
+            let p = seen.point(L::gather(sought.points.0, &of, lane));
+            let [q, n] = other.gather(&to, lane);
+            let apart = p - q;
+            let surface = of_surface(apart, n, radius, SURFACE);
+            let point = saturating(apart.dot(apart), POINT * radius);
+            let loss = surface + L::all(point_share) * (point - surface);
+            loss.store(&mut row, lane);
+        }
+        for ((loss, lost), to) in losses.iter_mut().zip(row).zip(to) {
+            let lost = if to & BEYOND == 0 { lost } else { 1.0 };
+            *loss = lost.to_bits();
+        }
+    }
+}
+
+impl Isa {
+    /// Sets, one after the other, the bits of what points lose that were sought on a surface with neighbourhoods of such a radius,
+    /// and found at `places`: 1 beyond the limit. The same bits on every kernel.
+    pub fn losses(
+        self,
+        sought: &Sought<'_>,
+        other: Bare<'_>,
+        radius: f32,
+        point_share: f32,
+        places: &[u16; SURFACE_POINTS],
+        lost: &mut [u32; SURFACE_POINTS],
+    ) {
+        on_lanes!(
+            self,
+            losses(
+                sought: &Sought<'_>,
+                other: Bare<'_>,
+                radius: f32,
+                point_share: f32,
+                places: &[u16; SURFACE_POINTS],
+                lost: &mut [u32; SURFACE_POINTS],
+            )
+        );
+    }
 }

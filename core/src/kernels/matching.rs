@@ -30,20 +30,20 @@ pub struct Sought<'a> {
 }
 
 impl Sought<'_> {
-    /// The places of a batch of points, those beyond the last as the last; how many there are.
+    /// How many there are.
     #[inline(always)]
-    fn places(&self, batch: usize) -> ([u16; LANES], usize) {
-        let count = self.points.1.div_ceil(self.every) - batch * BATCH;
-        let count = count.min(BATCH);
-        let mut places = [0; LANES];
-        for (i, place) in places.iter_mut().enumerate() {
-            *place = ((batch * BATCH + i.min(count - 1)) * self.every) as u16;
-        }
-        (places, count)
+    pub(super) fn count(&self) -> usize {
+        self.points.1.min(SURFACE_POINTS).div_ceil(self.every)
     }
 
-    fn batches(&self) -> usize {
-        self.points.1.div_ceil(self.every).div_ceil(BATCH)
+    /// Places of a batch of `count`, from one on; those beyond the last as the last.
+    #[inline(always)]
+    pub(super) fn places(&self, first: usize, count: usize) -> [u16; LANES] {
+        let mut places = [0; LANES];
+        for (i, place) in places.iter_mut().enumerate() {
+            *place = ((first + i.min(count - 1)) * self.every) as u16;
+        }
+        places
     }
 }
 
@@ -78,14 +78,11 @@ fn find<L: Lanes>(
 ) {
     let seen = Seen::<L>::under(&sought.pose);
     let mut batch = Batch::EMPTY;
-    for (k, keys) in keys
-        .as_chunks_mut::<BATCH>()
-        .0
-        .iter_mut()
-        .take(sought.batches())
-        .enumerate()
-    {
-        let (of, count) = sought.places(k);
+    let all = sought.count();
+    for (first, keys) in (0..all).step_by(BATCH).zip(keys.as_chunks_mut().0) {
+        let keys: &mut [u32; BATCH] = keys;
+        let count = BATCH.min(all - first);
+        let of = sought.places(first, count);
         see(&seen, sought.points.0, &of, &mut batch.at);
         (batch.nearest, batch.place) = ([limit; BATCH], [0; BATCH]);
         if is_known {
@@ -122,14 +119,10 @@ fn known<L: Lanes>(
 ) {
     let seen = Seen::<L>::under(&sought.pose);
     let mut at = [[0.0; LANES]; 3];
-    for (k, keys) in keys
-        .as_chunks_mut::<BATCH>()
-        .0
-        .iter_mut()
-        .take(sought.batches())
-        .enumerate()
-    {
-        let (of, _) = sought.places(k);
+    let all = sought.count();
+    for (first, keys) in (0..all).step_by(BATCH).zip(keys.as_chunks_mut().0) {
+        let keys: &mut [u32; BATCH] = keys;
+        let of = sought.places(first, BATCH.min(all - first));
         see(&seen, sought.points.0, &of, &mut at);
         let mut known = [0; LANES];
         for (known, &of) in known.iter_mut().zip(&of) {
@@ -205,7 +198,7 @@ fn reaches<L: Lanes>(at: Vectors<L>, nearest: L, &[low, high]: &Corners) -> bool
         y: below.y.max(above.y).max(zero),
         z: below.z.max(above.z).max(zero),
     };
-    beyond.dot(beyond).any_below(nearest)
+    beyond.dot(beyond).below(nearest) != 0
 }
 
 impl Isa {

@@ -13,7 +13,8 @@
 //!   numbers.
 //! - **Training** (`critical`): the search for critical points in bytes and the gradient through them.
 //! - **Refinement** (on `lanes`): nearest points in boxes (`matching`), plane fits over neighbours (`neighbours`), normal equations
-//!   of matched points (`equations`), steps and losses on few points in a grid (`coarse`).
+//!   of matched points (`equations`), what these lose (`losses`), steps and losses on few points in a grid (`coarse`), pairs of
+//!   points that are alike (`alike`).
 //! - **Metrics**: distances to the nearest points (`nearest`).
 //! - **Measurement** (`peak`): multiply-adds on registers, as many as the core can.
 //!
@@ -35,6 +36,7 @@ use crate::layer::Dense;
 
 #[cfg(arm_kernels = "neon")]
 mod aarch64;
+mod alike;
 #[cfg(any(arm_kernels = "dsp", arm_kernels = "helium"))]
 mod arm_m;
 mod boxes;

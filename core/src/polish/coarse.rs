@@ -73,6 +73,20 @@ impl Refiner<'_> {
         (loss, at)
     }
 
+    /// The same of one that is given up after the first of the steps where it is far behind; none unless the loss is below `most`.
+    pub(crate) fn sifted_early(&self, most: f32, at: Rigid) -> Option<(f32, Rigid)> {
+        let ([points, compared], [_, few]) = (SIFT_POINTS, SCREEN_POINTS);
+        let (early, late) = SIFT.split_at(EARLY);
+        let at = self.coarse(at, points, early);
+        let far = most + EARLY_SLACK;
+        if self.coarse_loss_below(far, at, few, SIFT_SCALE) >= far {
+            return None;
+        }
+        let at = self.coarse(at, points, late);
+        let loss = self.coarse_loss_below(most, at, compared, SIFT_SCALE);
+        (loss < most).then_some((loss, at))
+    }
+
     /// The target in a grid.
     fn near(&self) -> Near<'_> {
         self.model.lookup.of(&self.model.surface)

@@ -1,12 +1,8 @@
 //! How a pose fits: the losses of the points matched, and how much of the source lies on the target.
 
 use super::{Refiner, Work};
-use crate::freespace::DepthGrid;
 use crate::loss;
 use crate::solve::Rigid;
-use crate::surface::Surface;
-use crate::surface::matching::Matching;
-use glam::Vec3;
 
 /// Share of the source's points in a comparison of poses: the target often has sides that the source does not show.
 const SOURCE_SHARE: f32 = 0.8;
@@ -43,26 +39,27 @@ pub(crate) struct Overlap {
 
 impl Refiner<'_> {
     /// Residual under the pose for which points were matched last, by what the view point tells.
-    pub(crate) fn matched_residual(&self, at: Rigid) -> Residual {
-        self.matched_residual_of(at, &self.work.seen)
+    pub(crate) fn matched_residual(&mut self, at: Rigid) -> Residual {
+        self.lose(at, loss::POINT_SHARE, true);
+        self.lost()
     }
 
-    pub(super) fn matched_residual_of(&self, at: Rigid, seen: &DepthGrid) -> Residual {
-        let Work {
-            of_source,
-            of_target,
-            ..
-        } = &*self.work;
-        let matched = [of_source, of_target];
-        let [source, target] = matched_losses(self.surfaces(), matched, seen, at, loss::of_match)
-            .map(|losses| {
-                let (mut sum, mut count) = (0.0f64, 0u32);
-                for loss in losses {
-                    sum += f64::from(loss);
-                    count += 1;
-                }
-                (sum / f64::from(count.max(1))) as f32
-            });
+    /// The same without the view point.
+    pub(super) fn matched_residual_unseen(&mut self, at: Rigid) -> Residual {
+        self.lose(at, loss::POINT_SHARE, false);
+        self.lost()
+    }
+
+    /// Mean losses, as they were found last.
+    fn lost(&self) -> Residual {
+        let [source, target] = [&self.work.of_source, &self.work.of_target].map(|matched| {
+            let (mut sum, mut count) = (0.0f64, 0u32);
+            for loss in matched.lost() {
+                sum += f64::from(loss);
+                count += 1;
+            }
+            (sum / f64::from(count.max(1))) as f32
+        });
         Residual { source, target }
     }
 
@@ -97,71 +94,53 @@ impl Refiner<'_> {
     /// Keeps the losses of the points matched last; their sum, as of [`loss::COMPARED`] points of each cloud,
     /// and the mean of the source's.
     pub(crate) fn keep_matched_losses(&mut self, contender: usize, at: Rigid) -> [f32; 2] {
-        self.keep_losses_by(contender, at, loss::of_match);
-        let Residual { source, target } = self.matched_residual(at);
+        self.keep_losses_by(contender, at, loss::POINT_SHARE);
+        let Residual { source, target } = self.lost();
         let mean = SOURCE_SHARE * source + (1.0 - SOURCE_SHARE) * target;
         [mean * 2.0 * loss::COMPARED as f32, source]
     }
 
     /// Keeps how far the points matched last are from surfaces, and not from points: where those lie is chance.
     pub(crate) fn keep_matched_surface_losses(&mut self, contender: usize, at: Rigid) {
-        let by = |apart, normal, radius| loss::of_surface(apart, normal, radius, loss::SURFACE);
-        self.keep_losses_by(contender, at, by);
+        self.keep_losses_by(contender, at, 0.0);
     }
 
-    /// Keeps what the points matched last lose by such a loss.
-    fn keep_losses_by(
-        &mut self,
-        contender: usize,
-        at: Rigid,
-        by: impl Fn(Vec3, Vec3, f32) -> f32 + Copy,
-    ) {
+    /// Keeps what the points matched last lose, by which share the distance between points counts.
+    fn keep_losses_by(&mut self, contender: usize, at: Rigid, point_share: f32) {
+        self.lose(at, point_share, true);
+        let Work {
+            of_source,
+            of_target,
+            losses,
+            ..
+        } = &mut *self.work;
+        losses.keep(contender, [of_source.lost(), of_target.lost()]);
+    }
+
+    /// Finds what the points matched last lose: 1 of what is near nothing. Where a view point is known, and looked at, the target's
+    /// are 1 for what stands in front of what was seen, and less than that for what only was not seen.
+    fn lose(&mut self, at: Rigid, point_share: f32, looks: bool) {
+        let (isa, target, there) = (self.isa, &self.model.surface, at.pose());
         let Work {
             source,
             of_source,
             of_target,
             seen,
-            losses,
             ..
         } = &mut *self.work;
-        let surfaces = [&*source, &self.model.surface];
-        let matched = [&*of_source, &*of_target];
-        let [of_source, of_target] = matched_losses(surfaces, matched, seen, at, by);
-        losses.keep(contender, of_source.chain(of_target));
-    }
-}
-
-/// Losses of the points matched last, of the source and of the target: 1 of what is near nothing. Where a view point is known the target's
-/// are 1 for what stands in front of what was seen, and less than that for what only was not seen.
-fn matched_losses<'a>(
-    [source, target]: [&'a Surface; 2],
-    [of_source, of_target]: [&'a Matching; 2],
-    seen: &'a DepthGrid,
-    at: Rigid,
-    by: impl Fn(Vec3, Vec3, f32) -> f32 + Copy + 'a,
-) -> [impl Iterator<Item = f32> + 'a; 2] {
-    let there = at.pose();
-    [
-        ([source, target], of_source, there, false),
-        (
-            [target, source],
-            of_target,
-            there.inverse(),
-            seen.is_known(),
-        ),
-    ]
-    .map(|([surface, other], matching, pose, sees)| {
-        matching.matches().map(move |found| {
-            let p = pose.apply(surface.at(found.of).0);
-            let loss = found.to.map_or(1.0, |to| {
-                let (q, n) = other.at(to);
-                by(p - q, n, other.radius)
-            });
-            match sees {
-                true if seen.hides(p) => 1.0,
-                true => UNSEEN * loss,
-                false => loss,
+        of_source.lose(isa, [source, target], there, point_share);
+        let back = there.inverse();
+        of_target.lose(isa, [target, source], back, point_share);
+        if looks && seen.is_known() {
+            for (place, lost) in of_target.lost_mut() {
+                let is_hidden = seen.hides(back.apply(target.at(place).0));
+                let loss = if is_hidden {
+                    1.0
+                } else {
+                    UNSEEN * f32::from_bits(*lost)
+                };
+                *lost = loss.to_bits();
             }
-        })
-    })
+        }
+    }
 }

@@ -68,7 +68,7 @@ impl Matching {
     fn sought<'a>(&self, surface: &'a Surface, pose: Pose) -> Sought<'a> {
         Sought {
             points: (&surface.points, surface.len),
-            every: self.every,
+            every: self.every.max(1),
             pose,
         }
     }
@@ -98,6 +98,43 @@ impl Matching {
             of,
             to: (to & BEYOND == 0).then_some(usize::from(to)),
         })
+    }
+
+    /// Sets the keys to what each point matched last loses, seen under the pose of then, by which share the distance between
+    /// points counts.
+    pub(crate) fn lose(
+        &mut self,
+        isa: Isa,
+        [surface, other]: [&Surface; 2],
+        pose: Pose,
+        point_share: f32,
+    ) {
+        let sought = self.sought(surface, pose);
+        let (to, radius) = (other.bare(), other.radius);
+        isa.losses(
+            &sought,
+            to,
+            radius,
+            point_share,
+            &self.place,
+            &mut self.keys.0,
+        );
+    }
+
+    /// What was lost, and places of the points: once after [`Self::lose`].
+    pub(crate) fn lost_mut(&mut self) -> impl Iterator<Item = (usize, &mut u32)> {
+        let places = (0..self.len).step_by(self.every.max(1));
+        places.zip(&mut self.keys.0)
+    }
+
+    /// The same to read.
+    pub(crate) fn lost(&self) -> impl Iterator<Item = f32> {
+        let count = self.len.div_ceil(self.every.max(1));
+        self.keys
+            .0
+            .iter()
+            .take(count)
+            .map(|&bits| f32::from_bits(bits))
     }
 
     /// Median squared distance of the matches, once after [`Self::find`]; the limit where it is not below that.

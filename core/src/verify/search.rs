@@ -120,8 +120,7 @@ impl Search<'_, '_> {
         for at in copies(best.at, axes) {
             go_on()?;
             // The target's centre is not that of its symmetries: a few steps lead to where the copy fits.
-            let (loss, at) = self.refiner.sifted_below(least + ALIKE, at);
-            if loss < least + ALIKE {
+            if let Some((_, at)) = self.refiner.sifted_early(least + ALIKE, at) {
                 self.hypotheses += 1;
                 self.refiner.match_both(at, compared);
                 found.offer(self.refiner.matched_residual(at).mean(), at);
@@ -217,7 +216,7 @@ impl Search<'_, '_> {
             let [few, all] = PAIR_POINTS.map(|points| {
                 move |r: &Refiner<'_>, most, at| r.coarse_loss_below(most, at, points, SCREEN_SCALE)
             });
-            matching_pairs(source, target, |at| {
+            matching_pairs(self.refiner.isa(), source, target, |at| {
                 let most = matched.most();
                 if few(self.refiner, most + PAIR_SLACK, at) - PAIR_SLACK < most {
                     matched.offer(all(self.refiner, most, at), at);

@@ -157,8 +157,8 @@ impl Lanes for Eight {
     }
 
     #[inline(always)]
-    fn any_below(self, other: Self) -> bool {
-        unsafe { _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LT_OQ>(self.0, other.0)) != 0 }
+    fn below(self, other: Self) -> u32 {
+        unsafe { _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LT_OQ>(self.0, other.0)) as u32 }
     }
 
     #[inline(always)]
@@ -260,8 +260,8 @@ impl Lanes for Sixteen {
     }
 
     #[inline(always)]
-    fn any_below(self, other: Self) -> bool {
-        unsafe { _mm512_cmp_ps_mask::<_CMP_LT_OQ>(self.0, other.0) != 0 }
+    fn below(self, other: Self) -> u32 {
+        unsafe { _mm512_cmp_ps_mask::<_CMP_LT_OQ>(self.0, other.0).into() }
     }
 
     #[inline(always)]

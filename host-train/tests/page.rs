@@ -267,6 +267,14 @@ fn the_page_registers_as_the_command_line_does() {
         "{found}"
     );
     assert!(shown(1).starts_with("after step 2"), "{found}");
+    // What the colours mean, in the page's words.
+    let legend = json!([
+        "part",
+        "scan as observed",
+        "scan in the initial pose",
+        "scan after the step"
+    ]);
+    assert_eq!(found["legend"], legend, "{found}");
     // Without a truth there are no errors.
     let table = found["table"].as_str().expect("text");
     assert!(

@@ -85,7 +85,7 @@
     at('other-poses').textContent = undetermined.poses.map(matrix).join('\n\n');
     at('result').hidden = false;
     at('view').replaceChildren(at('viewer-template').content.cloneNode(true));
-    stopViewing = view([said.view]);
+    stopViewing = view([said.view], ['scan', 'part']);
   }
 
   // Reads what is new, and whatever a program that stopped had read; registers where both are there.

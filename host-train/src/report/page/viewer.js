@@ -1,16 +1,17 @@
 'use strict';
-// The view of registrations: clouds on a canvas, a slider over the steps, probabilities as bars. Returns what stops it.
-function view(registrations) {
+// The view of registrations: clouds on a canvas, a slider over the steps, probabilities as bars; the clouds are
+// called what the page calls them. Returns what stops it.
+function view(registrations, [source, target] = ['source', 'target']) {
   const SIZES = [-0.27, -0.09, -0.03, -0.01, -0.0033, 0, 0.0033, 0.01, 0.03, 0.09, 0.27];
   const AXES = [
     'Translation x', 'Translation y', 'Translation z',
     'Rotation x', 'Rotation y', 'Rotation z',
   ];
   const CLOUDS = [
-    { key: 'target', name: 'target', mark: 'square' },
-    { key: 'source', name: 'source as observed', mark: 'cross' },
-    { key: 'initial', name: 'initial', mark: 'ring' },
-    { key: 'current', name: 'current', mark: 'disc' },
+    { key: 'target', name: target, mark: 'square' },
+    { key: 'source', name: `${source} as observed`, mark: 'cross' },
+    { key: 'initial', name: `${source} in the initial pose`, mark: 'ring' },
+    { key: 'current', name: `${source} after the step`, mark: 'disc' },
   ];
   const SVG = 'http://www.w3.org/2000/svg';
   const IDENTITY = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0];
@@ -243,7 +244,7 @@ function view(registrations) {
     slider.max = registration.poses.length - 1;
     slider.value = slider.max; // the answer is seen first
     const [n, m] = registration.points;
-    at('about').textContent = `policy ${registration.policy} \u00b7 ${n} source and ${m} target points \u00b7 radius of the target ${+registration.radius.toPrecision(4)}`;
+    at('about').textContent = `policy ${registration.policy} \u00b7 ${n} ${source} and ${m} ${target} points \u00b7 radius of the ${target} ${+registration.radius.toPrecision(4)}`;
     fit = Math.max(1, radius(cloud('initial')), radius(cloud('target')));
     zoom = 1;
     showTable();

@@ -15,6 +15,7 @@
     found.where = [at('where').textContent];
     found.steps = +at('step').max;
     found.bars = document.querySelectorAll('#bars rect').length;
+    found.legend = [...at('legend').children].map((label) => label.innerText);
     found.table = at('steps').innerText;
     at('step').value = 2;
     at('step').dispatchEvent(new Event('input'));

@@ -37,7 +37,7 @@ impl Pose {
         self.rotation * (point - centroid) + (centroid + self.translation)
     }
 
-    /// The accumulator's update: `R_i = R̂_i R_{i-1}`, `t_i = t̂_i + t_{i-1}` (global disentangled).
+    /// The accumulator's update, equations 8 and 9: `R_i = R̂_i R_{i-1}`, `t_i = t̂_i + t_{i-1}` (global disentangled).
     pub fn accumulate(&self, update: Pose) -> Pose {
         Pose {
             rotation: update.rotation * self.rotation,

@@ -1,4 +1,4 @@
-//! The step reward: did the source come closer to where it belongs (paper, reward equation)?
+//! The step reward: did the source come closer to where it belongs (paper, equation 12)?
 
 use crate::dataset::Point;
 use reagent_core::kernels::Isa;

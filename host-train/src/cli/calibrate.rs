@@ -43,7 +43,8 @@ pub(super) struct CalibrateArgs {
 fn data_set(text: &str) -> Result<PathBuf, String> {
     match text {
         "procedural" => Err(
-            "probabilities are fitted to models of real things: give a folder of meshes or clouds,              as `train --data` takes it; built-in shapes are seen as views without --meshes"
+            "probabilities are fitted to models of real things: give a folder of meshes or clouds, \
+             as `train --data` takes it; built-in shapes are seen as views without --meshes"
                 .into(),
         ),
         _ => Ok(text.into()),

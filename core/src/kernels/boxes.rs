@@ -83,6 +83,22 @@ impl Boxed<'_> {
         flat.copy_from_slice(gaps.as_flattened());
         flat
     }
+
+    /// A bit for each of sixteen blocks from one on whose gap is below a limit.
+    #[inline(always)]
+    pub(super) fn below<L: Lanes>(&self, gaps: &[f32; BLOCKS], first: usize, limit: f32) -> u32 {
+        let row = &gaps.as_chunks::<LANES>().0[first / LANES];
+        let mut bits = 0;
+        for lane in (0..LANES).step_by(L::COUNT) {
+            bits |= L::load(row, lane).below(L::all(limit)) << lane;
+        }
+        let count = self.count() - first;
+        if count < LANES {
+            bits & ((1 << count) - 1)
+        } else {
+            bits
+        }
+    }
 }
 
 /// The box about some points, one row an axis.

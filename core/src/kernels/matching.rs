@@ -157,10 +157,15 @@ fn search<L: Lanes>(batch: &mut Batch, other: &Boxed<'_>) {
         show::<L>(batch, other, shown);
         worst = largest::<L>(&batch.nearest);
     }
-    for (block, &gap) in gaps.iter().take(other.count()).enumerate() {
-        if gap < worst && block != shown {
-            show::<L>(batch, other, block);
-            worst = largest::<L>(&batch.nearest);
+    for first in (0..other.count()).step_by(LANES) {
+        let mut near = other.below::<L>(&gaps, first, worst);
+        while near != 0 {
+            let block = first + near.trailing_zeros() as usize;
+            near &= near - 1;
+            if gaps[block % BLOCKS] < worst && block != shown {
+                show::<L>(batch, other, block);
+                worst = largest::<L>(&batch.nearest);
+            }
         }
     }
 }

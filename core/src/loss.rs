@@ -14,6 +14,11 @@ pub(crate) const POINT_SHARE: f32 = 0.25;
 /// Loss of a point from which on it has no counterpart: half a neighbourhood's radius from it.
 const UNMATCHED: f32 = 0.96;
 
+/// Loss of a point beyond an edge of the other surface, and how far inward the neighbours of the nearest point lie, in radii, where
+/// that is within the surface and where it is at an edge: the middle of half a disc, weighed as a neighbourhood is, is at .34.
+pub(crate) const BEYOND_EDGE: f32 = 0.3;
+const EDGE: [f32; 2] = [0.1, 0.3];
+
 /// Points of a cloud by which poses are compared, at most.
 pub(crate) const COMPARED: usize = 1024;
 /// Poses that are compared, at most.
@@ -37,6 +42,16 @@ pub(crate) fn is_on_surface(apart: Vec3, normal: Vec3, radius: f32) -> bool {
 /// Whether it is within three times that.
 pub(crate) fn is_near_surface(apart: Vec3, normal: Vec3, radius: f32) -> bool {
     of_surface(apart, normal, radius, 3.0 * SURFACE) < 0.5
+}
+
+/// A loss of a point `apart` from the nearest of a surface, whose neighbours lie `inward` of that: less than 1 beyond an edge, past
+/// which the surface may go on unseen.
+#[inline(always)]
+pub(crate) fn beyond_edge(loss: f32, apart: Vec3, inward: Vec3) -> f32 {
+    let [within, at_edge] = EDGE;
+    let outward = -inward.dot(apart) / libm::sqrtf(apart.length_squared().max(1e-12));
+    let share = ((outward - within) / (at_edge - within)).clamp(0.0, 1.0);
+    loss.min(1.0 - share * (1.0 - BEYOND_EDGE))
 }
 
 /// `d² / (d² + c²)` (Geman and McClure).

@@ -34,6 +34,16 @@ impl Lookup {
         }
     }
 
+    /// Place of the point that is about nearest.
+    pub(crate) fn near(&self, p: Vec3) -> usize {
+        let along = |x: f32| {
+            let cell = (x + HALF) * (CELLS as f32 / (2.0 * HALF));
+            (cell as usize).min(CELLS - 1)
+        };
+        let cell = (along(p.z) * CELLS + along(p.y)) * CELLS + along(p.x);
+        self.places.get(cell).copied().unwrap_or(0).into()
+    }
+
     /// The surface whose points these are in the grid.
     pub(crate) fn of<'a>(&'a self, surface: &'a Surface) -> Near<'a> {
         Near {

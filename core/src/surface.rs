@@ -16,12 +16,17 @@ mod order;
 
 use order::put_in_order;
 
+/// Of one radius in [`Surface::inward`], as it is kept.
+const INWARD: f32 = 127.0;
+
 /// See the module. Lengths are in a frame of the caller's.
 #[derive(Clone, Debug)]
 pub(crate) struct Surface {
     len: usize,
     points: Places,
     normals: Places,
+    /// See [`Self::inward()`], in [`INWARD`]ths of a radius.
+    inward: [[i8; 3]; SURFACE_POINTS],
     blocks: Boxes,
     /// The boxes of runs of points within the blocks.
     runs: [Corners; RUNS],
@@ -37,6 +42,7 @@ impl Surface {
         len: 0,
         points: [[0.0; 3]; SURFACE_POINTS + 1],
         normals: [[0.0; 3]; SURFACE_POINTS + 1],
+        inward: [[0; 3]; SURFACE_POINTS],
         blocks: Boxes::ZERO,
         runs: [[[0.0; 3]; 2]; RUNS],
         left_out: 0.0,
@@ -62,6 +68,13 @@ impl Surface {
             points: &self.points,
             normals: &self.normals,
         }
+    }
+
+    /// From the point at a place to the middle of the neighbours by which its normal was estimated, along the surface, in radii of
+    /// theirs: about 0 within a surface, and .34 where it ends.
+    pub(crate) fn inward(&self, place: usize) -> Vec3 {
+        let parts = self.inward.get(place).copied().unwrap_or_default();
+        Vec3::from_array(parts.map(f32::from)) * (1.0 / INWARD)
     }
 
     /// Takes the distinct points of the bulk of a cloud, `(point - centre) * factor`, evenly thinned to the capacity, and
@@ -96,6 +109,7 @@ impl Surface {
     pub(crate) fn mirror(&mut self) {
         let vectors = self.points.iter_mut().chain(&mut self.normals);
         vectors.for_each(|[x, _, _]| *x = -*x);
+        self.inward.iter_mut().for_each(|[x, _, _]| *x = -*x);
         self.mirror_boxes();
     }
 

@@ -9,7 +9,7 @@
 //! | polish | the best that differ | [`Refiner::polish`], briefly |
 //! | copies | the best, turned as a cube's symmetries would | the same, where they fit about as well |
 //! | nudge | the best, turned and moved a little, where it explains little | sifted, the best of them polished |
-//! | decide | the same | loss point by point, and how probable each is under the start's uncertainty |
+//! | decide | the same | loss point by point, less where the source lies beyond an edge of the target, and how probable each is under the start's uncertainty |
 
 use crate::error::Error;
 use crate::loss::{COMPARED, CONTENDERS};

@@ -28,10 +28,10 @@
 #endif
 
 // Words of a ReagentModel.
-#define REAGENT_MODEL_WORDS 14000
+#define REAGENT_MODEL_WORDS 14500
 
 // Words of a ReagentWorkspace.
-#define REAGENT_WORKSPACE_WORDS 29000
+#define REAGENT_WORKSPACE_WORDS 30200
 
 // Version of this header: changes with incompatible calls.
 #define REAGENT_VERSION_MAJOR 0

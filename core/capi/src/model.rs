@@ -8,7 +8,7 @@ use core::ptr::addr_of_mut;
 use reagent_core::model::Model;
 
 /// Words of a ReagentModel.
-pub const REAGENT_MODEL_WORDS: usize = 14_000;
+pub const REAGENT_MODEL_WORDS: usize = 14_500;
 
 /// A target made ready by reagent_prepare. It may be moved and copied, and any number of registrations may use it at a time.
 #[repr(C)]

@@ -12,7 +12,7 @@ use reagent_core::polish::Workspace;
 use reagent_core::{Cloud, Error, Pose, Verdict};
 
 /// Words of a ReagentWorkspace.
-pub const REAGENT_WORKSPACE_WORDS: usize = 29_000;
+pub const REAGENT_WORKSPACE_WORDS: usize = 30_200;
 
 /// Memory of reagent_register, reagent_refine and reagent_prepare: the caller's, of any content, for as long as the call.
 #[repr(C)]

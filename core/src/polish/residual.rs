@@ -91,23 +91,43 @@ impl Refiner<'_> {
         }
     }
 
-    /// Keeps the losses of the points matched last; their sum, as of [`loss::COMPARED`] points of each cloud,
-    /// and the mean of the source's.
+    /// Keeps the losses of the points matched last, less for those of the source beyond an edge of the target; their sum, as of
+    /// [`loss::COMPARED`] points of each cloud, and the mean of the source's, whether beyond an edge or not.
     pub(crate) fn keep_matched_losses(&mut self, contender: usize, at: Rigid) -> [f32; 2] {
-        self.keep_losses_by(contender, at, loss::POINT_SHARE);
+        let all = self.matched_residual(at);
+        self.spare_beyond_edges(at);
+        self.keep_lost(contender);
         let Residual { source, target } = self.lost();
         let mean = SOURCE_SHARE * source + (1.0 - SOURCE_SHARE) * target;
-        [mean * 2.0 * loss::COMPARED as f32, source]
+        [mean * 2.0 * loss::COMPARED as f32, all.source]
+    }
+
+    /// Lowers what those of the source's points lost that lie beyond an edge of the target. To which of its points they are near is
+    /// looked up where they have no match.
+    fn spare_beyond_edges(&mut self, at: Rigid) {
+        let (there, model) = (at.pose(), self.model);
+        let Work {
+            source, of_source, ..
+        } = &mut *self.work;
+        for (found, lost) in of_source.lost_mut() {
+            let loss = f32::from_bits(*lost);
+            if loss > loss::BEYOND_EDGE {
+                let p = there.apply(source.at(found.of).0);
+                let to = found.to.unwrap_or_else(|| model.lookup.near(p));
+                let apart = p - model.surface.at(to).0;
+                *lost = loss::beyond_edge(loss, apart, model.surface.inward(to)).to_bits();
+            }
+        }
     }
 
     /// Keeps how far the points matched last are from surfaces, and not from points: where those lie is chance.
     pub(crate) fn keep_matched_surface_losses(&mut self, contender: usize, at: Rigid) {
-        self.keep_losses_by(contender, at, 0.0);
+        self.lose(at, 0.0, true);
+        self.keep_lost(contender);
     }
 
-    /// Keeps what the points matched last lose, by which share the distance between points counts.
-    fn keep_losses_by(&mut self, contender: usize, at: Rigid, point_share: f32) {
-        self.lose(at, point_share, true);
+    /// Keeps losses, as they were found last.
+    fn keep_lost(&mut self, contender: usize) {
         let Work {
             of_source,
             of_target,
@@ -132,8 +152,8 @@ impl Refiner<'_> {
         let back = there.inverse();
         of_target.lose(isa, [target, source], back, point_share);
         if looks && seen.is_known() {
-            for (place, lost) in of_target.lost_mut() {
-                let is_hidden = seen.hides(back.apply(target.at(place).0));
+            for (found, lost) in of_target.lost_mut() {
+                let is_hidden = seen.hides(back.apply(target.at(found.of).0));
                 let loss = if is_hidden {
                     1.0
                 } else {

@@ -1,4 +1,5 @@
 use super::*;
+use crate::loss::COMPARED;
 use crate::pose::rotation_from_euler;
 use crate::start::Start;
 use proptest::prelude::*;
@@ -253,6 +254,31 @@ fn what_would_hide_the_background_counts_against_a_pose() {
     // What is no number, or behind the camera, was not seen.
     let nothing = [[f32::NAN; 3], [0.0, 0.0, -5.0], [f32::INFINITY, 0.0, 1.0]];
     assert_eq!(residuals(&nothing)[0], residuals(&[[f32::NAN; 3]])[0]);
+}
+
+/// Two sheets that overlap by half go on beyond each other's edges. The same points of one of them above the other's middle are
+/// explained no worse, point by point, but there it does not end.
+#[test]
+fn what_lies_beyond_an_edge_speaks_less_against_a_pose_than_what_lies_off_a_surface() {
+    let mut numbers = Numbers(9);
+    let mut sheet = |x: f32, z: f32| -> Vec<[f32; 3]> {
+        let place = |[u, v, _]: [f32; 3]| [x + 0.5 * u, v, z];
+        (0..512).map(|_| place(numbers.point())).collect()
+    };
+    let target = [sheet(-0.5, 0.0), sheet(0.5, 0.0)].concat();
+    let (shared, beyond, above) = (sheet(0.5, 0.0), sheet(1.5, 0.0), sheet(-0.5, 0.6));
+    let mut workspace = Workspace::new();
+    let mut loss = |rest: &[[f32; 3]]| {
+        let source = [&shared[..], rest].concat();
+        let mut refiner = Refiner::new(&source, &target, &mut workspace).expect("clouds");
+        let at = refiner.inside(Pose::IDENTITY);
+        refiner.match_both(at, COMPARED);
+        let [loss, of_source] = refiner.keep_matched_losses(0, at);
+        (loss / (2 * COMPARED) as f32, of_source)
+    };
+    let ((going_on, all), (off, all_off)) = (loss(&beyond), loss(&above));
+    assert!((all - all_off).abs() < 0.05, "{all} {all_off}");
+    assert!(going_on < off - 0.1, "{going_on} {off}");
 }
 
 #[test]

@@ -93,11 +93,7 @@ impl Matching {
 
     /// What [`Self::find`] found.
     pub(crate) fn matches(&self) -> impl Iterator<Item = Match> {
-        let places = self.place.iter().enumerate().take(self.len);
-        places.step_by(self.every.max(1)).map(|(of, &to)| Match {
-            of,
-            to: (to & BEYOND == 0).then_some(usize::from(to)),
-        })
+        matches(&self.place, self.len, self.every)
     }
 
     /// Sets the keys to what each point matched last loses, seen under the pose of then, by which share the distance between
@@ -121,10 +117,9 @@ impl Matching {
         );
     }
 
-    /// What was lost, and places of the points: once after [`Self::lose`].
-    pub(crate) fn lost_mut(&mut self) -> impl Iterator<Item = (usize, &mut u32)> {
-        let places = (0..self.len).step_by(self.every.max(1));
-        places.zip(&mut self.keys.0)
+    /// What was lost, and the matches of the points: once after [`Self::lose`].
+    pub(crate) fn lost_mut(&mut self) -> impl Iterator<Item = (Match, &mut u32)> {
+        matches(&self.place, self.len, self.every).zip(&mut self.keys.0)
     }
 
     /// The same to read.
@@ -142,6 +137,15 @@ impl Matching {
         let count = self.len.div_ceil(self.every.max(1));
         self.keys.select(count, count / 2)
     }
+}
+
+/// Of every `every`-th of so many points, by the places nearest to them.
+fn matches(places: &[u16], len: usize, every: usize) -> impl Iterator<Item = Match> {
+    let places = places.iter().enumerate().take(len);
+    places.step_by(every.max(1)).map(|(of, &to)| Match {
+        of,
+        to: (to & BEYOND == 0).then_some(usize::from(to)),
+    })
 }
 
 /// Sets all lanes of a batch: to the next points, then to the last of them. Says how many there were.

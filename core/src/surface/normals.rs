@@ -1,8 +1,8 @@
 //! Normals, from moments of neighbourhoods.
 
-use super::Surface;
 use super::keys::Keys;
 use super::matching::load;
+use super::{INWARD, Surface};
 use crate::kernels::{BATCH, Batch, Isa, Moments};
 use crate::solve::least;
 use glam::Vec3;
@@ -61,14 +61,19 @@ impl Surface {
             let mut sums = Moments::ZERO;
             isa.moments(&batch.at, &self.boxed(), squared, &mut sums);
             let end = self.len.min(start + BATCH);
-            let places = self.normals.iter_mut().zip(&mut keys.0);
-            for (lane, (normal, key)) in places.take(end).skip(start).enumerate() {
+            let places = self.normals.iter_mut().zip(&mut self.inward);
+            let places = places.zip(&mut keys.0);
+            for (lane, ((normal, inward), key)) in places.take(end).skip(start).enumerate() {
                 let m = sums
                     .0
                     .each_ref()
                     .map(|row| row.get(lane).copied().unwrap_or(0.0));
-                let (direction, across) = plane_of(m);
+                let (direction, across, middle) = plane_of(m);
                 *normal = direction.to_array();
+                let along = middle - direction * direction.dot(middle);
+                *inward = (along * (INWARD / radius.max(1e-30)))
+                    .to_array()
+                    .map(|x| x as i8);
                 *key = across.to_bits(); // in the order of the spreads: they are not negative
             }
         }
@@ -76,10 +81,11 @@ impl Surface {
     }
 }
 
-/// Normal of a neighbourhood by its moments, and the mean squared distance from the plane across it.
-fn plane_of([w, x, y, z, xx, yy, zz, xy, xz, yz]: [f32; 10]) -> (Vec3, f32) {
+/// Normal of a neighbourhood by its moments, the mean squared distance from the plane across it, and its middle as seen from the
+/// point it is of.
+fn plane_of([w, x, y, z, xx, yy, zz, xy, xz, yz]: [f32; 10]) -> (Vec3, f32, Vec3) {
     if w <= 0.0 {
-        return (Vec3::ZERO, 0.0);
+        return (Vec3::ZERO, 0.0, Vec3::ZERO);
     }
     let f = 1.0 / w;
     let (x, y, z) = (x * f, y * f, z * f);
@@ -93,5 +99,6 @@ fn plane_of([w, x, y, z, xx, yy, zz, xy, xz, yz]: [f32; 10]) -> (Vec3, f32) {
     ];
     let (direction, share) = least(spread);
     let [xx, yy, zz, ..] = spread;
-    (direction, (share * (xx + yy + zz)).max(0.0))
+    let across = (share * (xx + yy + zz)).max(0.0);
+    (direction, across, Vec3::new(x, y, z))
 }

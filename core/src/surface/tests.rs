@@ -136,3 +136,30 @@ fn matches_are_the_nearest_within_the_limit_and_none_beyond() {
         assert_eq!(median, found[found.len() / 2]);
     }
 }
+
+/// A sheet of 2 by 1: within it neighbours lie on all sides, and at an edge none lies beyond.
+#[test]
+fn a_surface_knows_where_it_ends() {
+    let mut numbers = Numbers(7);
+    let mut on_sheet = || [numbers.next(), 0.5 * numbers.next(), 0.0];
+    let points: Vec<_> = (0..1024).map(|_| on_sheet()).collect();
+    let mut sheet = surface(&points);
+    let inward_of_edge = |sheet: &Surface, side: f32| {
+        let places = (0..1024).filter(|&k| {
+            let (p, _) = sheet.at(k);
+            side * p.x > 0.97 && p.y.abs() < 0.3
+        });
+        let inward: Vec<Vec3> = places.map(|k| sheet.inward(k)).collect();
+        inward.iter().sum::<Vec3>() / inward.len() as f32
+    };
+    for side in [1.0, -1.0] {
+        let inward = inward_of_edge(&sheet, side);
+        assert!(-side * inward.x > 0.15 && inward.y.abs() < 0.12, "{inward}");
+    }
+    let within = (0..1024).filter(|&k| sheet.at(k).0.abs().cmplt(Vec3::new(0.7, 0.3, 1.0)).all());
+    let within: Vec<f32> = within.map(|k| sheet.inward(k).length()).collect();
+    assert!(within.iter().sum::<f32>() / (within.len() as f32) < 0.15);
+    let before: Vec<Vec3> = (0..1024).map(|k| sheet.inward(k)).collect();
+    sheet.mirror();
+    assert!((0..1024).all(|k| sheet.inward(k) == before[k] * Vec3::new(-1.0, 1.0, 1.0)));
+}

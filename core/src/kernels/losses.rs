@@ -95,3 +95,54 @@ impl Isa {
         );
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::kernels::oriented::tests::Cloud;
+    use crate::loss;
+    use crate::polish::tests::pose;
+
+    #[test]
+    fn every_kernel_loses_what_each_match_does_and_all_of_a_point_without_one() {
+        let (source, target) = (Cloud::drawn(7), Cloud::drawn(8));
+        // Every third point has no match; its place still names one.
+        let mut places = [0; SURFACE_POINTS];
+        for (of, place) in places.iter_mut().enumerate() {
+            let beyond = if of % 3 == 0 { BEYOND } else { 0 };
+            *place = (of * 7919 % SURFACE_POINTS) as u16 | beyond;
+        }
+        let pose = pose([0.3, -0.2, 0.9], [0.1, 0.2, -0.3]);
+        let (radius, point_share) = (2.0, loss::POINT_SHARE);
+        for (len, every) in [(1, 1), (37, 1), (200, 7), (SURFACE_POINTS, 2)] {
+            let points = (source.bare().points, len);
+            let sought = Sought {
+                points,
+                every,
+                pose,
+            };
+            let lost = |isa: Isa| -> Vec<f32> {
+                let mut lost = [0; SURFACE_POINTS];
+                let to = target.bare();
+                isa.losses(&sought, to, radius, point_share, &places, &mut lost);
+                let lost = lost.iter().take(len.div_ceil(every));
+                lost.map(|&bits| f32::from_bits(bits)).collect()
+            };
+            let expected = lost(Isa::PORTABLE);
+            for (of, &lost) in (0..len).step_by(every).zip(&expected) {
+                let ((p, _), (q, n)) = (source.at(of as u16), target.at(places[of] & (BEYOND - 1)));
+                let apart = pose.apply(p) - q;
+                let surface = loss::of_surface(apart, n, radius, SURFACE);
+                let squared = apart.length_squared();
+                let half = POINT * radius;
+                let point = squared / (squared + half * half);
+                let loss = surface + point_share * (point - surface);
+                let loss = if of % 3 == 0 { 1.0 } else { loss };
+                assert!((lost - loss).abs() < 1e-5, "{of}: {lost} {loss}");
+            }
+            for isa in Isa::all() {
+                assert_eq!(lost(isa), expected, "{}", isa.name());
+            }
+        }
+    }
+}

@@ -1,7 +1,6 @@
 //! Opening a Zenoh session that says at once what is wrong: the one definition for both ends.
 
 use crate::certificate::{self, Certificate};
-use serde_json::Value;
 use std::net::{Ipv4Addr, TcpListener};
 use std::ops::Range;
 use std::path::PathBuf;
@@ -110,12 +109,11 @@ pub async fn open(args: &SessionArgs) -> Result<Session, SessionError> {
             notice_of_expiry = Some(notice);
         }
     }
-    let connect = to_connect(&config);
     let reason = match zenoh::open(config).await {
         Ok(session) => return Ok(session),
         Err(reason) => reason,
     };
-    let hint = match (notice_of_expiry, without_address(&connect).await) {
+    let hint = match (notice_of_expiry, without_address(args).await) {
         (Some(notice), _) | (None, Some(notice)) => notice,
         (None, None) => hint(args, &reason).into(),
     };
@@ -126,23 +124,9 @@ pub async fn open(args: &SessionArgs) -> Result<Session, SessionError> {
     })
 }
 
-/// The endpoints to connect to: a list, or one for each mode.
-fn to_connect(config: &Config) -> Vec<String> {
-    fn texts(value: Value) -> Vec<String> {
-        match value {
-            Value::String(text) => vec![text],
-            Value::Array(values) => values.into_iter().flat_map(texts).collect(),
-            Value::Object(modes) => modes.into_iter().flat_map(|(_, of)| texts(of)).collect(),
-            _ => Vec::new(),
-        }
-    }
-    let found = config.get_json("connect/endpoints").unwrap_or_default();
-    texts(serde_json::from_str(&found).unwrap_or_default())
-}
-
 /// The first host to connect to that has no address, of which Zenoh says only that it does not answer.
-async fn without_address(connect: &[String]) -> Option<String> {
-    for address in connect.iter().filter_map(|endpoint| address(endpoint)) {
+async fn without_address(args: &SessionArgs) -> Option<String> {
+    for address in args.connect.iter().filter_map(|endpoint| address(endpoint)) {
         if let Err(error) = lookup_host(address).await {
             return Some(format!(
                 "{address} has no address: {error}; is the name right?"
@@ -260,7 +244,7 @@ fn source_place(text: &str) -> Option<Range<usize>> {
 }
 
 fn json(endpoints: &[String]) -> String {
-    Value::from(endpoints).to_string()
+    serde_json::Value::from(endpoints).to_string()
 }
 
 fn endpoints(args: &SessionArgs) -> String {
@@ -309,23 +293,6 @@ mod tests {
             assert_eq!(plain(&said.into()), expected);
         }
         assert_eq!(plain(&"at a time".into()), "at a time");
-    }
-
-    #[tokio::test]
-    async fn a_host_without_an_address_is_found_wherever_a_configuration_names_it() {
-        for (endpoints, known) in [
-            (r#"["tcp/127.0.0.1:1", "quic/router.invalid:7447"]"#, false),
-            (r#"{ router: [], client: ["tcp/router.invalid:1"] }"#, false),
-            (r#"["tcp/localhost:1"]"#, true),
-            ("[]", true),
-        ] {
-            let mut config = Config::default();
-            let set = config.insert_json5("connect/endpoints", endpoints);
-            set.expect("endpoints");
-            let found = without_address(&to_connect(&config)).await;
-            assert_eq!(found.is_none(), known, "{endpoints}: {found:?}");
-            assert!(found.is_none_or(|said| said.starts_with("router.invalid:")));
-        }
     }
 
     #[test]

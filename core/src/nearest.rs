@@ -1,6 +1,6 @@
 //! Which point of a surface is near a place, looked up in a grid: approximate, for searches that look at many poses.
 
-use crate::kernels::{BATCH, Batch, CELLS, GRID, HALF, Isa, Near};
+use crate::kernels::{BATCH, Batch, CELLS, GRID, HALF, Isa, Near, cell_of};
 use crate::surface::Surface;
 use glam::Vec3;
 
@@ -36,12 +36,8 @@ impl Lookup {
 
     /// Place of the point that is about nearest.
     pub(crate) fn near(&self, p: Vec3) -> usize {
-        let along = |x: f32| {
-            let cell = (x + HALF) * (CELLS as f32 / (2.0 * HALF));
-            (cell as usize).min(CELLS - 1)
-        };
-        let cell = (along(p.z) * CELLS + along(p.y)) * CELLS + along(p.x);
-        self.places.get(cell).copied().unwrap_or(0).into()
+        let place = self.places.get(cell_of(p.to_array()));
+        place.copied().unwrap_or(0).into()
     }
 
     /// The surface whose points these are in the grid.

@@ -60,7 +60,7 @@ impl Boxed<'_> {
     /// Squared distances of the blocks' boxes from one.
     #[inline(always)]
     pub(super) fn gaps<L: Lanes>(&self, &[low, high]: &Corners) -> [f32; BLOCKS] {
-        let (low, high, zero) = (Vectors::<L>::all(low), Vectors::all(high), L::all(0.0));
+        let (low, high) = (Vectors::<L>::all(low), Vectors::all(high));
         let mut gaps = [[0.0; LANES]; BLOCKS / LANES];
         for (k, gaps) in gaps
             .iter_mut()
@@ -71,12 +71,7 @@ impl Boxed<'_> {
             for lane in (0..LANES).step_by(L::COUNT) {
                 let below = low - Vectors::of([&hx[k], &hy[k], &hz[k]], lane);
                 let above = Vectors::of([&lx[k], &ly[k], &lz[k]], lane) - high;
-                let gap = Vectors {
-                    x: below.x.max(above.x).max(zero),
-                    y: below.y.max(above.y).max(zero),
-                    z: below.z.max(above.z).max(zero),
-                };
-                gap.dot(gap).store(gaps, lane);
+                squared_gap(below, above).store(gaps, lane);
             }
         }
         let mut flat = [0.0; BLOCKS];
@@ -99,6 +94,13 @@ impl Boxed<'_> {
             bits
         }
     }
+}
+
+/// Squared distance from a box of what lies so far below it and above it, axis by axis: negative on the other side.
+#[inline(always)]
+pub(super) fn squared_gap<L: Lanes>(below: Vectors<L>, above: Vectors<L>) -> L {
+    let gap = below.max(above).max(Vectors::all([0.0; 3]));
+    gap.dot(gap)
 }
 
 /// The box about some points, one row an axis.

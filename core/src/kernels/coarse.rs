@@ -9,7 +9,7 @@ use super::Isa;
 #[cfg(target_arch = "x86_64")]
 use super::Kind;
 use super::equations::add;
-use super::lanes::{LANES, Lanes, Seen, Vectors, on_lanes};
+use super::lanes::{Four, LANES, Lanes, Seen, Vectors, on_lanes};
 use super::losses::of_surface;
 use super::oriented::{Bare, Oriented};
 use super::{Sums, Weighing};
@@ -35,10 +35,7 @@ impl Near<'_> {
     /// Points of the surface that are near such points, and their normals.
     #[inline(always)]
     fn to<L: Lanes>(&self, p: Vectors<L>) -> [Vectors<L>; 2] {
-        let (x, y, z) = (cell(p.x), cell(p.y), cell(p.z));
-        let plane = L::times_and(z, CELLS as u32, y);
-        let mut cells = [0; LANES];
-        L::store_counts(L::times_and(plane, CELLS as u32, x), &mut cells, 0);
+        let cells = cells_of(p);
         let mut places = [0; LANES];
         for (place, &cell) in places.iter_mut().zip(&cells).take(L::COUNT) {
             // SAFETY: a cell of the grid.
@@ -46,6 +43,22 @@ impl Near<'_> {
         }
         self.surface.gather(&places, 0)
     }
+}
+
+/// The cell of the grid whose centre is nearest to a point: the one that the kernels look up.
+pub fn cell_of(p: [f32; 3]) -> usize {
+    let [cell, ..] = cells_of(Vectors::<Four>::all(p));
+    cell as usize
+}
+
+/// The same of each of the lanes, those first.
+#[inline(always)]
+fn cells_of<L: Lanes>(p: Vectors<L>) -> [u32; LANES] {
+    let (x, y, z) = (cell(p.x), cell(p.y), cell(p.z));
+    let plane = L::times_and(z, CELLS as u32, y);
+    let mut cells = [0; LANES];
+    L::store_counts(L::times_and(plane, CELLS as u32, x), &mut cells, 0);
+    cells
 }
 
 /// Which cell along an axis is nearest: one of the grid's in any case.
@@ -230,6 +243,7 @@ mod tests {
             };
             let Vec3 { x, y, z } = p;
             let cell = (along(z) * CELLS + along(y)) * CELLS + along(x);
+            assert_eq!(cell_of(p.to_array()), cell);
             let (q, n) = target.at(places[cell]);
             expected += of_surface(p - q, n, 0.2, 0.3);
         }

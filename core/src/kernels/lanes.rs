@@ -112,6 +112,16 @@ impl<L: Lanes> Vectors<L> {
     }
 
     #[inline(always)]
+    pub(super) fn max(self, other: Self) -> Self {
+        let (x, y, z) = (
+            self.x.max(other.x),
+            self.y.max(other.y),
+            self.z.max(other.z),
+        );
+        Vectors { x, y, z }
+    }
+
+    #[inline(always)]
     pub(super) fn dot(self, other: Self) -> L {
         self.x * other.x + self.y * other.y + self.z * other.z
     }

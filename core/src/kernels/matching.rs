@@ -8,7 +8,7 @@
 use super::Isa;
 #[cfg(target_arch = "x86_64")]
 use super::Kind;
-use super::boxes::{BLOCKS, Boxed, RUN, bounds, largest};
+use super::boxes::{BLOCKS, Boxed, RUN, bounds, largest, squared_gap};
 use super::lanes::{LANES, Lanes, Places, Row, Seen, Vectors, on_lanes};
 use super::{BATCH, Batch, Corners};
 use crate::dims::SURFACE_POINTS;
@@ -197,13 +197,7 @@ fn show<L: Lanes>(batch: &mut Batch, other: &Boxed<'_>, block: usize) {
 #[inline(always)]
 fn reaches<L: Lanes>(at: Vectors<L>, nearest: L, &[low, high]: &Corners) -> bool {
     let (below, above) = (Vectors::all(low) - at, at - Vectors::all(high));
-    let zero = L::all(0.0);
-    let beyond = Vectors {
-        x: below.x.max(above.x).max(zero),
-        y: below.y.max(above.y).max(zero),
-        z: below.z.max(above.z).max(zero),
-    };
-    beyond.dot(beyond).below(nearest) != 0
+    squared_gap(below, above).below(nearest) != 0
 }
 
 impl Isa {

@@ -68,7 +68,7 @@ use aarch64::detect;
 use x86::detect;
 
 pub use boxes::{BLOCK, BLOCKS, Boxed, Boxes, Corners, RUN, RUNS};
-pub use coarse::{CELLS, GRID, HALF, Near};
+pub use coarse::{CELLS, GRID, HALF, Near, cell_of};
 pub use equations::{Pair, Sums, Weighing};
 pub use lanes::{LANES, Places, Row};
 pub use matching::{BEYOND, Sought};

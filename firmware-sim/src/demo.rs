@@ -206,7 +206,8 @@ async fn refine_all(operator: &Client, scene: &Scene, version: u64) -> anyhow::R
                     let used = answer.reply.policy_version;
                     bail!("robot {robot} answered with policy {used}, not {version}");
                 }
-                let [initial, reached] = errors(&scene.pairs, index, &answer.reply)?;
+                let [initial, reached] = errors(&scene.pairs, index, &answer.reply)
+                    .with_context(|| format!("pair {index}"))?;
                 match mode {
                     Mode::Fast => {
                         round.initial.push(initial);

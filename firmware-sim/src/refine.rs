@@ -11,6 +11,7 @@ use crate::session::{SessionArgs, open};
 use host_train::cli::{Initial, Input, SourceArgs, check_outputs, write_json};
 use host_train::dataset::Point;
 use host_train::dataset::pairs::PairSet;
+use host_train::measure::metrics::PairMetrics;
 use host_train::pose64::{Pose64, Position};
 use host_train::register::background::that_counts;
 use host_train::register::prepared::Prepared;
@@ -203,7 +204,7 @@ impl RefineArgs {
     /// Runs the command.
     ///
     /// # Errors
-    /// Files that cannot be read, no session, and the first request without a pose.
+    /// Files that cannot be read, no session, and requests without a pose; of several pairs, after all of them have been asked for.
     pub async fn run(self) -> anyhow::Result<()> {
         // A file that cannot be written is known before anybody is asked.
         check_outputs([&self.trace, &self.json])?;
@@ -326,29 +327,22 @@ impl Asking {
 
     async fn refine_pairs(&mut self, pairs: &PairSet) -> anyhow::Result<()> {
         let (mut answers, mut before, mut after) = (Vec::new(), Vec::new(), Vec::new());
-        let (mut failed, mut first) = (0, None);
+        let mut first = None;
         for index in 0..pairs.source.len() {
-            let view_point = pairs.seen(index).map(|seen| seen.view_point);
-            let clouds = [&pairs.source, &pairs.target].map(|clouds| Sent {
-                points: in_order(within_capacity(&clouds[index])),
-                origin: [0.0; 3],
-                view_point,
-                background: Vec::new(),
-            });
-            let answer = match self.ask(index as u64 + 1, clouds.each_ref()).await {
-                Ok(answer) => answer,
-                // The next one may be answered: a robot that restarts, a request that takes long.
-                Err(error) => {
-                    answers.push(json!({ "error": one_line(error.as_ref()) }));
-                    failed += 1;
-                    first.get_or_insert(error.context(format!("pair {index}")));
-                    continue;
+            match self.refine_pair(pairs, index).await {
+                Ok((answer, [initial, refined])) => {
+                    before.push(initial);
+                    after.push(refined);
+                    answers.push(answer.json([[0.0; 3]; 2]));
                 }
-            };
-            let [initial, refined] = errors(pairs, index, &answer.reply)?;
-            before.push(initial);
-            after.push(refined);
-            answers.push(answer.json([[0.0; 3]; 2]));
+                // The next one may be answered: by another robot, or by one that restarts.
+                Err(error) => {
+                    let why = one_line(error.as_ref());
+                    println!("pair {index}: {why}");
+                    answers.push(json!({ "error": why }));
+                    first.get_or_insert(error.context(format!("pair {index}")));
+                }
+            }
         }
         if !after.is_empty() {
             println!("{}", Row::HEADER);
@@ -359,10 +353,29 @@ impl Asking {
         match first {
             None => Ok(()),
             Some(error) => Err(error.context(format!(
-                "{failed} of {} pairs without a pose, the first",
+                "{} of {} pairs without a pose, the first",
+                answers.len() - after.len(),
                 answers.len()
             ))),
         }
+    }
+
+    /// A robot's answer to a pair, and the pair's errors before and after it.
+    async fn refine_pair(
+        &mut self,
+        pairs: &PairSet,
+        index: usize,
+    ) -> anyhow::Result<(Answer, [PairMetrics; 2])> {
+        let view_point = pairs.seen(index).map(|seen| seen.view_point);
+        let clouds = [&pairs.source, &pairs.target].map(|clouds| Sent {
+            points: in_order(within_capacity(&clouds[index])),
+            origin: [0.0; 3],
+            view_point,
+            background: Vec::new(),
+        });
+        let answer = self.ask(index as u64 + 1, clouds.each_ref()).await?;
+        let errors = errors(pairs, index, &answer.reply)?;
+        Ok((answer, errors))
     }
 }
 

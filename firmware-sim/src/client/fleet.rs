@@ -110,7 +110,12 @@ impl Client {
             match self.refine(&robot, &request).await {
                 Ok(reply) => return Ok((robot, reply)),
                 Err(error) if passed_over(&error) => last = Some(error),
-                Err(error) => return Err(error),
+                Err(error) => {
+                    if matches!(error, RefineError::Deadline { .. }) {
+                        self.robots.silent(&robot);
+                    }
+                    return Err(error);
+                }
             }
             tried.push(robot);
         }

@@ -39,6 +39,8 @@ pub(super) struct Robot {
     duplicate: bool,
     /// Requests of this client that it has not answered.
     pub(super) asked: u16,
+    /// It let a request's time pass without a word, and has not been heard since.
+    is_silent: bool,
     offline_since: Option<SystemTime>,
     /// How often it has gone.
     pub(super) departures: u32,
@@ -70,6 +72,7 @@ impl Robots {
         let mut robots = self.lock();
         let known = robots.entry(robot.into()).or_default();
         known.offline_since = None;
+        known.is_silent = false;
         if let Some(last) = known.status.replace(status)
             && last.instance != status.instance
         {
@@ -77,6 +80,11 @@ impl Robots {
             known.duplicate |= known.former == Some(status.instance);
             known.former = Some(last.instance);
         }
+    }
+
+    /// It has let a request's time pass without a word: others are asked first until it is heard.
+    pub(super) fn silent(&self, robot: &str) {
+        self.lock().entry(robot.into()).or_default().is_silent = true;
     }
 
     /// Its liveliness token is gone: it, its link, or the router.
@@ -109,7 +117,8 @@ impl Robots {
         let load = |robot: &Robot| {
             let status = robot.status.filter(|_| robot.offline_since.is_none())?;
             let in_hand = status.in_hand.max(robot.asked);
-            Some((status.policy.is_none(), in_hand, status.served))
+            let has_no_policy = status.policy.is_none();
+            Some((robot.is_silent, has_no_policy, in_hand, status.served))
         };
         let robots = self.lock();
         let eligible = robots.iter().filter(|(name, _)| !but.contains(name));
@@ -140,6 +149,19 @@ mod tests {
         robots.gone("r2");
         robots.answered("r2", Status::default(), 0);
         assert!(robots.lock()["r2"].status.is_none());
+    }
+
+    #[test]
+    fn a_robot_that_said_nothing_in_time_comes_last_until_it_is_heard() {
+        let robots = Robots::default();
+        robots.heard("a", Status::default());
+        robots.heard("b", Status::default());
+        assert_eq!(robots.least(&[]).as_deref(), Some("a"));
+        robots.silent("a");
+        assert_eq!(robots.least(&[]).as_deref(), Some("b"));
+        assert_eq!(robots.least(&["b".into()]).as_deref(), Some("a"));
+        robots.heard("a", Status::default());
+        assert_eq!(robots.least(&[]).as_deref(), Some("a"));
     }
 
     #[test]

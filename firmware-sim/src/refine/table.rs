@@ -1,6 +1,5 @@
 //! Errors of poses that robots gave, as a table.
 
-use anyhow::Context;
 use host_train::dataset::pairs::PairSet;
 use host_train::measure::metrics::{GroundTruth, PairMetrics, Summary};
 use reagent_core::Pose;
@@ -20,8 +19,7 @@ pub(crate) fn errors(
         &pairs.target[index],
         pairs.raw.as_ref().map(|raw| raw[index].as_slice()),
         pairs.target_from_source[index],
-    )
-    .with_context(|| format!("pair {index}"))?;
+    )?;
     let refined = Pose::from_rows(reply.target_from_source);
     Ok([Pose::IDENTITY, refined].map(|pose| truth.measure(pose)))
 }

@@ -1,0 +1,161 @@
+//! Many pairs for a fleet in which a robot dies.
+#![cfg(feature = "demo")]
+
+use ed25519_dalek::SigningKey;
+use firmware_sim::node::{Node, NodeConfig};
+use firmware_sim::policy::Trust;
+use host_train::dataset::pairs::PairSet;
+use host_train::learn::nn::{Parameters, Shape};
+use host_train::policy::WeightFile;
+use host_train::publish::Publisher;
+use reagent_core::wire::{self, Message, Mode, PolicyId, RefineReply, Status, keys};
+use reagent_core::{Pose, Verdict};
+use reagent_link::session::{SessionArgs, open};
+use reagent_tests::network::network;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use std::time::Duration;
+use tokio::task::JoinHandle;
+use zenoh::Wait;
+
+const FLEET: &str = "f";
+
+fn write_pairs(path: &Path) {
+    let cloud: Vec<_> = (0..60u8)
+        .map(|i| [i % 5, i % 7, i % 11].map(f32::from))
+        .collect();
+    let pairs = PairSet {
+        source: vec![cloud.clone(); 3],
+        target: vec![cloud.clone(); 3],
+        target_from_source: vec![Pose::IDENTITY; 3],
+        raw: None,
+        label: vec![0; 3],
+        symmetries: None,
+        seen: vec![None; 3],
+    };
+    pairs.save(path).expect("a writable directory");
+}
+
+fn frame(message: &Message<'_>) -> Vec<u8> {
+    let mut buffer = [0; wire::SMALL_FRAME_BYTES];
+    let frame = wire::encode(message, &mut buffer).expect("it fits");
+    frame.to_vec()
+}
+
+/// Robot `a`: it has a policy and nothing to do, answers one request, and dies over the second.
+async fn short_lived(endpoint: &str) -> JoinHandle<()> {
+    let args = SessionArgs {
+        connect: vec![endpoint.into()],
+        ..SessionArgs::default()
+    };
+    let session = open(&args).await.expect("the router listens");
+    let status = keys::status(FLEET, "a").expect("good names");
+    let refine = keys::refine(FLEET, "a").expect("good names");
+    let idle = frame(&Message::Status(Status {
+        policy: Some(PolicyId::default()),
+        ..Status::default()
+    }));
+    let answered = status.clone();
+    let statuses = session
+        .declare_queryable(status.as_str())
+        .callback(move |query| {
+            let told = query.reply(answered.as_str(), idle.clone()).wait();
+            told.expect("an open session");
+        });
+    let statuses = statuses.await.expect("an open session");
+    let requests = session.declare_queryable(refine.as_str()).await;
+    let requests = requests.expect("an open session");
+    tokio::spawn(async move {
+        let first = requests.recv_async().await.expect("an open session");
+        let pose = frame(&Message::RefineReply(RefineReply {
+            id: 1,
+            target_from_source: Pose::IDENTITY.to_rows(),
+            steps: 1,
+            mode: Mode::Fast,
+            verdict: Verdict::Converged,
+            probability: None,
+            fit: None,
+            waited_micros: 0,
+            micros: 0,
+            policy_version: 0,
+        }));
+        let told = first.reply(refine.as_str(), pose).await;
+        told.expect("an open session");
+        drop(first);
+        let _second = requests.recv_async().await.expect("an open session");
+        session.close().await.expect("an open session");
+        drop(statuses);
+    })
+}
+
+/// Asks `robot` for all pairs, and says who answered each of them.
+async fn refine(robot: &str, endpoint: &str, folder: &Path) -> (Output, Vec<Option<String>>) {
+    let json: PathBuf = folder.join(format!("{robot}.json"));
+    let mut program = Command::new(env!("CARGO_BIN_EXE_firmware-sim"));
+    program.args(["refine", "--fleet", FLEET, "--robot", robot]);
+    program.args(["--mode", "fast", "--deadline", "60"]);
+    program.args(["--connect", endpoint]);
+    program.arg("--pairs").arg(folder.join("pairs.h5"));
+    program.arg("--json").arg(&json);
+    let asked = tokio::task::spawn_blocking(move || program.output());
+    let output = asked.await.expect("it does not panic");
+    let output = output.expect("the program runs");
+    let text = std::fs::read(json).expect("written");
+    let document: serde_json::Value = serde_json::from_slice(&text).expect("JSON");
+    let pairs = document["pairs"].as_array().expect("a list");
+    let robots = pairs
+        .iter()
+        .map(|pair| pair["robot"].as_str().map(str::to_owned));
+    (output, robots.collect())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_robot_that_dies_does_not_end_a_batch() {
+    let folder = tempfile::tempdir().expect("a temporary directory");
+    write_pairs(&folder.path().join("pairs.h5"));
+    let (router, endpoint) = network().await;
+
+    // Nobody else is asked: what it had answered counts, and each of the others is told.
+    let dying = short_lived(&endpoint).await;
+    let (output, robots) = refine("a", &endpoint, folder.path()).await;
+    dying.await.expect("it dies in peace");
+    let [said, error] = [&output.stdout, &output.stderr].map(|text| String::from_utf8_lossy(text));
+    assert_eq!(output.status.code(), Some(1), "{error}");
+    assert_eq!(robots, [Some("a".to_owned()), None, None]);
+    for pair in [
+        "pair 1: no robot answered at ",
+        "pair 2: no robot answered at ",
+    ] {
+        let lines = said.lines().filter(|line| line.starts_with(pair));
+        assert_eq!(lines.count(), 1, "{said}");
+    }
+    assert!(said.contains("\nrefined "), "{said}");
+    let summary = "error: 2 of 3 pairs without a pose, the first: pair 1: ";
+    assert!(error.starts_with(summary), "{error}");
+    assert_eq!(error.lines().count(), 1, "{error}");
+
+    // Any robot may answer: another one takes its place.
+    let config = NodeConfig {
+        fleet: FLEET.into(),
+        robot: "b".into(),
+        trust: Trust::AnyKey,
+        state: None,
+    };
+    let node = Node::start(router.clone(), config).await;
+    let node = node.expect("good names");
+    let publisher = Publisher::new(router, FLEET, SigningKey::from_bytes(&[1; 32]));
+    let mut publisher = publisher.expect("a good name");
+    let policy = WeightFile::from_parameters(&Parameters::random(Shape::COMPACT, 1));
+    let published = publisher.publish(1, "p", policy.expect("deployable"));
+    published.await.expect("a good policy");
+    let mut view = node.watch();
+    let has_policy = view.wait_for(|view| view.policy.is_some());
+    let has_policy = tokio::time::timeout(Duration::from_secs(60), has_policy).await;
+    has_policy.expect("within a minute").expect("the node runs");
+    let dying = short_lived(&endpoint).await;
+    let (output, robots) = refine("any", &endpoint, folder.path()).await;
+    dying.await.expect("it dies in peace");
+    let error = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{error}");
+    assert_eq!(robots, ["a", "b", "b"].map(|robot| Some(robot.to_owned())));
+}

@@ -67,7 +67,7 @@ pub(super) struct RegisterArgs {
     /// poses: each is tried, and the most probable pose wins [default: identity]
     #[arg(long, value_name = "START", allow_hyphen_values = true)]
     init: Vec<Initial>,
-    /// How many of the most probable poses to tell, each another one: the first is given out, the others, as many as
+    /// How many of the most probable poses to tell, each another one: the most probable is given out, the others, as many as
     /// there are, follow in the text and under "others" in --json, with how they fit [default: 1]
     #[arg(long, value_name = "K", value_parser = positive())]
     best: Option<usize>,

@@ -1,7 +1,7 @@
 //! What users ask for: a registration in the clouds' own coordinates, in f64.
 
 use crate::pose64::{Pose64, Position};
-use crate::register::best::{Other, best_and_others};
+use crate::register::best::{Best, Other, best_and_others};
 use crate::register::dense::{Dense, Densely, refine_densely};
 use crate::register::prepared::Prepared;
 use crate::register::{Memory, Registered, Start, register_in};
@@ -81,8 +81,8 @@ impl Request {
     }
 
     /// The same from each of several starts, in place of the request's own: the most probable pose is given out, by fit and by
-    /// its start, and of the `best` most probable ones those that follow. In [`Mode::Fast`], which does not look at fits, the
-    /// first start's.
+    /// its start, and of the `best` most probable ones those that follow ([`best_and_others`]). In [`Mode::Fast`], which does not
+    /// look at fits, the first start's.
     ///
     /// # Errors
     /// As [`Request::register`].
@@ -113,20 +113,18 @@ impl Request {
         [source, target]: [&Prepared<'_>; 2],
     ) -> Result<Done, Error> {
         let clouds = [source.points(), target.points()];
-        let mut found = Vec::with_capacity(starts.len());
-        for start in starts {
-            let task = self.task(start, [source, target]);
-            let registered = register_in(memory, policy, clouds[0], clouds[1], &task)?;
-            found.push((task.start, registered));
+        let task = |start| self.task(start, [source, target]);
+        let tasks: Vec<Task<'_>> = starts.iter().map(task).collect();
+        let mut found = Vec::with_capacity(tasks.len());
+        for task in &tasks {
+            found.push(register_in(memory, policy, clouds[0], clouds[1], task)?);
         }
-        let (winner, others) = if starts.len() > 1 || best > 1 {
-            let view_point = self.seen_from(source);
-            let seen = view_point.map(|point| (point, source.background.as_slice()));
-            best_and_others(memory, clouds, seen, &found, best.saturating_sub(1))?
-        } else {
-            (0, Vec::new())
-        };
-        let (_, found) = found.swap_remove(winner);
+        let next_best = best.saturating_sub(1);
+        let Best {
+            start,
+            found,
+            others,
+        } = best_and_others(memory, clouds, &tasks, found, next_best)?;
         let reached = found.answer.target_from_source;
         let wanted = match self.dense {
             Dense::Never => false,
@@ -141,8 +139,8 @@ impl Request {
         let near = dense.map_or(reached, |d| d.target_from_source);
         Ok(Done {
             pose: Pose64::of(near, source.origin, target.origin),
-            initial: starts[winner].near(source.origin, target.origin),
-            start: (starts.len() > 1).then_some(winner),
+            initial: starts[start].near(source.origin, target.origin),
+            start: (starts.len() > 1).then_some(start),
             others,
             ms: 0.0,
             found,
@@ -266,5 +264,24 @@ mod tests {
         }
         let alone = register(Mode::Verify, &starts[1..2], 1);
         assert_eq!((alone.start, alone.others.len()), (None, 0));
+        // Refined further, a pose may become a better one, which is then given out.
+        let probability = |done: &Done| done.found.answer.probability.expect("a refinement");
+        let mut found_further = 0;
+        for turn in 1..24 {
+            let start = [turned([0.25 * turn as f32, 0.4, 0.2])];
+            let once = register(Mode::Refine, &start, 1);
+            let best = register(Mode::Refine, &start, 3);
+            found_further += usize::from(probability(&best) > probability(&once));
+            for (best, least) in [
+                (&best, probability(&once)),
+                (&register(Mode::Verify, &start, 3), 0.0),
+            ] {
+                assert!(probability(best) >= least, "{turn}");
+                let others = best.others.iter().map(|other| other.probability);
+                let falling: Vec<f32> = [probability(best)].into_iter().chain(others).collect();
+                assert!(falling.is_sorted_by(|a, b| a >= b), "{turn}: {falling:?}");
+            }
+        }
+        assert!(found_further > 0);
     }
 }

@@ -46,6 +46,26 @@ fn bad_usage_has_status_2() {
 }
 
 #[test]
+fn what_refinement_alone_has_no_use_for_is_refused() {
+    let folder = folder();
+    for (options, words) in [
+        (
+            "--mode refine --init none",
+            "take mode verify for --init none",
+        ),
+        ("--mode refine --steps 3", "leave --steps out"),
+        ("--mode refine --weights views", "leave --weights out"),
+        ("--steps 0", "--mode refine leaves it out"),
+        ("--steps 1000001", "from 1 to 1000000"),
+    ] {
+        let output = run(folder.path(), &format!("register a.ply b.ply {options}"));
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{options}: {said}");
+        assert!(said.contains(words), "{options}: {said}");
+    }
+}
+
+#[test]
 fn every_command_explains_itself() {
     let folder = folder();
     for command in [

@@ -68,7 +68,9 @@ def test_registrations(command_line, tmp_path, policy, case):
     numpy.save(tmp_path / "target.npy", target)
     if policy:
         file = ROOT / "core/weights/reagent-int8.rgw" if policy == "int8" else policy
-        arguments = [*arguments, "--weights", file]
+        # Refinement alone takes no policy.
+        if options.get("mode") != "refine":
+            arguments = [*arguments, "--weights", file]
     command_line(tmp_path, "register", "source.npy", "target.npy", "--json", "found.json", *arguments)
     theirs = json.loads((tmp_path / "found.json").read_text())
     registrar = reagent.Registrar(reagent.Policy.pretrained(policy)) if policy else reagent

@@ -74,9 +74,9 @@ pub(super) struct RegisterArgs {
     /// Points of each cloud that the policy sees at most [default: 4096, or 2048 where there are more]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(16..=MAX_POINTS as u64))]
     points: Option<u64>,
-    /// Refinement steps at most
-    #[arg(long, value_name = "N", default_value_t = STEPS, value_parser = positive())]
-    steps: usize,
+    /// Steps of the policy at most [default: 10]
+    #[arg(long, value_name = "N", value_parser = steps)]
+    steps: Option<usize>,
     /// What is done: fast (the policy's steps alone), polish (then closest points), verify, which is best (then compared
     /// with other poses), refine (closest points from the start, without the policy)
     #[arg(long, value_name = "MODE", default_value_t = Mode::Verify)]
@@ -113,9 +113,15 @@ pub(super) struct RegisterArgs {
     fail_below: Option<f32>,
 }
 
+/// Steps of the policy at most: more than anyone needs.
+const MOST_STEPS: usize = 1_000_000;
+
 /// Said of `--best` and of several starts.
 const NO_FITS: &str =
     "mode fast does not compare poses: take another mode for --best and for several starts";
+
+/// Said of a start from nowhere where closest points are all there is.
+const FROM_NOWHERE: &str = "mode refine begins with closest points, which need a pose to start from: give --init a pose or identity, or take mode verify for --init none";
 
 pub(super) fn factor(text: &str) -> anyhow::Result<f64> {
     match text.parse::<f64>() {
@@ -132,6 +138,14 @@ pub(super) fn view_point(text: &str) -> anyhow::Result<[f64; 3]> {
     match numbers?.as_slice() {
         &[x, y, z] if [x, y, z].iter().all(|x| x.is_finite()) => Ok([x, y, z]),
         _ => bail!("a view point is three finite numbers separated by commas, or \"origin\""),
+    }
+}
+
+fn steps(text: &str) -> anyhow::Result<usize> {
+    match text.parse() {
+        Ok(0) => bail!("the policy takes at least one step; --mode refine leaves it out"),
+        Ok(steps @ 1..=MOST_STEPS) => Ok(steps),
+        _ => bail!("steps are a whole number from 1 to {MOST_STEPS}"),
     }
 }
 
@@ -220,11 +234,31 @@ impl RegisterArgs {
                 "mode fast ends with the policy's steps: take another mode for --dense always",
             );
         }
+        if !self.mode.has_steps() {
+            self.check_without_policy();
+        }
         if self.fail_below.is_some() && self.mode == Mode::Fast {
             bad_usage(
                 "register",
                 "mode fast gives no probability for --fail-below",
             );
+        }
+    }
+
+    /// The same where the policy is left out.
+    fn check_without_policy(&self) {
+        if self.init.contains(&Initial::Start(Start::None)) {
+            bad_usage("register", FROM_NOWHERE);
+        }
+        let given = [
+            ("--steps", self.steps.is_some()),
+            ("--weights", self.weights.is_some()),
+        ];
+        if let Some((option, _)) = given.into_iter().find(|&(_, given)| given) {
+            let said = format!(
+                "mode refine leaves the policy out: take another mode for {option}, or leave {option} out"
+            );
+            bad_usage("register", &said);
         }
     }
 
@@ -262,7 +296,7 @@ impl RegisterArgs {
         let request = Request {
             start: starts[0],
             mode: self.mode,
-            steps: self.steps,
+            steps: self.steps.unwrap_or(STEPS),
             view_point,
             dense: self.dense,
         };

@@ -55,6 +55,11 @@ pub enum Note {
         /// Of all that the mesh has.
         of: usize,
     },
+    /// Vertices with a weight other than 1, homogeneous coordinates.
+    Weighted {
+        /// How many.
+        vertices: usize,
+    },
     /// Parts of the file that are not used.
     Ignored {
         /// Their names.
@@ -146,6 +151,10 @@ impl fmt::Display for Note {
             Note::LooseVertices { vertices, of } => write!(
                 f,
                 "{vertices} of its {of} vertices are corners of no face and are not used"
+            ),
+            Note::Weighted { vertices } => write!(
+                f,
+                "{vertices} vertices have a weight other than 1, by which their coordinates are divided"
             ),
             Note::Ignored { what } => write!(f, "not used: {what}"),
             Note::Thinned { from, to } => {

@@ -9,6 +9,8 @@ use super::{CloudFile, Note, Position};
 use crate::dataset::depth::image::{Image, MAX_PIXELS};
 
 const MAGIC: &[u8] = b"\x93NUMPY";
+/// The type of a mask, which holds no coordinates.
+const BOOLEAN: &str = "|b1";
 
 pub(super) fn parse(bytes: &[u8]) -> Result<CloudFile, String> {
     let Array {
@@ -18,8 +20,11 @@ pub(super) fn parse(bytes: &[u8]) -> Result<CloudFile, String> {
         width,
         decode,
         payload,
-        ..
+        kind,
     } = Array::of(bytes)?;
+    if kind == BOOLEAN {
+        return Err("its elements are booleans, which are no coordinates: --mask takes those of a depth image".into());
+    }
     let unexpected = || {
         format!(
             "its shape is ({shape}), expected (N, 3) or more columns, or (rows, columns, 3 to 16) of an organised cloud"
@@ -134,19 +139,20 @@ pub(crate) fn grid(bytes: &[u8]) -> Result<Grid, String> {
             size: [columns, rows],
             values: (0..pixels).map(value).collect(),
         },
-        is_float: array.is_float,
+        is_float: array.kind.contains('f'),
         bytes: array.width,
     })
 }
 
 /// A file whose header was read.
 struct Array<'a> {
-    /// As the header has it.
+    /// The type of the numbers, as the header has it.
+    kind: &'a str,
+    /// The same of the shape.
     shape: &'a str,
     /// Its lengths, if these are numbers.
     sizes: Option<Vec<usize>>,
     fortran: bool,
-    is_float: bool,
     /// Bytes of a number.
     width: usize,
     decode: Decode,
@@ -157,6 +163,7 @@ impl Array<'_> {
     fn of(bytes: &[u8]) -> Result<Array<'_>, String> {
         let (header, payload) = split(bytes)?;
         let kind = value(header, "descr")?;
+        let kind = kind.trim_matches(['\'', '"']);
         let (width, decode) = number(kind)?;
         let fortran = match value(header, "fortran_order")? {
             "False" => false,
@@ -167,10 +174,10 @@ impl Array<'_> {
         let sizes = shape.split(',').map(str::trim);
         let sizes = sizes.filter(|size| !size.is_empty());
         Ok(Array {
+            kind,
             shape,
             sizes: sizes.map(|size| size.parse().ok()).collect(),
             fortran,
-            is_float: kind.contains('f'),
             width,
             decode,
             payload,
@@ -183,31 +190,62 @@ type Decode = fn(&[u8]) -> f64;
 
 /// Bytes of a number of this type, and how it is read.
 #[rustfmt::skip]
-fn number(descr: &str) -> Result<(usize, Decode), String> {
+fn number(kind: &str) -> Result<(usize, Decode), String> {
     /// Reads the first bytes of a slice by one of the standard library's functions.
     macro_rules! read {
         ($type:ty, $from:ident) => {
-            (size_of::<$type>(), |bytes| {
-                let first = bytes.first_chunk().copied().unwrap_or_default();
-                <$type>::$from(first) as f64
-            })
+            (size_of::<$type>(), |bytes| <$type>::$from(first(bytes)) as f64)
         };
     }
-    Ok(match descr.trim_matches('\'') {
+    Ok(match kind {
+        "<f2" => (2, |bytes| half(u16::from_le_bytes(first(bytes)))),
+        ">f2" => (2, |bytes| half(u16::from_be_bytes(first(bytes)))),
         "<f4" => read!(f32, from_le_bytes),
         ">f4" => read!(f32, from_be_bytes),
         "<f8" => read!(f64, from_le_bytes),
         ">f8" => read!(f64, from_be_bytes),
         "|i1" => read!(i8, from_le_bytes),
-        "|u1" | "|b1" => read!(u8, from_le_bytes),
+        "|u1" | BOOLEAN => read!(u8, from_le_bytes),
         "<i2" => read!(i16, from_le_bytes),
+        ">i2" => read!(i16, from_be_bytes),
         "<u2" => read!(u16, from_le_bytes),
+        ">u2" => read!(u16, from_be_bytes),
         "<i4" => read!(i32, from_le_bytes),
+        ">i4" => read!(i32, from_be_bytes),
         "<u4" => read!(u32, from_le_bytes),
+        ">u4" => read!(u32, from_be_bytes),
         "<i8" => read!(i64, from_le_bytes),
+        ">i8" => read!(i64, from_be_bytes),
         "<u8" => read!(u64, from_le_bytes),
-        _ => return Err(format!("its numbers are {descr}, expected float32 or float64")),
+        ">u8" => read!(u64, from_be_bytes),
+        _ if kind.starts_with('[') => return Err(format!(
+            "its elements are records, {kind}: stack the fields, as in numpy.stack([a[\"x\"], a[\"y\"], a[\"z\"]], axis=-1)"
+        )),
+        _ => return Err(format!(
+            "its elements are \"{kind}\", expected floats of 16, 32 or 64 bits or integers of 8 to 64"
+        )),
     })
+}
+
+/// The first bytes of a slice, or zeros where it has fewer.
+fn first<const N: usize>(bytes: &[u8]) -> [u8; N] {
+    bytes.first_chunk().copied().unwrap_or([0; N])
+}
+
+/// A float16 of IEEE 754: one bit of sign, five of exponent, ten of fraction.
+fn half(bits: u16) -> f64 {
+    let (exponent, fraction) = (i32::from(bits >> 10 & 31), f64::from(bits & 1023));
+    let magnitude = match exponent {
+        0 => fraction * 2f64.powi(-24),
+        31 if fraction == 0.0 => f64::INFINITY,
+        31 => f64::NAN,
+        _ => (1024.0 + fraction) * 2f64.powi(exponent - 25),
+    };
+    if bits >> 15 == 0 {
+        magnitude
+    } else {
+        -magnitude
+    }
 }
 
 /// The header's dictionary and what follows it.
@@ -227,19 +265,38 @@ fn split(bytes: &[u8]) -> Result<(&str, &[u8]), String> {
     Ok((header, payload))
 }
 
-/// The value of a key of the header; of a tuple, what is between its parentheses.
+/// The value of a key of the header; of a tuple, what is between its parentheses; a list with its brackets.
 fn value<'a>(header: &'a str, key: &str) -> Result<&'a str, String> {
     let missing = || format!("its header has no {key}");
     let (_, after) = header
         .split_once(&format!("'{key}':"))
         .ok_or_else(missing)?;
     let after = after.trim_start();
+    if after.starts_with('[') {
+        return list(after).ok_or_else(missing);
+    }
     let (value, _) = match after.strip_prefix('(') {
         Some(tuple) => tuple.split_once(')'),
         None => after.split_once([',', '}']),
     }
     .ok_or_else(missing)?;
     Ok(value.trim())
+}
+
+/// A list up to the bracket that ends it.
+fn list(text: &str) -> Option<&str> {
+    let mut depth = 0;
+    for (at, c) in text.char_indices() {
+        match c {
+            '[' => depth += 1,
+            ']' => depth -= 1,
+            _ => {}
+        }
+        if depth == 0 {
+            return text.get(..=at);
+        }
+    }
+    None
 }
 
 /// `[N, 3]` points, or `[N, 6]` points and normals, as little-endian float64.

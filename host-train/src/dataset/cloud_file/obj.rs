@@ -17,6 +17,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<CloudFile, String> {
     }
     let (mut polygons, mut sizes) = (Vec::new(), Vec::new());
     let mut colours = Vec::new();
+    let mut weighted = 0;
     let mut normals = Normals::default();
     let mut ignored: Vec<&str> = Vec::new();
     for (line, content) in numbered(&whole) {
@@ -26,11 +27,17 @@ pub(super) fn parse(bytes: &[u8]) -> Result<CloudFile, String> {
         match keyword {
             "v" => {
                 let row = numbers(rest);
-                file.points.push(position(row.as_deref(), rest, line)?);
+                let mut point = position(row.as_deref(), rest, line)?;
                 // A weight may follow the coordinates, or a colour.
-                if let Some(&[_, _, _, r, g, b]) = row.as_deref() {
-                    colours.push([r, g, b]);
+                match row.as_deref() {
+                    Some(&[_, _, _, weight]) if weight != 1.0 => {
+                        point = point.map(|x| x / weight);
+                        weighted += 1;
+                    }
+                    Some(&[_, _, _, r, g, b]) => colours.push([r, g, b]),
+                    _ => {}
                 }
+                file.points.push(point);
             }
             "vn" => {
                 let [x, y, z] = position(numbers(rest).as_deref(), rest, line)?;
@@ -59,6 +66,9 @@ pub(super) fn parse(bytes: &[u8]) -> Result<CloudFile, String> {
     if !ignored.is_empty() {
         let what = format!("lines {}", super::lines::excerpt(&ignored.join(", ")));
         file.notes.push(Note::Ignored { what });
+    }
+    if weighted > 0 {
+        file.notes.push(Note::Weighted { vertices: weighted });
     }
     if colours.len() == file.points.len() {
         file.colours = super::colours(&colours);

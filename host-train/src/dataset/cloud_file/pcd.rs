@@ -52,6 +52,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<CloudFile, String> {
         let what = super::lines::excerpt(&ignored.join(", "));
         file.notes.push(Note::Ignored { what });
     }
+    let claimed = reader.meta().width.saturating_mul(reader.meta().height);
     for (index, record) in reader.enumerate() {
         let record = record.map_err(|e| format!("point {index}: {e}"))?;
         let number = |at: usize| number(&record, at).ok_or("a field of it holds no numbers");
@@ -68,6 +69,15 @@ pub(super) fn parse(bytes: &[u8]) -> Result<CloudFile, String> {
         if let (Some(intensities), Some(at)) = (&mut file.intensities, intensity) {
             intensities.push(number(at)? as f32);
         }
+    }
+    let read = file.points.len();
+    if claimed != read as u64 {
+        let what = "points by WIDTH and HEIGHT";
+        file.notes.push(Note::Count {
+            what,
+            claimed,
+            read,
+        });
     }
     Ok(file)
 }

@@ -25,17 +25,25 @@ struct Vertex {
     values: [f64; 10],
 }
 
-/// The place of a property, under any of its names.
+/// Other names of some of them.
+const ALIASES: [(&str, &str); 5] = [
+    ("r", "red"),
+    ("g", "green"),
+    ("b", "blue"),
+    ("scalar_intensity", "intensity"),
+    ("reflectance", "intensity"),
+];
+
+/// The place of a property, under any of its names, in small letters or capitals.
 fn place(name: &str) -> Option<usize> {
     let name = name.strip_prefix("diffuse_").unwrap_or(name);
-    let name = match name {
-        "r" => "red",
-        "g" => "green",
-        "b" => "blue",
-        "scalar_Intensity" | "scalar_intensity" | "reflectance" => "intensity",
-        other => other,
-    };
-    VERTEX.iter().position(|&known| known == name)
+    let other = ALIASES
+        .iter()
+        .find(|(other, _)| other.eq_ignore_ascii_case(name));
+    let name = other.map_or(name, |&(_, name)| name);
+    VERTEX
+        .iter()
+        .position(|known| known.eq_ignore_ascii_case(name))
 }
 
 impl PropertyAccess for Vertex {
@@ -196,16 +204,20 @@ fn strips(list: &[u32], mut push: impl FnMut([u32; 3])) {
 
 /// Points and what goes with them.
 fn fill(file: &mut CloudFile, element: &ElementDef, read: &[Vertex]) -> Result<(), String> {
-    let has = |first: usize| {
-        let known: Vec<usize> = element.properties.keys().filter_map(|n| place(n)).collect();
-        (first..first + 3).all(|at| known.contains(&at))
-    };
+    let known: Vec<usize> = element.properties.keys().filter_map(|n| place(n)).collect();
+    let has = |first: usize| (first..first + 3).all(|at| known.contains(&at));
     let triple = |first: usize| {
         read.iter()
             .map(move |v| [v.values[first], v.values[first + 1], v.values[first + 2]])
     };
     if !has(0) {
         return Err("its vertices lack x, y or z".into());
+    }
+    if known.iter().filter(|&&at| at < 3).count() > 3 {
+        return Err(
+            "its vertices have coordinates in small letters and in capitals: leave one kind out"
+                .into(),
+        );
     }
     file.points = triple(0).collect();
     if has(3) {

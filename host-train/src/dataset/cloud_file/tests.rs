@@ -127,6 +127,29 @@ fn clouds_of_every_kind() {
 }
 
 #[test]
+fn an_image_of_another_size_than_its_points_is_told() {
+    let claims = |width: &str| {
+        let text = PCD
+            .replace("WIDTH 3", width)
+            .replace("HEIGHT 1", "HEIGHT 2");
+        let file = read(".pcd", text.as_bytes()).expect("pcd");
+        let notes = file.notes.iter().map(Note::to_string);
+        let mut claims = notes.filter(|said| said.contains("claims"));
+        claims.next()
+    };
+    let words = "it claims 4 points by WIDTH and HEIGHT and holds 3; all 3 are read";
+    assert_eq!(claims("WIDTH 2").as_deref(), Some(words));
+    let organised = PCD
+        .replace("WIDTH 3", "WIDTH 1")
+        .replace("HEIGHT 1", "HEIGHT 3");
+    let (rows, row) = (
+        read(".pcd", organised.as_bytes()),
+        read(".pcd", PCD.as_bytes()),
+    );
+    assert_eq!(rows.expect("pcd"), row.expect("pcd"));
+}
+
+#[test]
 fn normals_are_kept_where_all_are_defined() {
     let ply = "ply\nformat ascii 1.0\nelement vertex 2\nproperty float nx\nproperty float x\nproperty float y\nproperty float z\nproperty float ny\nproperty float nz\nend_header\n0 1 2 3 0 2\n1 4 5 6 0 0\n";
     let file = read(".ply", ply.as_bytes()).expect("ply");

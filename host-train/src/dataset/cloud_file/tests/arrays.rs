@@ -75,7 +75,9 @@ fn arrays_of_both_orders_and_widths() {
         None
     );
 
-    assert!(refused(".npy", &npy("<c8", "False", "2, 3", &bytes)).contains("expected float32"));
+    let complex = refused(".npy", &npy("<c8", "False", "2, 3", &bytes));
+    let words = "\"<c8\", expected floats of 16, 32 or 64 bits or integers of 8 to 64";
+    assert!(complex.contains(words), "{complex}");
     assert!(refused(".npy", &npy("<f4", "False", "3, 2", &bytes)).contains("its shape is (3, 2)"));
     assert!(
         refused(".npy", &npy("<f4", "False", "6,", &bytes))
@@ -98,4 +100,57 @@ fn arrays_of_both_orders_and_widths() {
         .contains("6 numbers")
     );
     assert!(refused(".npy", b"\x93NUMPY\x02\x00\xff\xff\xff\xff{").contains("inside its header"));
+}
+
+#[test]
+fn every_width_that_an_error_names_is_read() {
+    // 1, -2.5 and 65504, the largest; then the least above 0, infinity and no number.
+    let halves = [0x3c00u16, 0xc100, 0x7bff, 0x0001, 0x7c00, 0x7e00];
+    let little = halves.map(u16::to_le_bytes).concat();
+    let big = halves.map(u16::to_be_bytes).concat();
+    for (kind, bytes) in [("<f2", little), (">f2", big)] {
+        let file = read(".npy", &npy(kind, "False", "2, 3", &bytes)).expect("npy");
+        assert_eq!(file.points, [[1.0, -2.5, 65504.0]], "{kind}");
+        let points = 1;
+        assert_eq!(file.notes, [Note::Dropped { points, faces: 0 }], "{kind}");
+    }
+    let smallest = npy("<f2", "False", "1, 3", &[1, 0, 0, 0, 0, 0x80]);
+    let file = read(".npy", &smallest).expect("npy");
+    assert_eq!(file.points, [[2f64.powi(-24), 0.0, 0.0]]);
+    for (kind, width) in [
+        ("i2", 2),
+        ("u2", 2),
+        ("i4", 4),
+        ("u4", 4),
+        ("i8", 8),
+        ("u8", 8),
+    ] {
+        let number = |value: u8, is_big: bool| {
+            let mut bytes = vec![0; width];
+            bytes[if is_big { width - 1 } else { 0 }] = value;
+            bytes
+        };
+        for (order, is_big) in [("<", false), (">", true)] {
+            let bytes = [3, 4, 5].map(|value| number(value, is_big)).concat();
+            let kind = format!("{order}{kind}");
+            let file = read(".npy", &npy(&kind, "False", "1, 3", &bytes)).expect("npy");
+            assert_eq!(file.points, [[3.0, 4.0, 5.0]], "{kind}");
+        }
+    }
+}
+
+#[test]
+fn booleans_and_records_are_refused_with_what_to_do() {
+    let said = refused(".npy", &npy("|b1", "False", "2, 3", &[1; 6]));
+    assert!(said.contains("its elements are booleans"), "{said}");
+    let fields = "[('x', '<f4'), ('y', '<f4'), ('z', '<f4', (1,))]";
+    let header = format!("{{'descr': {fields}, 'fortran_order': False, 'shape': (1,), }}\n");
+    let length = (header.len() as u16).to_le_bytes();
+    let magic = b"\x93NUMPY\x01\x00";
+    let said = refused(
+        ".npy",
+        &[magic, &length[..], header.as_bytes(), &[0; 12]].concat(),
+    );
+    let words = format!("its elements are records, {fields}: stack the fields, as in numpy.stack(");
+    assert!(said.contains(&words), "{said}");
 }

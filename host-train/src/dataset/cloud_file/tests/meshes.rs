@@ -207,3 +207,29 @@ fn of_a_broken_ply_the_line_is_named_and_no_grammar() {
         );
     }
 }
+
+#[test]
+fn names_of_properties_may_be_capitals() {
+    let capitals = PLY
+        .replace("float x", "float X")
+        .replace("double y", "double Y");
+    let capitals = capitals.replace("float z", "float Z");
+    let file = read(".ply", capitals.as_bytes()).expect("ply");
+    assert_eq!(file, read(".ply", PLY.as_bytes()).expect("ply"));
+    let both = PLY.replace("uchar red", "uchar X");
+    let said = refused(".ply", both.as_bytes());
+    assert!(said.contains("in small letters and in capitals"), "{said}");
+}
+
+#[test]
+fn homogeneous_coordinates_are_divided_by_their_weight() {
+    let file = read(".obj", b"v 2 4 6 2\nv 1 2 3 1\nv 4 5 6\nv 1 1 1 0\n").expect("obj");
+    assert_eq!(
+        file.points,
+        [[1.0, 2.0, 3.0], [1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]
+    );
+    // That at infinity is left out.
+    let weighted = Note::Weighted { vertices: 2 };
+    let points = 1;
+    assert_eq!(file.notes, [weighted, Note::Dropped { points, faces: 0 }]);
+}

@@ -197,3 +197,24 @@ fn depth_images_that_cannot_be_registered_are_refused_with_the_reason() {
         assert!(said.contains(words), "{rest}: {said}");
     }
 }
+
+#[test]
+fn the_camera_of_another_size_is_pointed_out() {
+    let folder = folder();
+    let at = folder.path();
+    write_view(at, WALL);
+    // Centres of pixels lie at whole numbers: the last row reaches down to 119.5.
+    for (camera, is_told) in [("200,200,79.5,119.6", true), ("200,200,-0.5,119.5", false)] {
+        let register = format!(
+            "register --depth depth.png --camera {camera} --depth-scale 0.1 part.ply --mask mask.png --json p.json"
+        );
+        let output = run(at, &register);
+        let said = String::from_utf8_lossy(&output.stderr);
+        let words = "depth.png: the camera's principal point (79.5, 119.6) lies outside of the image of 160 x 120 pixels";
+        assert_eq!(said.contains(words), is_told, "{camera}: {said}");
+        let document = read_json(&at.join("p.json"));
+        let notes = document["notes"].as_array().expect("a list");
+        let is_noted = notes.iter().any(|note| note["kind"] == "off_centre");
+        assert_eq!(is_noted, is_told, "{camera}: {notes:?}");
+    }
+}

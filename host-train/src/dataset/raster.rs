@@ -25,6 +25,14 @@ impl Pinhole {
         ((pixel - self.centre) / self.focal).extend(1.0)
     }
 
+    /// Whether the camera's axis meets the plane of the image outside of it, as of a cut-out, or of an image of another size.
+    pub fn is_off_centre(&self) -> bool {
+        let [width, height] = self.size.map(|pixels| pixels as f32);
+        let Vec2 { x, y } = self.centre;
+        let is_inside = |at: f32, pixels: f32| (-0.5..=pixels - 0.5).contains(&at);
+        !(is_inside(x, width) && is_inside(y, height))
+    }
+
     /// Where a point is seen, pixels; meaningless for a depth that is not positive.
     pub fn project(&self, point: Vec3) -> Vec2 {
         self.centre + self.focal / point.z * point.truncate()

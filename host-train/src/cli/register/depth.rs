@@ -88,8 +88,12 @@ impl DepthArgs {
             without: image.object_pixels() - points.len(),
             scale_mm,
         };
+        let off_centre = image.camera.is_off_centre().then(|| Note::OffCentre {
+            centre: image.camera.centre.to_array(),
+            size: image.camera.size,
+        });
         let object = CloudFile {
-            notes: vec![seen],
+            notes: [seen].into_iter().chain(off_centre).collect(),
             ..CloudFile::of(&points)
         };
         Ok(Some((object, image.background())))

@@ -86,6 +86,13 @@ pub enum Note {
         /// Millimetres a unit of depth.
         scale_mm: f64,
     },
+    /// The camera's axis meets the plane of the image outside of it.
+    OffCentre {
+        /// The principal point, pixels.
+        centre: [f32; 2],
+        /// Columns and rows of the image.
+        size: [usize; 2],
+    },
     /// The cloud is one of a bag's.
     Message {
         /// The topic.
@@ -170,6 +177,13 @@ impl fmt::Display for Note {
             } => write!(
                 f,
                 "{pixels} pixels are points in millimetres ({scale_mm} mm a unit of depth); {without} more have no depth"
+            ),
+            Note::OffCentre {
+                centre: [x, y],
+                size: [width, height],
+            } => write!(
+                f,
+                "the camera's principal point ({x}, {y}) lies outside of the image of {width} x {height} pixels: the camera seems to be that of images of another size; its numbers are pixels of this one"
             ),
             Note::Message {
                 topic,

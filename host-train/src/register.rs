@@ -9,6 +9,7 @@ pub mod prepared;
 #[cfg(not(target_family = "wasm"))]
 pub mod replay;
 pub mod request;
+pub mod scale;
 pub mod sentences;
 pub mod thin;
 pub mod trace;

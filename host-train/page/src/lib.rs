@@ -10,13 +10,12 @@
 use host_train::dataset::cloud_file::read_bytes;
 use host_train::register::document::Document;
 use host_train::register::prepared::Prepared;
-use host_train::register::request::Request;
+use host_train::register::request::{Done, Request};
 use host_train::register::sentences::{Names, Remark, fit, probability, uncertainty};
 use host_train::register::trace::{Given, Header, Traced};
 use host_train::register::view::View;
 use host_train::register::{Memory, Start};
 use reagent_core::Policy;
-use reagent_core::pipeline::Answer;
 use serde_json::{Value, json};
 use std::error::Error;
 use std::path::Path;
@@ -140,7 +139,7 @@ impl Page {
         });
         let [source, target] = clouds.map(|cloud| cloud.points().to_vec());
         let document = Document::new(clouds, &done, 1.0);
-        let sentences = sentences(&done.found.answer);
+        let sentences = sentences(&done);
         let traced = Traced {
             header: Header {
                 name: format!("{} to {}", scan.name, part.name),
@@ -158,8 +157,8 @@ impl Page {
 }
 
 /// What is said of a pose, as on the command line.
-fn sentences(answer: &Answer) -> Vec<String> {
-    let Some(found) = &answer.refinement else {
+fn sentences(done: &Done) -> Vec<String> {
+    let Some(found) = &done.found.answer.refinement else {
         return Vec::new();
     };
     let said = [
@@ -167,7 +166,7 @@ fn sentences(answer: &Answer) -> Vec<String> {
         fit(&found.refined, NAMES),
         uncertainty(&found.refined, NAMES),
     ];
-    let remarks = Remark::all(answer);
+    let remarks = Remark::all(done);
     let remarks = remarks.iter().map(|remark| remark.sentence(NAMES));
     said.into_iter().chain(remarks).collect()
 }

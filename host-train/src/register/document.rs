@@ -54,7 +54,7 @@ pub struct Document {
     /// By which the source was multiplied before.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub source_scale: Option<f64>,
-    /// What the readers noticed.
+    /// What the readers noticed, and what the fit tells of the source.
     pub notes: Vec<Noticed>,
 }
 
@@ -194,6 +194,13 @@ pub struct Noticed {
     pub text: String,
 }
 
+impl Noticed {
+    fn new(of: &'static str, note: Note) -> Noticed {
+        let text = note.to_string();
+        Noticed { of, note, text }
+    }
+}
+
 impl Document {
     /// Of two clouds, of which the source was multiplied by `scale` before.
     pub fn new([source, target]: [&Prepared<'_>; 2], done: &Done, scale: f64) -> Document {
@@ -213,14 +220,12 @@ impl Document {
         };
         let answer = &done.found.answer;
         let refinement = answer.refinement.as_ref();
-        let noticed = |of, cloud: &Prepared<'_>| {
-            let notice = move |note: &Note| Noticed {
-                of,
-                note: note.clone(),
-                text: note.to_string(),
-            };
-            cloud.notes.iter().map(notice).collect::<Vec<_>>()
+        let notes_of = |of, cloud: &Prepared<'_>| {
+            let notes = cloud.notes.iter().cloned();
+            notes.map(|note| Noticed::new(of, note)).collect::<Vec<_>>()
         };
+        let other_size = done.other_size.map(|times| Note::OtherSize { times });
+        let of_fit = other_size.map(|note| Noticed::new("source", note));
         Document {
             target_from_source: done.pose.to_rows(),
             verdict: answer.verdict.to_string(),
@@ -246,7 +251,12 @@ impl Document {
             source_points: source.points().len(),
             target_points: target.points().len(),
             source_scale: Some(scale).filter(|&scale| scale != 1.0),
-            notes: [noticed("source", source), noticed("target", target)].concat(),
+            notes: [
+                notes_of("source", source),
+                notes_of("target", target),
+                Vec::from_iter(of_fit),
+            ]
+            .concat(),
         }
     }
 }

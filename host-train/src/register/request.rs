@@ -4,6 +4,7 @@ use crate::pose64::{Pose64, Position};
 use crate::register::best::{Best, Other, best_and_others};
 use crate::register::dense::{Dense, Densely, refine_densely};
 use crate::register::prepared::Prepared;
+use crate::register::scale::other_size;
 use crate::register::{Memory, Registered, Start, register_in};
 use glam::Vec3;
 use reagent_core::dims::STEPS;
@@ -51,6 +52,8 @@ pub struct Done {
     pub initial: Pose,
     /// Which of the starts it came from, if there were several.
     pub start: Option<usize>,
+    /// How many times as large as the target the source is, if it seems to be ([`other_size`]).
+    pub other_size: Option<f32>,
     /// The next best poses, as far as they were asked for.
     pub others: Vec<Other>,
     /// Time, milliseconds.
@@ -136,11 +139,19 @@ impl Request {
         } else {
             None
         };
+        let other_size = match &found.answer.refinement {
+            // Of a view, less is seen than there is.
+            Some(refinement) if self.view_point.is_none() => {
+                other_size(&mut memory.workspace, clouds, &refinement.refined)?
+            }
+            _ => None,
+        };
         let near = dense.map_or(reached, |d| d.target_from_source);
         Ok(Done {
             pose: Pose64::of(near, source.origin, target.origin),
             initial: starts[start].near(source.origin, target.origin),
             start: (starts.len() > 1).then_some(start),
+            other_size,
             others,
             ms: 0.0,
             found,

@@ -1,6 +1,7 @@
 //! What is said of a refined pose, in sentences: the command line prints them, and the page in a browser shows them.
 
-use reagent_core::pipeline::{Answer, Refinement};
+use crate::register::request::Done;
+use reagent_core::pipeline::Refinement;
 use reagent_core::polish::Refined;
 use reagent_core::verdict::{Percent, Verdict};
 use reagent_core::verify::Axis;
@@ -19,13 +20,16 @@ pub enum Remark {
     LeftOut([f32; 2]),
     /// The size of the source over that of the target.
     SizesDiffer(f32),
+    /// The source is so many times as large as the target, and fits far better once it is scaled.
+    OtherSize(f32),
     /// The mirror image fits better.
     Mirrored,
 }
 
 impl Remark {
-    /// All that there are of an answer.
-    pub fn all(answer: &Answer) -> Vec<Remark> {
+    /// All that there are of a registration.
+    pub fn all(done: &Done) -> Vec<Remark> {
+        let answer = &done.found.answer;
         let Some(found) = &answer.refinement else {
             return Vec::new();
         };
@@ -37,6 +41,7 @@ impl Remark {
             (others > 0).then_some(Remark::OtherPoses(others)),
             (left_out != [0.0; 2]).then_some(Remark::LeftOut(left_out)),
             (answer.verdict == Verdict::SizesDiffer).then_some(sizes),
+            done.other_size.map(Remark::OtherSize),
             (answer.verdict == Verdict::Mirrored).then_some(Remark::Mirrored),
         ];
         remarks.into_iter().flatten().collect()
@@ -70,6 +75,9 @@ impl Remark {
                     "sizes differ: the {which} is about {factor:.1} times as large as the other cloud; inch (25.4), cm (10) or m (1000) against mm?"
                 )
             }
+            Remark::OtherSize(times) => format!(
+                "the {source} is {times:.2} times as large as the {target}: check its unit or calibration"
+            ),
             Remark::Mirrored => format!(
                 "the mirror image of the {source} fits better: a left-hand part for a right-hand one, an axis the other way around, or a wrong pose of a symmetric shape"
             ),
@@ -132,6 +140,10 @@ mod tests {
             (
                 Remark::LeftOut([0.1, 0.02]),
                 "10.0 % of the scan's points and 2.0 % of the part's points, far",
+            ),
+            (
+                Remark::OtherSize(1.1),
+                "the scan is 1.10 times as large as the part: check its",
             ),
             (Remark::Mirrored, "mirror image of the scan"),
             (Remark::OtherPoses(1), "1 other pose fits as well"),

@@ -91,6 +91,7 @@ impl Tracking {
                 dense: None,
                 initial,
                 start: None,
+                other_size: None,
                 others: Vec::new(),
                 ms: begun.elapsed().as_secs_f64() * 1e3,
             },

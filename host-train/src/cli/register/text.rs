@@ -39,7 +39,7 @@ pub(super) fn report(done: &Done) -> String {
             dense.rmse
         );
     }
-    for remark in Remark::all(answer) {
+    for remark in Remark::all(done) {
         text += &format!("{}{}\n", remark.sentence(NAMES), advice(&remark));
     }
     text += &match &answer.refinement {
@@ -106,6 +106,7 @@ fn advice(remark: &Remark) -> &'static str {
     match remark {
         Remark::OtherPoses(_) => "; --json lists them",
         Remark::SizesDiffer(_) => " See --unit and --scale",
+        Remark::OtherSize(_) => "; see --scale",
         Remark::OpenAxis(_) | Remark::LeftOut(_) | Remark::Mirrored => "",
     }
 }

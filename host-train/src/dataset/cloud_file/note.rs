@@ -106,6 +106,11 @@ pub enum Note {
     },
     /// The cloud has no faces to draw points from.
     NoFaces,
+    /// As a source, the cloud fits far better once it is scaled.
+    OtherSize {
+        /// How many times as large as the target it is.
+        times: f32,
+    },
 }
 
 impl Note {
@@ -194,6 +199,10 @@ impl fmt::Display for Note {
             Note::NoFaces => write!(
                 f,
                 "it has points and no faces; normals are estimated from neighbouring points"
+            ),
+            Note::OtherSize { times } => write!(
+                f,
+                "it is {times:.2} times as large as the target: check its unit or calibration"
             ),
         }
     }

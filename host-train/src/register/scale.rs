@@ -1,0 +1,167 @@
+//! Whether the source is somewhat larger or smaller than the target, as one is that was measured with a wrong calibration.
+//!
+//! Sizes tell little: of a part, of a crowded view and of points that lie densely in places they differ, too. What tells is that
+//! both clouds fit far better once the source is scaled.
+
+use crate::dataset::Point;
+use reagent_core::polish::{Refined, Refiner, Residual, Workspace};
+use reagent_core::pose::centroid;
+use reagent_core::{Error, Pose};
+
+/// Sizes that differ by no more are as good as equal: of points drawn anew from one surface they differ by about as much.
+const ALIKE: f32 = 0.05;
+/// Steps by which the factor is changed while that helps, each a half of the one before: the ratio of the sizes is a first guess.
+const STEPS: [f32; 3] = [0.04, 0.02, 0.01];
+/// How often the longest step is taken at most.
+const REACH: usize = 3;
+/// What must be left of both residuals at most. Of pairs of one size nothing is gained, of others that differ by a tenth, half.
+const LEFT: f32 = 0.8;
+
+/// How many times as large as the target the source is, if both clouds fit far better once that is undone.
+///
+/// # Errors
+/// Clouds that the core refuses.
+pub fn other_size(
+    workspace: &mut Workspace,
+    [source, target]: [&[Point]; 2],
+    found: &Refined,
+) -> Result<Option<f32>, Error> {
+    let ratio = found.extents_ratio;
+    if is_alike(ratio) {
+        return Ok(None);
+    }
+    let before = found.residual;
+    let mut fit = |factor: f32| -> Result<Residual, Error> {
+        let (scaled, begin) = scaled(source, found.target_from_source, factor);
+        let mut refiner = Refiner::new(&scaled, target, workspace)?;
+        Ok(refiner.polish(begin)?.residual)
+    };
+    let mut best = (ratio, fit(ratio)?);
+    if best.1.mean() >= before.mean() {
+        return Ok(None);
+    }
+    for step in STEPS {
+        for _ in 0..REACH {
+            let (centre, least) = best;
+            for factor in [centre * (1.0 - step), centre * (1.0 + step)] {
+                let residual = fit(factor)?;
+                if residual.mean() < best.1.mean() {
+                    best = (factor, residual);
+                }
+            }
+            if best.1 == least {
+                break;
+            }
+        }
+    }
+    let (factor, after) = best;
+    let is_explained = after.source < LEFT * before.source && after.target < LEFT * before.target;
+    Ok((is_explained && !is_alike(factor)).then_some(factor))
+}
+
+fn is_alike(factor: f32) -> bool {
+    (factor - 1.0).abs() <= ALIKE
+}
+
+/// The source, smaller by a factor, and the pose under which its centroid stays where it was.
+fn scaled(source: &[Point], pose: Pose, factor: f32) -> (Vec<Point>, Pose) {
+    let smaller = |point: &Point| point.map(|x| x / factor);
+    let centre = centroid(source);
+    let pose = Pose {
+        translation: pose.apply(centre) - pose.rotation * (centre / factor),
+        ..pose
+    };
+    (source.iter().map(smaller).collect(), pose)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dataset::cloud_file::Note;
+    use crate::dataset::procedural;
+    use crate::policy::WeightFile;
+    use crate::random::{Purpose, stream};
+    use crate::register::Memory;
+    use crate::register::document::Document;
+    use crate::register::prepared::Prepared;
+    use crate::register::request::{Done, Request};
+    use crate::register::sentences::Remark;
+    use glam::Vec3;
+    use rand_distr::{Distribution, Normal};
+    use reagent_core::pose::rotation_from_euler;
+    use std::path::Path;
+
+    /// Two clouds of a shape with noise, points drawn anew, the source turned.
+    fn pair(number: u64, noise: f32) -> [Vec<Point>; 2] {
+        let mesh = procedural::shape(1, number).mesh;
+        let noise = Normal::new(0.0, noise).expect("a deviation");
+        let rotation = rotation_from_euler(Vec3::new(0.3, -0.2, 0.25));
+        [0, 1].map(|cloud| {
+            let rng = &mut stream(7, Purpose::Surface, 2 * number + cloud);
+            let drawn = mesh.sample(700, rng);
+            let turned = |point: Point| match cloud {
+                0 => (rotation * Vec3::from(point)).to_array(),
+                _ => point,
+            };
+            let moved = |point: Point| turned(point).map(|x| x + noise.sample(rng));
+            drawn.into_iter().map(moved).collect()
+        })
+    }
+
+    fn register(source: &[Point], target: &[Point]) -> (Done, Document) {
+        let name = Path::new("cloud");
+        let [source, target] =
+            [source, target].map(|cloud| Prepared::of_points(cloud, name, None).expect("a cloud"));
+        let file = WeightFile::pretrained();
+        let memory = &mut Memory::new();
+        let done = Request::default().register(file.policy(), memory, &source, &target);
+        let done = done.expect("two clouds");
+        let document = Document::new([&source, &target], &done, 1.0);
+        (done, document)
+    }
+
+    #[test]
+    fn another_size_is_told_and_by_how_much() {
+        let mut told = Vec::new();
+        for number in 0..8 {
+            let [source, target] = pair(number, 0.0);
+            for factor in [0.88, 1.12] {
+                let other: Vec<Point> = source.iter().map(|p| p.map(|x| factor * x)).collect();
+                let (done, document) = register(&other, &target);
+                let Some(times) = done.other_size else {
+                    continue;
+                };
+                told.push(times / factor);
+                assert!(Remark::all(&done).contains(&Remark::OtherSize(times)));
+                let noted = document.notes.last().expect("a note");
+                assert_eq!(
+                    (noted.of, &noted.note),
+                    ("source", &Note::OtherSize { times })
+                );
+                let words = format!("it is {times:.2} times as large as the target: check its");
+                assert!(noted.text.starts_with(&words), "{}", noted.text);
+            }
+        }
+        // Of so few points, the sizes of some are alike by chance, and others fit little better.
+        assert!(told.len() >= 8, "of 16: {told:?}");
+        assert!(told.iter().all(|x| (x - 1.0).abs() < 0.03), "{told:?}");
+    }
+
+    #[test]
+    fn of_one_size_nothing_is_told_whatever_is_seen_of_it() {
+        for number in 0..8 {
+            for noise in [0.0, 0.01] {
+                let [source, target] = pair(number, noise);
+                let mut part = source.clone();
+                part.sort_by(|a, b| a[0].total_cmp(&b[0]));
+                // A part of it, and twice as many points in one half.
+                let dense = [&part[..350], &source].concat();
+                for seen in [&source, &part[..500], &dense[..]] {
+                    let (done, document) = register(seen, &target);
+                    assert_eq!(done.other_size, None, "{number} {noise}");
+                    assert_eq!(document.notes, []);
+                }
+            }
+        }
+    }
+}

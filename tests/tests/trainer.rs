@@ -3,11 +3,12 @@
 use host_train::augment::{clean_sample, noisy_sample};
 use host_train::dataset::pairs::PairSet;
 use host_train::dataset::procedural;
+use host_train::learn::acting::poses_of;
 use host_train::learn::env::{Accumulation, Problem};
 use host_train::learn::nn::{Parameters, Shape};
 use host_train::learn::optim::Adam;
 use host_train::learn::reward::{CLOSER, FARTHER, SAME, chamfer};
-use host_train::learn::train::{Follow, Method, RollOut, Trainer, poses_of};
+use host_train::learn::train::{Follow, Method, RollOut, Trainer};
 use host_train::measure::eval::{EvalSettings, evaluate};
 use host_train::measure::method::{Contestant, Finish, Start};
 use host_train::policy::WeightFile;

@@ -5,14 +5,13 @@ use crate::bop::sample::{BopSampling, BopTraining};
 use crate::dataset::pairs::PairSet;
 use crate::dataset::{self, Model, Split, modelnet, procedural};
 use crate::protocol::{self, Protocol};
-use crate::views::Views;
+use crate::views::{Meshes, Views};
 use anyhow::bail;
 use clap::ValueEnum;
 use clap::builder::RangedU64ValueParser;
 use std::path::Path;
 
 pub(super) use crate::learn::train::DataSource;
-use crate::learn::train::Meshes;
 
 /// Pairs drawn from the built-in shapes where no number is given.
 const PROCEDURAL_PAIRS: usize = 100;

@@ -1,8 +1,8 @@
 //! `host-train views`
 
 use super::source::positive;
-use crate::learn::train::{DataSource, Meshes};
-use crate::views::Views;
+use crate::learn::train::DataSource;
+use crate::views::{Meshes, Views};
 use anyhow::Context;
 use clap::Args;
 use std::path::PathBuf;

@@ -1,5 +1,6 @@
 //! Learning a policy: `env <-> agent -> buffer -> loss -> optim`; the loop is in [`train`].
 
+pub mod acting;
 pub mod agent;
 pub mod buffer;
 pub mod env;

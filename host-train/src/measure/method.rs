@@ -2,9 +2,9 @@
 
 use crate::dataset::Point;
 use crate::dataset::pairs::Seen;
+use crate::learn::acting::poses_of;
 use crate::learn::env::{Accumulation, Problem};
 use crate::learn::nn::Parameters;
-use crate::learn::train::poses_of;
 use crate::measure::baselines::{FgrSettings, IcpSettings, fgr, icp};
 use crate::random::{Purpose, stream};
 use crate::register::Memory;

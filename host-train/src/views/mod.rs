@@ -22,7 +22,6 @@ use crate::dataset::mesh::{Mesh, normalise};
 use crate::dataset::pairs::{PairSet, Sample};
 use crate::dataset::raster::Pinhole;
 use crate::dataset::{DatasetError, Model, Point, Split, procedural, tree};
-use crate::learn::train::Meshes;
 use crate::random::resample;
 use crate::random::{Purpose, Rng, stream};
 use glam::{Affine3A, Mat3, Vec2, Vec3};
@@ -31,8 +30,9 @@ use rand::seq::{SliceRandom, index};
 use rayon::prelude::*;
 use reagent_core::Pose;
 use scene::Scene;
+use serde::{Deserialize, Serialize};
 use std::ops::Range;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Points of a mesh's surface from which targets are drawn.
 const SURFACE_POINTS: usize = 4096;
@@ -158,6 +158,16 @@ impl Object {
 
 /// Fewer pixels than this are no view.
 const LEAST_PIXELS: usize = 64;
+
+/// Which meshes are rendered.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Meshes {
+    /// A directory of loose meshes ([`crate::dataset::tree`]).
+    Directory(PathBuf),
+    /// The built-in parametric shapes, this many.
+    Procedural(usize),
+}
 
 /// Meshes of which views are drawn.
 #[derive(Clone, Debug)]

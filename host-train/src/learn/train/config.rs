@@ -7,6 +7,7 @@ use crate::augment::Disturbance;
 use crate::dataset::bop::is_bop;
 use crate::learn::env::Accumulation;
 use crate::learn::nn::Shape;
+use crate::views::Meshes;
 use reagent_core::cut::Cut;
 use reagent_core::sight::Sight;
 use serde::{Deserialize, Serialize};
@@ -26,16 +27,6 @@ pub enum DataSource {
     Procedural(usize),
     /// Depth views, rendered as they are drawn, of the meshes of a directory or of built-in shapes.
     Views(Meshes),
-}
-
-/// Which meshes are rendered.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Meshes {
-    /// A directory of loose meshes ([`crate::dataset::tree`]).
-    Directory(PathBuf),
-    /// The built-in parametric shapes, this many.
-    Procedural(usize),
 }
 
 /// What is looked at of views: what lies within 1.25 radii of the target, since most starts err by less than a quarter of

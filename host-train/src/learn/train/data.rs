@@ -1,6 +1,6 @@
 //! What a run trains on, and what it is validated on.
 
-use super::config::{Categories, DataSource, Meshes, Stage, TrainConfig};
+use super::config::{Categories, DataSource, Stage, TrainConfig};
 use super::error::TrainError;
 use crate::augment::{clean_pair, clean_sample, noisy_pair, noisy_sample};
 use crate::bop::sample::{BopSampling, BopTraining};
@@ -10,7 +10,7 @@ use crate::learn::env::Problem;
 use crate::protocol::{self, Protocol};
 use crate::random::resample;
 use crate::random::{Purpose, Rng, stream};
-use crate::views::{Object, Views};
+use crate::views::{Meshes, Object, Views};
 use rand::seq::SliceRandom;
 use rayon::prelude::*;
 use sha2::{Digest, Sha256};

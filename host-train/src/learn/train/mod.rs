@@ -57,13 +57,11 @@ mod trainer;
 mod validate;
 
 pub use bench::{Speed, bench};
-pub use config::{Categories, DataSource, Meshes, Network, Stage, TrainConfig};
+pub use config::{Categories, DataSource, Network, Stage, TrainConfig};
 pub use error::TrainError;
 pub use fine_tune::fine_tune;
 pub use learning_rate::{Anneal, LearningRate};
 pub use method::{Follow, Method, RollOut};
-pub use roll_out::Agent;
 pub use run::run;
 pub use stats::UpdateStats;
 pub use trainer::{Diverged, Spent, Trainer};
-pub use validate::poses_of;

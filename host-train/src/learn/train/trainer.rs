@@ -1,8 +1,9 @@
 //! One update of the method: gather a replay buffer, then learn from it (paper, Algorithm 1).
 
 use super::method::{Method, RollOut};
-use super::roll_out::{Agent, gather, source, target};
+use super::roll_out::gather;
 use super::stats::UpdateStats;
+use crate::learn::acting::{Agent, source, target};
 use crate::learn::agent::{Seen, embed, embedding_backward};
 use crate::learn::buffer::{Buffer, Observation};
 use crate::learn::env::Problem;

@@ -2,10 +2,10 @@
 //!
 //! | stage | hypotheses | what |
 //! |---|---|---|
-//! | screen | the start and the policy's pose, and around each: moved, turned; turned as symmetries of the target would; principal axes on principal axes; rotations anywhere | few coarse steps on few points |
+//! | screen | the policy's pose, and around it: moved, turned; turned as symmetries of the target would; principal axes on principal axes; where that pose does not explain both clouds, also around the start, and rotations anywhere | few coarse steps on few points |
 //! | sift | the best of those | more steps on more points |
-//! | pairs | where none explains the source: pairs of its points with normals on pairs of the target's like them | more steps on more points |
-//! | again | the best of those, turned as symmetries of the target would | both stages |
+//! | pairs | where neither that nor any of these explains the source: pairs of its points with normals on pairs of the target's like them | more steps on more points |
+//! | again | the best of those, where that does not explain both, turned as symmetries of the target would | both stages |
 //! | polish | the best that differ | [`Refiner::polish`], briefly |
 //! | copies | the best, turned as a cube's symmetries would | the same, where they fit about as well |
 //! | nudge | the best, turned and moved a little, where it explains little | sifted, the best of them polished |
@@ -114,7 +114,7 @@ impl Refiner<'_> {
         if begun != at_hand && prior.is_some() {
             search.polish(begun, prior.as_ref());
         }
-        search.screen(polished.at, begun, prior.as_ref(), &mut go_on)?;
+        search.screen(polished, begun, prior.as_ref(), &mut go_on)?;
         search.spin(polished, prior.as_ref(), &mut go_on)?;
         search.copies(prior.as_ref(), &mut go_on)?;
         search.nudge(prior.as_ref(), &mut go_on)?;

@@ -38,8 +38,9 @@ const NUDGED: usize = 3;
 const BOTH_EXPLAINED: f32 = 0.55;
 const MORE_PROBABLE: f32 = 1.0;
 const BETTER: f32 = 2.0;
-/// How much more loss than the best a hypothesis may have to be polished.
+/// How much more loss than the best a hypothesis may have to be polished; the same where the pose at hand is held on to.
 const FAR_BEHIND: f32 = 0.2;
+const BEHIND: f32 = 0.1;
 /// Hypotheses that are polished besides the start and the policy's pose.
 const POLISHED: usize = 5;
 /// Below this share of all axes, planes do not tell an angle: spins are tried, and it is looked how far they fit.
@@ -183,22 +184,28 @@ impl Search<'_, '_> {
         Some(if holds { 0 } else { best })
     }
 
-    /// Screens hypotheses, sifts the best and enters the best of those.
+    /// Screens hypotheses, sifts the best and enters the best of those. Where the pose at hand is held on to and planes fix its turn,
+    /// hypotheses are those near it and those that a symmetry would confuse with it.
     pub(super) fn screen<E>(
         &mut self,
-        polished: Rigid,
+        polished: Candidate,
         begun: Rigid,
         prior: Option<&Prior>,
         go_on: &mut impl FnMut() -> Result<(), E>,
     ) -> Result<(), E> {
+        let looks_far = !self.holds || polished.rotation_constraint < SLIPPERY;
+        let polished = polished.at;
         let [source_axes, target_axes] = self.refiner.surfaces().map(Surface::axes);
         let mut screened = Best::<SIFTED>::NONE;
         let begun_elsewhere = !is_same(begun, polished);
+        let far = around(begun)
+            .filter(|_| begun_elsewhere)
+            .chain(anywhere(begun))
+            .filter(|_| looks_far);
         let hypotheses = around(polished)
-            .chain(around(begun).filter(|_| begun_elsewhere))
             .chain(confused(polished, target_axes))
             .chain(aligned(source_axes, target_axes, polished.shift))
-            .chain(anywhere(begun));
+            .chain(far);
         for at in hypotheses {
             go_on()?;
             self.offer(at, &mut screened);
@@ -209,7 +216,7 @@ impl Search<'_, '_> {
             self.sift(at, prior, &mut sifted);
         }
         let is_explained = sifted.least().is_some_and(|least| least < UNEXPLAINED);
-        if !is_explained {
+        if looks_far && !is_explained {
             let mut matched = Best::<MATCHED>::NONE;
             let [source, target] = self.refiner.surfaces();
             // Most are given up after few points.
@@ -230,7 +237,8 @@ impl Search<'_, '_> {
         }
         // The copies of the pose at hand were tried already.
         let firsts = sifted.clone().held().take(AGAIN);
-        for (_, first) in firsts.filter(|&(_, first)| !is_same(first, polished)) {
+        let firsts = firsts.filter(|&(_, first)| looks_far && !is_same(first, polished));
+        for (_, first) in firsts {
             let mut screened = Best::<SIFTED_AGAIN>::NONE;
             for at in confused(first, target_axes) {
                 go_on()?;
@@ -241,11 +249,9 @@ impl Search<'_, '_> {
                 self.sift(at, prior, &mut sifted);
             }
         }
-        let least = sifted.least().unwrap_or(0.0);
-        for (_, at) in sifted
-            .held()
-            .take_while(|&(loss, _)| loss < least + FAR_BEHIND)
-        {
+        let behind = if looks_far { FAR_BEHIND } else { BEHIND };
+        let most = sifted.least().unwrap_or(0.0) + behind;
+        for (_, at) in sifted.held().take_while(|&(loss, _)| loss < most) {
             go_on()?;
             self.polish(at, prior);
         }

@@ -74,8 +74,12 @@ impl Losses {
         len: [0; CONTENDERS],
     };
 
-    /// Keeps those of a pose: of the source's points, then of the target's.
-    pub(crate) fn keep(&mut self, contender: usize, losses: [impl Iterator<Item = f32>; 2]) {
+    /// Keeps those of a pose: of the source's points, then of the target's, of each [`COMPARED`] at most, evenly.
+    pub(crate) fn keep(
+        &mut self,
+        contender: usize,
+        losses: [impl ExactSizeIterator<Item = f32>; 2],
+    ) {
         let (Some(row), Some(len)) = (self.of.get_mut(contender), self.len.get_mut(contender))
         else {
             return;
@@ -83,7 +87,10 @@ impl Losses {
         let mut places = row.iter_mut();
         *len = 0;
         for losses in losses {
-            for (loss, place) in losses.zip(&mut places) {
+            let count = losses.len().max(COMPARED);
+            let upto = |i: usize| i * COMPARED / count;
+            let some = losses.enumerate().filter(|&(i, _)| upto(i) < upto(i + 1));
+            for ((_, loss), place) in some.zip(&mut places) {
                 *place = (255.0 * loss + 0.5) as u8;
                 *len += 1;
             }

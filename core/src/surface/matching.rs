@@ -123,7 +123,7 @@ impl Matching {
     }
 
     /// The same to read.
-    pub(crate) fn lost(&self) -> impl Iterator<Item = f32> {
+    pub(crate) fn lost(&self) -> impl ExactSizeIterator<Item = f32> {
         let count = self.len.div_ceil(self.every.max(1));
         self.keys
             .0

@@ -1,5 +1,6 @@
 //! How probably a refined pose is right, from how the clouds fit under it and under others.
 
+use crate::mirror::MIRRORED;
 use crate::polish::{Refined, Residual};
 use crate::verify::Verified;
 
@@ -33,13 +34,12 @@ pub struct Evidence {
 
 /// Distinct points below which no pose is called right.
 pub const FEWEST_DISTINCT: usize = 64;
-/// A source more times larger than the target is in another unit: a view and its background are not so large.
+/// A source more times larger than the target is in another unit, unless such a share of its points is near the target, whose residual
+/// is below that: then it holds all of the target, and much else. In another unit it has a ninth of its points there at most.
 pub const LARGEST_RATIO: f32 = 3.0;
+const HELD: [f32; 2] = [0.15, 0.5];
 /// A source smaller than this share of the target is in another unit, or too small a part to place.
 pub const SMALLEST_RATIO: f32 = 0.11;
-/// Standard errors from which on it is no chance that the mirror image fits better: more than of independent points, since
-/// errors of neighbours are alike. Of right poses of training models, none had as many.
-const MIRRORED: f32 = 5.0;
 /// Residuals from which on a side has nothing in common with the other.
 const SATURATED: [f32; 2] = [0.95, 0.992];
 /// Most that is said of a pose against which one of these speaks.
@@ -91,7 +91,14 @@ impl Evidence {
 
     /// Whether one cloud is several times as large as the other.
     pub fn sizes_differ(&self) -> bool {
-        !(SMALLEST_RATIO..=LARGEST_RATIO).contains(&self.extents_ratio)
+        let [share, residual] = HELD;
+        let holds_the_target = self.near > share && self.residual.target < residual;
+        let largest = if holds_the_target {
+            f32::MAX
+        } else {
+            LARGEST_RATIO
+        };
+        !(SMALLEST_RATIO..=largest).contains(&self.extents_ratio)
     }
 
     /// Whether a cloud has fewer than [`FEWEST_DISTINCT`] distinct points.
@@ -207,6 +214,19 @@ mod tests {
     }
 
     #[test]
+    fn a_source_may_be_larger_where_it_holds_the_target() {
+        let scene = Evidence {
+            extents_ratio: 3.4,
+            near: 0.3,
+            within: 0.32,
+            ..GOOD
+        };
+        assert!(!scene.sizes_differ());
+        let in_inches = Evidence { near: 0.1, ..scene };
+        assert!(in_inches.sizes_differ());
+    }
+
+    #[test]
     fn what_cannot_be_is_improbable_whatever_fits() {
         let nothing_in_common = Residual {
             source: 0.2,
@@ -215,6 +235,7 @@ mod tests {
         for impossible in [
             Evidence {
                 extents_ratio: 25.4,
+                near: 0.1,
                 ..GOOD
             },
             Evidence {

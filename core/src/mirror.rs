@@ -20,11 +20,20 @@ const ALIKE: f32 = 0.03;
 const WHOLE: f32 = 0.75;
 const OF_ALL: f32 = 0.4;
 
+/// Standard errors from which on it is no chance that the mirror image fits better: more than of independent points, since
+/// errors of neighbours are alike. Of right poses of training models, none had as many.
+pub(crate) const MIRRORED: f32 = 5.0;
+/// Place of the losses under a pose that is none of the mirror image's; those of the mirror image's are the first.
+const HERE: usize = CONTENDERS - 1;
+
 impl Refiner<'_> {
-    /// By how much better the source's mirror image fits than the source under its pose, in standard errors.
-    pub(crate) fn mirror_score(&mut self, found: Rigid) -> f32 {
-        const HERE: usize = CONTENDERS - 1;
-        const MIRRORED: usize = CONTENDERS - 2;
+    /// By how much better the source's mirror image fits than the source under its pose, in standard errors; where that is much, than
+    /// under any of those that were compared with it.
+    pub(crate) fn mirror_score(
+        &mut self,
+        found: Rigid,
+        others: impl Iterator<Item = Rigid>,
+    ) -> f32 {
         let [_, sifted_on] = SIFT_POINTS;
         self.keep_surface_losses(HERE, found);
         let least = self.coarse_loss(found, sifted_on, SIFT_SCALE);
@@ -40,24 +49,38 @@ impl Refiner<'_> {
                 sifted.offer(loss, at);
             }
         }
-        let mut most = 0.0f32;
+        let mut images = 0;
         for (_, at) in sifted.held() {
-            let Some(at) = self.polish_briefly(at, |_| false) else {
-                continue;
-            };
-            self.keep_surface_losses(MIRRORED, at);
-            let losses = self.losses();
-            most = most.max(losses.excess_where_matched(HERE, MIRRORED).score());
-            if losses.matched(HERE) > WHOLE {
-                most = most.max(OF_ALL * losses.excess(HERE, MIRRORED).score());
+            if let Some(at) = self.polish_briefly(at, |_| false) {
+                self.keep_surface_losses(images, at);
+                images += 1;
             }
         }
         self.mirror_source();
-        most
+        let mut score = self.best_of_images(images);
+        for at in others {
+            if score > MIRRORED {
+                self.keep_surface_losses(HERE, at);
+                score = score.min(self.best_of_images(images));
+            }
+        }
+        score
     }
 
     fn keep_surface_losses(&mut self, contender: usize, at: Rigid) {
         self.match_both(at, COMPARED);
         self.keep_matched_surface_losses(contender, at);
+    }
+
+    /// By how much better the best of the mirror images fits than what was kept last, in standard errors; 0 if none does.
+    fn best_of_images(&self, images: usize) -> f32 {
+        let losses = self.losses();
+        let of = |image: usize| {
+            let matched = losses.excess_where_matched(HERE, image).score();
+            let all = losses.excess(HERE, image).score();
+            let is_whole = losses.matched(HERE) > WHOLE;
+            matched.max(if is_whole { OF_ALL * all } else { 0.0 })
+        };
+        (0..images).map(of).fold(0.0, f32::max)
     }
 }

@@ -201,6 +201,18 @@ impl<'w> Refiner<'w> {
         (!is_known(near)).then(|| self.run(near, &BRIEF_FINE).0)
     }
 
+    /// The first of these steps, in all motions but one: a turn and a shift.
+    pub(crate) fn drawn_near_but(&mut self, held: [Vec3; 2], initial: Rigid) -> Rigid {
+        let mut at = initial;
+        for _ in 0..BRIEF_NEAR.iterations {
+            let mut equations = self.matched_equations(at, &BRIEF_NEAR);
+            equations.hold(held);
+            let (turn, shift) = equations.solve(RIDGE);
+            at = at.moved(turn, shift);
+        }
+        at
+    }
+
     /// [`Self::polish`] in this frame.
     pub(crate) fn polish_inside(&mut self, initial: Rigid) -> Candidate {
         self.match_all(initial);
@@ -296,6 +308,11 @@ impl<'w> Refiner<'w> {
     /// The target's centre, in its own units.
     pub(crate) fn target_centre(&self) -> Vec3 {
         self.model.frame.centre
+    }
+
+    /// What its frame's unit is in the target's.
+    pub(crate) fn target_scale(&self) -> f32 {
+        self.model.frame.scale
     }
 
     /// Says from where the source was seen, in its own frame: what would stand before what was seen counts against a

@@ -87,18 +87,28 @@ impl Motion {
 
     /// Adds to the matrix what asks that the point `at` move along `direction`.
     pub(crate) fn add(&mut self, at: Vec3, direction: Vec3, weight: f32) {
-        let turning = at.cross(direction).to_array();
+        self.add_row([at.cross(direction), direction], f64::from(weight));
+    }
+
+    /// Asks that nothing of a motion, a turn and a shift, be made.
+    pub(crate) fn hold(&mut self, motion: [Vec3; 2]) {
+        let trace: f64 = [0, 2, 5, 9, 14, 20]
+            .iter()
+            .map(|&k: &usize| self.a[k])
+            .sum();
+        self.add_row(motion, trace);
+    }
+
+    fn add_row(&mut self, [turn, shift]: [Vec3; 2], weight: f64) {
         let mut row = [0.0; 6];
-        for (place, x) in row
-            .iter_mut()
-            .zip(turning.into_iter().chain(direction.to_array()))
-        {
+        let parts = turn.to_array().into_iter().chain(shift.to_array());
+        for (place, x) in row.iter_mut().zip(parts) {
             *place = f64::from(x);
         }
         let mut k = 0;
         for i in 0..6 {
             for j in 0..=i {
-                self.a[k] += f64::from(weight) * row[i] * row[j];
+                self.a[k] += weight * row[i] * row[j];
                 k += 1;
             }
         }
@@ -123,6 +133,11 @@ impl Motion {
     /// What the equations say of turns alone.
     pub(crate) fn turning(&self) -> Spread {
         [0, 2, 5, 1, 3, 4].map(|k| self.a[k] as f32)
+    }
+
+    /// What they say of shifts alone.
+    pub(crate) fn shifting(&self) -> Spread {
+        [9, 14, 20, 13, 18, 19].map(|k| self.a[k] as f32)
     }
 
     /// Inverse of `factor` times the equations' matrix plus a diagonal, which must be positive; of that alone where the

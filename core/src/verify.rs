@@ -24,7 +24,7 @@ mod undetermined;
 
 use search::{ENDED, Search, explains_both};
 use undetermined::lead;
-pub use undetermined::{Axis, OTHERS, Undetermined};
+pub use undetermined::{Axis, OTHERS, Slide, Undetermined};
 
 /// Logarithm of probability that a whole point's loss stands for: far less than a point's own, since errors of neighbours
 /// are alike, and sensors, models and masks have faults that no sampling explains.
@@ -130,8 +130,9 @@ impl Refiner<'_> {
         let undetermined = self.undetermined(best, &found, &contenders);
         let support = ended.iter().flatten().filter(|&&at| is_same(at, found.at));
         let support = support.count();
-        let lead = lead(best, &contenders, undetermined.axis);
-        let mirror_score = self.mirror_score(found.at);
+        let lead = lead(best, &contenders, &undetermined);
+        let others = contenders.iter().flatten().map(|contender| contender.at);
+        let mirror_score = self.mirror_score(found.at, others);
         let polished = self.refined(&polished, pose);
         Ok(Verified {
             best: further.map_or(polished, |found| self.refined(&found, pose)),

@@ -129,13 +129,14 @@ impl Answer {
             let axis = fit.axis.map(|(point, direction, angle)| {
                 json!({ "point": far(point), "direction": direction, "half_angle_deg": angle.to_degrees() })
             });
+            let slide = fit.slide.map(|(direction, range)| json!({ "direction": direction, "range": range }));
             json!({
                 "overlap": fit.overlap,
                 "inlier_rmse": fit.inlier_rmse,
                 "extents_ratio": fit.extents_ratio,
                 "left_out": fit.left_out,
                 "distinct_points": fit.distinct_points,
-                "undetermined": { "axis": axis, "others": fit.others },
+                "undetermined": { "axis": axis, "slide": slide, "others": fit.others },
                 "covariance": { "about": far(about), "matrix": matrix },
             })
         });

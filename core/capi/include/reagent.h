@@ -222,6 +222,12 @@ typedef struct {
   float axis_direction[3];
   // Largest angle that fits as well in both senses, radians.
   float axis_half_angle_rad;
+  // Whether the clouds fit as well moved along a direction.
+  bool slide_is_open;
+  // Unit vector along it, in the target's frame.
+  float slide_direction[3];
+  // Least and largest shift along it that fit as well, in the target's unit: the first is not positive, the second not negative.
+  float slide_range[2];
   // How many other poses fit as well.
   uint32_t others;
   // Those.

@@ -81,6 +81,12 @@ pub struct ReagentAnswer {
     pub axis_direction: [f32; 3],
     /// Largest angle that fits as well in both senses, radians.
     pub axis_half_angle_rad: f32,
+    /// Whether the clouds fit as well moved along a direction.
+    pub slide_is_open: bool,
+    /// Unit vector along it, in the target's frame.
+    pub slide_direction: [f32; 3],
+    /// Least and largest shift along it that fit as well, in the target's unit: the first is not positive, the second not negative.
+    pub slide_range: [f32; 2],
     /// How many other poses fit as well.
     pub others: u32,
     /// Those.
@@ -125,6 +131,11 @@ impl ReagentAnswer {
             self.axis_point = axis.point.to_array();
             self.axis_direction = axis.direction.to_array();
             self.axis_half_angle_rad = axis.half_angle_rad;
+        }
+        if let Some(slide) = found.undetermined.slide {
+            self.slide_is_open = true;
+            self.slide_direction = slide.direction.to_array();
+            self.slide_range = slide.range;
         }
         self.covariance = found.refined.covariance.matrix;
         self.covariance_about = found.refined.covariance.about.to_array();

@@ -19,6 +19,11 @@ impl Refiner<'_> {
         (if axis == Vec3::ZERO { Vec3::Z } else { axis }, constraint)
     }
 
+    /// The direction along which the planes matched under a pose fix a shift least, and how well, in the same measure.
+    pub(crate) fn least_held_shift(&mut self, at: Rigid) -> (Vec3, f32) {
+        least(self.matched_equations(at, &NEAR).shifting())
+    }
+
     /// Normal equations of a stage's step.
     pub(super) fn matched_equations(&mut self, at: Rigid, stage: &Stage) -> Motion {
         let by = Weighing {

@@ -310,3 +310,50 @@ fn of_poses_side_by_side_the_one_that_fits_best_is_taken() {
     let (angle, distance) = error(found, Pose::IDENTITY);
     assert!(angle < 1.0 && distance < 0.02, "{angle} {distance}");
 }
+
+#[test]
+fn how_far_a_piece_of_a_bar_may_be_moved_along_it_is_told() {
+    let mut numbers = Numbers(7);
+    let mut bar = |count: usize, least: f32, most: f32| -> Vec<[f32; 3]> {
+        let point = |k: usize| {
+            let (along, across) = (numbers.next(), numbers.next());
+            let x = least + (most - least) * 0.5 * (along + 1.0);
+            match k % 4 {
+                0 => [x, 0.2 * across, 0.1],
+                1 => [x, 0.2 * across, -0.1],
+                2 => [x, 0.2, 0.1 * across],
+                _ => [x, -0.2, 0.1 * across],
+            }
+        };
+        (0..count).map(point).collect()
+    };
+    // More points than are compared: of both clouds some of everywhere.
+    let (target, piece) = (bar(1500, -1.0, 1.0), bar(1200, -0.6, 0.2));
+    let found = verify(&piece, &target, Pose::IDENTITY);
+    let slide = found.undetermined.slide.expect("a direction");
+    assert!(slide.direction.x.abs() > 0.99, "{slide:?}");
+    let middle = found.best.target_from_source.apply([-0.2, 0.0, 0.0].into());
+    for shift in slide.range {
+        let end = middle.x + shift * slide.direction.x;
+        assert!((0.45..0.75).contains(&end.abs()), "{end} {slide:?}");
+    }
+    assert_eq!(found.undetermined.axis, None);
+}
+
+#[test]
+fn a_body_of_revolution_may_be_turned_by_any_angle() {
+    let mut numbers = Numbers(9);
+    let mut vase = |count: usize| -> Vec<[f32; 3]> {
+        let point = |_| {
+            let (angle, z) = (core::f32::consts::PI * numbers.next(), numbers.next());
+            let radius = 0.3 + 0.2 * z * z + 0.1 * z;
+            [radius * angle.cos(), radius * angle.sin(), 0.8 * z]
+        };
+        (0..count).map(point).collect()
+    };
+    let (source, target) = (vase(1000), vase(1000));
+    let found = verify(&source, &target, pose([0.0, 0.05, 0.4], [0.02, 0.0, 0.0]));
+    let axis = found.undetermined.axis.expect("an axis");
+    assert!(axis.direction.z.abs() > 0.99, "{axis:?}");
+    assert_eq!(axis.half_angle_rad, core::f32::consts::PI);
+}

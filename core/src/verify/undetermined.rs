@@ -1,4 +1,5 @@
-//! What the shape leaves open: other poses that fit as well as the best, and an axis about which the clouds may be turned.
+//! What the shape leaves open: an axis about which the clouds may be turned, a direction along which they may be moved, and other
+//! poses that fit as well as the best.
 
 use super::search::SLIPPERY;
 use super::{Contender, RANKED};
@@ -6,7 +7,7 @@ use crate::loss::CONTENDERS;
 use crate::polish::{Candidate, Refiner};
 use crate::pose::Pose;
 use crate::rotation::Rotation;
-use crate::search::is_same;
+use crate::search::SAME;
 use crate::solve::Rigid;
 use glam::Vec3;
 
@@ -14,7 +15,12 @@ use glam::Vec3;
 /// errors of neighbours are alike.
 const EXPLAINED: f32 = 4.0;
 /// Turns about an axis, in both senses, by which it is seen how well the shape fixes the angle, radians.
-const AXIS_TURNS: [f32; 6] = [0.175, 0.35, 0.7, 1.3, 2.2, core::f32::consts::PI];
+const TURNS: [f32; 6] = [0.175, 0.35, 0.7, 1.3, 2.2, core::f32::consts::PI];
+/// Shifts along a direction, in either sense, by which it is seen how well the shape fixes the place, target radii.
+const SHIFTS: [f32; 9] = [0.1, 0.2, 0.3, 0.4, 0.55, 0.7, 0.9, 1.1, 1.4];
+/// Places of the losses that are compared.
+const HERE: usize = CONTENDERS - 1;
+const THERE: usize = CONTENDERS - 2;
 
 /// Poses named as fitting equally well, at most.
 pub const OTHERS: usize = 5;
@@ -24,6 +30,8 @@ pub const OTHERS: usize = 5;
 pub struct Undetermined {
     /// Turned about this axis the clouds fit as well.
     pub axis: Option<Axis>,
+    /// Moved along this direction they do.
+    pub slide: Option<Slide>,
     /// Other poses that fit as well, target_from_source.
     pub poses: [Option<Pose>; OTHERS],
 }
@@ -39,12 +47,38 @@ pub struct Axis {
     pub half_angle_rad: f32,
 }
 
+/// A direction in the target's frame, and how far the source may be moved along it: a piece of a bar on the whole bar.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Slide {
+    /// Unit vector.
+    pub direction: Vec3,
+    /// Least and largest shift along it that fit as well, in the target's units; the first is not positive, the second not negative.
+    pub range: [f32; 2],
+}
+
 impl Undetermined {
     /// Nothing: no other pose was found to fit as well.
     pub const NOTHING: Undetermined = Undetermined {
         axis: None,
+        slide: None,
         poses: [None; OTHERS],
     };
+
+    /// Whether two poses differ by what the axis and the direction leave open, and by little else.
+    pub(super) fn is_open(&self, a: Rigid, b: Rigid) -> bool {
+        let is_turned = match self.axis {
+            Some(Axis { direction, .. }) => {
+                let along = |at: Rigid| at.turn.matrix().transpose() * direction;
+                along(a).dot(along(b)) > 0.99
+            }
+            None => a.turn.likeness(b.turn) > SAME,
+        };
+        let mut apart = a.centre() - b.centre();
+        if let Some(Slide { direction, .. }) = self.slide {
+            apart -= direction * direction.dot(apart);
+        }
+        is_turned && apart.length_squared() < 0.15 * 0.15
+    }
 }
 
 impl Refiner<'_> {
@@ -55,30 +89,19 @@ impl Refiner<'_> {
         found: &Candidate,
         contenders: &[Option<Contender>; RANKED],
     ) -> Undetermined {
-        let mut undetermined = Undetermined::NOTHING;
-        let axis =
-            (found.rotation_constraint < SLIPPERY).then(|| self.least_constraint(found.at).0);
-        let half_angle_rad = axis.map_or(0.0, |axis| self.free_angle(found.at, axis));
-        let axis = axis.filter(|_| half_angle_rad > 0.0);
-        if let Some(direction) = axis {
-            let point = self.target_centre();
-            undetermined.axis = Some(Axis {
-                point,
-                direction,
-                half_angle_rad,
-            });
-        }
-        // What is named, and so not named again: the same poses, and the same turned about the open axis.
+        let mut undetermined = Undetermined {
+            axis: self.free_axis(found),
+            slide: self.free_slide(found.at),
+            ..Undetermined::NOTHING
+        };
+        // What is named, and so not named again: the same poses, and those that differ from them by what is open.
         let mut named = [None; 1 + OTHERS];
         named[0] = Some(found.at);
-        let is_named = |named: &[Option<Rigid>], at: Rigid| {
-            let turned = |other| axis.is_some_and(|axis| differ_by_turn(at, other, axis));
-            let mut named = named.iter().flatten();
-            named.any(|&other| is_same(at, other) || turned(other))
-        };
         for (i, contender) in contenders.iter().enumerate() {
             let Some(contender) = contender else { continue };
-            if i == best || is_named(&named, contender.at) {
+            let mut those = named.iter().flatten();
+            let is_named = those.any(|&other| undetermined.is_open(contender.at, other));
+            if i == best || is_named {
                 continue;
             }
             let fits_as_well = self.losses().excess(i, best).score() < EXPLAINED;
@@ -94,47 +117,75 @@ impl Refiner<'_> {
         undetermined
     }
 
-    /// Largest angle by which the clouds may be turned about an axis in both senses and fit as well; 0 if by none.
-    fn free_angle(&mut self, at: Rigid, axis: Vec3) -> f32 {
-        const HERE: usize = CONTENDERS - 1;
-        const TURNED: usize = CONTENDERS - 2;
-        self.keep_losses(HERE, at);
-        let mut free = 0.0;
-        for angle in AXIS_TURNS {
-            let fits = [0.5 * angle, -0.5 * angle].into_iter().all(|half| {
-                let (sine, cosine) = libm::sincosf(half);
-                self.keep_losses(TURNED, at.turned(Rotation::new(axis * sine, cosine)));
-                self.losses().excess(TURNED, HERE).score() < EXPLAINED
-            });
-            if !fits {
-                break;
-            }
-            free = angle;
+    /// The axis about which the clouds may be turned in both senses and fit as well.
+    fn free_axis(&mut self, found: &Candidate) -> Option<Axis> {
+        if found.rotation_constraint >= SLIPPERY {
+            return None;
         }
-        free
+        let at = found.at;
+        let (axis, _) = self.least_constraint(at);
+        self.keep_losses(HERE, at);
+        let fits = |refiner: &mut Self, angle: f32| {
+            let (sine, cosine) = libm::sincosf(0.5 * angle);
+            let turned = at.turned(Rotation::new(axis * sine, cosine));
+            refiner.fits_as_well([axis, Vec3::ZERO], turned)
+        };
+        let both = |&&angle: &&f32| fits(self, angle) && fits(self, -angle);
+        let half_angle_rad = *TURNS.iter().take_while(both).last()?;
+        Some(Axis {
+            point: self.target_centre(),
+            direction: axis,
+            half_angle_rad,
+        })
+    }
+
+    /// The direction along which the clouds may be moved and fit as well.
+    fn free_slide(&mut self, at: Rigid) -> Option<Slide> {
+        let (direction, held) = self.least_held_shift(at);
+        if held >= SLIPPERY || direction == Vec3::ZERO {
+            return None;
+        }
+        self.keep_losses(HERE, at);
+        let fits = |refiner: &mut Self, shift: f32| {
+            let moved = Rigid {
+                shift: at.shift + direction * shift,
+                ..at
+            };
+            refiner.fits_as_well([Vec3::ZERO, direction], moved)
+        };
+        let range = [-1.0, 1.0].map(|sense| {
+            let shifts = SHIFTS.iter().map(|shift| sense * shift);
+            shifts.take_while(|&shift| fits(self, shift)).last()
+        });
+        let scale = self.target_scale();
+        (range != [None; 2]).then(|| Slide {
+            direction,
+            range: range.map(|shift| shift.unwrap_or(0.0) * scale),
+        })
+    }
+
+    /// Whether the clouds fit as well as under the pose whose losses were kept. What is open is held: all else may be a little off, since
+    /// the axis of a shape is not quite that of its points.
+    fn fits_as_well(&mut self, open: [Vec3; 2], there: Rigid) -> bool {
+        let there = self.drawn_near_but(open, there);
+        self.keep_losses(THERE, there);
+        self.losses().excess(THERE, HERE).score() < EXPLAINED
     }
 }
 
-/// How much less probable the next pose is than the best, unless the best turned about the open axis is meant.
+/// How much less probable the next pose is than the best, unless it differs from that by what is open.
 pub(super) fn lead(
     best: usize,
     contenders: &[Option<Contender>; RANKED],
-    open: Option<Axis>,
+    open: &Undetermined,
 ) -> f32 {
     let Some(winner) = contenders.get(best).copied().flatten() else {
         return f32::INFINITY;
     };
     let others = contenders.iter().enumerate().filter(|&(i, _)| i != best);
     let others = others.filter_map(|(_, contender)| *contender);
-    let apart = |other: &Contender| {
-        open.is_none_or(|axis| !differ_by_turn(other.at, winner.at, axis.direction))
-    };
-    let energies = others.filter(apart).map(|other| other.energy);
+    let energies = others
+        .filter(|other| !open.is_open(other.at, winner.at))
+        .map(|other| other.energy);
     energies.fold(f32::INFINITY, f32::min) - winner.energy
-}
-
-/// Whether two poses differ by a turn about an axis through the target's centre, and by little else.
-fn differ_by_turn(a: Rigid, b: Rigid, axis: Vec3) -> bool {
-    let along = |at: Rigid| at.turn.matrix().transpose() * axis;
-    along(a).dot(along(b)) > 0.99 && (a.centre() - b.centre()).length_squared() < 0.15 * 0.15
 }

@@ -129,6 +129,8 @@ pub struct Fit {
     /// Axis about which a turn fits as well: a point on it, its direction, both in the target's frame and units, and the largest angle,
     /// radians.
     pub axis: Option<([f32; 3], [f32; 3], f32)>,
+    /// Moved along this direction they fit as well ([`crate::verify::Slide`]): unit vector, and the least and largest shift.
+    pub slide: Option<([f32; 3], [f32; 2])>,
     /// Other poses that fit as well.
     pub others: u8,
     /// How uncertain the pose is ([`crate::covariance::Covariance`]): the point about which it turns, and the lower triangle
@@ -150,7 +152,7 @@ impl Fit {
             left_out,
             ..
         } = found.refined;
-        let Undetermined { axis, poses } = found.undetermined;
+        let Undetermined { axis, slide, poses } = found.undetermined;
         let Covariance { about, matrix, .. } = found.refined.covariance;
         let mut triangle = [0.0; TRIANGLE];
         let lower = matrix
@@ -171,6 +173,7 @@ impl Fit {
                 let [point, direction] = [axis.point, axis.direction].map(|v| v.to_array());
                 (point, direction, axis.half_angle_rad)
             }),
+            slide: slide.map(|slide| (slide.direction.to_array(), slide.range)),
             others: poses.iter().flatten().count() as u8,
             covariance: (about.to_array(), triangle),
         }

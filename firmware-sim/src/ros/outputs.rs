@@ -222,6 +222,7 @@ fn values(done: &Done, sight: Option<Sight>) -> Vec<KeyValue> {
             ("overlap", format!("{:.3}", found.refined.overlap)),
             ("inlier_rmse", format!("{:.6}", found.refined.inlier_rmse)),
             ("open_axis", found.undetermined.axis.is_some().to_string()),
+            ("open_slide", found.undetermined.slide.is_some().to_string()),
         ]);
     }
     let value = |(key, value): (&str, String)| KeyValue {

@@ -42,7 +42,7 @@ mod module {
     #[pymodule_export]
     use crate::registrar::Registrar;
     #[pymodule_export]
-    use crate::registration::{Axis, Other, Registration, Step, Undetermined};
+    use crate::registration::{Axis, Other, Registration, Slide, Step, Undetermined};
     #[pymodule_export]
     use crate::tracker::Tracker;
     use pyo3::prelude::*;

@@ -3,7 +3,7 @@
 use crate::array::matrix;
 use crate::json::as_json;
 use host_train::pose64::{Pose64, Position};
-use host_train::register::document::{Document, Fit, Open, OpenAxis, OtherPose};
+use host_train::register::document::{Document, Fit, Open, OpenAxis, OpenSlide, OtherPose};
 use host_train::register::prepared::Prepared;
 use host_train::register::request::Done;
 use host_train::register::trace::{self, Probabilities};
@@ -233,6 +233,12 @@ impl Undetermined {
         self.0.axis.clone().map(Axis)
     }
 
+    /// The direction along which the place is open, or None.
+    #[getter]
+    fn slide(&self) -> Option<Slide> {
+        self.0.slide.clone().map(Slide)
+    }
+
     /// Other poses that fit as well: (K, 4, 4), float64.
     #[getter]
     fn poses<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray3<f64>> {
@@ -248,12 +254,13 @@ impl Undetermined {
     }
 
     fn __bool__(&self) -> bool {
-        self.0.axis.is_some() || !self.0.poses.is_empty()
+        self.0.axis.is_some() || self.0.slide.is_some() || !self.0.poses.is_empty()
     }
 
     fn __repr__(&self) -> String {
         let axis = self.axis().map_or("None".into(), |axis| axis.__repr__());
-        format!("Undetermined(axis={axis}, poses={})", self.0.poses.len())
+        let slide = self.slide().map_or("None".into(), |slide| slide.__repr__());
+        format!("Undetermined(axis={axis}, slide={slide}, poses={})", self.0.poses.len())
     }
 }
 
@@ -284,6 +291,30 @@ impl Axis {
     fn __repr__(&self) -> String {
         let ([x, y, z], angle) = (self.0.direction, self.0.half_angle_deg);
         format!("Axis(direction=[{x:.3}, {y:.3}, {z:.3}], half_angle_deg={angle:.0})")
+    }
+}
+
+/// A direction along which the place is open.
+#[pyclass(module = "reagent", frozen)]
+pub struct Slide(OpenSlide);
+
+#[pymethods]
+impl Slide {
+    /// Its unit vector, in the target's coordinates: (3,), float64.
+    #[getter]
+    fn direction<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_owned_array(py, arr1(&self.0.direction.map(f64::from)))
+    }
+
+    /// Least and largest shift along it that fit as well, in the target's unit.
+    #[getter]
+    fn range(&self) -> (f32, f32) {
+        self.0.range.into()
+    }
+
+    fn __repr__(&self) -> String {
+        let ([x, y, z], [least, most]) = (self.0.direction, self.0.range);
+        format!("Slide(direction=[{x:.3}, {y:.3}, {z:.3}], range=({least:.3}, {most:.3}))")
     }
 }
 

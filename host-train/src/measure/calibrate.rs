@@ -107,8 +107,21 @@ fn is_right(truth: &GroundTruth<'_>, true_pose: Pose, found: &Refinement) -> boo
         let errors = truth.measure(pose);
         errors.is_right() || errors.adi < INDISTINGUISHABLE
     };
-    let given = found.refined.target_from_source;
     let open = &found.undetermined;
+    let given = found.refined.target_from_source;
+    if is_right(given) {
+        return true;
+    }
+    let given = open.slide.map_or(given, |slide| {
+        // Where the target's origin comes from, the truth puts it back.
+        let off = -given.apply(true_pose.inverse().apply(Vec3::ZERO));
+        let [least, most] = slide.range;
+        let shift = off.dot(slide.direction).clamp(least, most);
+        Pose {
+            translation: given.translation + slide.direction * shift,
+            ..given
+        }
+    });
     is_right(given)
         || open.poses.iter().flatten().any(|&pose| is_right(pose))
         || open.axis.is_some_and(|axis| {

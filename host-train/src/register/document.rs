@@ -92,6 +92,9 @@ pub struct Open {
     /// The axis about which the turn is open.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub axis: Option<OpenAxis>,
+    /// The direction along which the place is open.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub slide: Option<OpenSlide>,
     /// Other poses that fit as well.
     pub poses: Vec<[[f64; 4]; 3]>,
 }
@@ -107,10 +110,19 @@ pub struct OpenAxis {
     pub half_angle_deg: f32,
 }
 
+/// A direction along which the place is open.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct OpenSlide {
+    /// Its unit vector, in the target's coordinates.
+    pub direction: [f32; 3],
+    /// Least and largest shift along it that fit as well, in the target's unit.
+    pub range: [f32; 2],
+}
+
 impl Fit {
     fn of(found: &Refinement, rows: impl Fn(Pose) -> [[f64; 4]; 3], origin: Position) -> Fit {
         let refined = &found.refined;
-        let Undetermined { axis, poses } = &found.undetermined;
+        let Undetermined { axis, slide, poses } = &found.undetermined;
         let far = |p: glam::Vec3| std::array::from_fn(|k| f64::from(p[k]) + origin[k]);
         Fit {
             overlap: refined.overlap,
@@ -123,6 +135,10 @@ impl Fit {
                     point: far(axis.point),
                     direction: axis.direction.to_array(),
                     half_angle_deg: axis.half_angle_rad.to_degrees(),
+                }),
+                slide: slide.map(|slide| OpenSlide {
+                    direction: slide.direction.to_array(),
+                    range: slide.range,
                 }),
                 poses: poses.iter().flatten().map(|&pose| rows(pose)).collect(),
             },

@@ -4,7 +4,7 @@ use crate::register::request::Done;
 use reagent_core::pipeline::Refinement;
 use reagent_core::polish::Refined;
 use reagent_core::verdict::{Percent, Verdict};
-use reagent_core::verify::Axis;
+use reagent_core::verify::{Axis, Slide};
 
 /// How the source and the target are called.
 pub type Names<'a> = [&'a str; 2];
@@ -14,6 +14,8 @@ pub type Names<'a> = [&'a str; 2];
 pub enum Remark {
     /// The turn about an axis is open.
     OpenAxis(Axis),
+    /// The place along a direction is open.
+    OpenSlide(Slide),
     /// So many other poses fit as well.
     OtherPoses(usize),
     /// Shares of the source's and of the target's points that were not looked at.
@@ -38,6 +40,7 @@ impl Remark {
         let sizes = Remark::SizesDiffer(found.refined.extents_ratio);
         let remarks = [
             found.undetermined.axis.map(Remark::OpenAxis),
+            found.undetermined.slide.map(Remark::OpenSlide),
             (others > 0).then_some(Remark::OtherPoses(others)),
             (left_out != [0.0; 2]).then_some(Remark::LeftOut(left_out)),
             (answer.verdict == Verdict::SizesDiffer).then_some(sizes),
@@ -55,6 +58,13 @@ impl Remark {
                 let angle = axis.half_angle_rad.to_degrees();
                 format!(
                     "undetermined: the turn about the {target}'s axis ({x:.3}, {y:.3}, {z:.3}), by up to {angle:.0} degrees"
+                )
+            }
+            Remark::OpenSlide(slide) => {
+                let [x, y, z] = slide.direction.to_array();
+                let [least, most] = slide.range;
+                format!(
+                    "undetermined: the place along the {target}'s direction ({x:.3}, {y:.3}, {z:.3}), from {least:.3} to {most:.3} of its unit"
                 )
             }
             Remark::OtherPoses(1) => "undetermined: 1 other pose fits as well".into(),

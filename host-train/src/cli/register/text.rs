@@ -107,6 +107,6 @@ fn advice(remark: &Remark) -> &'static str {
         Remark::OtherPoses(_) => "; --json lists them",
         Remark::SizesDiffer(_) => " See --unit and --scale",
         Remark::OtherSize(_) => "; see --scale",
-        Remark::OpenAxis(_) | Remark::LeftOut(_) | Remark::Mirrored => "",
+        Remark::OpenAxis(_) | Remark::OpenSlide(_) | Remark::LeftOut(_) | Remark::Mirrored => "",
     }
 }

@@ -23,12 +23,14 @@ const OF_ALL: f32 = 0.4;
 /// Standard errors from which on it is no chance that the mirror image fits better: more than of independent points, since
 /// errors of neighbours are alike. Of right poses of training models, none had as many.
 pub(crate) const MIRRORED: f32 = 5.0;
+/// The same up to which another pose fits as well as the image.
+const OVER_OTHERS: f32 = 2.0;
 /// Place of the losses under a pose that is none of the mirror image's; those of the mirror image's are the first.
 const HERE: usize = CONTENDERS - 1;
 
 impl Refiner<'_> {
-    /// By how much better the source's mirror image fits than the source under its pose, in standard errors; where that is much, than
-    /// under any of those that were compared with it.
+    /// By how much better the source's mirror image fits than the source under its pose, in standard errors; where that is much, but one
+    /// of the poses that were compared with it fits about as well as the image, than under that.
     pub(crate) fn mirror_score(
         &mut self,
         found: Rigid,
@@ -61,7 +63,8 @@ impl Refiner<'_> {
         for at in others {
             if score > MIRRORED {
                 self.keep_surface_losses(HERE, at);
-                score = score.min(self.best_of_images(images));
+                let over = self.best_of_images(images);
+                score = if over < OVER_OTHERS { over } else { score };
             }
         }
         score

@@ -21,8 +21,8 @@
 //!
 //! Version 3 brought time budgets, modes, clients and clouds on a grid ([`crate::grid`]) into requests, and what
 //! goes with them into replies and status. Version 4 brought view points and starts from anywhere into requests, and
-//! into replies how the clouds fit and what their shape leaves open. Version 5 brought the pose's covariance into them, and version 7 what
-//! was seen besides the source into requests. Manifests,
+//! into replies how the clouds fit and what their shape leaves open. Version 5 brought the pose's covariance into them, version 7 what
+//! was seen besides the source into requests, and version 8 into replies the direction along which the place is open. Manifests,
 //! which are kept under their signature, have a version of their own; its version 4 brought the epoch.
 //!
 //! The signature itself is checked by whoever holds the keys, not here.

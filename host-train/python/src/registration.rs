@@ -260,7 +260,10 @@ impl Undetermined {
     fn __repr__(&self) -> String {
         let axis = self.axis().map_or("None".into(), |axis| axis.__repr__());
         let slide = self.slide().map_or("None".into(), |slide| slide.__repr__());
-        format!("Undetermined(axis={axis}, slide={slide}, poses={})", self.0.poses.len())
+        format!(
+            "Undetermined(axis={axis}, slide={slide}, poses={})",
+            self.0.poses.len()
+        )
     }
 }
 

@@ -1,30 +1,31 @@
 //! `firmware-sim refine`: asks robots to register clouds from files.
 
+mod answer;
 mod table;
 mod traces;
 
+pub use answer::{Answer, ask};
 pub(crate) use table::{Row, errors};
 
-use crate::client::{Client, RefineError};
-use crate::node::ANY;
+use crate::client::Client;
 use crate::session::{SessionArgs, open};
 use host_train::cli::{Initial, Input, SourceArgs, check_outputs, write_json};
 use host_train::dataset::Point;
 use host_train::dataset::pairs::PairSet;
 use host_train::measure::metrics::PairMetrics;
-use host_train::pose64::{Pose64, Position};
+use host_train::pose64::Position;
 use host_train::register::background::that_counts;
 use host_train::register::prepared::Prepared;
 use host_train::register::{Start, in_order, within_capacity};
 use reagent_core::dims::STEPS;
 use reagent_core::verdict::Percent;
-use reagent_core::wire::{CloudView, Mode, RefineReply, RefineRequest};
+use reagent_core::wire::{CloudView, Mode, RefineRequest};
 use reagent_core::{Grid, Pose};
 use reagent_link::log::one_line;
 use reagent_link::name::name;
 use serde_json::json;
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 use traces::Traces;
 
 /// Ask a robot for the pose that maps a source cloud onto a target cloud
@@ -103,66 +104,6 @@ fn seconds(text: &str) -> Result<Duration, String> {
     let allowed = Duration::from_millis(1)..=Duration::from_secs(3600);
     let time = time.filter(|time| allowed.contains(time));
     time.ok_or_else(|| "give .001 to 3600 seconds".into())
-}
-
-/// A robot's answer and how long it took from here.
-#[derive(Debug)]
-pub struct Answer {
-    /// Who answered.
-    pub robot: String,
-    /// What.
-    pub reply: RefineReply,
-    /// From asking to knowing, milliseconds.
-    pub round_trip_ms: f64,
-}
-
-impl Answer {
-    /// In the files' own coordinates, of which what was sent is relative to two origins.
-    fn json(&self, [source, target]: [Position; 2]) -> serde_json::Value {
-        let fit = self.reply.fit.as_ref().map(|fit| {
-            let far = |p: [f32; 3]| -> Position { std::array::from_fn(|k| f64::from(p[k]) + target[k]) };
-            let (about, triangle) = fit.covariance;
-            let row = |i: usize| -> [f32; 6] {
-                std::array::from_fn(|j| triangle[i.max(j) * (i.max(j) + 1) / 2 + i.min(j)])
-            };
-            let matrix: [_; 6] = std::array::from_fn(row);
-            let axis = fit.axis.map(|(point, direction, angle)| {
-                json!({ "point": far(point), "direction": direction, "half_angle_deg": angle.to_degrees() })
-            });
-            let slide = fit.slide.map(|(direction, range)| json!({ "direction": direction, "range": range }));
-            json!({
-                "overlap": fit.overlap,
-                "inlier_rmse": fit.inlier_rmse,
-                "extents_ratio": fit.extents_ratio,
-                "left_out": fit.left_out,
-                "distinct_points": fit.distinct_points,
-                "undetermined": { "axis": axis, "slide": slide, "others": fit.others },
-                "covariance": { "about": far(about), "matrix": matrix },
-            })
-        });
-        json!({
-            "robot": self.robot,
-            "target_from_source": self.pose([source, target]).to_rows(),
-            "verdict": self.reply.verdict.to_string(),
-            "probability": self.reply.probability,
-            "fit": fit,
-            "mode": self.reply.mode.to_string(),
-            "steps": self.reply.steps,
-            "ms_queue": f64::from(self.reply.waited_micros) / 1e3,
-            "ms_robot": f64::from(self.reply.micros) / 1e3,
-            "ms_round_trip": self.round_trip_ms,
-            "policy_version": self.reply.policy_version,
-        })
-    }
-
-    /// The pose between the files' own coordinates.
-    fn pose(&self, [source, target]: [Position; 2]) -> Pose64 {
-        Pose64::of(
-            Pose::from_rows(self.reply.target_from_source),
-            source,
-            target,
-        )
-    }
 }
 
 /// A cloud as it is sent.
@@ -378,25 +319,4 @@ impl Asking {
         let errors = errors(pairs, index, &answer.reply)?;
         Ok((answer, errors))
     }
-}
-
-/// Asks one robot, or any, for one pose.
-///
-/// # Errors
-/// As [`Client::refine`] and [`Client::refine_any`].
-pub async fn ask(
-    client: &Client,
-    robot: &str,
-    request: &RefineRequest<'_>,
-) -> Result<Answer, RefineError> {
-    let asked = Instant::now();
-    let (robot, reply) = match robot {
-        ANY => client.refine_any(request).await?,
-        robot => (robot.to_owned(), client.refine(robot, request).await?),
-    };
-    Ok(Answer {
-        robot,
-        reply,
-        round_trip_ms: asked.elapsed().as_secs_f64() * 1e3,
-    })
 }

@@ -146,6 +146,22 @@ pub struct Answer {
     pub refinement: Option<Refinement>,
 }
 
+impl Answer {
+    /// Of a refined pose, which something may have led to.
+    ///
+    /// # Errors
+    /// [`Error::BadPose`] for one that is not rigid.
+    pub fn refined(found: Refinement, policy: Option<Outcome>) -> Result<Answer, Error> {
+        Ok(Answer {
+            target_from_source: found.refined.target_from_source.checked()?,
+            verdict: Verdict::of_evidence(&found.evidence),
+            probability: Some(found.evidence.probability()),
+            policy,
+            refinement: Some(found),
+        })
+    }
+}
+
 /// What followed the policy's steps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Refinement {
@@ -194,20 +210,15 @@ pub fn register<'c, E: From<Error>>(
     let reached = policy.map_or(start, |policy| policy.target_from_source);
     let go_on = || progress(Progress::Next);
     let refinement = refine(workspace, [source, target], reached, task, go_on)?;
-    let (target_from_source, verdict) = match (&refinement, policy) {
-        (Some(found), _) => (
-            found.refined.target_from_source,
-            Verdict::of_evidence(&found.evidence),
-        ),
-        (None, Some(policy)) => (policy.target_from_source, policy.verdict),
-        (None, None) => (start, Verdict::StepLimit),
-    };
+    if let Some(found) = refinement {
+        return Ok(Answer::refined(found, policy)?);
+    }
     Ok(Answer {
-        target_from_source: target_from_source.checked()?,
-        verdict,
-        probability: refinement.map(|found| found.evidence.probability()),
+        target_from_source: reached.checked()?,
+        verdict: policy.map_or(Verdict::StepLimit, |policy| policy.verdict),
+        probability: None,
         policy,
-        refinement,
+        refinement: None,
     })
 }
 

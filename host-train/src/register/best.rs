@@ -5,7 +5,6 @@ use crate::register::{Memory, Registered};
 use reagent_core::evidence::Evidence;
 use reagent_core::pipeline::{self, Answer, Task};
 use reagent_core::polish::{Refined, Refiner};
-use reagent_core::verdict::Verdict;
 use reagent_core::verify::Ranked;
 use reagent_core::{Error, Pose};
 
@@ -200,13 +199,7 @@ fn done_again(
     let (_, before) = &tried[other.start];
     let answer = match refinement {
         None => before.answer,
-        Some(found) => Answer {
-            target_from_source: found.refined.target_from_source,
-            verdict: Verdict::of_evidence(&found.evidence),
-            probability: Some(found.evidence.probability()),
-            policy: before.answer.policy,
-            refinement: Some(found),
-        },
+        Some(found) => Answer::refined(found, before.answer.policy)?,
     };
     let trace = before.trace.clone();
     Ok((other.start, Registered { answer, trace }))

@@ -7,6 +7,7 @@
 
 use super::{CloudFile, Note, Position};
 use crate::dataset::depth::image::{Image, MAX_PIXELS};
+use half::f16;
 
 const MAGIC: &[u8] = b"\x93NUMPY";
 /// The type of a mask, which holds no coordinates.
@@ -198,8 +199,8 @@ fn number(kind: &str) -> Result<(usize, Decode), String> {
         };
     }
     Ok(match kind {
-        "<f2" => (2, |bytes| half(u16::from_le_bytes(first(bytes)))),
-        ">f2" => (2, |bytes| half(u16::from_be_bytes(first(bytes)))),
+        "<f2" => (2, |bytes| f16::from_le_bytes(first(bytes)).to_f64()),
+        ">f2" => (2, |bytes| f16::from_be_bytes(first(bytes)).to_f64()),
         "<f4" => read!(f32, from_le_bytes),
         ">f4" => read!(f32, from_be_bytes),
         "<f8" => read!(f64, from_le_bytes),
@@ -230,22 +231,6 @@ fn number(kind: &str) -> Result<(usize, Decode), String> {
 /// The first bytes of a slice, or zeros where it has fewer.
 fn first<const N: usize>(bytes: &[u8]) -> [u8; N] {
     bytes.first_chunk().copied().unwrap_or([0; N])
-}
-
-/// A float16 of IEEE 754: one bit of sign, five of exponent, ten of fraction.
-fn half(bits: u16) -> f64 {
-    let (exponent, fraction) = (i32::from(bits >> 10 & 31), f64::from(bits & 1023));
-    let magnitude = match exponent {
-        0 => fraction * 2f64.powi(-24),
-        31 if fraction == 0.0 => f64::INFINITY,
-        31 => f64::NAN,
-        _ => (1024.0 + fraction) * 2f64.powi(exponent - 25),
-    };
-    if bits >> 15 == 0 {
-        magnitude
-    } else {
-        -magnitude
-    }
 }
 
 /// The header's dictionary and what follows it.

@@ -241,7 +241,8 @@ impl Document {
             notes.map(|note| Noticed::new(of, note)).collect::<Vec<_>>()
         };
         let other_size = done.other_size.map(|times| Note::OtherSize { times });
-        let of_fit = other_size.map(|note| Noticed::new("source", note));
+        let off_target = done.off_target().map(|share| Note::OffTarget { share });
+        let of_fit = [other_size, off_target].into_iter().flatten();
         Document {
             target_from_source: done.pose.to_rows(),
             verdict: answer.verdict.to_string(),
@@ -270,7 +271,7 @@ impl Document {
             notes: [
                 notes_of("source", source),
                 notes_of("target", target),
-                Vec::from_iter(of_fit),
+                of_fit.map(|note| Noticed::new("source", note)).collect(),
             ]
             .concat(),
         }

@@ -9,8 +9,13 @@ use crate::register::{Memory, Registered, Start, register_in};
 use glam::Vec3;
 use reagent_core::dims::STEPS;
 use reagent_core::pipeline::{Mode, Task};
+use reagent_core::verdict::Verdict;
 use reagent_core::{Error, Policy, Pose};
 use std::time::Instant;
+
+/// Of a source that shows the target and nothing else, such a share of the points lies in the target's neighbourhood at least,
+/// whatever its noise; .95 and more of depth cameras' views.
+const LEAST_WITHIN: f32 = 0.9;
 
 /// What to do with two clouds, in their own coordinates.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -65,6 +70,16 @@ impl Done {
     pub fn near(&self) -> Pose {
         let reached = self.found.answer.target_from_source;
         self.dense.map_or(reached, |dense| dense.target_from_source)
+    }
+
+    /// The share of the source's points that lie off the target, where the pose is called right and they are too many for noise.
+    pub fn off_target(&self) -> Option<f32> {
+        let answer = &self.found.answer;
+        let found = answer.refinement.as_ref()?;
+        let within = found.refined.within;
+        // Another size explains it.
+        let is_told_right = answer.verdict == Verdict::Converged && self.other_size.is_none();
+        (is_told_right && within < LEAST_WITHIN).then_some(1.0 - within)
     }
 }
 

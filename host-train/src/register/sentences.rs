@@ -26,6 +26,8 @@ pub enum Remark {
     OtherSize(f32),
     /// The mirror image fits better.
     Mirrored,
+    /// This share of the source's points lies off the target, though the pose is called right.
+    OffTarget(f32),
 }
 
 impl Remark {
@@ -46,6 +48,7 @@ impl Remark {
             (answer.verdict == Verdict::SizesDiffer).then_some(sizes),
             done.other_size.map(Remark::OtherSize),
             (answer.verdict == Verdict::Mirrored).then_some(Remark::Mirrored),
+            done.off_target().map(Remark::OffTarget),
         ];
         remarks.into_iter().flatten().collect()
     }
@@ -90,6 +93,10 @@ impl Remark {
             ),
             Remark::Mirrored => format!(
                 "the mirror image of the {source} fits better: a left-hand part for a right-hand one, an axis the other way around, or a wrong pose of a symmetric shape"
+            ),
+            Remark::OffTarget(share) => format!(
+                "{:.0} % of the {source} lies off the {target}: where they overlap in part that is to be expected, else something more is in view, or it is another part",
+                100.0 * share
             ),
         }
     }
@@ -156,6 +163,10 @@ mod tests {
                 "the scan is 1.10 times as large as the part: check its",
             ),
             (Remark::Mirrored, "mirror image of the scan"),
+            (
+                Remark::OffTarget(0.5),
+                "50 % of the scan lies off the part:",
+            ),
             (Remark::OtherPoses(1), "1 other pose fits as well"),
             (Remark::OtherPoses(2), "2 other poses fit as well"),
         ] {

@@ -107,6 +107,7 @@ fn advice(remark: &Remark) -> &'static str {
         Remark::OtherPoses(_) => "; --json lists them",
         Remark::SizesDiffer(_) => " See --unit and --scale",
         Remark::OtherSize(_) => "; see --scale",
+        Remark::OffTarget(_) => ". Crop it, give a depth image's --mask, or check the model",
         Remark::OpenAxis(_) | Remark::OpenSlide(_) | Remark::LeftOut(_) | Remark::Mirrored => "",
     }
 }

@@ -111,6 +111,11 @@ pub enum Note {
         /// How many times as large as the target it is.
         times: f32,
     },
+    /// As a source, much of the cloud lies off the target, though the pose is called right.
+    OffTarget {
+        /// The share of its points that does.
+        share: f32,
+    },
 }
 
 impl Note {
@@ -203,6 +208,11 @@ impl fmt::Display for Note {
             Note::OtherSize { times } => write!(
                 f,
                 "it is {times:.2} times as large as the target: check its unit or calibration"
+            ),
+            Note::OffTarget { share } => write!(
+                f,
+                "{:.0} % of it lies off the target: where they overlap in part that is to be expected, else something more is in view, or it is another part",
+                100.0 * share
             ),
         }
     }

@@ -1,0 +1,68 @@
+//! What `host-train register` says of a pose besides the pose.
+
+mod support;
+
+use glam::Vec3;
+use host_train::dataset::Point;
+use host_train::dataset::cloud_file::{CloudFile, write_cloud};
+use host_train::dataset::procedural;
+use host_train::random::{Purpose, stream};
+use reagent_core::pose::rotation_from_euler;
+use std::path::Path;
+use support::{folder, read_json, succeed};
+
+/// Writes a part, `part.ply`, and returns points of its surface, turned.
+fn scan(at: &Path) -> Vec<Point> {
+    let mesh = procedural::shape(1, 1).mesh;
+    let part = CloudFile {
+        faces: Some(mesh.faces.clone()),
+        ..CloudFile::of(&mesh.vertices.iter().map(Vec3::to_array).collect::<Vec<_>>())
+    };
+    write_cloud(&at.join("part.ply"), &part).expect("written");
+    let turn = rotation_from_euler(Vec3::new(0.2, -0.15, 0.1));
+    let points = mesh.sample(1500, &mut stream(5, Purpose::Surface, 0));
+    let turned = |&point: &Point| (turn * Vec3::from(point)).to_array();
+    points.iter().map(turned).collect()
+}
+
+#[test]
+fn much_that_lies_off_the_target_is_pointed_out() {
+    let folder = folder();
+    let at = folder.path();
+    let scan = scan(at);
+    // A quarter as many points on a table below.
+    let low = scan.iter().map(|p| p[2]).fold(f32::MAX, f32::min);
+    let table = (0..375).map(|i| {
+        [
+            0.1 * (i % 25) as f32 - 1.2,
+            0.1 * (i / 25) as f32,
+            low - 0.3,
+        ]
+    });
+    let crowded: Vec<Point> = scan.iter().copied().chain(table).collect();
+    for (source, share) in [(&scan, 0.0), (&crowded, 20.0)] {
+        write_cloud(&at.join("s.ply"), &CloudFile::of(source)).expect("written");
+        let said = succeed(at, "register s.ply part.ply --json p.json");
+        assert!(said.contains("\nconverged, "), "{said}");
+        let notes = &read_json(&at.join("p.json"))["notes"];
+        if share == 0.0 {
+            assert!(!said.contains("lies off"), "{said}");
+            assert_eq!(*notes, serde_json::json!([]));
+            continue;
+        }
+        assert!(
+            said.contains(" % of the source lies off the target: "),
+            "{said}"
+        );
+        assert!(
+            said.contains("Crop it, give a depth image's --mask, or"),
+            "{said}"
+        );
+        assert_eq!(
+            (&notes[0]["of"], &notes[0]["kind"]),
+            (&"source".into(), &"off_target".into())
+        );
+        let found = 100.0 * notes[0]["share"].as_f64().expect("a share");
+        assert!((found - share).abs() < 8.0, "{found}");
+    }
+}

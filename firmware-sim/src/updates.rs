@@ -6,16 +6,21 @@ use crate::policy::{LoadedPolicy, UpdateError, claimed, verified_manifest};
 use crate::store::Store;
 use crate::view::View;
 use reagent_core::wire::{Manifest, PolicyId, WhyNot, keys};
+use std::cmp::Reverse;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::watch;
+use tokio::time::{MissedTickBehavior, interval};
 use zenoh::Session;
 use zenoh::handlers::RingChannelHandler;
 use zenoh::pubsub::Subscriber;
+use zenoh::query::{ConsolidationMode, QueryTarget};
 use zenoh::sample::Sample;
 
 /// How often a robot looks whether its state directory is there still.
 const LOOK_INTERVAL: Duration = Duration::from_secs(1);
+/// How often it asks who answers for a manifest: an announcement may have been lost.
+const ASK_INTERVAL: Duration = Duration::from_secs(10);
 
 /// Takes policies into use.
 pub(crate) struct Updates {
@@ -27,6 +32,8 @@ pub(crate) struct Updates {
     view: Arc<watch::Sender<View>>,
     /// The announcement refused last, and why.
     refused: Option<(Vec<u8>, WhyNot)>,
+    /// The manifests that were answered when it asked last.
+    answers: Vec<Vec<u8>>,
 }
 
 impl Updates {
@@ -44,6 +51,7 @@ impl Updates {
             view,
             config,
             refused: None,
+            answers: Vec::new(),
         };
         match updates.store.boot(&updates.config.trust).await {
             Ok(Some(kept)) => updates.swap(kept),
@@ -59,7 +67,7 @@ impl Updates {
     }
 
     /// Takes announced policies as they come, and asks for the manifest whenever somebody appears
-    /// who answers for it: an announcement made before this robot listened is not missed.
+    /// who answers for it, and from time to time: an announcement that this robot did not hear is not missed.
     pub(crate) async fn follow(
         mut self,
         key: keys::Key,
@@ -77,13 +85,17 @@ impl Updates {
     ) -> zenoh::Result<()> {
         let querier = self.session.declare_querier(key.as_str()).await?;
         let publisher_there = querier.matching_listener().await?;
-        self.ask(key).await?;
-        let mut looking = tokio::time::interval(LOOK_INTERVAL);
+        let (mut looking, mut asking) = (interval(LOOK_INTERVAL), interval(ASK_INTERVAL));
+        asking.set_missed_tick_behavior(MissedTickBehavior::Delay);
         loop {
             tokio::select! {
                 _ = looking.tick() => self.look_for_state(),
-                sample = announced.recv_async() => self.consider(&sample?.payload().to_bytes()).await,
+                _ = asking.tick() => self.ask(key).await?,
+                sample = announced.recv_async() => {
+                    self.consider(&sample?.payload().to_bytes()).await;
+                }
                 matching = publisher_there.recv_async() => {
+                    self.answers.clear();
                     if matching?.matching() {
                         self.ask(key).await?;
                     }
@@ -105,24 +117,40 @@ impl Updates {
         });
     }
 
+    /// Asks everybody who answers for a manifest, and takes the newest policy that can be taken.
     async fn ask(&mut self, key: &keys::Key) -> zenoh::Result<()> {
-        let replies = self.session.get(key.as_str()).await?;
+        let asked = self.session.get(key.as_str()).target(QueryTarget::All);
+        let replies = asked.consolidation(ConsolidationMode::None).await?;
+        let mut answers = Vec::new();
         while let Ok(reply) = replies.recv_async().await {
-            if let Ok(sample) = reply.result() {
-                self.consider(&sample.payload().to_bytes()).await;
+            let frame = reply.result().map(|sample| sample.payload().to_bytes());
+            answers.extend(frame.map(|frame| frame.into_owned()));
+        }
+        answers.sort_by_cached_key(|frame| {
+            let policy = claimed(frame);
+            Reverse((policy.release(), policy.sha256))
+        });
+        answers.dedup();
+        // What was answered before has been considered.
+        let before = std::mem::replace(&mut self.answers, answers.clone());
+        for frame in answers.iter().filter(|frame| !before.contains(frame)) {
+            if self.consider(frame).await {
+                break;
             }
         }
         Ok(())
     }
 
-    /// Takes the announced policy if it is trusted, newer and whole.
-    async fn consider(&mut self, signed_manifest: &[u8]) {
+    /// Takes the announced policy if it is trusted, newer and whole. Whether it is in use then.
+    async fn consider(&mut self, signed_manifest: &[u8]) -> bool {
         match self.update(signed_manifest).await {
-            Ok(Some(policy)) => {
-                self.refused = None;
-                self.swap(policy);
+            Ok(taken) => {
+                if let Some(policy) = taken {
+                    self.refused = None;
+                    self.swap(policy);
+                }
+                true
             }
-            Ok(None) => {}
             // What was announced and then asked for, too, is refused once.
             Err(error) => {
                 let now = Some((signed_manifest.to_vec(), error.why()));
@@ -130,6 +158,7 @@ impl Updates {
                     self.refused = now;
                     self.refuse(claimed(signed_manifest), error);
                 }
+                false
             }
         }
     }

@@ -17,12 +17,12 @@
 // Most poses that are named as fitting equally well.
 #define REAGENT_OTHERS 5
 
-#if (defined(__x86_64__) || defined(__aarch64__))
+#if !defined(__arm__)
 // Words of a ReagentMemory.
 #define REAGENT_MEMORY_WORDS 8128
 #endif
 
-#if !(defined(__x86_64__) || defined(__aarch64__))
+#if defined(__arm__)
 // Words of a ReagentMemory.
 #define REAGENT_MEMORY_WORDS 2240
 #endif

@@ -9,11 +9,12 @@ use core::slice::from_raw_parts;
 use reagent_core::net::Scratch;
 use reagent_core::{Frame, Policy, Registrar, Registration};
 
+// Large unless a compiler is known to be one for microcontrollers: each names its processor in its own way.
 /// Words of a ReagentMemory.
-#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
+#[cfg(not(target_arch = "arm"))]
 pub const REAGENT_MEMORY_WORDS: usize = 8128;
 /// Words of a ReagentMemory.
-#[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
+#[cfg(target_arch = "arm")]
 pub const REAGENT_MEMORY_WORDS: usize = 2240;
 
 /// Memory of one registrar: the caller's, of any content, where it likes. It must not be moved or
@@ -41,6 +42,7 @@ const INITIALISED: u32 = 0x5265_4167;
 const _: () = assert!(size_of::<State>() <= size_of::<ReagentMemory>());
 const _: () = assert!(align_of::<State>() <= align_of::<ReagentMemory>());
 // No more than a tenth too large.
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64", target_arch = "arm"))]
 const _: () = assert!(size_of::<State>() * 10 >= size_of::<ReagentMemory>() * 9);
 
 /// What is in a memory.

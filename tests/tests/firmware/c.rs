@@ -178,6 +178,31 @@ fn the_c_header_is_what_cbindgen_makes() {
     }
 }
 
+/// Microsoft's compiler has its own names for processors; the library writes 65 kB whatever the compiler of the program.
+#[test]
+fn memory_is_small_only_on_a_microcontroller() {
+    let directory = tempfile::tempdir().expect("a temporary directory");
+    let file = directory.path().join("words.c");
+    std::fs::write(&file, "#include <reagent.h>\nREAGENT_MEMORY_WORDS").expect("it is writable");
+    let include = capi("include");
+    let unnamed = ["-U__x86_64__", "-U__aarch64__", "-U__arm__"];
+    for (name, words) in [
+        ("_M_X64", "8128"),
+        ("_M_ARM64", "8128"),
+        ("__arm__", "2240"),
+    ] {
+        let name = format!("-D{name}");
+        let plain = ["-ffreestanding", "-E", "-P"].into_iter().chain(unnamed);
+        let plain = plain.chain([name.as_str(), "-I"]).map(OsStr::new);
+        let arguments: Vec<&OsStr> = plain
+            .chain([include.as_os_str(), file.as_os_str()])
+            .collect();
+        if let Some(text) = output("cc", &arguments) {
+            assert_eq!(text.lines().last(), Some(words), "{name}");
+        }
+    }
+}
+
 /// A pair as it is registered by `core/capi/examples/pairs.c`: every second two on grids, as the points that
 /// their codes stand for.
 fn as_registered(index: usize, pair: Pair) -> Pair {

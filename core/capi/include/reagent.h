@@ -214,7 +214,7 @@ typedef struct {
   uint32_t distinct_points;
   // Shares of the source's and of the target's points that were left out, since they lie far from all others.
   float left_out[2];
-  // Whether the clouds fit as well turned about an axis.
+  // Whether the clouds fit as well turned about an axis. Mode VERIFY alone looks: in the others it is false whatever the shape.
   bool axis_is_open;
   // A point of the axis, in the target's frame and unit.
   float axis_point[3];
@@ -222,13 +222,13 @@ typedef struct {
   float axis_direction[3];
   // Largest angle that fits as well in both senses, radians.
   float axis_half_angle_rad;
-  // Whether the clouds fit as well moved along a direction.
+  // Whether the clouds fit as well moved along a direction. Mode VERIFY alone looks: in the others it is false whatever the shape.
   bool slide_is_open;
   // Unit vector along it, in the target's frame.
   float slide_direction[3];
   // Least and largest shift along it that fit as well, in the target's unit: the first is not positive, the second not negative.
   float slide_range[2];
-  // How many other poses fit as well.
+  // How many other poses fit as well. Mode VERIFY alone looks: in the others there are 0 whatever the shape.
   uint32_t others;
   // Those.
   ReagentPose other_poses[REAGENT_OTHERS];

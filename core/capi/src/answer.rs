@@ -73,7 +73,7 @@ pub struct ReagentAnswer {
     pub distinct_points: u32,
     /// Shares of the source's and of the target's points that were left out, since they lie far from all others.
     pub left_out: [f32; 2],
-    /// Whether the clouds fit as well turned about an axis.
+    /// Whether the clouds fit as well turned about an axis. Mode VERIFY alone looks: in the others it is false whatever the shape.
     pub axis_is_open: bool,
     /// A point of the axis, in the target's frame and unit.
     pub axis_point: [f32; 3],
@@ -81,13 +81,13 @@ pub struct ReagentAnswer {
     pub axis_direction: [f32; 3],
     /// Largest angle that fits as well in both senses, radians.
     pub axis_half_angle_rad: f32,
-    /// Whether the clouds fit as well moved along a direction.
+    /// Whether the clouds fit as well moved along a direction. Mode VERIFY alone looks: in the others it is false whatever the shape.
     pub slide_is_open: bool,
     /// Unit vector along it, in the target's frame.
     pub slide_direction: [f32; 3],
     /// Least and largest shift along it that fit as well, in the target's unit: the first is not positive, the second not negative.
     pub slide_range: [f32; 2],
-    /// How many other poses fit as well.
+    /// How many other poses fit as well. Mode VERIFY alone looks: in the others there are 0 whatever the shape.
     pub others: u32,
     /// Those.
     pub other_poses: [ReagentPose; REAGENT_OTHERS],

@@ -98,6 +98,8 @@ typedef enum {
   REAGENT_STATUS_NOT_PREPARED = 23,
   // The task's background has more than 4096 points.
   REAGENT_STATUS_BACKGROUND_TOO_MANY_POINTS = 24,
+  // The step of a grid is 0 or negative.
+  REAGENT_STATUS_BAD_GRID = 25,
 } ReagentStatus;
 
 // What can be said about a pose.
@@ -184,7 +186,8 @@ typedef struct {
   // Where the sensor stood, x, y and z in the source's frame and unit, if the source is a view from one point; else null.
   const float *view_point;
   // What it saw besides the source, such as the other pixels of a depth image: x, y and z of each point, in the source's frame
-  // and unit. What would stand before that counts against a pose, too. Null if it is not known; left aside without a view point.
+  // and unit. What would stand before that counts against a pose, too. Points that are NaN or infinite are left out. Null if it is not
+  // known; left aside without a view point.
   const float *background;
   // How many points that are, at most 4096: pixels spread around the object are enough.
   size_t background_points;
@@ -264,6 +267,7 @@ extern "C" {
 
 // Puts a cloud's points in order in place, neighbours one after the other: on a microcontroller a registration of clouds in order
 // takes half of the instructions. The model once is enough; a cloud on a grid before it is encoded.
+// At most 4096 points. NaN stays in the cloud, which is refused later.
 //
 // # Safety
 // `xyz` points to 3 * `points` floats.
@@ -279,7 +283,8 @@ ReagentStatus reagent_grid_of(const float *xyz,
                               size_t points,
                               ReagentGrid *grid);
 
-// Puts a cloud on a grid: the nearest codes of each point, `points` times three; beyond the grid its edge.
+// Puts a cloud on a grid: the nearest codes of each point, `points` times three; beyond the grid its edge. The grid's
+// step is positive.
 //
 // # Safety
 // `grid` points to a grid; `xyz` to 3 * `points` floats; `codes` to where as many codes are to be put, elsewhere.
@@ -289,7 +294,7 @@ ReagentStatus reagent_encode(const ReagentGrid *grid,
                              int16_t *codes);
 
 // Takes an origin off a cloud of doubles, so that floats keep its digits: the origin is the median of some points, `near`
-// becomes `points` times x, y and z relative to it. Each cloud has its own; poses between such clouds are brought back by
+// becomes `points` times x, y and z relative to it, at most 4096. Each cloud has its own; poses between such clouds are brought back by
 // reagent_far_pose.
 //
 // # Safety

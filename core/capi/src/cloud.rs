@@ -81,6 +81,7 @@ impl Held {
 
 /// Puts a cloud's points in order in place, neighbours one after the other: on a microcontroller a registration of clouds in order
 /// takes half of the instructions. The model once is enough; a cloud on a grid before it is encoded.
+/// At most 4096 points. NaN stays in the cloud, which is refused later.
 ///
 /// # Safety
 /// `xyz` points to 3 * `points` floats.
@@ -120,7 +121,8 @@ pub unsafe extern "C" fn reagent_grid_of(
     })())
 }
 
-/// Puts a cloud on a grid: the nearest codes of each point, `points` times three; beyond the grid its edge.
+/// Puts a cloud on a grid: the nearest codes of each point, `points` times three; beyond the grid its edge. The grid's
+/// step is positive.
 ///
 /// # Safety
 /// `grid` points to a grid; `xyz` to 3 * `points` floats; `codes` to where as many codes are to be put, elsewhere.
@@ -141,6 +143,9 @@ pub unsafe extern "C" fn reagent_encode(
         let mut numbers = of_grid.into_iter().chain([cloud.as_flattened()]).flatten();
         if !numbers.all(|x| x.is_finite()) {
             return Err(ReagentStatus::NotFinite);
+        }
+        if grid.step <= 0.0 {
+            return Err(ReagentStatus::BadGrid);
         }
         for (index, &point) in cloud.iter().enumerate() {
             // SAFETY: the caller's promise, and checked above.

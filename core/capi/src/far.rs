@@ -13,7 +13,7 @@ type Rows = [[f64; 4]; 3];
 type Position = [f64; 3];
 
 /// Takes an origin off a cloud of doubles, so that floats keep its digits: the origin is the median of some points, `near`
-/// becomes `points` times x, y and z relative to it. Each cloud has its own; poses between such clouds are brought back by
+/// becomes `points` times x, y and z relative to it, at most 4096. Each cloud has its own; poses between such clouds are brought back by
 /// reagent_far_pose.
 ///
 /// # Safety

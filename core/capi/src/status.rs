@@ -58,6 +58,8 @@ pub enum ReagentStatus {
     NotPrepared = 23,
     /// The task's background has more than 4096 points.
     BackgroundTooManyPoints = 24,
+    /// The step of a grid is 0 or negative.
+    BadGrid = 25,
 }
 
 impl ReagentStatus {
@@ -74,7 +76,7 @@ impl ReagentStatus {
 }
 
 /// One for each number of a [`ReagentStatus`].
-const TEXTS: [&CStr; 25] = [
+const TEXTS: [&CStr; 26] = [
     c"done",
     c"a pointer is null or not aligned",
     c"the memory is not initialised: call reagent_init first",
@@ -100,6 +102,7 @@ const TEXTS: [&CStr; 25] = [
     c"the task's mode is none of ReagentMode",
     c"the task's model is not prepared: call reagent_prepare first",
     c"the task's background has more than 4096 points: leave some out",
+    c"the grid's step is 0 or negative: reagent_grid_of makes a grid",
 ];
 
 /// A sentence that says what a status means and what to do, in English; it lives as long as the program.

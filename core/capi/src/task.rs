@@ -45,7 +45,8 @@ pub struct ReagentTask {
     /// Where the sensor stood, x, y and z in the source's frame and unit, if the source is a view from one point; else null.
     pub view_point: *const f32,
     /// What it saw besides the source, such as the other pixels of a depth image: x, y and z of each point, in the source's frame
-    /// and unit. What would stand before that counts against a pose, too. Null if it is not known; left aside without a view point.
+    /// and unit. What would stand before that counts against a pose, too. Points that are NaN or infinite are left out. Null if it is not
+    /// known; left aside without a view point.
     pub background: *const f32,
     /// How many points that are, at most 4096: pixels spread around the object are enough.
     pub background_points: usize,

@@ -37,12 +37,13 @@ fn what_cannot_be_put_on_a_grid_is_refused_and_changes_nothing() {
         step: f32::INFINITY,
         ..sound
     };
+    let [flat, backward] = [0.0, -2.0].map(|step| ReagentGrid { step, ..sound });
     let mut grid = sound;
     let mut codes = [[7i16; 3]; 2];
     let into = codes.as_flattened_mut().as_mut_ptr();
     let (odd, odd_codes) = (xyz.wrapping_byte_add(2), into.wrapping_byte_add(1));
     let odd_grid = (&raw mut grid).wrapping_byte_add(2);
-    use ReagentStatus::{EmptyCloud, NotFinite, Pointer, TooManyPoints};
+    use ReagentStatus::{BadGrid, EmptyCloud, NotFinite, Pointer, TooManyPoints};
     // SAFETY: pointers to live values, or such as must be refused.
     let found = unsafe {
         [
@@ -55,6 +56,8 @@ fn what_cannot_be_put_on_a_grid_is_refused_and_changes_nothing() {
             (reagent_grid_of(xyz, 1, odd_grid), Pointer),
             (reagent_encode(&sound, xyz, 2, into), NotFinite),
             (reagent_encode(&infinite, xyz, 1, into), NotFinite),
+            (reagent_encode(&flat, xyz, 1, into), BadGrid),
+            (reagent_encode(&backward, xyz, 1, into), BadGrid),
             (reagent_encode(&sound, xyz, 5000, into), TooManyPoints),
             (reagent_encode(null(), xyz, 1, into), Pointer),
             (reagent_encode(odd_grid, xyz, 1, into), Pointer),

@@ -177,6 +177,42 @@ fn a_prepared_model_changes_no_bit_and_one_of_another_target_is_left_aside() {
     }
 }
 
+#[test]
+fn pixels_without_a_depth_may_stand_in_the_background() {
+    let (source, target) = (bracket(0.0), bracket(0.37));
+    let (from, to) = (source.as_flattened(), target.as_flattened());
+    let eye = [50.0f32, 20.0, 500.0];
+    let mut workspace = workspace();
+    let mut refined = |background: &[[f32; 3]]| {
+        let mut task = reagent_task();
+        task.view_point = eye.as_ptr();
+        task.background = background.as_flattened().as_ptr();
+        task.background_points = background.len();
+        let mut answer = ReagentAnswer::default();
+        let (from, to, at) = (from.as_ptr(), to.as_ptr(), &task.start);
+        // SAFETY: pointers to live values.
+        let status =
+            unsafe { reagent_refine(&mut *workspace, from, 600, to, 600, at, &task, &mut answer) };
+        assert_eq!(status, ReagentStatus::Ok);
+        answer
+    };
+    let wall = |i: u16| {
+        [
+            f32::from(i % 40) * 4.0 - 30.0,
+            f32::from(i / 40) * 4.0 - 30.0,
+            -90.0,
+        ]
+    };
+    let mut background: Vec<[f32; 3]> = (0..1600).map(wall).collect();
+    let expected = refined(&background);
+    background.extend([
+        [f32::NAN; 3],
+        [0.0, f32::NAN, 0.0],
+        [0.0, 0.0, f32::NEG_INFINITY],
+    ]);
+    assert_eq!(refined(&background), expected);
+}
+
 /// A sphere against itself, turned: any turn about any axis fits; a box: half turns do.
 #[test]
 fn what_is_undetermined_is_told() {

@@ -132,7 +132,9 @@ impl Page {
         };
         let policy = Policy::pretrained_compact()?;
         let clouds = [&scan.prepared, &part.prepared];
-        let done = request.untimed(&[request.start], 1, policy, &mut self.memory, clouds)?;
+        let (starts, memory) = ([request.start], &mut self.memory);
+        let go_on = || Ok::<_, reagent_core::Error>(());
+        let done = request.untimed(&starts, 1, policy, memory, clouds, go_on)?;
         let answer = Given::of(&done.found.answer, request.mode).map(|given| Given {
             target_from_source: done.near().to_rows(),
             ..given

@@ -248,7 +248,7 @@ impl Registrar {
             .collect();
         let results = py.detach(|| {
             let pool = rayon::ThreadPoolBuilder::new()
-                .num_threads(self.threads)
+                .num_threads(self.threads.min(pairs))
                 .build()
                 .map_err(|error| no_threads(&error))?;
             let mut results = Vec::with_capacity(pairs);
@@ -304,6 +304,19 @@ fn register_views(
     register_prepared(policy, memory, [source, target], names, asked)
 }
 
+/// Why there is no pose.
+enum Ended {
+    Refused(reagent_core::Error),
+    /// By the user, for instance.
+    Stopped(PyErr),
+}
+
+impl From<reagent_core::Error> for Ended {
+    fn from(error: reagent_core::Error) -> Ended {
+        Ended::Refused(error)
+    }
+}
+
 fn register_prepared(
     policy: weights::Policy<'_>,
     memory: &mut Memory,
@@ -319,10 +332,15 @@ fn register_prepared(
     if request.view_point.is_some() {
         target.notice_missing_faces();
     }
-    let done = request.register_from(starts, *best, policy, memory, [&source, &target]);
-    let done = done.map_err(|error| {
-        let [source, target] = names;
-        Error::new_err(format!("cannot register {source} to {target}: {error}"))
+    let clouds = [&source, &target];
+    let go_on = || Python::attach(|py| py.check_signals()).map_err(Ended::Stopped);
+    let done = request.register_from(starts, *best, policy, memory, clouds, go_on);
+    let done = done.map_err(|ended| match ended {
+        Ended::Stopped(error) => error,
+        Ended::Refused(error) => {
+            let [source, target] = names;
+            Error::new_err(format!("cannot register {source} to {target}: {error}"))
+        }
     })?;
-    Ok(Registration::new([&source, &target], done, *best))
+    Ok(Registration::new(clouds, done, *best))
 }

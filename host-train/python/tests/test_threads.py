@@ -1,5 +1,6 @@
 """Many registrations at a time."""
 
+import signal
 import threading
 from concurrent.futures import ThreadPoolExecutor
 
@@ -64,6 +65,24 @@ def test_what_fails_need_not_stop_the_rest():
     kinds = [reagent.Registration, reagent.CloudError, reagent.CloudError, reagent.Registration]
     assert list(map(type, found)) == kinds
     assert str(found[2]).startswith("sources[2]: no points")
+
+
+def test_the_user_may_stop_between_two_starts():
+    class Stopped(Exception):
+        pass
+
+    def stop(*_):
+        raise Stopped
+
+    before = signal.signal(signal.SIGALRM, stop)
+    # Far less than so many starts take.
+    signal.setitimer(signal.ITIMER_REAL, 0.2)
+    try:
+        with pytest.raises(Stopped):
+            reagent.register(SOURCES[0], TARGETS[0], [numpy.eye(4)] * 100_000)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
 
 
 def test_python_goes_on_meanwhile():

@@ -303,8 +303,9 @@ impl RegisterArgs {
         let mut memory = Box::new(Memory::new());
         let clouds = [&source.cloud, &target.cloud];
         let best = self.best.unwrap_or(1);
+        let go_on = || Ok::<_, reagent_core::Error>(());
         let done = request
-            .register_from(starts, best, weights.policy(), &mut memory, clouds)
+            .register_from(starts, best, weights.policy(), &mut memory, clouds, go_on)
             .with_context(|| {
                 format!(
                     "cannot register {} to {}",

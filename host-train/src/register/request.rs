@@ -95,25 +95,27 @@ impl Request {
         source: &Prepared<'_>,
         target: &Prepared<'_>,
     ) -> Result<Done, Error> {
-        self.register_from(&[self.start], 1, policy, memory, [source, target])
+        let go_on = || Ok::<_, Error>(());
+        self.register_from(&[self.start], 1, policy, memory, [source, target], go_on)
     }
 
     /// The same from each of several starts, in place of the request's own: the most probable pose is given out, by fit and by
     /// its start, and of the `best` most probable ones those that follow ([`best_and_others`]). In [`Mode::Fast`], which does not
-    /// look at fits, the first start's.
+    /// look at fits, the first start's. Between two starts `go_on` is asked.
     ///
     /// # Errors
-    /// As [`Request::register`].
-    pub fn register_from(
+    /// As [`Request::register`], and whatever `go_on` returns.
+    pub fn register_from<E: From<Error>>(
         &self,
         starts: &[Start],
         best: usize,
         policy: Policy<'_>,
         memory: &mut Memory,
-        [source, target]: [&Prepared<'_>; 2],
-    ) -> Result<Done, Error> {
+        clouds: [&Prepared<'_>; 2],
+        go_on: impl FnMut() -> Result<(), E>,
+    ) -> Result<Done, E> {
         let before = Instant::now();
-        let mut done = self.untimed(starts, best, policy, memory, [source, target])?;
+        let mut done = self.untimed(starts, best, policy, memory, clouds, go_on)?;
         done.ms = before.elapsed().as_secs_f64() * 1e3;
         Ok(done)
     }
@@ -121,20 +123,24 @@ impl Request {
     /// The same without a clock, as a browser has none for it: the time is 0.
     ///
     /// # Errors
-    /// As [`Request::register`].
-    pub fn untimed(
+    /// As [`Request::register_from`].
+    pub fn untimed<E: From<Error>>(
         &self,
         starts: &[Start],
         best: usize,
         policy: Policy<'_>,
         memory: &mut Memory,
         [source, target]: [&Prepared<'_>; 2],
-    ) -> Result<Done, Error> {
+        mut go_on: impl FnMut() -> Result<(), E>,
+    ) -> Result<Done, E> {
         let clouds = [source.points(), target.points()];
         let task = |start| self.task(start, [source, target]);
         let tasks: Vec<Task<'_>> = starts.iter().map(task).collect();
         let mut found = Vec::with_capacity(tasks.len());
-        for task in &tasks {
+        for (i, task) in tasks.iter().enumerate() {
+            if i > 0 {
+                go_on()?;
+            }
             found.push(register_in(memory, policy, clouds[0], clouds[1], task)?);
         }
         let next_best = best.saturating_sub(1);
@@ -265,7 +271,8 @@ mod tests {
                 ..Request::default()
             };
             let clouds = [&source, &target];
-            let done = request.register_from(starts, best, file.policy(), memory, clouds);
+            let go_on = || Ok::<_, Error>(());
+            let done = request.register_from(starts, best, file.policy(), memory, clouds, go_on);
             done.expect("two clouds")
         };
         for mode in [Mode::Refine, Mode::Verify] {

@@ -122,7 +122,7 @@ pub fn register_in(
 ) -> Result<Registered, Error> {
     let Memory { scratch, workspace } = memory;
     let mut registrar = Registrar::new(policy, scratch);
-    let mut trace = Vec::with_capacity(task.steps);
+    let mut trace = Vec::new();
     let record = recorder(&mut trace, Frame::of(target)?);
     let clouds = [source, target];
     let answer = pipeline::register(&mut registrar, workspace, clouds, task, record)?;

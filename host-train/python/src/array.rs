@@ -184,7 +184,7 @@ pub(crate) fn without_mask<'py>(given: &Bound<'py, PyAny>) -> PyResult<Bound<'py
     wide.call_method1(intern!(py, "filled"), (f64::NAN,))
 }
 
-/// Numbers of any shape in f64.
+/// Numbers of any shape in f64, of which none may be masked.
 pub(crate) fn numbers<'py>(
     name: &str,
     given: &Bound<'py, PyAny>,
@@ -192,18 +192,32 @@ pub(crate) fn numbers<'py>(
 ) -> PyResult<PyReadonlyArrayDyn<'py, f64>> {
     let py = given.py();
     let numpy = py.import(intern!(py, "numpy"))?;
+    let unreadable = |cause: PyErr| {
+        let said = cause.value(py).to_string();
+        let error = bad(
+            name,
+            format!("expected {expected}; numpy.asarray says: {said}"),
+        );
+        error.set_cause(py, Some(cause));
+        error
+    };
     let array = numpy
-        .call_method1(intern!(py, "asarray"), (given, "float64"))
-        .map_err(|cause| {
-            let said = cause.value(py).to_string();
-            let error = bad(
-                name,
-                format!("expected {expected}; numpy.asarray says: {said}"),
-            );
-            error.set_cause(py, Some(cause));
-            error
-        })?;
-    array.extract()
+        .call_method1(intern!(py, "asarray"), (given,))
+        .map_err(unreadable)?;
+    let dtype = array.cast::<PyUntypedArray>()?.dtype();
+    if dtype.kind() == b'c' {
+        return Err(bad(name, format!("expected {expected}, found {dtype}")));
+    }
+    let masked = py.import(intern!(py, "numpy.ma"))?;
+    // Of a list, too.
+    let marked = masked.call_method1(intern!(py, "asarray"), (given,))?;
+    let is_masked = masked.call_method1(intern!(py, "is_masked"), (marked,))?;
+    if is_masked.is_truthy()? {
+        let what = format!("expected {expected}, found masked elements; fill them first");
+        return Err(bad(name, what));
+    }
+    let wide = numpy.call_method1(intern!(py, "asarray"), (array, "float64"));
+    wide.map_err(unreadable)?.extract()
 }
 
 /// Poses: one, 4x4 or the 3x4 `[R | t]` of it, or one for each of several pairs.

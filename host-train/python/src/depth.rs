@@ -1,5 +1,6 @@
 //! Depth images as points.
 
+use crate::arguments;
 use crate::array::{numbers, without_mask};
 use crate::error::{Error, bad};
 use host_train::dataset::depth::image::Image;
@@ -39,7 +40,7 @@ pub(crate) fn points_of_depth<'py>(
     depth: &Bound<'py, PyAny>,
     camera: &Bound<'py, PyAny>,
     mask: Option<&Bound<'py, PyAny>>,
-    depth_scale: f64,
+    #[pyo3(from_py_with = arguments::depth_scale)] depth_scale: f64,
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
     let seen = depth_image(depth, camera, mask, depth_scale)?;
     let points: Vec<[f64; 3]> = seen.object().iter().map(|p| p.map(f64::from)).collect();

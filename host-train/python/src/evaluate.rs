@@ -34,11 +34,11 @@ pub(crate) fn evaluate<'py>(
     targets: &Bound<'py, PyAny>,
     raw: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyAny>> {
-    let found = each_pose("found", found)?;
-    let pairs = found.len();
-    if pairs == 0 {
+    if found.len().is_ok_and(|pairs| pairs == 0) {
         return Err(Error::new_err("the set holds no pairs"));
     }
+    let found = each_pose("found", found)?;
+    let pairs = found.len();
     let counted = |name: &str, count: usize| match count == pairs {
         true => Ok(()),
         false => Err(bad(

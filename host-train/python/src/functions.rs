@@ -1,5 +1,6 @@
 //! The package's functions: what a [`Registrar`] with the bundled policies does.
 
+use crate::arguments;
 use crate::registrar::Registrar;
 use crate::registration::Registration;
 use pyo3::prelude::*;
@@ -45,12 +46,12 @@ pub(crate) fn register(
     source: &Bound<'_, PyAny>,
     target: &Bound<'_, PyAny>,
     init: Option<&Bound<'_, PyAny>>,
-    mode: &str,
+    #[pyo3(from_py_with = arguments::word)] mode: &str,
     viewpoint: Option<&Bound<'_, PyAny>>,
-    steps: usize,
-    points: Option<usize>,
-    dense: &str,
-    best: usize,
+    #[pyo3(from_py_with = arguments::steps)] steps: usize,
+    #[pyo3(from_py_with = arguments::points_if_any)] points: Option<usize>,
+    #[pyo3(from_py_with = arguments::word)] dense: &str,
+    #[pyo3(from_py_with = arguments::best)] best: usize,
 ) -> PyResult<Registration> {
     Registrar::bundled().register(
         py, source, target, init, mode, viewpoint, steps, points, dense, best,
@@ -80,13 +81,13 @@ pub(crate) fn register_depth(
     camera: &Bound<'_, PyAny>,
     target: &Bound<'_, PyAny>,
     init: Option<&Bound<'_, PyAny>>,
-    mode: &str,
+    #[pyo3(from_py_with = arguments::word)] mode: &str,
     mask: Option<&Bound<'_, PyAny>>,
-    depth_scale: f64,
-    steps: usize,
-    points: Option<usize>,
-    dense: &str,
-    best: usize,
+    #[pyo3(from_py_with = arguments::depth_scale)] depth_scale: f64,
+    #[pyo3(from_py_with = arguments::steps)] steps: usize,
+    #[pyo3(from_py_with = arguments::points_if_any)] points: Option<usize>,
+    #[pyo3(from_py_with = arguments::word)] dense: &str,
+    #[pyo3(from_py_with = arguments::best)] best: usize,
 ) -> PyResult<Registration> {
     Registrar::bundled().register_depth(
         py,
@@ -119,9 +120,9 @@ pub(crate) fn refine(
     target: &Bound<'_, PyAny>,
     init: Option<&Bound<'_, PyAny>>,
     viewpoint: Option<&Bound<'_, PyAny>>,
-    points: Option<usize>,
-    dense: &str,
-    best: usize,
+    #[pyo3(from_py_with = arguments::points_if_any)] points: Option<usize>,
+    #[pyo3(from_py_with = arguments::word)] dense: &str,
+    #[pyo3(from_py_with = arguments::best)] best: usize,
 ) -> PyResult<Registration> {
     Registrar::bundled().refine(py, source, target, init, viewpoint, points, dense, best)
 }
@@ -142,9 +143,9 @@ pub(crate) fn verify(
     target: &Bound<'_, PyAny>,
     init: Option<&Bound<'_, PyAny>>,
     viewpoint: Option<&Bound<'_, PyAny>>,
-    points: Option<usize>,
-    dense: &str,
-    best: usize,
+    #[pyo3(from_py_with = arguments::points_if_any)] points: Option<usize>,
+    #[pyo3(from_py_with = arguments::word)] dense: &str,
+    #[pyo3(from_py_with = arguments::best)] best: usize,
 ) -> PyResult<Registration> {
     Registrar::bundled().verify(py, source, target, init, viewpoint, points, dense, best)
 }
@@ -170,12 +171,12 @@ pub(crate) fn register_batch<'py>(
     sources: &Bound<'py, PyAny>,
     targets: &Bound<'py, PyAny>,
     init: Option<&Bound<'py, PyAny>>,
-    mode: &str,
+    #[pyo3(from_py_with = arguments::word)] mode: &str,
     viewpoint: Option<&Bound<'py, PyAny>>,
-    steps: usize,
-    points: Option<usize>,
-    dense: &str,
-    best: usize,
+    #[pyo3(from_py_with = arguments::steps)] steps: usize,
+    #[pyo3(from_py_with = arguments::points_if_any)] points: Option<usize>,
+    #[pyo3(from_py_with = arguments::word)] dense: &str,
+    #[pyo3(from_py_with = arguments::best)] best: usize,
     return_exceptions: bool,
 ) -> PyResult<Bound<'py, PyList>> {
     Registrar::bundled().register_batch(

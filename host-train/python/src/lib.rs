@@ -1,5 +1,6 @@
 //! The Python package `reagent`: what `host-train register` does, on arrays.
 
+mod arguments;
 mod array;
 mod clouds;
 mod depth;

@@ -9,12 +9,7 @@ use numpy::PyUntypedArray;
 use pyo3::prelude::*;
 use pyo3::pybacked::PyBackedStr;
 use pyo3::types::{PySequence, PyString};
-use reagent_core::dims::MAX_POINTS;
 use reagent_core::pipeline::Mode;
-use std::ops::RangeInclusive;
-
-/// Points that the policy may be told to see.
-const POINTS: RangeInclusive<usize> = 16..=MAX_POINTS;
 
 /// What is to be done with one pair, or with each of several.
 pub(crate) struct Options {
@@ -62,18 +57,6 @@ impl Options {
             view_points: None,
             points,
         };
-        for (name, number) in [("steps", steps), ("best", best)] {
-            if number == 0 {
-                return Err(bad(name, "expected a number from 1"));
-            }
-        }
-        if points.is_some_and(|count| !POINTS.contains(&count)) {
-            let (least, most) = (POINTS.start(), POINTS.end());
-            return Err(bad(
-                "points",
-                format!("expected a number from {least} to {most}"),
-            ));
-        }
         if best > 1 {
             options.compares_poses()?;
         }

@@ -1,9 +1,10 @@
 //! Registrations: one, or many over threads.
 
+use crate::arguments;
 use crate::array::{Cloud, View};
 use crate::clouds::Clouds;
 use crate::depth::depth_image;
-use crate::error::{Error, bad, bad_cloud, no_threads};
+use crate::error::{Error, bad_cloud, no_threads};
 use crate::options::{Asked, Options};
 use crate::policy::Policy;
 use crate::registration::Registration;
@@ -43,14 +44,14 @@ pub struct Registrar {
 impl Registrar {
     #[new]
     #[pyo3(signature = (policy = None, *, threads = None))]
-    fn new(policy: Option<Policy>, threads: Option<usize>) -> PyResult<Registrar> {
-        if threads == Some(0) {
-            return Err(bad("threads", "expected a number from 1"));
-        }
-        Ok(Registrar {
+    fn new(
+        #[pyo3(from_py_with = arguments::policy_if_any)] policy: Option<Policy>,
+        #[pyo3(from_py_with = arguments::threads_if_any)] threads: Option<usize>,
+    ) -> Registrar {
+        Registrar {
             policy,
             threads: threads.unwrap_or(0),
-        })
+        }
     }
 
     /// The policy, unless none was given.
@@ -69,12 +70,12 @@ impl Registrar {
         source: &Bound<'_, PyAny>,
         target: &Bound<'_, PyAny>,
         init: Option<&Bound<'_, PyAny>>,
-        mode: &str,
+        #[pyo3(from_py_with = arguments::word)] mode: &str,
         viewpoint: Option<&Bound<'_, PyAny>>,
-        steps: usize,
-        points: Option<usize>,
-        dense: &str,
-        best: usize,
+        #[pyo3(from_py_with = arguments::steps)] steps: usize,
+        #[pyo3(from_py_with = arguments::points_if_any)] points: Option<usize>,
+        #[pyo3(from_py_with = arguments::word)] dense: &str,
+        #[pyo3(from_py_with = arguments::best)] best: usize,
     ) -> PyResult<Registration> {
         let options = Options::new(init, mode, viewpoint, (steps, points, dense), best)?;
         self.run(py, [source, target], &options)
@@ -91,13 +92,13 @@ impl Registrar {
         camera: &Bound<'_, PyAny>,
         target: &Bound<'_, PyAny>,
         init: Option<&Bound<'_, PyAny>>,
-        mode: &str,
+        #[pyo3(from_py_with = arguments::word)] mode: &str,
         mask: Option<&Bound<'_, PyAny>>,
-        depth_scale: f64,
-        steps: usize,
-        points: Option<usize>,
-        dense: &str,
-        best: usize,
+        #[pyo3(from_py_with = arguments::depth_scale)] depth_scale: f64,
+        #[pyo3(from_py_with = arguments::steps)] steps: usize,
+        #[pyo3(from_py_with = arguments::points_if_any)] points: Option<usize>,
+        #[pyo3(from_py_with = arguments::word)] dense: &str,
+        #[pyo3(from_py_with = arguments::best)] best: usize,
     ) -> PyResult<Registration> {
         let options = Options::new(init, mode, None, (steps, points, dense), best)?;
         let mut asked = options.one()?;
@@ -127,9 +128,9 @@ impl Registrar {
         target: &Bound<'_, PyAny>,
         init: Option<&Bound<'_, PyAny>>,
         viewpoint: Option<&Bound<'_, PyAny>>,
-        points: Option<usize>,
-        dense: &str,
-        best: usize,
+        #[pyo3(from_py_with = arguments::points_if_any)] points: Option<usize>,
+        #[pyo3(from_py_with = arguments::word)] dense: &str,
+        #[pyo3(from_py_with = arguments::best)] best: usize,
     ) -> PyResult<Registration> {
         let options = Options::new(init, "refine", viewpoint, (1, points, dense), best)?;
         self.run(py, [source, target], &options)
@@ -145,9 +146,9 @@ impl Registrar {
         target: &Bound<'_, PyAny>,
         init: Option<&Bound<'_, PyAny>>,
         viewpoint: Option<&Bound<'_, PyAny>>,
-        points: Option<usize>,
-        dense: &str,
-        best: usize,
+        #[pyo3(from_py_with = arguments::points_if_any)] points: Option<usize>,
+        #[pyo3(from_py_with = arguments::word)] dense: &str,
+        #[pyo3(from_py_with = arguments::best)] best: usize,
     ) -> PyResult<Registration> {
         let options = Options::new(init, "verify", viewpoint, (1, points, dense), best)?;
         self.run(py, [source, target], &options.without_policy())
@@ -163,12 +164,12 @@ impl Registrar {
         sources: &Bound<'py, PyAny>,
         targets: &Bound<'py, PyAny>,
         init: Option<&Bound<'py, PyAny>>,
-        mode: &str,
+        #[pyo3(from_py_with = arguments::word)] mode: &str,
         viewpoint: Option<&Bound<'py, PyAny>>,
-        steps: usize,
-        points: Option<usize>,
-        dense: &str,
-        best: usize,
+        #[pyo3(from_py_with = arguments::steps)] steps: usize,
+        #[pyo3(from_py_with = arguments::points_if_any)] points: Option<usize>,
+        #[pyo3(from_py_with = arguments::word)] dense: &str,
+        #[pyo3(from_py_with = arguments::best)] best: usize,
         return_exceptions: bool,
     ) -> PyResult<Bound<'py, PyList>> {
         let options = Options::new(init, mode, viewpoint, (steps, points, dense), best)?;

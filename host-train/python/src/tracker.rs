@@ -1,5 +1,6 @@
 //! Tracking: where an object is from one cloud of a stream to the next.
 
+use crate::arguments;
 use crate::array::Cloud;
 use crate::error::{Error, bad, bad_cloud};
 use crate::options::Options;
@@ -60,11 +61,11 @@ impl Tracker {
     fn new(
         target: &Bound<'_, PyAny>,
         init: Option<&Bound<'_, PyAny>>,
-        mode: &str,
+        #[pyo3(from_py_with = arguments::word)] mode: &str,
         viewpoint: Option<&Bound<'_, PyAny>>,
-        policy: Option<Policy>,
-        steps: usize,
-        points: usize,
+        #[pyo3(from_py_with = arguments::policy_if_any)] policy: Option<Policy>,
+        #[pyo3(from_py_with = arguments::steps)] steps: usize,
+        #[pyo3(from_py_with = arguments::points)] points: usize,
     ) -> PyResult<Tracker> {
         let points = Some(points);
         let asked = Options::new(init, mode, viewpoint, (steps, points, "never"), 1)?.one()?;

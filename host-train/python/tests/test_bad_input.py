@@ -55,7 +55,9 @@ def test_clouds(cloud, said):
         ({"init": ["identity", numpy.eye(4)[None]]}, "init: expected a word or one pose in each place"),
         ({"init": ["identity", "anywhere"], "mode": "fast"}, "mode: fast does not compare poses"),
         ({"best": 2, "mode": "fast"}, "mode: fast does not compare poses"),
-        ({"best": 0}, "best: expected a number from 1"),
+        ({"init": 1j * numpy.eye(4)}, "init: expected a pose.*, found complex128"),
+        ({"init": [numpy.eye(4), numpy.ma.masked_equal(numpy.eye(4), 1)]}, "init: expected a pose.*, found masked elements"),
+        ({"init": numpy.ma.masked_equal(numpy.eye(4), 1)}, "init: expected a pose.*, found masked elements"),
         ({"init": 2 * numpy.eye(4)}, "init: the last row of a pose is 0 0 0 1"),
         ({"init": 2 * numpy.eye(4)[:3]}, "init: the pose is not a rigid transform"),
         ({"init": numpy.diag([1, 1, -1, 1])}, "init: the pose is not a rigid transform"),
@@ -65,12 +67,13 @@ def test_clouds(cloud, said):
         ({"viewpoint": [0, 0]}, r"viewpoint: expected three numbers, found shape \[2\]"),
         ({"viewpoint": [0, 0, numpy.inf]}, "viewpoint: expected three finite numbers, found inf"),
         ({"viewpoint": [0, 0, 1e20]}, "view point has a coordinate"),
+        ({"viewpoint": [0, 0, 1j]}, "viewpoint: expected three numbers, found complex128"),
+        ({"viewpoint": numpy.ma.masked_equal([0, 0, 9.0], 9)}, "viewpoint: expected three numbers, found masked elements"),
         ({"viewpoint": [[0, 0, 1]]}, "viewpoint: expected one, for one pair of clouds"),
         ({"viewpoint": "origin"}, "viewpoint: expected three numbers; numpy.asarray says"),
-        ({"steps": 0}, "steps: expected a number from 1"),
-        ({"points": 15}, "points: expected a number from 16 to 4096"),
-        ({"points": 5000}, "points: expected a number from 16 to 4096"),
+        ({"mode": None}, "mode: not a mode: refine, fast, polish, verify or best"),
         ({"dense": "maybe"}, "dense: expected auto, always or never"),
+        ({"dense": True}, "dense: expected auto, always or never"),
     ],
 )
 def test_options(options, said):
@@ -78,14 +81,22 @@ def test_options(options, said):
         reagent.register(GOOD, GOOD, **options)
 
 
-def test_numbers_of_other_kinds_are_type_errors():
-    for options in [{"steps": 1.5}, {"steps": "ten"}, {"mode": 3}]:
-        with pytest.raises(TypeError):
-            reagent.register(GOOD, GOOD, **options)
-    with pytest.raises(OverflowError):
-        reagent.register(GOOD, GOOD, steps=-1)
-    with pytest.raises(ValueError, match="threads: expected a number from 1"):
-        reagent.Registrar(threads=0)
+@pytest.mark.parametrize(
+    ("name", "within", "numbers"),
+    [("steps", "1 to 65535", [0, 65536, 10**8]), ("best", "1 to 65535", [0]), ("points", "16 to 4096", [15, 5000])],
+)
+def test_numbers(name, within, numbers):
+    for number in [*numbers, -1, 2**70, 1.5, "ten", [3]]:
+        with pytest.raises(reagent.Error, match=f"^{name}: expected a whole number from {within}"):
+            reagent.register(GOOD, GOOD, **{name: number})
+
+
+def test_registrars():
+    for threads in [0, -1, 10**9, 2**70, 1.5]:
+        with pytest.raises(reagent.Error, match="^threads: expected a whole number from 1 to 512"):
+            reagent.Registrar(threads=threads)
+    with pytest.raises(reagent.Error, match="^policy: expected a Policy, such as"):
+        reagent.Registrar("int8")
 
 
 def test_batches():
@@ -102,6 +113,7 @@ def test_poses_to_evaluate():
     for arguments, said in [
         ((numpy.eye(4), poses, clouds, clouds), "found: expected poses of several pairs"),
         ((poses[:0], poses[:0], [], []), "the set holds no pairs"),
+        (([], [], [], []), "the set holds no pairs"),
         ((poses, poses[:1], clouds, clouds), "truth: expected one for each of 2 poses, found 1"),
         ((poses, poses, clouds, clouds[:1]), "targets: expected one for each of 2 poses, found 1"),
         ((poses, poses, [GOOD, GOOD * numpy.nan], clouds), "pair 1: point 0 has a NaN"),

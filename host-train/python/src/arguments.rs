@@ -1,0 +1,83 @@
+//! Arguments other than arrays. A refusal names the argument, whatever was given.
+
+use crate::error::bad;
+use crate::policy::Policy;
+use pyo3::prelude::*;
+use pyo3::pybacked::PyBackedStr;
+use reagent_core::dims::MAX_POINTS;
+use reagent_core::pipeline::Mode;
+use std::ops::RangeInclusive;
+
+/// Steps of the policy, and poses to tell: as many as the command line takes.
+const COUNTS: RangeInclusive<usize> = 1..=65535;
+/// Points that the policy may be told to see.
+const POINTS: RangeInclusive<usize> = 16..=MAX_POINTS;
+/// No machine has so many cores that more threads would gain anything.
+const THREADS: RangeInclusive<usize> = 1..=512;
+
+pub(crate) fn steps(given: &Bound<'_, PyAny>) -> PyResult<usize> {
+    number("steps", given, COUNTS)
+}
+
+pub(crate) fn best(given: &Bound<'_, PyAny>) -> PyResult<usize> {
+    number("best", given, COUNTS)
+}
+
+pub(crate) fn points(given: &Bound<'_, PyAny>) -> PyResult<usize> {
+    number("points", given, POINTS)
+}
+
+pub(crate) fn points_if_any(given: &Bound<'_, PyAny>) -> PyResult<Option<usize>> {
+    if_any(given, points)
+}
+
+pub(crate) fn threads_if_any(given: &Bound<'_, PyAny>) -> PyResult<Option<usize>> {
+    if_any(given, |given| number("threads", given, THREADS))
+}
+
+pub(crate) fn policy_if_any(given: &Bound<'_, PyAny>) -> PyResult<Option<Policy>> {
+    let policy = |given: &Bound<'_, PyAny>| {
+        let refused = |_| {
+            bad(
+                "policy",
+                "expected a Policy, such as Policy.pretrained(\"int8\")",
+            )
+        };
+        given.extract::<Policy>().map_err(refused)
+    };
+    if_any(given, policy)
+}
+
+pub(crate) fn depth_scale(given: &Bound<'_, PyAny>) -> PyResult<f64> {
+    let refused = |_| bad("depth_scale", "expected a positive number");
+    given.extract().map_err(refused)
+}
+
+/// A word that an option knows, as a default is given, too; of anything else the empty one, which every option refuses.
+pub(crate) fn word(given: &Bound<'_, PyAny>) -> PyResult<&'static str> {
+    let given = given.extract::<PyBackedStr>().ok();
+    let modes = Mode::ALL.map(Mode::name);
+    let mut known = modes.into_iter().chain(["auto", "always", "never"]);
+    let word = known.find(|&word| given.as_ref().is_some_and(|given| **given == *word));
+    Ok(word.unwrap_or_default())
+}
+
+fn number(name: &str, given: &Bound<'_, PyAny>, within: RangeInclusive<usize>) -> PyResult<usize> {
+    let number = given.extract().ok();
+    number
+        .filter(|number| within.contains(number))
+        .ok_or_else(|| {
+            let (least, most) = within.into_inner();
+            bad(
+                name,
+                format!("expected a whole number from {least} to {most}"),
+            )
+        })
+}
+
+fn if_any<T>(
+    given: &Bound<'_, PyAny>,
+    of: impl FnOnce(&Bound<'_, PyAny>) -> PyResult<T>,
+) -> PyResult<Option<T>> {
+    (!given.is_none()).then(|| of(given)).transpose()
+}

@@ -8,7 +8,28 @@ from numpy import float32, float64
 from numpy.typing import ArrayLike, NDArray
 
 __version__: str
-__all__: list[str]
+__all__ = [
+    "Axis",
+    "CloudError",
+    "Error",
+    "Other",
+    "Policy",
+    "PolicyError",
+    "Registrar",
+    "Registration",
+    "Slide",
+    "Step",
+    "Tracker",
+    "Undetermined",
+    "__version__",
+    "evaluate",
+    "points_of_depth",
+    "refine",
+    "register",
+    "register_batch",
+    "register_depth",
+    "verify",
+]
 
 _Mode = Literal["fast", "polish", "verify", "refine", "best"]
 _Dense = Literal["auto", "always", "never"]
@@ -70,6 +91,8 @@ class Registration:
     @property
     def ms(self) -> float: ...
     def to_dict(self) -> dict[str, Any]: ...
+    def __copy__(self) -> Registration: ...
+    def __deepcopy__(self, _memo: Any, /) -> Registration: ...
 
 @final
 class Other:

@@ -12,6 +12,7 @@ mod options;
 mod policy;
 mod registrar;
 mod registration;
+mod step;
 mod tracker;
 
 use pyo3::pymodule;
@@ -43,7 +44,9 @@ mod module {
     #[pymodule_export]
     use crate::registrar::Registrar;
     #[pymodule_export]
-    use crate::registration::{Axis, Other, Registration, Slide, Step, Undetermined};
+    use crate::registration::{Axis, Other, Registration, Slide, Undetermined};
+    #[pymodule_export]
+    use crate::step::Step;
     #[pymodule_export]
     use crate::tracker::Tracker;
     use pyo3::prelude::*;

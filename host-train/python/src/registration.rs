@@ -2,15 +2,15 @@
 
 use crate::array::matrix;
 use crate::json::as_json;
-use host_train::pose64::{Pose64, Position};
+use crate::step::Step;
+use host_train::pose64::Position;
 use host_train::register::document::{Document, Fit, Open, OpenAxis, OpenSlide, OtherPose};
 use host_train::register::prepared::Prepared;
 use host_train::register::request::Done;
-use host_train::register::trace::{self, Probabilities};
+use host_train::register::trace;
 use numpy::ndarray::{Array3, arr1, arr2};
 use numpy::{PyArray1, PyArray2, PyArray3};
 use pyo3::prelude::*;
-use reagent_core::Pose;
 use reagent_core::track::Sight;
 use reagent_core::verdict::Verdict;
 
@@ -97,10 +97,10 @@ impl Registration {
         self.fit().map(|fit| fit.extents_ratio)
     }
 
-    /// What the shape leaves open, as far as it was looked for; None in mode fast.
+    /// What the shape leaves open; None where it was not looked for: in modes fast, polish and refine, and of a "tracked" cloud.
     #[getter]
     fn undetermined(&self) -> Option<Undetermined> {
-        self.fit().map(|fit| Undetermined(fit.undetermined.clone()))
+        self.fit()?.undetermined.clone().map(Undetermined)
     }
 
     /// How uncertain the pose is, if it is right: (6, 6), float64, of a turn about `covariance_about` (radians, the target's
@@ -141,10 +141,7 @@ impl Registration {
     /// The policy's steps, in the order taken.
     #[getter]
     fn steps(&self) -> Vec<Step> {
-        let step = |taken: &trace::Step| Step {
-            taken: taken.clone(),
-            origins: self.origins,
-        };
+        let step = |taken: &trace::Step| Step::new(taken.clone(), self.origins);
         self.trace.iter().map(step).collect()
     }
 
@@ -163,9 +160,19 @@ impl Registration {
         self.document.ms
     }
 
-    /// What `host-train register --json` writes, with every stage.
+    /// What `host-train register --json` writes, with every stage; it can be pickled.
     fn to_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         as_json(py, &self.document)
+    }
+
+    /// Itself: nothing of it changes.
+    fn __copy__(this: Py<Self>) -> Py<Self> {
+        this
+    }
+
+    /// The same.
+    fn __deepcopy__(this: Py<Self>, _memo: &Bound<'_, PyAny>) -> Py<Self> {
+        this
     }
 
     fn __repr__(&self) -> String {
@@ -319,77 +326,4 @@ impl Slide {
         let ([x, y, z], [least, most]) = (self.0.direction, self.0.range);
         format!("Slide(direction=[{x:.3}, {y:.3}, {z:.3}], range=({least:.3}, {most:.3}))")
     }
-}
-
-/// One step of the policy: along and about each axis one of eleven step sizes.
-#[pyclass(module = "reagent", frozen)]
-pub struct Step {
-    taken: trace::Step,
-    origins: [Position; 2],
-}
-
-#[pymethods]
-impl Step {
-    /// Number of the step, from 1.
-    #[getter]
-    fn number(&self) -> usize {
-        self.taken.step
-    }
-
-    /// Signed translation along x, y, z: (3,), float64.
-    #[getter]
-    fn translation<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        PyArray1::from_owned_array(py, arr1(&self.taken.translation.map(f64::from)))
-    }
-
-    /// Signed angles about x, y, z: (3,), float64, radians.
-    #[getter]
-    fn rotation_rad<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        PyArray1::from_owned_array(py, arr1(&self.taken.rotation_rad.map(f64::from)))
-    }
-
-    /// Which of the eleven translations was taken along x, y, z; 5 is stop.
-    #[getter]
-    fn translation_id(&self) -> (u8, u8, u8) {
-        self.taken.translation_id.into()
-    }
-
-    /// Which of the eleven rotations was taken about x, y, z; 5 is stop.
-    #[getter]
-    fn rotation_id(&self) -> (u8, u8, u8) {
-        self.taken.rotation_id.into()
-    }
-
-    /// How likely the policy held each translation: (3, 11), float32.
-    #[getter]
-    fn translation_probability<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray2<f32>>> {
-        probabilities(py, self.taken.translation_probability.as_ref())
-    }
-
-    /// How likely the policy held each rotation: (3, 11), float32.
-    #[getter]
-    fn rotation_probability<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray2<f32>>> {
-        probabilities(py, self.taken.rotation_probability.as_ref())
-    }
-
-    /// The pose after the step: (4, 4), float64.
-    #[getter]
-    fn target_from_source<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f64>> {
-        let [source, target] = self.origins;
-        let near = Pose::from_rows(self.taken.target_from_source);
-        matrix(py, Pose64::of(near, source, target).to_rows())
-    }
-
-    fn __repr__(&self) -> String {
-        let Step { taken, .. } = self;
-        let (number, translation, rotation) = (taken.step, taken.translation_id, taken.rotation_id);
-        format!("Step(number={number}, translation_id={translation:?}, rotation_id={rotation:?})")
-    }
-}
-
-fn probabilities<'py>(
-    py: Python<'py>,
-    of: Option<&Probabilities>,
-) -> Option<Bound<'py, PyArray2<f32>>> {
-    of.map(|of| PyArray2::from_owned_array(py, arr2(of)))
 }

@@ -1,5 +1,6 @@
 """What a registration gives."""
 
+import copy
 import pickle
 
 import numpy
@@ -42,7 +43,11 @@ def test_modes_say_what_they_can(pair):
     source, target, truth = pair
     fast = reagent.register(source, target, mode="fast")
     assert fast.probability is fast.overlap is fast.rmse is fast.covariance is fast.undetermined is None
+    # What nobody looked for is neither open nor closed.
+    polished = reagent.register(source, target, mode="polish")
     refined = reagent.refine(source, target, truth)
+    for found in [polished, refined]:
+        assert found.undetermined is None and "undetermined" not in found.to_dict()
     assert refined.steps == [] and refined.converged
     verified = reagent.verify(source, target, truth)
     assert verified.steps == [] and verified.converged and "verify" in verified.to_dict()
@@ -93,10 +98,11 @@ def test_large_clouds_are_thinned_and_refined_on_all_points():
     assert reagent.register(source, target, points=500).to_dict()["source_points"] == 500
 
 
-def test_the_dict_can_be_kept(pair):
+def test_a_registration_can_be_copied_and_its_dict_be_kept(pair):
     source, target, _ = pair
-    found = reagent.register(source, target).to_dict()
-    assert pickle.loads(pickle.dumps(found)) == found
+    found = reagent.refine(source, target)
+    assert copy.copy(found) is copy.deepcopy(found) is found
+    assert pickle.loads(pickle.dumps(found.to_dict())) == found.to_dict()
 
 
 def test_policies_are_loaded_and_named(tmp_path):

@@ -71,8 +71,9 @@ pub struct Fit {
     pub distinct_points: usize,
     /// Shares of the source's and of the target's points that were left out, since they lie far from all others.
     pub left_out: [f32; 2],
-    /// What the shape leaves open.
-    pub undetermined: Open,
+    /// What the shape leaves open, if it was looked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub undetermined: Option<Open>,
     /// How uncertain the pose is, if it is right.
     pub covariance: Covariance,
 }
@@ -124,24 +125,26 @@ impl Fit {
         let refined = &found.refined;
         let Undetermined { axis, slide, poses } = &found.undetermined;
         let far = |p: glam::Vec3| std::array::from_fn(|k| f64::from(p[k]) + origin[k]);
+        let open = Open {
+            axis: axis.map(|axis| OpenAxis {
+                point: far(axis.point),
+                direction: axis.direction.to_array(),
+                half_angle_deg: axis.half_angle_rad.to_degrees(),
+            }),
+            slide: slide.map(|slide| OpenSlide {
+                direction: slide.direction.to_array(),
+                range: slide.range,
+            }),
+            poses: poses.iter().flatten().map(|&pose| rows(pose)).collect(),
+        };
         Fit {
             overlap: refined.overlap,
             inlier_rmse: refined.inlier_rmse,
             extents_ratio: refined.extents_ratio,
             distinct_points: refined.distinct_points,
             left_out: refined.left_out,
-            undetermined: Open {
-                axis: axis.map(|axis| OpenAxis {
-                    point: far(axis.point),
-                    direction: axis.direction.to_array(),
-                    half_angle_deg: axis.half_angle_rad.to_degrees(),
-                }),
-                slide: slide.map(|slide| OpenSlide {
-                    direction: slide.direction.to_array(),
-                    range: slide.range,
-                }),
-                poses: poses.iter().flatten().map(|&pose| rows(pose)).collect(),
-            },
+            // Only where poses are compared.
+            undetermined: found.hypotheses.is_some().then_some(open),
             covariance: Covariance {
                 about: far(found.refined.covariance.about),
                 matrix: found.refined.covariance.matrix,

@@ -2,6 +2,7 @@
 
 use crate::error::bad;
 use crate::policy::Policy;
+use host_train::policy::BUNDLED;
 use pyo3::prelude::*;
 use pyo3::pybacked::PyBackedStr;
 use reagent_core::dims::MAX_POINTS;
@@ -53,11 +54,13 @@ pub(crate) fn depth_scale(given: &Bound<'_, PyAny>) -> PyResult<f64> {
     given.extract().map_err(refused)
 }
 
-/// A word that an option knows, as a default is given, too; of anything else the empty one, which every option refuses.
+/// A word that an argument knows, as a default is given, too; of anything else the empty one, which every argument refuses.
 pub(crate) fn word(given: &Bound<'_, PyAny>) -> PyResult<&'static str> {
     let given = given.extract::<PyBackedStr>().ok();
     let modes = Mode::ALL.map(Mode::name);
-    let mut known = modes.into_iter().chain(["auto", "always", "never"]);
+    let policies = BUNDLED.map(|(name, _)| name);
+    let others = ["auto", "always", "never", "int8"];
+    let mut known = modes.into_iter().chain(policies).chain(others);
     let word = known.find(|&word| given.as_ref().is_some_and(|given| **given == *word));
     Ok(word.unwrap_or_default())
 }

@@ -49,7 +49,10 @@ pub(crate) fn evaluate<'py>(
     let truth = each_pose("truth", truth)?;
     counted("truth", truth.len())?;
     let clouds = |name: &str, given: &Bound<'py, PyAny>| {
-        let items = given.try_iter()?.enumerate();
+        let items = given
+            .try_iter()
+            .map_err(|_| bad(name, "expected a sequence of clouds"))?
+            .enumerate();
         let points =
             items.map(|(i, item)| Ok(Cloud::new(format!("{name}[{i}]"), &item?)?.view().points()));
         let points = points.collect::<PyResult<Vec<Vec<Point>>>>()?;

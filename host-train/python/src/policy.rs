@@ -1,5 +1,6 @@
 //! Policies that Python holds.
 
+use crate::arguments;
 use crate::error::{bad, bad_policy};
 use host_train::policy::{BUNDLED, REAGENT, VIEWS, WeightFile};
 use host_train::register::request::Request;
@@ -71,7 +72,9 @@ impl Policy {
     /// (int8, for a source that is one depth view of the target, with a start near it).
     #[staticmethod]
     #[pyo3(signature = (name = "reagent"))]
-    pub(crate) fn pretrained(name: &str) -> PyResult<Policy> {
+    pub(crate) fn pretrained(
+        #[pyo3(from_py_with = arguments::word)] name: &str,
+    ) -> PyResult<Policy> {
         let names = BUNDLED.map(|(name, _)| name).join(", ");
         Policy::bundled(name).ok_or_else(|| bad("name", format!("expected int8, {names}")))
     }

@@ -116,6 +116,7 @@ def test_poses_to_evaluate():
         (([], [], [], []), "the set holds no pairs"),
         ((poses, poses[:1], clouds, clouds), "truth: expected one for each of 2 poses, found 1"),
         ((poses, poses, clouds, clouds[:1]), "targets: expected one for each of 2 poses, found 1"),
+        ((poses, poses, 3, clouds), "sources: expected a sequence of clouds"),
         ((poses, poses, [GOOD, GOOD * numpy.nan], clouds), "pair 1: point 0 has a NaN"),
     ]:
         with pytest.raises(reagent.Error, match=said):

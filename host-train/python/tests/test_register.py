@@ -119,8 +119,9 @@ def test_policies_are_loaded_and_named(tmp_path):
     path.write_bytes(b"nothing")
     with pytest.raises(reagent.PolicyError, match="none.rgw is no usable policy: "):
         reagent.Policy.load(str(path))
-    with pytest.raises(ValueError, match="name: expected int8, reagent, compact, views, views-compact"):
-        reagent.Policy.pretrained("other")
+    for name in ["other", "", 3, None]:
+        with pytest.raises(reagent.Error, match="name: expected int8, reagent, compact, views, views-compact"):
+            reagent.Policy.pretrained(name)
 
 
 def test_several_starts_and_the_next_best_poses(pair):

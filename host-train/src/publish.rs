@@ -58,6 +58,19 @@ pub enum PublishError {
         /// What is wrong with it.
         reason: Error,
     },
+    /// The epoch is over.
+    #[error(
+        "policy version {given} belongs to epoch {}, and {announced}, which {by}, is later whatever the version: give \
+         --epoch {} with a greater version", .given.epoch, .announced.epoch
+    )]
+    Epoch {
+        /// As given.
+        given: Release,
+        /// The newest so far.
+        announced: Release,
+        /// Who has it.
+        by: String,
+    },
     /// The version does not grow.
     #[error(
         "policy version {given} is not newer than {announced}, which {by}; give a higher --policy-version, or, where \
@@ -144,6 +157,9 @@ pub enum PublishError {
     Zenoh(#[from] zenoh::Error),
 }
 
+/// The newest policy of a publisher and its signed manifest, shared with whoever answers for it.
+type Newest = Arc<Mutex<Option<(Manifest, Vec<u8>)>>>;
+
 /// Serves one fleet's policies for as long as it lives: answers for the newest manifest and for the
 /// chunks of every policy published, so that a robot half-way through an older one can finish.
 #[derive(Debug)]
@@ -151,8 +167,7 @@ pub struct Publisher {
     session: Session,
     fleet: String,
     key: SigningKey,
-    /// Release of the newest policy and its signed manifest, shared with the queryable.
-    newest: Arc<Mutex<(Release, Vec<u8>)>>,
+    newest: Newest,
     queryables: Vec<Queryable<()>>,
     announcing: Option<Queryable<()>>,
     /// What robots had refused when the newest policy was prepared.
@@ -188,7 +203,7 @@ impl Publisher {
     ///
     /// # Errors
     /// `Name` for a name longer than 32 bytes, `Version` for a version that does not grow or that somebody else
-    /// has announced with other content, `FarAhead`, `Zenoh`.
+    /// has announced with other content, `Epoch`, `FarAhead`, `Zenoh`.
     pub async fn publish(
         &mut self,
         version: u64,
@@ -218,7 +233,7 @@ impl Publisher {
     async fn announce(&mut self, manifest: &Manifest) -> Result<(), PublishError> {
         let signed = sign(&self.key, manifest);
         let key = keys::manifest(&self.fleet).map_err(refused(&self.fleet))?;
-        *self.newest.lock().expect("no holder panics") = (manifest.release(), signed.clone());
+        *self.newest.lock().expect("no holder panics") = Some((manifest.clone(), signed.clone()));
         if self.announcing.is_none() {
             let (newest, reply_key) = (self.newest.clone(), key.clone());
             let served = self
@@ -226,8 +241,10 @@ impl Publisher {
                 .declare_queryable(key.as_str())
                 .complete(true)
                 .callback(move |query| {
-                    let frame = newest.lock().expect("no holder panics").1.clone();
-                    log_failure(query.reply(reply_key.as_str(), frame).wait());
+                    let newest = newest.lock().expect("no holder panics").clone();
+                    if let Some((_, frame)) = newest {
+                        log_failure(query.reply(reply_key.as_str(), frame).wait());
+                    }
                 });
             self.announcing = Some(served.await?);
         }
@@ -259,7 +276,8 @@ impl Publisher {
     async fn check_version(&mut self, manifest: &Manifest) -> Result<(), PublishError> {
         let given = manifest.release();
         let key = keys::manifest(&self.fleet).map_err(refused(&self.fleet))?;
-        let own = self.newest.lock().expect("no holder panics").0;
+        let own = self.newest.lock().expect("no holder panics").clone();
+        let own = own.map_or_else(Release::default, |(own, _)| own.release());
         let announced = stored::announced(&self.session, &key).await?;
         let mut known = vec![(own, None, "was published from here".to_owned())];
         known.extend(announced.iter().map(|other| {
@@ -281,10 +299,17 @@ impl Publisher {
         let (last, sha256, by) = newest;
         if last > given || last == given && sha256 != Some(manifest.sha256) {
             let announced = last;
-            return Err(PublishError::Version {
-                given,
-                announced,
-                by,
+            return Err(match given.epoch < last.epoch {
+                true => PublishError::Epoch {
+                    given,
+                    announced,
+                    by,
+                },
+                false => PublishError::Version {
+                    given,
+                    announced,
+                    by,
+                },
             });
         }
         match given.is_far_ahead_of(last) {

@@ -68,7 +68,15 @@ async fn a_greater_epoch_is_the_way_back() {
     let back = back.expect("a new epoch");
     until(&node, |view| view.policy.as_ref() == Some(&back)).await;
 
-    // The old epoch is over, whatever the version.
+    // The old epoch is over, whatever the version, and the way on is said.
+    publisher.epoch = 0;
+    let old = publisher.publish(NOW * 2 + 1, "old", file.clone()).await;
+    assert!(matches!(old, Err(PublishError::Epoch { .. })), "{old:?}");
+    let said = old.expect_err("it is over").to_string();
+    assert!(
+        said.contains("give --epoch 1 with a greater version"),
+        "{said}"
+    );
     let session = network.join().await;
     let old = Manifest {
         version: NOW * 2 + 1,

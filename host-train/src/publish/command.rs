@@ -38,7 +38,8 @@ pub struct PublishArgs {
     #[arg(long, value_name = "N")]
     pub policy_version: Option<u64>,
     /// Epoch of the version, signed with it: a greater one begins the versions anew, and is the way back from one that
-    /// should never have been.
+    /// should never have been. Every policy from then on needs it. Leave --policy-version out here, too, or count on by
+    /// hand: the time is too far ahead of a version such as 1.
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub epoch: u32,
     /// How long robots have to take the policy before those that have not are named, seconds; 0: nobody waits for them, and

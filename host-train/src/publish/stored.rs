@@ -71,7 +71,7 @@ impl Publisher {
         self.read_back(&manifest, &table).await?;
         let signed = sign(&self.key, &manifest);
         put(keys::manifest(&self.fleet).map_err(name)?, &signed).await?;
-        self.newest.lock().expect("no holder panics").0 = manifest.release();
+        *self.newest.lock().expect("no holder panics") = Some((manifest.clone(), signed));
         Ok(manifest)
     }
 

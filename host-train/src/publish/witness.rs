@@ -1,8 +1,8 @@
 //! What a publisher sees of its fleet while it serves: the history, and figures for others.
 
 use super::history::History;
-use super::{Heard, PublishArgs, PublishError, Publisher, robots};
-use reagent_core::wire::{Manifest, Status};
+use super::{Heard, Newest, PublishArgs, PublishError, Publisher, refused, robots, stored};
+use reagent_core::wire::{Manifest, Release, Status, keys};
 use reagent_link::certificate::Certificate;
 use reagent_link::metrics::{Figures, Robot, Serving};
 use reagent_link::session::certificates;
@@ -13,7 +13,7 @@ use std::time::Duration;
 use zenoh::Session;
 use zenoh::handlers::FifoChannelHandler;
 use zenoh::pubsub::Subscriber;
-use zenoh::sample::Sample;
+use zenoh::sample::{Sample, SampleKind};
 
 /// How often robots are asked whether they are there still.
 const ASK_INTERVAL: Duration = Duration::from_secs(10);
@@ -25,6 +25,8 @@ pub(super) struct Witness {
     fleet: String,
     public_key: [u8; 32],
     changes: Subscriber<FifoChannelHandler<Sample>>,
+    /// Robots that come and go, where the router lets the trainer see it.
+    alive: Subscriber<FifoChannelHandler<Sample>>,
     seen: Seen,
     _serving: Option<Serving>,
 }
@@ -34,6 +36,10 @@ struct Seen(Arc<Mutex<State>>);
 
 #[derive(Debug)]
 struct State {
+    /// What is served here.
+    newest: Newest,
+    /// The newest in the fleet.
+    in_fleet: Release,
     /// Robots as heard last, and whether they answered when they were asked last.
     robots: BTreeMap<String, (Status, bool)>,
     history: Option<History>,
@@ -52,13 +58,56 @@ impl Seen {
             duplicate: false,
         };
         let robots: Vec<_> = self.lock().robots.iter().map(robot).collect();
-        let away = robots.iter().filter(|robot| !robot.online);
-        let away: Vec<_> = away.map(|robot| robot.name.as_str()).collect();
-        let wrong = (!away.is_empty()).then(|| format!("offline: {}", away.join(", ")));
         Figures {
+            wrong: self.lock().wrong(),
             robots,
             certificates: certificates.to_vec(),
-            wrong,
+        }
+    }
+}
+
+impl State {
+    /// What is wrong with the fleet, if anything is.
+    fn wrong(&self) -> Option<String> {
+        let named = |is_wrong: &dyn Fn(&String, &Status, bool) -> bool| {
+            let wrong = self.robots.iter();
+            let wrong = wrong.filter(|(name, (status, online))| is_wrong(name, status, *online));
+            wrong.map(|(name, _)| name.as_str()).collect::<Vec<_>>()
+        };
+        let mut wrong = vec![("offline".into(), named(&|_, _, online| !online))];
+        if let Some((newest, _)) = &*self.newest.lock().expect("no holder panics") {
+            let (id, served) = (Some(newest.id()), newest.release());
+            let others = named(&|name, status, online| {
+                online && status.policy != id && newest.reaches(name)
+            });
+            wrong.push((format!("without version {served}"), others));
+            if self.in_fleet > served {
+                let newer = format!("newer than version {served}, which is served here");
+                let what = format!("version {} is in the fleet", self.in_fleet);
+                return Some(format!("{what}, {newer}"));
+            }
+        }
+        let wrong = wrong.iter().filter(|(_, robots)| !robots.is_empty());
+        let wrong: Vec<_> = wrong
+            .map(|(what, robots)| format!("{what}: {}", robots.join(", ")))
+            .collect();
+        (!wrong.is_empty()).then(|| wrong.join("; "))
+    }
+
+    /// Says it once where somebody has a newer policy than is served here.
+    fn found(&mut self, release: Release) {
+        if release <= self.in_fleet {
+            return;
+        }
+        self.in_fleet = release;
+        let newest = self.newest.lock().expect("no holder panics").clone();
+        if let Some(served) = newest.map(|(newest, _)| newest.release())
+            && release > served
+        {
+            tracing::warn!(
+                "version {release} is in the fleet, newer than version {served}, which is served here: robots do not \
+                 take that one any more, and this publisher can end"
+            );
         }
     }
 }
@@ -76,14 +125,23 @@ impl Witness {
             })
         });
         let seen = Seen(Arc::new(Mutex::new(State {
+            newest: publisher.newest.clone(),
+            in_fleet: Release::default(),
             robots: BTreeMap::new(),
             history: history.transpose()?,
         })));
         let (shown, certificates) = (seen.clone(), certificates(&args.session)?);
         let figures = move || shown.figures(&certificates);
+        let fleet = publisher.fleet.clone();
+        let alive = keys::all_alive(&fleet).map_err(refused(&fleet))?;
+        let alive = publisher
+            .session
+            .liveliness()
+            .declare_subscriber(alive.as_str());
         Ok(Witness {
             session: publisher.session.clone(),
-            fleet: publisher.fleet.clone(),
+            alive: alive.await?,
+            fleet,
             public_key: publisher.key.verifying_key().to_bytes(),
             changes: publisher.follow_robots().await?,
             seen,
@@ -107,13 +165,33 @@ impl Witness {
                 sample = self.changes.recv_async() => {
                     Heard::read(&sample?).iter().for_each(|heard| self.note(heard));
                 }
+                sample = self.alive.recv_async() => self.come_or_gone(&sample?),
             }
         }
     }
 
-    /// Asks all robots how they are: who does not answer is away.
+    /// A robot that goes is away at once; one that comes says how it is.
+    fn come_or_gone(&self, sample: &Sample) {
+        if sample.kind() == SampleKind::Delete
+            && let Some(robot) = keys::robot_of(sample.key_expr().as_str())
+            && let Some((_, online)) = self.seen.lock().robots.get_mut(robot)
+        {
+            *online = false;
+        }
+    }
+
+    /// Asks all robots how they are, and others what they serve: which robot does not answer is away.
     pub(super) async fn ask(&self) -> Result<(), PublishError> {
-        let there = robots::there(&self.session, &self.fleet).await?;
+        let manifests = keys::manifest(&self.fleet).map_err(refused(&self.fleet))?;
+        let (there, served) = tokio::join!(
+            robots::there(&self.session, &self.fleet),
+            stored::announced(&self.session, &manifests)
+        );
+        let (there, served) = (there?, served?);
+        let newest = served.iter().map(Manifest::release).max();
+        newest
+            .into_iter()
+            .for_each(|newest| self.seen.lock().found(newest));
         for (_, online) in self.seen.lock().robots.values_mut() {
             *online = false;
         }
@@ -125,6 +203,9 @@ impl Witness {
         let mut seen = self.seen.lock();
         seen.robots
             .insert(heard.robot.clone(), (heard.status, true));
+        if let Some(policy) = &heard.status.policy {
+            seen.found(policy.release());
+        }
         if let Some(history) = &mut seen.history {
             told(history.heard(heard));
         }
@@ -135,5 +216,59 @@ impl Witness {
 fn told(written: std::io::Result<()>) {
     if let Err(error) = written {
         tracing::error!("the history cannot be written: {error}");
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::policy::WeightFile;
+    use crate::publish::manifest;
+
+    #[test]
+    fn a_fleet_is_well_where_all_have_what_is_served_and_nobody_anything_newer() {
+        let file = WeightFile::pretrained();
+        let manifest = |version| manifest(version, "policy", &file).expect("a good policy");
+        let mut state = State {
+            newest: Newest::default(),
+            in_fleet: Release::default(),
+            robots: BTreeMap::new(),
+            history: None,
+        };
+        let serve = |state: &State, manifest: Manifest| {
+            *state.newest.lock().expect("no holder panics") = Some((manifest, Vec::new()));
+        };
+        let runs = |state: &mut State, robot: &str, version: u64| {
+            let policy = manifest(version).id();
+            let status = Status {
+                policy: Some(policy),
+                ..Status::default()
+            };
+            state.found(policy.release());
+            state.robots.insert(robot.into(), (status, true));
+        };
+        runs(&mut state, "a", 10);
+        runs(&mut state, "b", 10);
+        assert_eq!(state.wrong(), None);
+        serve(&state, manifest(11));
+        runs(&mut state, "b", 11);
+        assert_eq!(state.wrong().as_deref(), Some("without version 11: a"));
+        state.robots.get_mut("b").expect("it was heard").1 = false;
+        let both = "offline: b; without version 11: a";
+        assert_eq!(state.wrong().as_deref(), Some(both));
+        runs(&mut state, "b", 11);
+        // It goes to others first.
+        serve(
+            &state,
+            Manifest {
+                reach: 0,
+                ..manifest(11)
+            },
+        );
+        assert_eq!(state.wrong(), None);
+        serve(&state, manifest(11));
+        runs(&mut state, "a", 12);
+        let newer = "version 12 is in the fleet, newer than version 11, which is served here";
+        assert_eq!(state.wrong().as_deref(), Some(newer));
     }
 }

@@ -48,11 +48,27 @@ impl FromStr for Stages {
         let parts = text
             .split(',')
             .map(|part| stage(part.trim()).ok_or_else(|| wrong(part)));
-        parts.collect::<Result<_, _>>().map(Stages)
+        let stages: Vec<Stage> = parts.collect::<Result<_, _>>()?;
+        match stages.is_sorted_by(|before, next| before.may_precede(*next)) {
+            true => Ok(Stages(stages)),
+            false => Err(format!(
+                "{text:?}: each stage must be larger than the one before it"
+            )),
+        }
     }
 }
 
 impl Stage {
+    /// Whether the next one may be larger; which of a number and a percentage is, depends on the fleet.
+    fn may_precede(self, next: Stage) -> bool {
+        match (self, next) {
+            (Stage::Robots(a), Stage::Robots(b)) => a < b,
+            (Stage::Percent(a), Stage::Percent(b)) => a < b,
+            (Stage::Percent(percent), Stage::Robots(_)) => percent < 100.0,
+            (Stage::Robots(_), Stage::Percent(_)) => true,
+        }
+    }
+
     /// Robots of a fleet of so many.
     fn robots(self, fleet: usize) -> usize {
         match self {
@@ -302,7 +318,9 @@ mod tests {
         let stages: Stages = "1, 10%,100%".parse().expect("stages");
         let counts: Vec<_> = stages.0.iter().map(|stage| stage.robots(25)).collect();
         assert_eq!(counts, [1, 3, 25]);
-        for wrong in ["", "0", "1,,2", "101%", "-1", "nan%", "0%", "x"] {
+        for wrong in [
+            "", "0", "1,,2", "101%", "-1", "nan%", "0%", "x", "1,1", "2,1", "10%,5%", "100%,1",
+        ] {
             assert!(wrong.parse::<Stages>().is_err(), "{wrong}");
         }
     }

@@ -44,7 +44,11 @@ const DEFAULT_SEED: u64 = 42;
 /// Clouds are in any unit of length unless a command says otherwise; angles on the command line and in
 /// tables are degrees. Poses are 3x4 matrices [R | t] that map the source onto the target.
 #[derive(Debug, Parser)]
-#[command(version, propagate_version = true)]
+#[command(
+    version,
+    propagate_version = true,
+    mut_subcommands(without_unused_seed)
+)]
 pub struct Cli {
     /// Seed of every random draw [default: 42]; the same seed gives the same result on any number of threads
     #[arg(long, global = true, value_name = "S")]
@@ -77,6 +81,16 @@ enum Command {
     Report(report::ReportArgs),
     Page(page::PageArgs),
     Replay(replay::ReplayArgs),
+}
+
+/// Does not show --seed, which is refused, in the help of a command that draws nothing from it.
+fn without_unused_seed(command: clap::Command) -> clap::Command {
+    let unused = ["import", "keygen", "publish", "report", "page", "replay"];
+    if !unused.contains(&command.get_name()) {
+        return command;
+    }
+    let seed = clap::Arg::new("seed").long("seed").hide(true);
+    command.arg(seed.value_parser(clap::value_parser!(u64)))
 }
 
 impl Command {

@@ -13,7 +13,7 @@ use std::path::PathBuf;
 pub(super) struct ReplayArgs {
     /// Traces, as `firmware-sim refine --trace` writes them
     file: PathBuf,
-    /// Policies that the robots had, found by their SHA-256, beside the bundled ones
+    /// Policies that the robots had, found by their SHA-256, beside those built in: reagent, views, compact and views-compact
     #[arg(long, value_name = "FILE.rgw", num_args = 1..)]
     weights: Vec<PathBuf>,
 }

@@ -21,6 +21,12 @@ pub enum KeyError {
         /// The file.
         path: String,
     },
+    /// There is no folder for it.
+    #[error("{path}: no such folder; make it first")]
+    Folder {
+        /// The folder.
+        path: String,
+    },
     /// A key is never written over another file.
     #[error("{path}: exists already; a key is never overwritten")]
     Exists {
@@ -41,12 +47,17 @@ pub enum KeyError {
 /// half.
 ///
 /// # Errors
-/// `Exists`, `Io`.
+/// `Folder`, `Exists`, `Io`.
 pub fn keygen(path: &Path) -> Result<VerifyingKey, KeyError> {
     let mut seed = [0u8; 32];
     getrandom::fill(&mut seed).map_err(|e| failed(path, io::Error::other(e)))?;
     let text = const_hex::encode(seed) + "\n";
-    files::write_secret(path, text.as_bytes()).map_err(|error| failed(path, error))?;
+    files::write_secret(path, text.as_bytes()).map_err(|error| match error.kind() {
+        io::ErrorKind::NotFound => KeyError::Folder {
+            path: path.parent().unwrap_or(path).display().to_string(),
+        },
+        _ => failed(path, error),
+    })?;
     Ok(SigningKey::from_bytes(&seed).verifying_key())
 }
 
@@ -83,6 +94,12 @@ mod tests {
         let public = keygen(&path).expect("a new file");
         assert_eq!(read_key(&path).expect("just made").verifying_key(), public);
         assert!(matches!(keygen(&path), Err(KeyError::Exists { .. })));
+        let nowhere = keygen(&directory.path().join("none/fleet.key"));
+        let said = nowhere.expect_err("there is no folder").to_string();
+        assert!(
+            said.ends_with("none: no such folder; make it first"),
+            "{said}"
+        );
         assert_eq!(
             read_key(&path).expect("still there").verifying_key(),
             public

@@ -107,7 +107,7 @@ fn load(
             in_flash.take_if(|last| kept.is_none_or(|kept| kept.sha256 != last.sha256));
             view.send_modify(|view| {
                 view.policy = in_flash.clone();
-                view.refuse_policy(manifest.id(), UpdateError::Board(error));
+                view.refuse_policy(Some(manifest.id()), UpdateError::Board(error));
             });
         }
     }

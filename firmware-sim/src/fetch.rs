@@ -179,7 +179,13 @@ impl Fetch<'_> {
                     last = Some(self.failed(index, &key, wrong.to_string()));
                     missing.push_back(index);
                 }
-                Err(error) => return Err(error.into()),
+                Err(error) => {
+                    // What still comes finds somebody who hears it.
+                    for (_, _, replies) in waiting {
+                        while replies.recv_async().await.is_ok() {}
+                    }
+                    return Err(error.into());
+                }
             }
         }
     }

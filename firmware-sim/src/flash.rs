@@ -72,6 +72,7 @@ impl StateFile {
         file.try_lock().map_err(not_locked)?;
         checked_length(&file)?;
         file.set_len(CAPACITY as u64)?;
+        file.sync_all()?;
         Ok(StateFile {
             opened: Handle::from_file(file.try_clone()?)?,
             path: path.into(),

@@ -1,7 +1,7 @@
 //! A policy on a robot: from signed manifest and fetched bytes to one that may be run.
 
 use crate::board::BoardError;
-use crate::flash::FlashError;
+use crate::flash::{FILE, FlashError};
 use crate::session::plain;
 use ed25519_dalek::{Signature, VerifyingKey};
 use reagent_core::kernels::Tile;
@@ -106,8 +106,18 @@ pub enum UpdateError {
     #[error("policy file: the self-test failed, the policy acts otherwise here")]
     SelfTest,
     /// The slots in flash failed.
-    #[error("policy slots: {0}")]
+    #[error("policy slots: {}", of_slots(.0))]
     Slots(#[from] SlotError<FlashError>),
+    /// The policy in the state directory cannot be used.
+    #[error(
+        "{path}: the policy kept there cannot be used: {reason}; the robot waits for one that is announced"
+    )]
+    Kept {
+        /// The file.
+        path: String,
+        /// What is wrong with it.
+        reason: Box<UpdateError>,
+    },
     /// What the state directory holds does not say how far the robot was.
     #[error(
         "{path}: {reason}; put a backup back, or delete the file to begin as a new robot, which takes every version \
@@ -154,11 +164,20 @@ impl UpdateError {
             UpdateError::Sha256 { .. } | UpdateError::Policy(_) => WhyNot::Damaged,
             UpdateError::SelfTest => WhyNot::SelfTest,
             UpdateError::Board(_) => WhyNot::Board,
+            UpdateError::Kept { reason, .. } => reason.why(),
             UpdateError::Slots(_)
             | UpdateError::Lost { .. }
             | UpdateError::Gone { .. }
             | UpdateError::Store { .. } => WhyNot::NotKept,
         }
+    }
+}
+
+/// What the system says of the file where that failed.
+fn of_slots(error: &SlotError<FlashError>) -> String {
+    match error {
+        SlotError::Flash(FlashError::File(reason)) => format!("{FILE}: {reason}"),
+        other => other.to_string(),
     }
 }
 
@@ -302,5 +321,18 @@ impl LoadedPolicy {
     /// The file.
     pub fn bytes(&self) -> &[u8] {
         &bytemuck::cast_slice(&self.words)[..self.length]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::{Error, ErrorKind};
+
+    #[test]
+    fn a_full_disk_is_told_in_the_words_of_the_system() {
+        let full = FlashError::File(Error::from(ErrorKind::StorageFull));
+        let said = UpdateError::Slots(SlotError::Flash(full)).to_string();
+        assert_eq!(said, "policy slots: flash.bin: no storage space");
     }
 }

@@ -24,6 +24,11 @@ impl Store {
         let flash = match directory {
             None => RobotFlash::in_memory(),
             Some(directory) => {
+                // A robot's file has its full length from the start: what this one held is lost.
+                if std::fs::metadata(&path).is_ok_and(|found| found.len() == 0) {
+                    let reason = SlotError::Lost;
+                    return Err(UpdateError::Lost { path, reason });
+                }
                 RobotFlash::in_directory(directory).map_err(|reason| UpdateError::Store {
                     path: directory.display().to_string(),
                     reason,
@@ -42,10 +47,21 @@ impl Store {
     }
 
     /// The policy that counts, verified as if it had just been fetched; `None` where there is none yet.
+    ///
+    /// # Errors
+    /// `Kept`.
     pub(crate) async fn boot(
         &mut self,
         trust: &Trust,
     ) -> Result<Option<LoadedPolicy>, UpdateError> {
+        let booted = self.try_boot(trust).await;
+        booted.map_err(|reason| UpdateError::Kept {
+            path: self.path.clone(),
+            reason: reason.into(),
+        })
+    }
+
+    async fn try_boot(&mut self, trust: &Trust) -> Result<Option<LoadedPolicy>, UpdateError> {
         let slot = match self.slots.boot().await? {
             Boot::Empty | Boot::Reverted(None) => return Ok(None),
             Boot::Confirmed(slot) => slot,

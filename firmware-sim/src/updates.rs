@@ -56,7 +56,7 @@ impl Updates {
         match updates.store.boot(&updates.config.trust).await {
             Ok(Some(kept)) => updates.swap(kept),
             Ok(None) => {}
-            Err(error) => updates.refuse(PolicyId::default(), error),
+            Err(error) => updates.refuse(None, error),
         }
         Ok(updates)
     }
@@ -156,7 +156,7 @@ impl Updates {
                 let now = Some((signed_manifest.to_vec(), error.why()));
                 if self.refused != now {
                     self.refused = now;
-                    self.refuse(claimed(signed_manifest), error);
+                    self.refuse(Some(claimed(signed_manifest)), error);
                 }
                 false
             }
@@ -210,9 +210,11 @@ impl Updates {
         self.view.send_modify(|view| view.use_policy(manifest));
     }
 
-    fn refuse(&self, policy: PolicyId, error: UpdateError) {
-        // What two publishers say in turns is no fault of the robot.
+    /// Says what was not taken: an announced policy, or the one that was kept.
+    fn refuse(&self, policy: Option<PolicyId>, error: UpdateError) {
         match &error {
+            UpdateError::Kept { .. } => tracing::error!("{error}"),
+            // What two publishers say in turns is no fault of the robot.
             UpdateError::NotNewer { .. } | UpdateError::NotYet(_) => {
                 tracing::info!("policy not taken: {error}")
             }

@@ -94,10 +94,11 @@ impl View {
         self.tally = Tally::default();
     }
 
-    pub(crate) fn refuse_policy(&mut self, policy: PolicyId, error: UpdateError) {
+    /// One that was announced, or that was kept: nobody asks for word of that.
+    pub(crate) fn refuse_policy(&mut self, policy: Option<PolicyId>, error: UpdateError) {
         self.updates_refused += 1;
         let reason = error.why();
-        self.not_taken = Some(NotTaken { policy, reason });
+        self.not_taken = policy.map(|policy| NotTaken { policy, reason });
         self.last_refusal = Some(Arc::new(error));
     }
 

@@ -65,7 +65,13 @@ async fn a_lost_record_does_not_lead_back_to_an_old_version() {
     erased[..RECORD].fill(0);
     erased[end..].fill(0);
     let noise = vec![0x5a; whole.len()];
-    for bytes in [&erased[..], &whole[RECORD..], &erased[..end / 2], &noise] {
+    for bytes in [
+        &erased[..],
+        &whole[RECORD..],
+        &erased[..end / 2],
+        &noise,
+        &[],
+    ] {
         std::fs::write(&file, bytes).expect("writable");
         let error = start(&network, folder.path()).await;
         let error = error.expect_err("nobody knows the version");
@@ -98,7 +104,30 @@ async fn slots_put_back_to_an_older_version_are_not_used() {
     let view = until(&node, |_| true).await;
     assert_eq!(view.policy, None);
     let error = view.last_refusal.expect("it is said");
-    assert!(matches!(*error, UpdateError::NotNewer { .. }), "{error}");
+    let is_older = |error: &UpdateError| match error {
+        UpdateError::Kept { reason, .. } => matches!(**reason, UpdateError::NotNewer { .. }),
+        _ => false,
+    };
+    assert!(is_older(&error), "{error}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_damaged_kept_policy_is_told_by_its_file_and_not_as_an_announcement() {
+    let folder = tempfile::tempdir().expect("a temporary directory");
+    let network = Network::start().await;
+    let file = state_of(&network, folder.path(), &[1]).await;
+    let mut bytes = std::fs::read(&file).expect("readable");
+    // Within the first slot's manifest.
+    bytes[RECORD + 40] ^= 1;
+    std::fs::write(&file, bytes).expect("writable");
+    let node = start(&network, folder.path()).await.expect("it starts");
+    let view = until(&node, |_| true).await;
+    assert_eq!((view.policy, view.not_taken), (None, None));
+    let said = view.last_refusal.expect("it is said").to_string();
+    assert!(
+        said.starts_with(&file.display().to_string()) && said.contains("policy kept there"),
+        "{said}"
+    );
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -149,7 +149,11 @@ fn own_name(text: &str) -> Result<String, String> {
 fn public_key(digits: &str) -> Result<VerifyingKey, String> {
     let key = const_hex::decode_to_array(digits)
         .map_err(|_| "give 64 hexadecimal digits, as `host-train keygen` prints them")?;
-    VerifyingKey::from_bytes(&key).map_err(|_| "not an ed25519 public key".into())
+    let key = VerifyingKey::from_bytes(&key).map_err(|_| "not an ed25519 public key")?;
+    match key.is_weak() {
+        true => Err("a weak ed25519 public key, for which anybody signs".into()),
+        false => Ok(key),
+    }
 }
 
 fn main() -> ExitCode {

@@ -133,6 +133,11 @@ fn a_bad_value_is_refused_with_its_option_and_with_what_is_taken() {
             "--mode foo",
             "not a mode: refine, fast, polish, verify or best",
         ),
+        (
+            "node --fleet f --robot r",
+            &format!("--trust {}", "0".repeat(64)),
+            "a weak ed25519 public key, for which anybody signs",
+        ),
         ("ros --model m.ply", "--connect foo", endpoint),
         (
             "ros --model m.ply",
@@ -180,6 +185,14 @@ fn files_that_are_none_are_named_once() {
         ("part.xyz", "0 0 0\n1 0 0\n0 1 0\n0 0 1\n"),
         ("wrong.json5", "{ mode: \"nonsense\" }"),
         ("endpoint.json5", "{ connect: { endpoints: [\"foo\"] } }"),
+        (
+            "tls.json5",
+            "{ connect: { endpoints: [\"tls/127.0.0.1:1\"] } }",
+        ),
+        (
+            "udp.json5",
+            "{ mode: \"router\", listen: { endpoints: { router: [\"udp/127.0.0.1:0\"] } } }",
+        ),
     ] {
         std::fs::write(at.join(name), text).expect("a writable directory");
     }
@@ -217,6 +230,14 @@ fn files_that_are_none_are_named_once() {
             "wrong.json5: unknown variant `nonsense`, expected one of `router`",
         ),
         ("router --zenoh endpoint.json5", "foo, line 1, column 26"),
+        (
+            &format!("{node} --zenoh tls.json5"),
+            "tls.json5: tls/127.0.0.1:1: an endpoint is tcp/HOST:PORT or quic/HOST:PORT",
+        ),
+        (
+            "router --zenoh udp.json5",
+            "udp.json5: udp/127.0.0.1:0: an endpoint is tcp/HOST:PORT or quic/HOST:PORT",
+        ),
         (
             "refine --fleet f --robot r none.xyz part.xyz",
             "none.xyz: No such file or directory (os error 2)",

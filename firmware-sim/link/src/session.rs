@@ -1,6 +1,7 @@
 //! Opening a Zenoh session that says at once what is wrong: the one definition for both ends.
 
 use crate::certificate::{self, Certificate};
+use serde_json::Value;
 use std::net::{Ipv4Addr, TcpListener};
 use std::ops::Range;
 use std::path::PathBuf;
@@ -171,6 +172,14 @@ fn config(args: &SessionArgs) -> Result<Config, SessionError> {
         Some(path) => Config::from_file(path).map_err(wrong(path.display().to_string()))?,
         None => Config::default(),
     };
+    if let Some(path) = &args.zenoh {
+        for key in ["connect/endpoints", "listen/endpoints"] {
+            let found = config.get_json(key).unwrap_or_default();
+            let found = serde_json::from_str(&found).unwrap_or_default();
+            let checked = checked(&found).map_err(zenoh::Error::from);
+            checked.map_err(wrong(path.display().to_string()))?;
+        }
+    }
     let mut set = |key: &str, value: &str| {
         config
             .insert_json5(key, value)
@@ -206,6 +215,18 @@ fn config(args: &SessionArgs) -> Result<Config, SessionError> {
         }
     }
     Ok(config)
+}
+
+/// Checks the endpoints of a configuration: a list, or a list for each mode.
+fn checked(endpoints: &Value) -> Result<(), String> {
+    match endpoints {
+        Value::String(text) => endpoint(text)
+            .map(drop)
+            .map_err(|what| format!("{text}: {what}")),
+        Value::Array(parts) => parts.iter().try_for_each(checked),
+        Value::Object(parts) => parts.values().try_for_each(checked),
+        _ => Ok(()),
+    }
 }
 
 /// What Zenoh says, without the places in its sources that it names and without the shapes of its types.
@@ -244,7 +265,7 @@ fn source_place(text: &str) -> Option<Range<usize>> {
 }
 
 fn json(endpoints: &[String]) -> String {
-    serde_json::Value::from(endpoints).to_string()
+    Value::from(endpoints).to_string()
 }
 
 fn endpoints(args: &SessionArgs) -> String {

@@ -27,8 +27,10 @@ use tokio::sync::Semaphore;
 use tokio::task::JoinHandle;
 
 /// Connections at once; more wait.
-const CONNECTIONS: usize = 16;
-/// Whoever has not asked and read by then is dropped.
+const CONNECTIONS: usize = 64;
+/// Whoever has not asked by then is dropped.
+const ASKING_TIME: Duration = Duration::from_secs(1);
+/// Whoever has not read by then is dropped, too.
 const PATIENCE: Duration = Duration::from_secs(5);
 
 /// Where a program's figures are served.
@@ -144,6 +146,7 @@ async fn serve(stream: TcpStream, figures: &(impl Fn() -> Figures + Sync)) -> hy
     });
     let mut http = http1::Builder::new();
     http.timer(TokioTimer::new()).keep_alive(false);
+    http.header_read_timeout(ASKING_TIME);
     http.serve_connection(TokioIo::new(stream), service).await
 }
 
@@ -265,6 +268,7 @@ mod tests {
     use reagent_core::wire::{NotTaken, PolicyId, WhyNot};
     use std::io::Write;
     use std::net::TcpStream;
+    use std::time::Instant;
 
     fn figures() -> Figures {
         let policy = PolicyId {
@@ -353,8 +357,10 @@ mod tests {
         assert!(posted.starts_with("HTTP/1.1 405"), "{posted}");
         // Who comes while the silent ones fill every place waits until they are dropped.
         silent.push(TcpStream::connect(address).expect("it listens"));
+        let began = Instant::now();
         let metrics = ask(address, &get("/metrics")).await;
         assert!(metrics.starts_with("HTTP/1.1 200"), "{metrics}");
+        assert!(began.elapsed() < PATIENCE);
 
         let taken = MetricsArgs {
             metrics: Some(address),

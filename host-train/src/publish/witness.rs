@@ -105,8 +105,8 @@ impl State {
             && release > served
         {
             tracing::warn!(
-                "version {release} is in the fleet, newer than version {served}, which is served here: robots do not \
-                 take that one any more, and this publisher can end"
+                "version {release} is in the fleet, newer than version {served}, which is served here: robots take \
+                 that one, and this publisher may end"
             );
         }
     }

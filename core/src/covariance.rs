@@ -37,8 +37,8 @@ impl Covariance {
     pub(crate) fn of(equations: &Motion, variance: f64, about: Vec3, radius: f32) -> Covariance {
         let variance = variance.max(LEAST_NOISE * LEAST_NOISE);
         let [turn, shift] = [OPEN_TURN, OPEN_SHIFT].map(|deviation| 1.0 / (deviation * deviation));
-        let open = [turn, turn, turn, shift, shift, shift];
-        let mut matrix = equations.inverse(1.0 / (REPEATED * variance), open);
+        let weights = [turn, turn, turn, shift, shift, shift];
+        let mut matrix = equations.inverse(1.0 / (REPEATED * variance), weights);
         for (i, row) in matrix.iter_mut().enumerate() {
             for (j, x) in row.iter_mut().enumerate() {
                 let lengths = u8::from(i >= 3) + u8::from(j >= 3);

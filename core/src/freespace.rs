@@ -61,7 +61,7 @@ impl DepthGrid {
         self.margin = MARGIN * surface.radius;
         let (mut low, mut high) = ([f32::INFINITY; 2], [f32::NEG_INFINITY; 2]);
         for &point in surface.points() {
-            let Some((at, _)) = self.image(Vec3::from_array(point)) else {
+            let Some((at, _)) = self.project(Vec3::from_array(point)) else {
                 return;
             };
             for ((low, high), x) in low.iter_mut().zip(&mut high).zip(at) {
@@ -92,7 +92,7 @@ impl DepthGrid {
 
     /// Takes in a point that was seen.
     fn take(&mut self, point: Vec3) {
-        if let Some((at, depth)) = self.image(point)
+        if let Some((at, depth)) = self.project(point)
             && let Some((x, y)) = self.cell(at)
             && let Some(held) = self.depth.get_mut(y).and_then(|row| row.get_mut(x))
         {
@@ -109,7 +109,7 @@ impl DepthGrid {
 
     /// Whether a point would have hidden what was seen.
     pub(crate) fn hides(&self, point: Vec3) -> bool {
-        let Some((at, depth)) = self.image(point) else {
+        let Some((at, depth)) = self.project(point) else {
             return false;
         };
         let seen = self
@@ -121,13 +121,13 @@ impl DepthGrid {
 
     /// The cell of which a point that was seen is the nearest, if it is one's.
     pub(crate) fn nearest_in(&self, point: Vec3) -> Option<usize> {
-        let (at, depth) = self.image(point)?;
+        let (at, depth) = self.project(point)?;
         let (x, y) = self.cell(at)?;
         let held = *self.depth.get(y)?.get(x)?;
         (depth == held).then_some(y * CELLS + x)
     }
 
-    fn image(&self, point: Vec3) -> Option<([f32; 2], f32)> {
+    fn project(&self, point: Vec3) -> Option<([f32; 2], f32)> {
         let [x, y, z] = (self.camera * (point - self.eye)).to_array();
         (z > 1e-3).then(|| ([x / z, y / z], z))
     }

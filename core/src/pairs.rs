@@ -70,7 +70,7 @@ impl Pair {
         [1.0, -1.0].map(|sign| {
             let rotation = frame(other, sign) * from;
             Rigid {
-                turn: Rotation::of(&rotation),
+                rotation: Rotation::of(&rotation),
                 shift: other.middle - rotation * self.middle,
             }
         })

@@ -207,8 +207,8 @@ impl<'w> Refiner<'w> {
         for _ in 0..BRIEF_NEAR.iterations {
             let mut equations = self.matched_equations(at, &BRIEF_NEAR);
             equations.hold(held);
-            let (turn, shift) = equations.solve(RIDGE);
-            at = at.moved(turn, shift);
+            let (rotation_vector, shift) = equations.solve(RIDGE);
+            at = at.moved(rotation_vector, shift);
         }
         at
     }
@@ -266,9 +266,11 @@ impl<'w> Refiner<'w> {
     pub(crate) fn run(&mut self, initial: Rigid, stage: &Stage) -> (Rigid, usize) {
         let mut at = initial;
         for i in 0..stage.iterations {
-            let (turn, shift) = self.matched_equations(at, stage).solve(RIDGE);
-            at = at.moved(turn, shift);
-            if turn.length_squared().max(shift.length_squared()) < stage.settled * stage.settled {
+            let (rotation_vector, shift) = self.matched_equations(at, stage).solve(RIDGE);
+            at = at.moved(rotation_vector, shift);
+            if rotation_vector.length_squared().max(shift.length_squared())
+                < stage.settled * stage.settled
+            {
                 return (at, i + 1);
             }
         }
@@ -283,7 +285,7 @@ impl<'w> Refiner<'w> {
     }
 
     pub(crate) fn outside(&self, at: Rigid) -> Pose {
-        let rotation = at.turn.matrix();
+        let rotation = at.rotation.matrix();
         let centre = at.shift * self.model.frame.scale + self.model.frame.centre;
         Pose {
             rotation,

@@ -30,13 +30,13 @@ const EQUAL_PLACE: f32 = 0.01;
 
 /// Whether two poses are one hypothesis.
 pub(crate) fn is_same(a: Rigid, b: Rigid) -> bool {
-    a.turn.likeness(b.turn) > SAME
+    a.rotation.likeness(b.rotation) > SAME
         && (a.centre() - b.centre()).length_squared() < SAME_PLACE * SAME_PLACE
 }
 
 /// Whether two poses are one result of refinement.
 pub(crate) fn is_equal(a: Rigid, b: Rigid) -> bool {
-    a.turn.likeness(b.turn) > EQUAL
+    a.rotation.likeness(b.rotation) > EQUAL
         && (a.centre() - b.centre()).length_squared() < EQUAL_PLACE * EQUAL_PLACE
 }
 
@@ -124,8 +124,8 @@ fn moved(seed: Rigid, step: f32) -> impl Iterator<Item = Rigid> {
 /// about the same through the source's.
 pub(crate) fn confused(seed: Rigid, axes: Mat3) -> impl Iterator<Item = Rigid> {
     turns(axes).flat_map(move |by| {
-        let turn = by.after(seed.turn);
-        [seed.turned(by), Rigid { turn, ..seed }]
+        let rotation = by.after(seed.rotation);
+        [seed.turned(by), Rigid { rotation, ..seed }]
     })
 }
 
@@ -140,7 +140,7 @@ pub(crate) fn copies(seed: Rigid, axes: Mat3) -> impl Iterator<Item = Rigid> {
 /// Principal axes of the source on those of the target, in every way.
 pub(crate) fn aligned(source: Mat3, target: Mat3, shift: Vec3) -> impl Iterator<Item = Rigid> {
     alignments().map(move |signed| Rigid {
-        turn: Rotation::of(&(target * signed * source.transpose())),
+        rotation: Rotation::of(&(target * signed * source.transpose())),
         shift,
     })
 }
@@ -152,9 +152,11 @@ pub(crate) fn mirrored(seed: Rigid, axes: Mat3) -> impl Iterator<Item = Rigid> {
     let half_turn = |normal| Rotation::new(normal, 0.0);
     let normals = [axes.x_axis, axes.y_axis, axes.z_axis];
     normals.into_iter().flat_map(move |normal| {
-        let turn = half_turn(normal).after(seed.turn).after(half_turn(Vec3::X));
+        let rotation = half_turn(normal)
+            .after(seed.rotation)
+            .after(half_turn(Vec3::X));
         let reflected = seed.shift - normal * (2.0 * normal.dot(seed.shift));
-        [reflected, seed.shift].map(|shift| Rigid { turn, shift })
+        [reflected, seed.shift].map(|shift| Rigid { rotation, shift })
     })
 }
 
@@ -294,7 +296,7 @@ mod tests {
 
     fn about_x(x: f32) -> Rigid {
         Rigid {
-            turn: Rotation::new(Vec3::X * (0.5 * x).sin(), (0.5 * x).cos()),
+            rotation: Rotation::new(Vec3::X * (0.5 * x).sin(), (0.5 * x).cos()),
             shift: Vec3::ZERO,
         }
     }
@@ -326,7 +328,7 @@ mod tests {
             let any = Rotation::new(Vec3::new(q[0], q[1], q[2]), q[3]);
             let near = all
                 .iter()
-                .map(|at| at.turn.likeness(any))
+                .map(|at| at.rotation.likeness(any))
                 .fold(0.0, f32::max);
             let degrees = 2.0 * near.min(1.0).acos().to_degrees();
             assert!(degrees < 45.0, "{degrees}");

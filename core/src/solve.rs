@@ -155,15 +155,15 @@ impl Motion {
         let columns: [[f32; 6]; 6] = core::array::from_fn(|i| {
             motion.b = [0.0; 6];
             motion.b[i] = 1.0;
-            let (turn, shift) = motion.solve(ROUNDING);
-            let ([a, b, c], [d, e, f]) = (turn.to_array(), shift.to_array());
+            let (rotation_vector, shift) = motion.solve(ROUNDING);
+            let ([a, b, c], [d, e, f]) = (rotation_vector.to_array(), shift.to_array());
             [a, b, c, d, e, f]
         });
         // Symmetric to the bit.
         core::array::from_fn(|i| core::array::from_fn(|j| columns[i.max(j)][i.min(j)]))
     }
 
-    /// Rotation and shift that solve the equations, damped by a share of their trace: none where nothing asks
+    /// Rotation vector and shift that solve the equations, damped by a share of their trace: none where nothing asks
     /// for any.
     pub(crate) fn solve(&self, damping: f64) -> (Vec3, Vec3) {
         let mut l = [[0.0f64; 6]; 6];
@@ -206,21 +206,21 @@ impl Motion {
 /// A rotation in a form that stays one, and a translation: `x' = R x + t`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Rigid {
-    pub(crate) turn: Rotation,
+    pub(crate) rotation: Rotation,
     pub(crate) shift: Vec3,
 }
 
 impl Rigid {
     pub(crate) fn new(rotation: Mat3, shift: Vec3) -> Rigid {
         Rigid {
-            turn: Rotation::of(&rotation),
+            rotation: Rotation::of(&rotation),
             shift,
         }
     }
 
     pub(crate) fn pose(&self) -> Pose {
         Pose {
-            rotation: self.turn.matrix(),
+            rotation: self.rotation.matrix(),
             translation: self.shift,
         }
     }
@@ -228,24 +228,23 @@ impl Rigid {
     /// Turned about the target's centre.
     pub(crate) fn turned(&self, by: Rotation) -> Rigid {
         Rigid {
-            turn: by.after(self.turn),
+            rotation: by.after(self.rotation),
             shift: by.matrix() * self.shift,
         }
     }
 
     /// Where the target's centre lies in the source's frame.
     pub(crate) fn centre(&self) -> Vec3 {
-        -(self.turn.matrix().transpose() * self.shift)
+        -(self.rotation.matrix().transpose() * self.shift)
     }
 
-    /// After a small turn (of that rotation vector to first order, at most half a radian) and shift (at most half
-    /// a unit).
-    pub(crate) fn moved(&self, turn: Vec3, shift: Vec3) -> Rigid {
-        let (turn, shift) = (turn.clamp_length_max(0.5), shift.clamp_length_max(0.5));
-        let turn = Rotation::new(turn * 0.5, 1.0);
+    /// After a small rotation (by that vector to first order, at most half a radian) and shift (at most half a unit).
+    pub(crate) fn moved(&self, rotation_vector: Vec3, shift: Vec3) -> Rigid {
+        let half = rotation_vector.clamp_length_max(0.5) * 0.5;
+        let by = Rotation::new(half, 1.0);
         Rigid {
-            turn: turn.after(self.turn),
-            shift: turn.matrix() * self.shift + shift,
+            rotation: by.after(self.rotation),
+            shift: by.matrix() * self.shift + shift.clamp_length_max(0.5),
         }
     }
 }

@@ -78,7 +78,7 @@ impl Prior {
 
     /// Squared distance of a pose from the start in standard deviations, halved: a negative logarithm of probability.
     pub(crate) fn surprise(&self, at: Rigid) -> f32 {
-        let half = libm::acosf(at.turn.likeness(self.start.turn).min(1.0));
+        let half = libm::acosf(at.rotation.likeness(self.start.rotation).min(1.0));
         let turned = 2.0 * half / self.uncertainty.rotation_rad.max(1e-6);
         let moved = at.centre() - self.start.centre();
         let Uncertainty { along, across, .. } = self.uncertainty;

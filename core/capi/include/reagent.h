@@ -30,9 +30,6 @@
 // Words of a ReagentModel.
 #define REAGENT_MODEL_WORDS 14500
 
-// Words of a ReagentWorkspace.
-#define REAGENT_WORKSPACE_WORDS 30200
-
 // Version of this header: changes with incompatible calls.
 #define REAGENT_VERSION_MAJOR 0
 
@@ -44,6 +41,9 @@
 
 // Version of this header as one number, to compare with reagent_version.
 #define REAGENT_VERSION (((REAGENT_VERSION_MAJOR * 1000000) + (REAGENT_VERSION_MINOR * 1000)) + REAGENT_VERSION_PATCH)
+
+// Words of a ReagentWorkspace.
+#define REAGENT_WORKSPACE_WORDS 30200
 
 // What came of a call; reagent_status_text has a sentence for each. Whatever is not OK has changed nothing but, of reagent_prepare,
 // the model, which is not prepared then.

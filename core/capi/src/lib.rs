@@ -20,6 +20,7 @@ mod register;
 mod status;
 mod task;
 mod version;
+mod workspace;
 
 pub use answer::{REAGENT_OTHERS, ReagentAnswer, ReagentVerdict};
 pub use cloud::{ReagentGrid, reagent_encode, reagent_grid_of, reagent_put_in_order};
@@ -36,7 +37,7 @@ pub use pretrained::reagent_pretrained_int8;
 pub use pretrained::reagent_pretrained_views_compact;
 #[cfg(feature = "pretrained-views")]
 pub use pretrained::reagent_pretrained_views_int8;
-pub use refine::{REAGENT_WORKSPACE_WORDS, ReagentWorkspace, reagent_refine, reagent_register};
+pub use refine::{reagent_refine, reagent_register};
 pub use register::{
     ReagentPose, ReagentResult, ReagentStep, reagent_advance, reagent_begin, reagent_begin_on_grid,
     reagent_result, reagent_set_source, reagent_set_source_on_grid, reagent_set_target,
@@ -48,6 +49,7 @@ pub use version::{
     REAGENT_VERSION, REAGENT_VERSION_MAJOR, REAGENT_VERSION_MINOR, REAGENT_VERSION_PATCH,
     reagent_version,
 };
+pub use workspace::{REAGENT_WORKSPACE_WORDS, ReagentWorkspace};
 
 #[cfg(target_os = "none")]
 #[panic_handler]

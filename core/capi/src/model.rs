@@ -1,8 +1,8 @@
 //! Targets made ready once: `reagent_core::model`.
 
 use crate::pointer::{aligned, floats};
-use crate::refine::{ReagentWorkspace, in_place};
 use crate::status::{ReagentStatus, status};
+use crate::workspace::{ReagentWorkspace, in_place};
 use core::mem::{align_of, size_of};
 use core::ptr::addr_of_mut;
 use reagent_core::model::Model;

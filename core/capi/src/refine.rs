@@ -6,24 +6,10 @@ use crate::pointer::{aligned, floats, value};
 use crate::register::ReagentPose;
 use crate::status::{ReagentStatus, status};
 use crate::task::ReagentTask;
-use core::mem::{align_of, size_of};
+use crate::workspace::{ReagentWorkspace, in_place};
 use reagent_core::pipeline::{self, Progress, Task};
 use reagent_core::polish::Workspace;
 use reagent_core::{Cloud, Error, Pose, Verdict};
-
-/// Words of a ReagentWorkspace.
-pub const REAGENT_WORKSPACE_WORDS: usize = 30_200;
-
-/// Memory of reagent_register, reagent_refine and reagent_prepare: the caller's, of any content, for as long as the call.
-#[repr(C)]
-pub struct ReagentWorkspace {
-    pub(crate) words: [u64; REAGENT_WORKSPACE_WORDS],
-}
-
-const _: () = assert!(size_of::<Workspace>() <= size_of::<ReagentWorkspace>());
-const _: () = assert!(align_of::<Workspace>() <= align_of::<ReagentWorkspace>());
-// No more than a tenth too large.
-const _: () = assert!(size_of::<Workspace>() * 10 >= size_of::<ReagentWorkspace>() * 9);
 
 /// A whole registration: the policy's steps and what the task's mode does with the pose that they reach. Of more than
 /// 2048 points of a cloud the refinement uses so many. A registration under way in the memory ends.
@@ -131,22 +117,4 @@ unsafe fn answered(
     // SAFETY: the caller's promise, and checked above.
     unsafe { answer.write(found) };
     Ok(())
-}
-
-/// An empty workspace in the caller's.
-///
-/// # Safety
-/// `workspace` is null, not aligned, or points to a whole [`ReagentWorkspace`] that nobody else uses meanwhile.
-pub(crate) unsafe fn in_place<'w>(
-    workspace: *mut ReagentWorkspace,
-) -> Result<&'w mut Workspace, ReagentStatus> {
-    if !aligned(workspace) {
-        return Err(ReagentStatus::Pointer);
-    }
-    let workspace = workspace.cast::<Workspace>();
-    // SAFETY: aligned and large enough, as asserted above; written whole before a reference to it is made.
-    unsafe {
-        workspace.write(Workspace::new());
-        Ok(&mut *workspace)
-    }
 }

@@ -7,7 +7,8 @@
 use super::Isa;
 #[cfg(target_arch = "x86_64")]
 use super::Kind;
-use super::lanes::{LANES, Lanes, Row, on_lanes};
+use super::lanes::{LANES, Lanes, Row};
+use super::on_lanes::on_lanes;
 
 /// What is compared.
 type Four = [f32; 4];

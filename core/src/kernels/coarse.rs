@@ -9,8 +9,9 @@ use super::Isa;
 #[cfg(target_arch = "x86_64")]
 use super::Kind;
 use super::equations::add;
-use super::lanes::{Four, LANES, Lanes, Seen, Vectors, on_lanes};
+use super::lanes::{Four, LANES, Lanes, Seen, Vectors};
 use super::losses::of_surface;
+use super::on_lanes::on_lanes;
 use super::oriented::{Bare, Oriented};
 use super::{Sums, Weighing};
 use crate::pose::Pose;

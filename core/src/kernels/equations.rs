@@ -7,7 +7,8 @@
 use super::Isa;
 #[cfg(target_arch = "x86_64")]
 use super::Kind;
-use super::lanes::{LANES, Lanes, Row, Seen, Vectors, on_lanes};
+use super::lanes::{LANES, Lanes, Row, Seen, Vectors};
+use super::on_lanes::on_lanes;
 use super::oriented::Bare;
 use crate::pose::Pose;
 

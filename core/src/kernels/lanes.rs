@@ -1,6 +1,6 @@
 //! Numbers side by side, one a lane: what the kernels of refinement are written on.
 //!
-//! An algorithm stands once, on [`Lanes`], and is compiled for each instruction set ([`on_lanes`]). No fused multiply-add, and what is
+//! An algorithm stands once, on [`Lanes`], and is compiled for each instruction set ([`super::on_lanes`]). No fused multiply-add, and what is
 //! summed over lanes is summed in their order: every kernel gives the same bits.
 
 use crate::dims::SURFACE_POINTS;
@@ -56,32 +56,6 @@ pub(super) trait Lanes:
     /// The vectors at such places, at most [`SURFACE_POINTS`], one for each lane.
     fn gather(from: &Places, places: &[u16; LANES], first: usize) -> Vectors<Self>;
 }
-
-/// Compiles a function on lanes for each instruction set, and calls that of the machine's.
-macro_rules! on_lanes {
-    ($isa:expr, $of:ident($($arg:ident: $t:ty),* $(,)?) $(-> $out:ty)?) => {{
-        #[cfg(target_arch = "x86_64")]
-        #[target_feature(enable = "avx2")]
-        fn avx2($($arg: $t),*) $(-> $out)? {
-            $of::<crate::kernels::x86::lanes::Eight>($($arg),*)
-        }
-        #[cfg(target_arch = "x86_64")]
-        #[target_feature(enable = "avx512f")]
-        fn avx512($($arg: $t),*) $(-> $out)? {
-            $of::<crate::kernels::x86::lanes::Sixteen>($($arg),*)
-        }
-        match $isa.0 {
-            // SAFETY: the instruction set was detected.
-            #[cfg(target_arch = "x86_64")]
-            Kind::Avx2 | Kind::AvxVnni => unsafe { avx2($($arg),*) },
-            // SAFETY: as above.
-            #[cfg(target_arch = "x86_64")]
-            Kind::Avx512 | Kind::Avx512Vnni | Kind::Amx => unsafe { avx512($($arg),*) },
-            _ => $of::<crate::kernels::lanes::Four>($($arg),*),
-        }
-    }};
-}
-pub(super) use on_lanes;
 
 /// Vectors side by side.
 #[derive(Clone, Copy)]

@@ -7,8 +7,9 @@
 use super::Isa;
 #[cfg(target_arch = "x86_64")]
 use super::Kind;
-use super::lanes::{LANES, Lanes, Seen, Vectors, on_lanes};
+use super::lanes::{LANES, Lanes, Seen, Vectors};
 use super::matching::{BEYOND, Sought};
+use super::on_lanes::on_lanes;
 use super::oriented::Bare;
 use crate::dims::SURFACE_POINTS;
 use crate::loss::{GAP, POINT, SURFACE};

@@ -9,7 +9,8 @@ use super::Isa;
 #[cfg(target_arch = "x86_64")]
 use super::Kind;
 use super::boxes::{BLOCKS, Boxed, RUN, bounds, largest, squared_gap};
-use super::lanes::{LANES, Lanes, Places, Row, Seen, Vectors, on_lanes};
+use super::lanes::{LANES, Lanes, Places, Row, Seen, Vectors};
+use super::on_lanes::on_lanes;
 use super::{BATCH, Batch, Corners};
 use crate::dims::SURFACE_POINTS;
 use crate::pose::Pose;

@@ -50,6 +50,7 @@ mod losses;
 mod matching;
 mod nearest;
 mod neighbours;
+mod on_lanes;
 mod oriented;
 mod packed;
 mod peak;

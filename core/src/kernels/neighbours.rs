@@ -8,7 +8,8 @@ use super::Isa;
 #[cfg(target_arch = "x86_64")]
 use super::Kind;
 use super::boxes::{Boxed, bounds};
-use super::lanes::{LANES, Lanes, Row, Vectors, on_lanes};
+use super::lanes::{LANES, Lanes, Row, Vectors};
+use super::on_lanes::on_lanes;
 
 /// Queries of a [`Batch`].
 pub const BATCH: usize = LANES;

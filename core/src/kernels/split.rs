@@ -112,6 +112,7 @@ impl Isa {
             // SAFETY: the instruction set was detected, lengths were checked above and when packed.
             #[cfg(target_arch = "x86_64")]
             Kind::Amx => unsafe { amx_split::dense_max(layer, x, max) },
+            // Nothing else multiplies the parts.
             _ => {}
         }
     }

@@ -26,8 +26,8 @@ impl Refiner<'_> {
             let mut sums = Sums::ZERO;
             self.isa
                 .coarse_equations(sample, count, &at.pose(), &near, by, &mut sums);
-            let (turn, shift) = Motion::of(&sums).solve(RIDGE);
-            at = at.moved(turn, shift);
+            let (rotation_vector, shift) = Motion::of(&sums).solve(RIDGE);
+            at = at.moved(rotation_vector, shift);
         }
         at
     }

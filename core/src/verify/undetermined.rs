@@ -68,10 +68,10 @@ impl Undetermined {
     pub(super) fn is_open(&self, a: Rigid, b: Rigid) -> bool {
         let is_turned = match self.axis {
             Some(Axis { direction, .. }) => {
-                let along = |at: Rigid| at.turn.matrix().transpose() * direction;
+                let along = |at: Rigid| at.rotation.matrix().transpose() * direction;
                 along(a).dot(along(b)) > 0.99
             }
-            None => a.turn.likeness(b.turn) > SAME,
+            None => a.rotation.likeness(b.rotation) > SAME,
         };
         let mut apart = a.centre() - b.centre();
         if let Some(Slide { direction, .. }) = self.slide {

@@ -119,6 +119,7 @@ impl Refiner<'_> {
         search.copies(prior.as_ref(), &mut go_on)?;
         search.nudge(prior.as_ref(), &mut go_on)?;
         let best = search.best().unwrap_or(0);
+        let best = search.far_better(best);
         let hypotheses = search.hypotheses;
         let (contenders, ended) = (search.contenders, search.ended);
         let winner = contenders.get(best).copied().flatten();

@@ -1,7 +1,7 @@
 //! The search for poses that might be right instead: hypotheses, and which of them enter the comparison.
 
 use super::{ALL_LOST, Contender, RANKED, energy};
-use crate::loss::CONTENDERS;
+use crate::loss::{COMPARED, CONTENDERS};
 use crate::pairs::matching_pairs;
 use crate::polish::{Candidate, Refiner, Residual};
 use crate::rotation::Rotation;
@@ -38,6 +38,8 @@ const NUDGED: usize = 3;
 const BOTH_EXPLAINED: f32 = 0.55;
 const MORE_PROBABLE: f32 = 1.0;
 const BETTER: f32 = 2.0;
+/// Standard errors by which a pose that explains both clouds fits better than the most probable, to be given out instead.
+const FAR_BETTER: f32 = 10.0;
 /// How much more loss than the best a hypothesis may have to be polished; the same where the pose at hand is held on to.
 const FAR_BEHIND: f32 = 0.2;
 const BEHIND: f32 = 0.1;
@@ -182,6 +184,21 @@ impl Search<'_, '_> {
             && energy(0)? - least < MORE_PROBABLE
             && self.refiner.losses().excess(0, best).score() < BETTER;
         Some(if holds { 0 } else { best })
+    }
+
+    /// Given the most probable pose, the one that explains both clouds and fits far better, if there is one: no start speaks against that.
+    pub(super) fn far_better(&mut self, best: usize) -> usize {
+        let score = |i: usize| self.refiner.losses().excess(best, i).score();
+        let held = self.contenders.iter().enumerate();
+        let held = held.filter_map(|(i, held)| held.map(|held| (score(i), i, held.at)));
+        match held.max_by(|a, b| a.0.total_cmp(&b.0)) {
+            Some((score, i, at)) if score > FAR_BETTER => {
+                self.refiner.match_both(at, COMPARED);
+                let explains = explains_both(self.refiner.matched_residual(at));
+                if explains { i } else { best }
+            }
+            _ => best,
+        }
     }
 
     /// Screens hypotheses, sifts the best and enters the best of those. Where the pose at hand is held on to and planes fix its turn,

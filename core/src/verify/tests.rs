@@ -266,6 +266,25 @@ fn a_start_speaks_for_poses_that_explain_the_clouds() {
 }
 
 /// A vase: its surface says nothing of the angle, the points that both clouds share do.
+/// A brick with a knob at a corner fits nearly as well the other way around, and that is how it starts.
+#[test]
+fn a_start_does_not_speak_against_a_pose_that_fits_far_better() {
+    let knobbed = |count, seed| {
+        let knob = brick([0.2; 3], count / 4, seed + 1).into_iter();
+        let knob = knob.map(|[x, y, z]| [x + 0.6, y + 0.2, z + 0.5]);
+        let body = brick([0.8, 0.4, 0.3], count, seed);
+        body.into_iter().chain(knob).collect::<Vec<_>>()
+    };
+    let (source, target) = (knobbed(700, 31), knobbed(800, 41));
+    let mut workspace = Box::new(Workspace::new());
+    let mut refiner = Refiner::new(&source, &target, &mut workspace).expect("clouds");
+    let around = pose([0.0, 0.0, core::f32::consts::PI], [0.0; 3]);
+    let found = refiner.verify(around, &Start::at(around)).expect("a pose");
+    let (angle, distance) = error(found.best.target_from_source, Pose::IDENTITY);
+    assert!(angle < 3.0 && distance < 0.03, "{angle} {distance}");
+    assert_eq!(found.undetermined, Undetermined::NOTHING);
+}
+
 #[test]
 fn shared_points_tell_the_angle_of_a_surface_of_revolution() {
     let mut numbers = Numbers(5);

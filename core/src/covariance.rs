@@ -20,7 +20,8 @@ const OPEN_SHIFT: f64 = 1.0;
 /// the target's axes. It perturbs from the left, about the target's centroid: if `x` is where the pose puts a point,
 /// the truth puts it at `about + exp(ω) (x - about) + v`.
 ///
-/// What the shape leaves open has a standard deviation of up to π, and of up to one target radius. Other poses that fit as well
+/// What the shape leaves open has a standard deviation of up to π, and of up to one target radius; where it was looked how far, that of
+/// any place in between alike. Other poses that fit as well
 /// ([`crate::verify::Undetermined::poses`]) are not in it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Covariance {
@@ -49,6 +50,34 @@ impl Covariance {
             about,
             radius,
             matrix,
+        }
+    }
+
+    /// Takes in that a turn about an axis is open, by an angle in either sense.
+    pub(crate) fn open_turn(&mut self, axis: Vec3, half_angle_rad: f32) {
+        self.open(0, axis, half_angle_rad * half_angle_rad / 3.0);
+    }
+
+    /// Takes in that a shift along a direction is open, between two.
+    pub(crate) fn open_shift(&mut self, direction: Vec3, [least, most]: [f32; 2]) {
+        let squared = least * least + least * most + most * most;
+        self.open(3, direction, squared / 3.0);
+    }
+
+    /// Makes a variance that large at least, of three rows from the first.
+    fn open(&mut self, first: usize, direction: Vec3, variance: f32) {
+        let direction = direction.to_array();
+        let mut held = 0.0;
+        for (row, a) in self.matrix.iter().skip(first).zip(direction) {
+            for (x, b) in row.iter().skip(first).zip(direction) {
+                held += a * b * x;
+            }
+        }
+        let more = (variance - held).max(0.0);
+        for (row, a) in self.matrix.iter_mut().skip(first).zip(direction) {
+            for (x, b) in row.iter_mut().skip(first).zip(direction) {
+                *x += a * b * more;
+            }
         }
     }
 
@@ -96,5 +125,29 @@ mod tests {
         );
         let transposed = |i: usize, j: usize| covariance.matrix[j][i];
         assert!((0..36).all(|k| covariance.matrix[k / 6][k % 6] == transposed(k / 6, k % 6)));
+    }
+
+    #[test]
+    fn what_is_open_is_taken_in_along_its_direction_alone() {
+        let diagonal = |i: usize, j: usize| if i == j { 1e-4 } else { 0.0 };
+        let mut covariance = Covariance {
+            about: Vec3::ZERO,
+            radius: 2.0,
+            matrix: core::array::from_fn(|i| core::array::from_fn(|j| diagonal(i, j))),
+        };
+        let (along, across) = (Vec3::new(0.6, 0.8, 0.0), Vec3::new(-0.8, 0.6, 0.0));
+        covariance.open_turn(Vec3::Z, 0.3);
+        covariance.open_shift(along, [-0.1, 0.5]);
+        // Less than what is there changes nothing.
+        covariance.open_shift(along, [0.0, 0.01]);
+        let variance = |first: usize, direction: Vec3| -> f32 {
+            let d = direction.to_array();
+            let of =
+                |k: usize| d[k / 3] * d[k % 3] * covariance.matrix[first + k / 3][first + k % 3];
+            (0..9).map(of).sum()
+        };
+        let close = |a: f32, b: f32| (a - b).abs() < 1e-6;
+        assert!(close(variance(0, Vec3::Z), 0.03) && close(variance(0, Vec3::X), 1e-4));
+        assert!(close(variance(3, along), 0.07) && close(variance(3, across), 1e-4));
     }
 }

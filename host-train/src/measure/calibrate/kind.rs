@@ -45,10 +45,6 @@ pub enum Kind {
     SeenRoughView,
     /// [`Kind::WrongView`] with the view point known.
     SeenWrongView,
-    /// The noisy protocol with sources that are longer than the target.
-    Longer,
-    /// Rendered views that are longer.
-    LongerView,
 }
 
 /// Points of the source and of the target in [`Kind::Sparse`], each of as many pairs.
@@ -60,14 +56,12 @@ const PARTS: [f32; 2] = [0.7, 0.55];
 const VIEW: usize = 1024;
 /// Standard deviation of the noise of distorted sources, in sizes of the source: its logarithm is uniform.
 const ROUGH_NOISE: [f32; 2] = [0.002, 0.015];
-/// How many times as long sources of another length are.
-const LONGER: [f32; 2] = [1.2, 2.0];
 /// Largest bend of distorted sources, in sizes of the source.
 const ROUGH_BEND: f32 = 0.02;
 
 impl Kind {
     /// All of them.
-    pub const ALL: [Kind; 17] = [
+    pub const ALL: [Kind; 15] = [
         Kind::Noisy,
         Kind::Sparse,
         Kind::Clean,
@@ -83,8 +77,6 @@ impl Kind {
         Kind::SeenView,
         Kind::SeenRoughView,
         Kind::SeenWrongView,
-        Kind::Longer,
-        Kind::LongerView,
     ];
 
     /// The kind of which these are the same pairs, if the view point is known.
@@ -99,25 +91,14 @@ impl Kind {
 
     /// Whether the clouds are of different things, so that no pose is right.
     pub fn is_wrong(self) -> bool {
-        self.has_another_target() || self.is_longer()
-    }
-
-    fn has_another_target(self) -> bool {
         let kind = self.blind().unwrap_or(self);
         matches!(kind, Kind::Wrong | Kind::WrongParts | Kind::WrongView)
-    }
-
-    fn is_longer(self) -> bool {
-        matches!(self, Kind::Longer | Kind::LongerView)
     }
 
     /// Whether the sources are single views.
     pub(super) fn is_view(self) -> bool {
         let kind = self.blind().unwrap_or(self);
-        matches!(
-            kind,
-            Kind::View | Kind::RoughView | Kind::WrongView | Kind::LongerView
-        )
+        matches!(kind, Kind::View | Kind::RoughView | Kind::WrongView)
     }
 
     /// Draws `count` pairs.
@@ -138,7 +119,7 @@ impl Kind {
         let under = |conditions: Conditions, count| draw_under(models, &conditions, count, seed);
         let parts_of = |overlap: f32, count| under(Conditions { overlap, ..noisy }, count);
         let mut set = match self {
-            Kind::Noisy | Kind::Rough | Kind::Wrong | Kind::Longer => {
+            Kind::Noisy | Kind::Rough | Kind::Wrong => {
                 draw(models, Protocol::M40Models, count, seed)
             }
             Kind::Clean => draw(models, Protocol::M40Clean, count, seed),
@@ -169,7 +150,6 @@ impl Kind {
             Kind::View
             | Kind::RoughView
             | Kind::WrongView
-            | Kind::LongerView
             | Kind::SeenView
             | Kind::SeenRoughView
             | Kind::SeenWrongView => {
@@ -178,16 +158,11 @@ impl Kind {
                 set
             }
         };
-        if self.has_another_target() {
+        if self.is_wrong() {
             let shift = 1.min(set.target.len());
             set.target.rotate_left(shift);
             if let Some(raw) = &mut set.raw {
                 raw.rotate_left(shift);
-            }
-        }
-        if self.is_longer() {
-            for (k, source) in (0..).zip(&mut set.source) {
-                stretch(source, &mut stream(seed, Purpose::Augment, k));
             }
         }
         if matches!(self, Kind::Rough | Kind::RoughPart | Kind::RoughView) {
@@ -196,25 +171,6 @@ impl Kind {
             }
         }
         set
-    }
-}
-
-/// Makes a cloud longer in the direction in which most of it is longest.
-fn stretch(points: &mut [Point], rng: &mut Rng) {
-    let [least, most] = LONGER;
-    let by = rng.random_range(least..most);
-    let size = |k: usize| {
-        let mut along: Vec<f32> = points.iter().map(|p| p[k]).collect();
-        along.sort_by(f32::total_cmp);
-        let (low, high) = (along.len() / 10, along.len() - 1 - along.len() / 10);
-        (along[high] - along[low], along[along.len() / 2])
-    };
-    let sizes = [0, 1, 2].map(size);
-    let longest = (0..3).max_by(|&a, &b| sizes[a].0.total_cmp(&sizes[b].0));
-    let longest = longest.unwrap_or(0);
-    let middle = sizes[longest].1;
-    for point in points {
-        point[longest] = middle + by * (point[longest] - middle);
     }
 }
 

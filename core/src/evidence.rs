@@ -16,6 +16,8 @@ pub struct Evidence {
     pub near: f32,
     /// [`Refined::within`].
     pub within: f32,
+    /// [`Refined::inside`].
+    pub inside: f32,
     /// Standard deviation of the translation, target radii ([`crate::covariance::Covariance::shift_deviation`]).
     pub shift_deviation: f32,
     /// [`Refined::distinct_points`].
@@ -45,6 +47,11 @@ const SATURATED: [f32; 2] = [0.95, 0.992];
 /// Most that is said of a pose against which one of these speaks.
 const IMPROBABLE: f32 = 0.1;
 
+/// Share of the source that may be the object's above which the rest is the object's too, where parts of it are longer than the target; and
+/// what it is taken for at least, since fewer points tell too little.
+const A_SCENE: f32 = 0.85;
+const LEAST_INSIDE: f32 = 0.2;
+
 /// Values that the logistic model weighs.
 pub const FEATURES: usize = 8;
 
@@ -68,6 +75,7 @@ impl Evidence {
             inlier_rmse: found.inlier_rmse / found.covariance.radius,
             near: found.near,
             within: found.within,
+            inside: found.inside,
             shift_deviation: found.covariance.shift_deviation(),
             distinct_points: found.distinct_points,
             extents_ratio: found.extents_ratio,
@@ -119,17 +127,18 @@ impl Evidence {
     }
 
     /// What the logistic model weighs, each of the order of 1:
-    /// 1; the share of the source's points near the target's surface, and the share in its neighbourhood: noise is near, another
-    /// shape is not; how little of the target is explained; how uncertain the translation is, its logarithm; how far what lies on
+    /// 1; the share of the source's points near the target's surface, and the share in its neighbourhood, of those that may be the object's:
+    /// noise is near, another shape is not; how little of the target is explained; how uncertain the translation is, its logarithm; how far what lies on
     /// the surface is off it; how many of the other poses ended in this one, and how probable the next one is beside it.
     pub fn features(&self) -> [f32; FEATURES] {
         // What is no number stays none.
         let most = |x: f32, most: f32| if x > most { most } else { x };
         let least = |x: f32, least: f32| if x < least { least } else { x };
+        let inside = most(least(self.inside, LEAST_INSIDE) / A_SCENE, 1.0);
         [
             1.0,
-            self.near,
-            self.within,
+            self.near / inside,
+            self.within / inside,
             self.residual.target,
             libm::logf(least(self.shift_deviation, 1e-5)) + 5.0,
             10.0 * most(self.inlier_rmse, 0.1),
@@ -170,6 +179,7 @@ mod tests {
         inlier_rmse: 0.01,
         near: 0.95,
         within: 0.98,
+        inside: 1.0,
         shift_deviation: 0.002,
         distinct_points: 1024,
         extents_ratio: 1.0,
@@ -224,6 +234,30 @@ mod tests {
         assert!(!scene.sizes_differ());
         let in_inches = Evidence { near: 0.1, ..scene };
         assert!(in_inches.sizes_differ());
+    }
+
+    #[test]
+    fn what_lies_too_far_away_to_be_the_objects_does_not_speak_against_a_pose() {
+        let scene = Evidence {
+            residual: Residual {
+                source: 0.75,
+                target: 0.75,
+            },
+            extents_ratio: 2.0,
+            near: 0.38,
+            within: 0.4,
+            ..GOOD
+        };
+        let crowded = scene.probability();
+        let with_a_table = Evidence {
+            inside: 0.42,
+            ..scene
+        };
+        let probability = with_a_table.probability();
+        assert!(
+            probability > 0.95 && crowded < 0.8,
+            "{probability} {crowded}"
+        );
     }
 
     #[test]

@@ -55,6 +55,8 @@ pub struct Refined {
     pub near: f32,
     /// Share of them that lie within a neighbourhood's radius of it.
     pub within: f32,
+    /// Share of them that lie so near its centre that they may be the object's.
+    pub inside: f32,
     /// Root of the mean squared distance of those on the surface from it, in the clouds' own units.
     pub inlier_rmse: f32,
     /// Points that differ from all others, in the cloud with fewer of them.
@@ -253,6 +255,7 @@ impl<'w> Refiner<'w> {
             overlap: candidate.overlap.on_surface,
             near: candidate.overlap.near,
             within: candidate.overlap.within,
+            inside: candidate.overlap.inside,
             inlier_rmse: candidate.overlap.inlier_rmse * self.model.frame.scale,
             distinct_points: self.distinct_points(),
             extents_ratio: self.extents_ratio(),

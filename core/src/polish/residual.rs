@@ -9,6 +9,9 @@ const SOURCE_SHARE: f32 = 0.8;
 /// Loss of a target's point that was not seen and need not have been, of that of one that would have hidden what was.
 const UNSEEN: f32 = 0.5;
 
+/// Distance from the target's centre within which a point of the source may be the object's, target radii.
+const INSIDE: f32 = 1.1;
+
 /// How far two clouds are apart under a pose, each in its own way: mean over the points of a loss that is 0 for a
 /// point on the other cloud's surface and 1 for a point near nothing of it. 0 for equal clouds, about .4
 /// for two samples of one noisy surface, 1 for clouds that have nothing in common; a part that the other cloud lacks adds its
@@ -34,6 +37,7 @@ pub(crate) struct Overlap {
     pub(super) on_surface: f32,
     pub(super) near: f32,
     pub(super) within: f32,
+    pub(super) inside: f32,
     pub(super) inlier_rmse: f32,
 }
 
@@ -68,9 +72,11 @@ impl Refiner<'_> {
         let [source, target] = self.surfaces();
         let pose = at.pose();
         let mut sum = 0.0f64;
-        let [mut on_surface, mut near, mut within, mut count] = [0u32; 4];
+        let [mut on_surface, mut near, mut within, mut inside, mut count] = [0u32; 5];
         for found in self.work.of_source.matches() {
             count += 1;
+            let there = pose.apply(source.at(found.of).0);
+            inside += u32::from(there.length_squared() < INSIDE * INSIDE);
             let Some(to) = found.to else { continue };
             let ((p, _), (q, n)) = (source.at(found.of), target.at(to));
             let apart = pose.apply(p) - q;
@@ -87,6 +93,7 @@ impl Refiner<'_> {
             on_surface: share(on_surface),
             near: share(near),
             within: share(within),
+            inside: share(inside),
             inlier_rmse: libm::sqrt(sum / f64::from(on_surface.max(1))) as f32,
         }
     }

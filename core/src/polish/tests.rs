@@ -282,6 +282,16 @@ fn what_lies_beyond_an_edge_speaks_less_against_a_pose_than_what_lies_off_a_surf
 }
 
 #[test]
+fn what_may_be_the_objects_lies_near_it() {
+    let (mut source, target) = (part(800, 1), part(900, 2));
+    for p in source.iter_mut().take(200) {
+        p[0] += 1.8;
+    }
+    let inside = polish(&source, &target, Pose::IDENTITY).inside;
+    assert!((inside - 0.75).abs() < 0.05, "{inside}");
+}
+
+#[test]
 fn points_of_something_else_far_away_do_not_change_the_sizes() {
     let target = part(900, 2);
     for (share, away) in [(0, 0.0), (80, 30.0), (240, 6.0)] {

@@ -248,16 +248,11 @@ pub fn refine<E: From<Error>>(
     }
     Ok(Some(if mode == Mode::Verify {
         let found = refiner.verify_while(reached, &task.start, go_on)?;
-        let mut refined = found.best;
-        if let Some(axis) = found.undetermined.axis {
-            let angle = axis.half_angle_rad;
-            refined.covariance.open_turn(axis.direction, angle);
-        }
-        if let Some(slide) = found.undetermined.slide {
-            refined.covariance.open_shift(slide.direction, slide.range);
-        }
         Refinement {
-            refined,
+            refined: Refined {
+                covariance: found.undetermined.taken_into(found.best.covariance),
+                ..found.best
+            },
             polished: found.polished,
             hypotheses: Some(found.hypotheses),
             undetermined: found.undetermined,

@@ -75,11 +75,11 @@ impl Refiner<'_> {
         let [mut on_surface, mut near, mut within, mut inside, mut count] = [0u32; 5];
         for found in self.work.of_source.matches() {
             count += 1;
-            let there = pose.apply(source.at(found.of).0);
-            inside += u32::from(there.length_squared() < INSIDE * INSIDE);
+            let p = pose.apply(source.at(found.of).0);
+            inside += u32::from(p.length_squared() < INSIDE * INSIDE);
             let Some(to) = found.to else { continue };
-            let ((p, _), (q, n)) = (source.at(found.of), target.at(to));
-            let apart = pose.apply(p) - q;
+            let (q, n) = target.at(to);
+            let apart = p - q;
             near += u32::from(loss::is_near_surface(apart, n, target.radius));
             within += u32::from(apart.length_squared() < target.radius * target.radius);
             if loss::is_on_surface(apart, n, target.radius) {

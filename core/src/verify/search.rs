@@ -191,13 +191,15 @@ impl Search<'_, '_> {
         let score = |i: usize| self.refiner.losses().excess(best, i).score();
         let held = self.contenders.iter().enumerate();
         let held = held.filter_map(|(i, held)| held.map(|held| (score(i), i, held.at)));
-        match held.max_by(|a, b| a.0.total_cmp(&b.0)) {
-            Some((score, i, at)) if score > FAR_BETTER => {
-                self.refiner.match_both(at, COMPARED);
-                let explains = explains_both(self.refiner.matched_residual(at));
-                if explains { i } else { best }
-            }
-            _ => best,
+        let best_fit = held.max_by(|a, b| a.0.total_cmp(&b.0));
+        let Some((_, i, at)) = best_fit.filter(|&(score, ..)| score > FAR_BETTER) else {
+            return best;
+        };
+        self.refiner.match_both(at, COMPARED);
+        if explains_both(self.refiner.matched_residual(at)) {
+            i
+        } else {
+            best
         }
     }
 

@@ -3,6 +3,7 @@
 
 use super::search::SLIPPERY;
 use super::{Contender, RANKED};
+use crate::covariance::Covariance;
 use crate::loss::CONTENDERS;
 use crate::polish::{Candidate, Refiner};
 use crate::pose::Pose;
@@ -63,6 +64,17 @@ impl Undetermined {
         slide: None,
         poses: [None; OTHERS],
     };
+
+    /// A pose's covariance, with what is open in it.
+    pub(crate) fn taken_into(&self, mut covariance: Covariance) -> Covariance {
+        if let Some(axis) = self.axis {
+            covariance.open_turn(axis.direction, axis.half_angle_rad);
+        }
+        if let Some(slide) = self.slide {
+            covariance.open_shift(slide.direction, slide.range);
+        }
+        covariance
+    }
 
     /// Whether two poses differ by what the axis and the direction leave open, and by little else.
     pub(super) fn is_open(&self, a: Rigid, b: Rigid) -> bool {

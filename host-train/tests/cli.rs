@@ -67,6 +67,26 @@ fn what_refinement_alone_has_no_use_for_is_refused() {
 }
 
 #[test]
+fn a_seed_is_refused_where_nothing_is_drawn_from_it() {
+    let folder = folder();
+    for command in [
+        "import --pytorch p.zip --out w.rgw",
+        "keygen --out k.key",
+        "publish --weights w.rgw --key k.key --fleet lab",
+        "report run --out r.html",
+        "page --out p.html",
+        "replay t.jsonl",
+    ] {
+        for arguments in [format!("--seed 3 {command}"), format!("{command} --seed 3")] {
+            let output = run(folder.path(), &arguments);
+            let said = String::from_utf8_lossy(&output.stderr);
+            assert_eq!(output.status.code(), Some(2), "{arguments}: {said}");
+            assert!(said.contains("nothing is drawn from it"), "{said}");
+        }
+    }
+}
+
+#[test]
 fn every_command_explains_itself() {
     let folder = folder();
     for (command, draws) in [

@@ -32,7 +32,7 @@ pub use register::{Initial, Input, SourceArgs, Units};
 
 #[cfg(feature = "publish")]
 use crate::publish::{self, PublishArgs};
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 use reagent_core::verdict::Percent;
 use reagent_link::log::LogArgs;
 
@@ -62,6 +62,16 @@ pub struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    #[command(flatten)]
+    Seeded(Seeded),
+    #[command(flatten)]
+    Seedless(Seedless),
+}
+
+/// Commands that draw from a seed.
+#[derive(Debug, Subcommand)]
+#[allow(clippy::large_enum_variant, reason = "one exists")]
+enum Seeded {
     Train(train::TrainArgs),
     Bench(bench::BenchArgs),
     Eval(eval::EvalArgs),
@@ -72,12 +82,18 @@ enum Command {
     Views(views::ViewsArgs),
     BopSynth(bop_synth::BopSynthArgs),
     Export(export::ExportArgs),
+    Calibrate(calibrate::CalibrateArgs),
+}
+
+/// Commands of which nothing depends on a seed; keys come from the system's random source.
+#[derive(Debug, Subcommand)]
+#[allow(clippy::large_enum_variant, reason = "one exists")]
+enum Seedless {
     Import(import::ImportArgs),
     #[cfg(feature = "publish")]
     Keygen(keygen::KeygenArgs),
     #[cfg(feature = "publish")]
     Publish(PublishArgs),
-    Calibrate(calibrate::CalibrateArgs),
     Report(report::ReportArgs),
     Page(page::PageArgs),
     Replay(replay::ReplayArgs),
@@ -85,29 +101,11 @@ enum Command {
 
 /// Does not show --seed, which is refused, in the help of a command that draws nothing from it.
 fn without_unused_seed(command: clap::Command) -> clap::Command {
-    let unused = ["import", "keygen", "publish", "report", "page", "replay"];
-    if !unused.contains(&command.get_name()) {
+    if !Seedless::has_subcommand(command.get_name()) {
         return command;
     }
     let seed = clap::Arg::new("seed").long("seed").hide(true);
     command.arg(seed.value_parser(clap::value_parser!(u64)))
-}
-
-impl Command {
-    /// Its name, if nothing that it does depends on a seed; keys come from the system's random source.
-    fn without_seed(&self) -> Option<&'static str> {
-        match self {
-            Command::Import(_) => Some("import"),
-            #[cfg(feature = "publish")]
-            Command::Keygen(_) => Some("keygen"),
-            #[cfg(feature = "publish")]
-            Command::Publish(_) => Some("publish"),
-            Command::Report(_) => Some("report"),
-            Command::Page(_) => Some("page"),
-            Command::Replay(_) => Some("replay"),
-            _ => None,
-        }
-    }
 }
 
 impl Cli {
@@ -116,38 +114,52 @@ impl Cli {
     /// # Errors
     /// Whatever went wrong, as a chain from the general to the particular.
     pub fn run(self) -> anyhow::Result<()> {
-        if let (Some(_), Some(command)) = (self.seed, self.command.without_seed()) {
-            bad_usage(
-                command,
-                "--seed changes nothing here: nothing is drawn from it",
-            );
-        }
-        let seed = self.seed.unwrap_or(DEFAULT_SEED);
         match self.command {
-            Command::Train(args) => args.run(seed),
-            Command::Bench(args) => args.run(seed),
-            Command::Eval(args) => args.run(seed),
-            Command::Sweep(args) => args.run(seed),
-            Command::Register(args) => args.run(seed),
-            Command::Track(args) => args.run(seed),
-            Command::Pairs(args) => args.run(seed),
-            Command::Views(args) => args.run(seed),
-            Command::BopSynth(args) => args.run(seed),
-            Command::Export(args) => args.run(seed),
-            Command::Import(args) => args.run(),
+            Command::Seeded(command) => command.run(self.seed.unwrap_or(DEFAULT_SEED)),
+            Command::Seedless(_) if self.seed.is_some() => {
+                let said = "--seed changes nothing here: nothing is drawn from it";
+                let kind = clap::error::ErrorKind::ArgumentConflict;
+                Cli::command().error(kind, said).exit()
+            }
+            Command::Seedless(command) => command.run(),
+        }
+    }
+}
+
+impl Seeded {
+    fn run(self, seed: u64) -> anyhow::Result<()> {
+        match self {
+            Seeded::Train(args) => args.run(seed),
+            Seeded::Bench(args) => args.run(seed),
+            Seeded::Eval(args) => args.run(seed),
+            Seeded::Sweep(args) => args.run(seed),
+            Seeded::Register(args) => args.run(seed),
+            Seeded::Track(args) => args.run(seed),
+            Seeded::Pairs(args) => args.run(seed),
+            Seeded::Views(args) => args.run(seed),
+            Seeded::BopSynth(args) => args.run(seed),
+            Seeded::Export(args) => args.run(seed),
+            Seeded::Calibrate(args) => args.run(seed),
+        }
+    }
+}
+
+impl Seedless {
+    fn run(self) -> anyhow::Result<()> {
+        match self {
+            Seedless::Import(args) => args.run(),
             #[cfg(feature = "publish")]
-            Command::Keygen(args) => args.run(),
-            Command::Calibrate(args) => args.run(seed),
-            Command::Report(args) => args.run(),
-            Command::Page(args) => args.run(),
-            Command::Replay(args) => args.run(),
+            Seedless::Keygen(args) => args.run(),
             #[cfg(feature = "publish")]
-            Command::Publish(args) => {
+            Seedless::Publish(args) => {
                 use anyhow::Context;
                 let runtime =
                     tokio::runtime::Runtime::new().context("cannot start the network threads")?;
                 Ok(runtime.block_on(publish::run(args))?)
             }
+            Seedless::Report(args) => args.run(),
+            Seedless::Page(args) => args.run(),
+            Seedless::Replay(args) => args.run(),
         }
     }
 }
@@ -174,7 +186,6 @@ pub fn status(error: &anyhow::Error) -> u8 {
 
 /// Ends the process as clap does on bad usage: message, usage, status 2.
 fn bad_usage(command: &str, message: &str) -> ! {
-    use clap::CommandFactory;
     let mut cli = Cli::command();
     cli.build();
     let command = cli
@@ -191,7 +202,6 @@ mod tests {
 
     #[test]
     fn the_command_line_is_consistent() {
-        use clap::CommandFactory;
         Cli::command().debug_assert();
     }
 }

@@ -87,6 +87,35 @@ fn a_seed_is_refused_where_nothing_is_drawn_from_it() {
 }
 
 #[test]
+fn negative_numbers_are_refused_by_the_bounds_of_their_options() {
+    let folder = folder();
+    for (command, option, words) in [
+        (
+            "register a.ply b.ply",
+            "--seed",
+            "from 0 to 18446744073709551615",
+        ),
+        ("register a.ply b.ply", "--scale", "from 1e-12 to 1e12"),
+        ("register a.ply b.ply", "--points", "-1 is not in 16..=4096"),
+        ("register a.ply b.ply", "--steps", "from 1 to 1000000"),
+        ("register a.ply b.ply", "--best", "-1 is not in 1..=1000000"),
+        ("register a.ply b.ply", "--fail-below", "from 0 to 1"),
+        ("register a.ply b.ply", "--message", "its number from 0"),
+        ("track a.ply b.ply", "--points", "-1 is not in 16..=4096"),
+        ("eval --pairs p.h5", "--steps", "-1 is not in 1..=1000000"),
+        ("bench", "--points", "-1 is not in"),
+        ("publish", "--epoch", "-1 is not in 0..=4294967295"),
+        ("train", "--learning-rate", "above 0 and at most 1"),
+    ] {
+        let output = run(folder.path(), &format!("{command} {option} -1"));
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{command} {option}: {said}");
+        let refused = format!("invalid value '-1' for '{option} ");
+        assert!(said.contains(&refused) && said.contains(words), "{said}");
+    }
+}
+
+#[test]
 fn every_command_explains_itself() {
     let folder = folder();
     for (command, draws) in [

@@ -8,14 +8,14 @@ use crate::measure::microcontrollers::{self, Budget};
 use crate::policy::WeightFile;
 use anyhow::Context;
 use clap::Args;
-use clap::builder::RangedU64ValueParser;
+use clap::builder::RangedI64ValueParser;
 use reagent_core::dims::{MAX_POINTS, MIN_POINTS};
 use reagent_core::kernels::Isa;
 use std::path::PathBuf;
 
 /// Points that one cloud may have.
-fn points() -> RangedU64ValueParser<usize> {
-    RangedU64ValueParser::new().range(MIN_POINTS as u64..=MAX_POINTS as u64)
+fn points() -> RangedI64ValueParser<usize> {
+    RangedI64ValueParser::new().range(MIN_POINTS as i64..=MAX_POINTS as i64)
 }
 
 /// Kernels that this machine runs.

@@ -5,7 +5,7 @@ use super::source::positive;
 use crate::bop::synth::objects::{self, Object};
 use crate::bop::synth::{ESTIMATES_FILE, SynthSettings, generate};
 use clap::Args;
-use clap::builder::RangedU64ValueParser;
+use clap::builder::RangedI64ValueParser;
 use std::path::PathBuf;
 
 /// Generate scenes in the layout of the BOP benchmark
@@ -84,8 +84,8 @@ impl BopSynthArgs {
 }
 
 /// A number from 1 to `most`: each object of a scene is rendered into an image of its own.
-fn up_to(most: u64) -> RangedU64ValueParser<usize> {
-    RangedU64ValueParser::new().range(1..=most)
+fn up_to(most: i64) -> RangedI64ValueParser<usize> {
+    RangedI64ValueParser::new().range(1..=most)
 }
 
 /// `COLUMNSxROWS`, each from 16 to 2048.

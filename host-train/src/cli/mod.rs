@@ -44,14 +44,16 @@ const DEFAULT_SEED: u64 = 42;
 /// Clouds are in any unit of length unless a command says otherwise; angles on the command line and in
 /// tables are degrees. Poses are 3x4 matrices [R | t] that map the source onto the target.
 #[derive(Debug, Parser)]
-#[command(
-    version,
-    propagate_version = true,
-    mut_subcommands(without_unused_seed)
-)]
+#[command(version, propagate_version = true, mut_subcommands(adapted))]
 pub struct Cli {
     /// Seed of every random draw [default: 42]; the same seed gives the same result on any number of threads
-    #[arg(long, global = true, value_name = "S")]
+    #[arg(
+        long,
+        global = true,
+        value_name = "S",
+        value_parser = seed,
+        allow_negative_numbers = true
+    )]
     seed: Option<u64>,
     /// How it logs.
     #[command(flatten)]
@@ -99,13 +101,22 @@ enum Seedless {
     Replay(replay::ReplayArgs),
 }
 
-/// Does not show --seed, which is refused, in the help of a command that draws nothing from it.
-fn without_unused_seed(command: clap::Command) -> clap::Command {
+fn seed(text: &str) -> Result<u64, String> {
+    let refused = |_| format!("a seed is a whole number from 0 to {}", u64::MAX);
+    text.parse().map_err(refused)
+}
+
+/// A command whose options refuse negative numbers themselves, and that does not show --seed in its help where it is refused.
+fn adapted(command: clap::Command) -> clap::Command {
+    let command = command.mut_args(|arg| {
+        let is_option = !arg.is_positional() && arg.get_action().takes_values();
+        arg.allow_negative_numbers(is_option)
+    });
     if !Seedless::has_subcommand(command.get_name()) {
         return command;
     }
-    let seed = clap::Arg::new("seed").long("seed").hide(true);
-    command.arg(seed.value_parser(clap::value_parser!(u64)))
+    let unused = clap::Arg::new("seed").long("seed").hide(true);
+    command.arg(unused.value_parser(seed).allow_negative_numbers(true))
 }
 
 impl Cli {

@@ -72,8 +72,8 @@ pub(super) struct RegisterArgs {
     #[arg(long, value_name = "K", value_parser = positive())]
     best: Option<usize>,
     /// Points of each cloud that the policy sees at most [default: 4096, or 2048 where there are more]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(16..=MAX_POINTS as u64))]
-    points: Option<u64>,
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(16..=MAX_POINTS as i64))]
+    points: Option<u32>,
     /// Steps of the policy at most [default: 10]
     #[arg(long, value_name = "N", value_parser = steps)]
     steps: Option<usize>,

@@ -8,7 +8,7 @@ use crate::protocol::{self, Protocol};
 use crate::views::{Meshes, Views};
 use anyhow::bail;
 use clap::ValueEnum;
-use clap::builder::RangedU64ValueParser;
+use clap::builder::RangedI64ValueParser;
 use std::path::Path;
 
 pub(super) use crate::learn::train::DataSource;
@@ -19,8 +19,8 @@ const PROCEDURAL_PAIRS: usize = 100;
 const HELD_OUT: u64 = 1 << 32;
 
 /// An argument from 1 to a million: more than anyone needs, and no more than memory holds.
-pub(super) fn positive() -> RangedU64ValueParser<usize> {
-    RangedU64ValueParser::new().range(1..=1_000_000)
+pub(super) fn positive() -> RangedI64ValueParser<usize> {
+    RangedI64ValueParser::new().range(1..=1_000_000)
 }
 
 /// Draws pairs from the test models of a data set under a protocol; views of meshes have one of their own.

@@ -59,8 +59,8 @@ pub(super) struct TrackArgs {
     #[arg(long, value_name = "/TOPIC")]
     topic: Option<String>,
     /// Points of each cloud that are used at most: fewer take less time
-    #[arg(long, value_name = "N", default_value_t = POINTS as u64, value_parser = clap::value_parser!(u64).range(16..=MAX_POINTS as u64))]
-    points: u64,
+    #[arg(long, value_name = "N", default_value_t = POINTS as u32, value_parser = clap::value_parser!(u32).range(16..=MAX_POINTS as i64))]
+    points: u32,
     /// Where the sensor stood in the clouds' coordinates, scaled, three numbers separated by commas, or "origin": each cloud is a view
     /// from there
     #[arg(long, value_name = "X,Y,Z", value_parser = view_point, allow_hyphen_values = true)]

@@ -33,7 +33,6 @@ pub use register::{Initial, Input, SourceArgs, Units};
 #[cfg(feature = "publish")]
 use crate::publish::{self, PublishArgs};
 use clap::{CommandFactory, Parser, Subcommand};
-use reagent_core::verdict::Percent;
 use reagent_link::log::LogArgs;
 
 /// The seed where none is given.
@@ -178,8 +177,7 @@ impl Seedless {
 /// Poses were found, and are less probably right than was asked for.
 #[derive(Debug, thiserror::Error)]
 #[error(
-    "{poses} pose(s) with a probability below the {least} of --fail-below; the lowest is {}",
-    Percent(*lowest)
+    "{poses} pose(s) with a probability below the {least} of --fail-below; the lowest is {lowest}"
 )]
 pub struct BelowProbability {
     /// How many.

@@ -358,6 +358,8 @@ fn the_best_of_several_starts_is_given_out_and_the_next_best_are_listed() {
             said.contains(&format!("from start number {}\n", best + 1)),
             "{said}"
         );
+        let (_, listed) = said.split_once("\nnext best poses").expect("a heading");
+        assert!(listed.contains("they need not add up to 100 %:\n  residual"));
         let others = document["others"].as_array().expect("a list");
         assert!(
             (1..=2).contains(&others.len()),

@@ -52,12 +52,12 @@ pub(super) fn report(done: &Done) -> String {
     if let Some(start) = done.start {
         text += &format!("from start number {}\n", start + 1);
     }
+    if !done.others.is_empty() {
+        text += "next best poses, which --json has; each percentage says how probably that pose is right within 5 degrees and .05 radii of the target, and they need not add up to 100 %:\n";
+    }
     for other in &done.others {
-        text += &format!(
-            "next best: residual {:.3}, right within 5 degrees and .05 radii of the target: {}\n",
-            other.refined.residual.mean(),
-            Percent(other.probability)
-        );
+        let residual = other.refined.residual.mean();
+        text += &format!("  residual {residual:.3}, {}\n", Percent(other.probability));
     }
     text + &format!("{}, {ms:.1} ms\n", answer.verdict)
 }

@@ -9,7 +9,7 @@ use host_train::dataset::procedural;
 use host_train::random::{Purpose, stream};
 use reagent_core::pose::rotation_from_euler;
 use std::path::Path;
-use support::{folder, read_json, succeed};
+use support::{fail, folder, read_json, run, succeed};
 
 /// Writes a part, `part.ply`, and returns points of its surface, turned.
 fn scan(at: &Path) -> Vec<Point> {
@@ -65,4 +65,18 @@ fn much_that_lies_off_the_target_is_pointed_out() {
         let found = 100.0 * notes[0]["share"].as_f64().expect("a share");
         assert!((found - share).abs() < 8.0, "{found}");
     }
+}
+
+#[test]
+fn a_mesh_is_not_written_of_a_cloud_and_that_is_said_before_any_work() {
+    let folder = folder();
+    let at = folder.path();
+    write_cloud(&at.join("s.ply"), &CloudFile::of(&scan(at))).expect("written");
+    for name in ["a.stl", "a.obj", "a.off"] {
+        let register = format!("register s.ply part.ply --out {name}");
+        fail(at, &register, &[name, "a cloud without faces is no mesh"]);
+        assert!(run(at, &register).stdout.is_empty());
+    }
+    // Of a target that is a cloud nothing is written.
+    succeed(at, "register part.ply s.ply --out a.stl");
 }

@@ -16,7 +16,7 @@ pub use source::SourceArgs;
 use super::output::check_outputs;
 use super::{BelowProbability, bad_usage};
 use crate::cli::source::positive;
-use crate::dataset::cloud_file::{STANDARD, check_output};
+use crate::dataset::cloud_file::{STANDARD, check_cloud, check_output};
 use crate::policy::{REAGENT, VIEWS, WeightFile};
 use crate::register::dense::Dense;
 use crate::register::document::Document;
@@ -289,6 +289,9 @@ impl RegisterArgs {
             || Input::read(&pair.target, 1.0, points, seed.wrapping_add(1)),
         );
         let (source, mut target) = (source?, target?);
+        if let Some(path) = &self.out {
+            check_cloud(path, &source.file)?;
+        }
         let view_point = pair.view_point.or(self.sources.view_point());
         if view_point.is_some() {
             target.cloud.notice_missing_faces();

@@ -13,15 +13,23 @@ pub fn check_output(path: &Path) -> Result<(), CloudError> {
     }
 }
 
+/// Refuses a cloud without faces where the path's extension is one of meshes.
+pub fn check_cloud(path: &Path, file: &CloudFile) -> Result<(), CloudError> {
+    match extension(path).as_str() {
+        "obj" | "off" | "stl" if file.faces.is_none() => {
+            Err(CloudError::NoFaces { path: path.into() })
+        }
+        _ => Ok(()),
+    }
+}
+
 /// Writes a cloud or mesh: `.ply` with all that it has; `.obj`, `.off` or `.stl` of a mesh; `.pcd` of a cloud with
 /// all that it has; `.npy` (`[N, 3]` or, with normals, `[N, 6]`, float64); or lines of `.xyz`. Standard output
 /// (`-`), devices and pipes get `.ply`.
 pub fn write_cloud(path: &Path, file: &CloudFile) -> Result<(), CloudError> {
     check_output(path)?;
+    check_cloud(path, file)?;
     let kind = extension(path);
-    if file.faces.is_none() && matches!(kind.as_str(), "obj" | "off" | "stl") {
-        return Err(CloudError::NoFaces { path: path.into() });
-    }
     if kind == "stl" && file.origin() != [0.0; 3] {
         return Err(CloudError::Rounded { path: path.into() });
     }

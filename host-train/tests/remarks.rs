@@ -8,6 +8,7 @@ use host_train::dataset::cloud_file::{CloudFile, write_cloud};
 use host_train::dataset::procedural;
 use host_train::random::{Purpose, stream};
 use reagent_core::pose::rotation_from_euler;
+use reagent_tests::depth::{CAMERA, write_view};
 use std::path::Path;
 use support::{fail, folder, read_json, run, succeed};
 
@@ -64,6 +65,36 @@ fn much_that_lies_off_the_target_is_pointed_out() {
         );
         let found = 100.0 * notes[0]["share"].as_f64().expect("a share");
         assert!((found - share).abs() < 8.0, "{found}");
+    }
+}
+
+/// The whole scene in the source's place, or a depth in another unit.
+#[test]
+fn where_sizes_differ_the_options_of_the_source_at_hand_are_named() {
+    let folder = folder();
+    let at = folder.path();
+    let large: Vec<Point> = scan(at).iter().map(|p| p.map(|x| 25.4 * x)).collect();
+    write_cloud(&at.join("s.ply"), &CloudFile::of(&large)).expect("written");
+    let said = succeed(at, "register s.ply part.ply");
+    let words = "See --unit and --scale, or crop a source that shows more than the target";
+    assert!(said.contains(words), "{said}");
+    write_view(at, 9000);
+    let depth = format!("register --depth depth.png --camera {CAMERA} part.ply");
+    for (options, words) in [
+        (
+            "--depth-scale 0.1",
+            "Without --mask the source is the whole scene. See also --depth-scale",
+        ),
+        (
+            "--depth-scale 2 --mask mask.png",
+            "See --depth-scale and --unit",
+        ),
+    ] {
+        let said = succeed(at, &format!("{depth} {options}"));
+        assert!(
+            said.contains("sizes differ: ") && said.contains(words),
+            "{said}"
+        );
     }
 }
 

@@ -40,7 +40,7 @@ pub(super) struct DepthArgs {
         requires = "depth",
         conflicts_with = "pairs"
     )]
-    mask: Option<PathBuf>,
+    pub(super) mask: Option<PathBuf>,
 }
 
 /// A camera on the command line, or the file that holds it.

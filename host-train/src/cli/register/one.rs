@@ -27,7 +27,7 @@ impl RegisterArgs {
                 eprintln!("{}: {note}", path.display());
             }
         }
-        let text = text::report(done);
+        let text = text::report(done, self.sources.size_advice());
         if self
             .outputs()
             .iter()

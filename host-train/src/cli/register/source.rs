@@ -61,6 +61,17 @@ impl SourceArgs {
         self.view.or(self.depth.depth.is_some().then_some([0.0; 3]))
     }
 
+    /// Which options help where the clouds' sizes differ.
+    pub(super) fn size_advice(&self) -> &'static str {
+        match (&self.depth.depth, &self.depth.mask) {
+            (None, _) => "See --unit and --scale, or crop a source that shows more than the target",
+            (Some(_), None) => {
+                "Without --mask the source is the whole scene. See also --depth-scale"
+            }
+            (Some(_), Some(_)) => "See --depth-scale and --unit",
+        }
+    }
+
     /// By what the source is multiplied.
     pub(super) fn scale(&self) -> f64 {
         let unit = self.unit.map(|units| units.scale);

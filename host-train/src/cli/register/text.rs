@@ -10,8 +10,8 @@ use reagent_core::verdict::Percent;
 /// As the arguments are called.
 const NAMES: Names<'_> = ["source", "target"];
 
-/// Pose, stages and verdict.
-pub(super) fn report(done: &Done) -> String {
+/// Pose, stages and verdict, and where sizes differ the advice for that.
+pub(super) fn report(done: &Done, size_advice: &str) -> String {
     let Done {
         found,
         dense,
@@ -40,7 +40,8 @@ pub(super) fn report(done: &Done) -> String {
         );
     }
     for remark in Remark::all(done) {
-        text += &format!("{}{}\n", remark.sentence(NAMES), advice(&remark));
+        let advice = advice(&remark, size_advice);
+        text += &format!("{}{advice}\n", remark.sentence(NAMES));
     }
     text += &match &answer.refinement {
         Some(refinement) => probability(refinement, NAMES),
@@ -102,12 +103,14 @@ fn stages(found: &Refinement) -> String {
 }
 
 /// Which option helps.
-fn advice(remark: &Remark) -> &'static str {
+fn advice(remark: &Remark, size_advice: &str) -> String {
     match remark {
-        Remark::OtherPoses(_) => "; --json lists them",
-        Remark::SizesDiffer(_) => " See --unit and --scale",
-        Remark::OtherSize(_) => "; see --scale",
-        Remark::OffTarget(_) => ". Crop it, give a depth image's --mask, or check the model",
-        Remark::OpenAxis(_) | Remark::OpenSlide(_) | Remark::LeftOut(_) | Remark::Mirrored => "",
+        Remark::OtherPoses(_) => "; --json lists them".into(),
+        Remark::SizesDiffer(_) => format!(" {size_advice}"),
+        Remark::OtherSize(_) => "; see --scale".into(),
+        Remark::OffTarget(_) => ". Crop it, give a depth image's --mask, or check the model".into(),
+        Remark::OpenAxis(_) | Remark::OpenSlide(_) | Remark::LeftOut(_) | Remark::Mirrored => {
+            String::new()
+        }
     }
 }

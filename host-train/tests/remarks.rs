@@ -99,6 +99,34 @@ fn where_sizes_differ_the_options_of_the_source_at_hand_are_named() {
 }
 
 #[test]
+fn a_view_point_that_a_source_names_is_told_with_the_option_that_takes_it() {
+    let folder = folder();
+    let at = folder.path();
+    let rows = scan(at);
+    let rows = rows.iter().map(|[x, y, z]| format!("{x} {y} {z}\n"));
+    let header = "FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 1500\nHEIGHT 1";
+    let text = format!(
+        "VERSION .7\n{header}\nVIEWPOINT 0.5 -1 8 1 0 0 0\nPOINTS 1500\nDATA ascii\n{}",
+        rows.collect::<String>()
+    );
+    std::fs::write(at.join("s.pcd"), text).expect("written");
+    let told = |options: &str| {
+        let output = run(at, &format!("register {options}"));
+        assert!(output.status.success(), "{output:?}");
+        String::from_utf8(output.stderr).expect("text")
+    };
+    let said = told("s.pcd part.ply");
+    let words = "s.pcd: its viewpoint (0.5, -1, 8) is not used";
+    let advice = "; if the sensor stood there: --view 0.5,-1,8\n";
+    assert!(said.contains(&format!("{words}{advice}")), "{said}");
+    // Where it was given, and of the target, no option is to be named.
+    for options in ["s.pcd part.ply --view 0.5,-1,8", "part.ply s.pcd"] {
+        let said = told(options);
+        assert!(said.contains(words) && !said.contains("stood"), "{said}");
+    }
+}
+
+#[test]
 fn a_mesh_is_not_written_of_a_cloud_and_that_is_said_before_any_work() {
     let folder = folder();
     let at = folder.path();

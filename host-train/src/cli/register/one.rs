@@ -22,10 +22,13 @@ impl RegisterArgs {
     ) -> anyhow::Result<()> {
         let pairing = self.register(weights, starts, pair, seed)?;
         let Pairing { inputs, done } = &pairing;
-        for (path, input) in [&pair.source, &pair.target].into_iter().zip(inputs) {
-            for note in &input.cloud.notes {
-                eprintln!("{}: {note}", path.display());
-            }
+        let [source, target] = inputs.each_ref().map(|input| &input.cloud.notes);
+        for note in source {
+            let advice = self.sources.note_advice(note);
+            eprintln!("{}: {note}{advice}", pair.source.display());
+        }
+        for note in target {
+            eprintln!("{}: {note}", pair.target.display());
         }
         let text = text::report(done, self.sources.size_advice());
         if self

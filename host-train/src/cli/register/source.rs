@@ -4,7 +4,7 @@ use super::depth::DepthArgs;
 use super::input::{Input, Units};
 use super::{factor, view_point};
 use crate::dataset::cloud_file::bag::{self, Which, is_bag};
-use crate::dataset::cloud_file::{CloudError, CloudFile, read_file};
+use crate::dataset::cloud_file::{CloudError, CloudFile, Note, read_file};
 use clap::Args;
 use std::path::{Path, PathBuf};
 
@@ -69,6 +69,17 @@ impl SourceArgs {
                 "Without --mask the source is the whole scene. See also --depth-scale"
             }
             (Some(_), Some(_)) => "See --depth-scale and --unit",
+        }
+    }
+
+    /// Which option takes what a note tells of the source.
+    pub(super) fn note_advice(&self, note: &Note) -> String {
+        match *note {
+            Note::ViewPoint { at } if self.view.is_none() => {
+                let [x, y, z] = at.map(|x| x * self.scale());
+                format!("; if the sensor stood there: --view {x},{y},{z}")
+            }
+            _ => String::new(),
         }
     }
 

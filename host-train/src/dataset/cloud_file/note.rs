@@ -65,6 +65,11 @@ pub enum Note {
         /// Their names.
         what: String,
     },
+    /// Where the sensor stood, as the file says; it is not used.
+    ViewPoint {
+        /// In the file's coordinates.
+        at: [f64; 3],
+    },
     /// A cloud was thinned to what the policy takes.
     Thinned {
         /// Points of the cloud.
@@ -174,6 +179,9 @@ impl fmt::Display for Note {
                 "{vertices} vertices have a weight other than 1, by which their coordinates are divided"
             ),
             Note::Ignored { what } => write!(f, "not used: {what}"),
+            Note::ViewPoint { at: [x, y, z] } => {
+                write!(f, "its viewpoint ({x}, {y}, {z}) is not used")
+            }
             Note::Thinned { from, to } => {
                 write!(f, "{from} points are thinned to {to} for the policy")
             }

@@ -41,16 +41,18 @@ pub(super) fn parse(bytes: &[u8]) -> Result<CloudFile, String> {
         .chain(colour)
         .chain(intensity)
         .collect();
-    let mut ignored: Vec<&str> = (0..fields.len())
+    let ignored: Vec<&str> = (0..fields.len())
         .filter(|at| !used.contains(at))
         .map(|at| fields[at].as_str())
         .collect();
-    if reader.meta().viewpoint != ViewPoint::default() {
-        ignored.push("the viewpoint");
-    }
     if !ignored.is_empty() {
         let what = super::lines::excerpt(&ignored.join(", "));
         file.notes.push(Note::Ignored { what });
+    }
+    let stood = &reader.meta().viewpoint;
+    if *stood != ViewPoint::default() {
+        let at = [stood.tx, stood.ty, stood.tz];
+        file.notes.push(Note::ViewPoint { at });
     }
     let claimed = reader.meta().width.saturating_mul(reader.meta().height);
     for (index, record) in reader.enumerate() {

@@ -137,7 +137,10 @@ fn what_is_wrong_with_a_bag_is_said() {
         let fail =
             |bag: &str, words: &[&str]| fail(at, &format!("{command} {bag} {target}"), words);
         fail("old.db3", &["old.db3", "ros2 bag convert"]);
-        fail("empty.mcap", &["empty.mcap", "cut off at 0 bytes"]);
+        fail(
+            "empty.mcap",
+            &["empty.mcap", "no points: the file is empty"],
+        );
         fail("no.mcap", &["no.mcap", "No such file"]);
         fail(
             "two_topics.mcap",

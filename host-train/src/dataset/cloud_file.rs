@@ -139,10 +139,14 @@ fn parse(bytes: &[u8], kind: &str, path: &Path) -> Result<CloudFile, CloudError>
         "mcap" => |_| Err("a bag is read from its file: name that".into()),
         _ => table::parse,
     };
-    let file = parse(bytes).map_err(|reason| CloudError::Malformed {
+    let malformed = |reason: String| CloudError::Malformed {
         path: path.into(),
-        reason,
-    })?;
+        reason: match bytes.trim_ascii() {
+            [] => "no points: the file is empty".into(),
+            _ => reason,
+        },
+    };
+    let file = parse(bytes).map_err(malformed)?;
     file.checked(path)
 }
 

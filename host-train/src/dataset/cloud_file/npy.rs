@@ -26,6 +26,9 @@ pub(super) fn parse(bytes: &[u8]) -> Result<CloudFile, String> {
     if kind == BOOLEAN {
         return Err("its elements are booleans, which are no coordinates: --mask takes those of a depth image".into());
     }
+    if payload.is_empty() && sizes.iter().flatten().any(|&size| size == 0) {
+        return Ok(CloudFile::default());
+    }
     let unexpected = || {
         format!(
             "its shape is ({shape}), expected (N, 3) or more columns, or (rows, columns, 3 to 16) of an organised cloud"

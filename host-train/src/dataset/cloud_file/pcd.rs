@@ -9,7 +9,9 @@ const MAX_RECORD_BYTES: u64 = 1 << 16;
 
 pub(super) fn parse(bytes: &[u8]) -> Result<CloudFile, String> {
     let bytes = &*without_empty_fields(bytes);
-    let beyond = Note::beyond(after_points(bytes)?);
+    let Some(after) = after_points(bytes)? else {
+        return Ok(CloudFile::default());
+    };
     let reader = DynReader::from_bytes(bytes).map_err(|e| e.to_string())?;
     // Padding has a definition, but no place in the records that the reader returns.
     let definitions = reader.meta().field_defs.fields.iter();
@@ -31,7 +33,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<CloudFile, String> {
         normals: normal.map(|_| Vec::new()),
         colours: colour.map(|_| Vec::new()),
         intensities: intensity.map(|_| Vec::new()),
-        notes: beyond.into_iter().collect(),
+        notes: Note::beyond(after).into_iter().collect(),
         ..CloudFile::default()
     };
     let used: Vec<usize> = [Some(point), normal]
@@ -158,11 +160,14 @@ fn without_empty_fields(bytes: &[u8]) -> Cow<'_, [u8]> {
     changed.into()
 }
 
-/// What follows the points that the header counts. Refuses what would make the reader reserve memory for, or reach for, more
-/// than the file holds.
-fn after_points(bytes: &[u8]) -> Result<&[u8], String> {
+/// What follows the points that the header counts; `None` where it counts none. Refuses what would make the reader reserve
+/// memory for, or reach for, more than the file holds.
+fn after_points(bytes: &[u8]) -> Result<Option<&[u8]>, String> {
     let mut rest = bytes;
     let meta = PcdMeta::from_reader(&mut rest).map_err(|e| e.to_string())?;
+    if meta.num_points == 0 {
+        return Ok(None);
+    }
     let fields = meta.field_defs.fields.iter();
     let record = fields.fold(0u64, |sum, f| {
         sum.saturating_add(f.count.saturating_mul(f.kind.byte_size() as u64))
@@ -181,13 +186,13 @@ fn after_points(bytes: &[u8]) -> Result<&[u8], String> {
         let held = usize::try_from(held).ok();
         held.and_then(|held| rest.get(held..)).ok_or_else(too_short)
     };
-    match meta.data {
+    let after = match meta.data {
         DataKind::Ascii => {
             let lines = rest.split_inclusive(|&byte| byte == b'\n');
             let held = lines.take(meta.num_points as usize).map(<[u8]>::len);
-            Ok(&rest[held.sum()..])
+            &rest[held.sum()..]
         }
-        DataKind::Binary => after(size),
+        DataKind::Binary => after(size)?,
         DataKind::BinaryCompressed => {
             let (sizes, data) = rest.split_at_checked(8).ok_or_else(too_short)?;
             let number = |at: usize| u32::from_le_bytes([0, 1, 2, 3].map(|i| sizes[at + i]));
@@ -196,9 +201,10 @@ fn after_points(bytes: &[u8]) -> Result<&[u8], String> {
             if whole != size || whole > 88 * compressed {
                 return Err(too_short());
             }
-            data.get(compressed as usize..).ok_or_else(too_short)
+            data.get(compressed as usize..).ok_or_else(too_short)?
         }
-    }
+    };
+    Ok(Some(after))
 }
 
 /// A binary file of points, with normals, colours and intensities where there are any. Coordinates are float32,

@@ -176,7 +176,10 @@ impl Table {
 
     /// The points and what goes with them.
     fn finish(self, file: &mut CloudFile) -> Result<(), String> {
-        let rows = self.numbers.len().checked_div(self.columns).unwrap_or(0);
+        if self.numbers.is_empty() {
+            return Ok(());
+        }
+        let rows = self.numbers.len() / self.columns;
         if self.commas && !self.fractions && self.columns >= 6 && self.named.is_none() {
             return Err(format!(
                 "{} whole numbers a line with commas between them: these could be decimal commas; separate the \

@@ -1,6 +1,7 @@
 //! Small files of each kind, whole and broken.
 
 mod arrays;
+mod empty;
 mod meshes;
 mod texts;
 mod written;

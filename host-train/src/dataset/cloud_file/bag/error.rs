@@ -50,6 +50,12 @@ pub enum BagError {
         /// File concerned.
         path: PathBuf,
     },
+    /// The file has no bytes.
+    #[error("{}: no points: the file is empty", path.display())]
+    Empty {
+        /// File concerned.
+        path: PathBuf,
+    },
     /// The file ends early.
     #[error(
         "{}: the bag is cut off at {bytes} bytes, as an interrupted recording or copy is; copy it again, or save what is whole: mcap recover",

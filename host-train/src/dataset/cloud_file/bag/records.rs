@@ -90,9 +90,10 @@ impl Records {
             };
             // What the file cannot hold is not made room for.
             if wanted as u64 > self.length - self.read {
-                return Some(Err(BagError::CutOff {
-                    path: self.path.clone(),
-                    bytes: self.length,
+                let path = self.path.clone();
+                return Some(Err(match self.length {
+                    0 => BagError::Empty { path },
+                    bytes => BagError::CutOff { path, bytes },
                 }));
             }
             match self.file.read_exact(self.reader.insert(wanted)) {

@@ -268,3 +268,21 @@ fn an_imported_checkpoint_reproduces_the_authors_poses() {
         );
     }
 }
+
+/// A view shows a part of the target, which is far from it whatever the pose.
+#[test]
+fn of_views_no_chamfer_distance_is_printed() {
+    let folder = folder();
+    for (data, is_told) in [
+        ("views:procedural:2", false),
+        ("procedural:2 --protocol m40-clean", true),
+    ] {
+        let eval = format!("eval --data {data} --methods init");
+        let printed = succeed(folder.path(), &eval);
+        let row = printed.lines().find(|line| line.starts_with("init "));
+        let column = row.and_then(|row| row.split_whitespace().nth(6));
+        let distance = column.expect("a row").parse::<f64>();
+        assert_eq!(distance.is_ok(), is_told, "{printed}");
+        assert!(is_told || column == Some("-"), "{printed}");
+    }
+}

@@ -22,7 +22,7 @@ use std::path::PathBuf;
 /// Register pairs by policies and baselines and print the paper's metrics
 ///
 /// Errors: MAE and ISO of rotation (degrees) and translation (units of the clouds), area under the ADI recall
-/// curve up to a tenth of the diameter (percent), modified Chamfer distance, recall at 5 degrees and .05
+/// curve up to a tenth of the diameter (percent), modified Chamfer distance (not of views), recall at 5 degrees and .05
 /// units, average distance (AD) of model points below parts of the diameter. FILE.json beside FILE.h5 may list poses that look
 /// like each pair's true one ("truths", [3][4]) and whether the object is symmetric ("sym": ADI counts, else ADD). Clouds are used as they are, without normalisation.
 #[derive(Debug, Args)]
@@ -132,7 +132,8 @@ impl EvalArgs {
             }
             (None, None, _) => bad_usage("eval", "give --pairs FILE.h5 or --data"),
         };
-        let bundled = if set.is_of_views() { VIEWS } else { REAGENT };
+        let of_views = set.is_of_views();
+        let bundled = if of_views { VIEWS } else { REAGENT };
         let policies = self.methods.or_bundled(policies, bundled)?;
         let contestants = self.methods.contestants(&policies, seed);
         let settings = EvalSettings {
@@ -147,9 +148,12 @@ impl EvalArgs {
         let outcomes = outcomes.with_context(|| origin.clone())?;
 
         println!("{pairs} pairs of {origin}\n");
-        print!("{}", table::methods(&outcomes));
+        print!("{}", table::methods(&outcomes, of_views));
         for outcome in outcomes.iter().filter(|o| !o.per_step.is_empty()) {
-            print!("\n{}", table::steps(&outcome.name, &outcome.per_step));
+            print!(
+                "\n{}",
+                table::steps(&outcome.name, &outcome.per_step, of_views)
+            );
         }
         let agreement = if self.agreement {
             agreement(&set, &contestants, &settings).with_context(|| origin.clone())?

@@ -21,6 +21,8 @@ use zenoh::sample::Sample;
 const LOOK_INTERVAL: Duration = Duration::from_secs(1);
 /// How often it asks who answers for a manifest: an announcement may have been lost.
 const ASK_INTERVAL: Duration = Duration::from_secs(10);
+/// Somebody who serves a policy answers within this time. One that does not keeps the robot from nothing else.
+const ANSWER_TIME: Duration = Duration::from_secs(2);
 
 /// Takes policies into use.
 pub(crate) struct Updates {
@@ -120,7 +122,8 @@ impl Updates {
     /// Asks everybody who answers for a manifest, and takes the newest policy that can be taken.
     async fn ask(&mut self, key: &keys::Key) -> zenoh::Result<()> {
         let asked = self.session.get(key.as_str()).target(QueryTarget::All);
-        let replies = asked.consolidation(ConsolidationMode::None).await?;
+        let asked = asked.consolidation(ConsolidationMode::None);
+        let replies = asked.timeout(ANSWER_TIME).await?;
         let mut answers = Vec::new();
         while let Ok(reply) = replies.recv_async().await {
             let frame = reply.result().map(|sample| sample.payload().to_bytes());

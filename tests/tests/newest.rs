@@ -6,7 +6,10 @@ use firmware_sim::node::{Node, NodeConfig};
 use firmware_sim::policy::Trust;
 use host_train::publish::{Publisher, manifest};
 use reagent_core::wire::keys;
+use std::time::Duration;
 use support::{FLEET, Host, Network, int8_policy, key, publisher, storage, until};
+use tokio::sync::mpsc;
+use tokio::time::timeout;
 use zenoh::Wait;
 
 /// A robot that trusts the first key.
@@ -83,4 +86,23 @@ async fn an_announcement_that_was_lost_is_asked_for() {
     });
     let _answering = answering.await.expect("an open session");
     until(&node, |view| view.policy.as_ref() == Some(&second)).await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn one_that_never_answers_keeps_no_robot_from_what_another_announces() {
+    let network = Network::start().await;
+    let session = network.join().await;
+    let at = keys::manifest(FLEET).expect("a good name");
+    let (asked, mut questions) = mpsc::unbounded_channel();
+    let hanging = session.declare_queryable(at.as_str()).complete(true);
+    let hanging = hanging.callback(move |query| asked.send(query).expect("the test runs"));
+    let _hanging = hanging.await.expect("an open session");
+    let node = late(&network, "r1").await;
+    let _kept = questions.recv().await.expect("the robot asks");
+    let mut publisher = publisher(&network).await;
+    let published = publisher.publish(10, "policy", int8_policy()).await;
+    published.expect("a good policy");
+    // Zenoh itself gives an answer ten seconds.
+    let taken = timeout(Duration::from_secs(6), runs(&node, 10)).await;
+    taken.expect("the robot does not wait for the one that never answers");
 }

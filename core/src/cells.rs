@@ -1,20 +1,22 @@
 //! Points cut into cells: those side by side follow each other (a k-d tree, written down in a row).
 
+use crate::select::select;
 use core::cmp::Ordering;
 use glam::Vec3;
 
 /// Cuts points in halves of whole cells until no cell has more than `most`, each across its longest side.
-pub(crate) fn cut<T>(points: &mut [T], most: usize, at: impl Fn(&T) -> Vec3 + Copy) {
+pub(crate) fn cut<T: Copy>(points: &mut [T], most: usize, at: impl Fn(&T) -> Vec3 + Copy) {
     let half = points.len().div_ceil(most) / 2 * most;
     if half == 0 {
         return;
     }
     let [low, high] = bounds(points, at);
     let axis = (high - low).max_position();
-    points.select_nth_unstable_by(half, |a, b| compare(axis, at(a), at(b)));
-    let (below, above) = points.split_at_mut(half);
-    cut(below, most, at);
-    cut(above, most, at);
+    select(points, half, |a, b| compare(axis, at(a), at(b)));
+    if let Some((below, above)) = points.split_at_mut_checked(half) {
+        cut(below, most, at);
+        cut(above, most, at);
+    }
 }
 
 /// By the coordinate on an axis, then by the others: no two points that differ are equal, so that every algorithm that selects

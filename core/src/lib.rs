@@ -16,8 +16,8 @@
 //!
 //! Modules stand in layers, and import from layers before theirs only (`tests/tests/layers.rs`):
 //!
-//! - layer: numbers, error, dims, rotation, cells
-//! - layer: shape, grid, critical, layer, pose, loss, outliers
+//! - layer: numbers, error, dims, rotation, select
+//! - layer: cells, shape, grid, critical, layer, pose, loss, outliers
 //! - layer: cloud, steps, view, kernels
 //! - layer: solve
 //! - layer: covariance
@@ -90,6 +90,7 @@ pub mod quant;
 pub mod register;
 mod rotation;
 mod search;
+mod select;
 pub mod shape;
 pub mod sight;
 mod solve;

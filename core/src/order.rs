@@ -91,7 +91,7 @@ pub fn put_in_order(cloud: &mut [[f32; 3]]) {
 }
 
 /// Puts points in order; how many of them are sent ahead.
-fn arrange<T>(points: &mut [T], at: impl Fn(&T) -> Vec3 + Copy) -> usize {
+fn arrange<T: Copy>(points: &mut [T], at: impl Fn(&T) -> Vec3 + Copy) -> usize {
     let [low, high] = bounds(points, at);
     let middle = (low + high) / 2.0;
     cut(points, SEEDED, at);

@@ -1,5 +1,6 @@
 //! Points that no surface explains: marks of "invalid" such as -9999, pixels that fly, another thing far away.
 
+use crate::select::{select, sort};
 use glam::Vec3;
 
 /// Share of the points that are believed: others are left out where a gap lies between them.
@@ -34,7 +35,7 @@ impl Bulk {
             for (i, key) in keys.iter_mut().enumerate() {
                 *key = ordered(seen(i).get(axis).copied().unwrap_or_default());
             }
-            unordered(*keys.select_nth_unstable(n / 2).1)
+            unordered(select(keys, n / 2, u32::cmp).unwrap_or_default())
         });
         let centre = Vec3::from_array(centre);
         let mut farthest = 0.0f32;
@@ -43,11 +44,17 @@ impl Bulk {
             farthest = farthest.max(squared);
             *key = squared.to_bits(); // in the order of the distances: they are not negative
         }
-        let (_, &mut believed, others) = keys.select_nth_unstable((BELIEVED * n as f32) as usize);
+        let believed = (BELIEVED * n as f32) as usize;
+        select(keys, believed, u32::cmp);
+        let Some((&mut believed, others)) =
+            keys.get_mut(believed..).and_then(<[u32]>::split_first_mut)
+        else {
+            return Bulk::ALL;
+        };
         if farthest <= GAP * GAP * f32::from_bits(believed) {
             return Bulk::ALL;
         }
-        others.sort_unstable();
+        sort(others, u32::cmp);
         let mut kept = f32::from_bits(believed);
         for squared in others.iter().copied().map(f32::from_bits) {
             if kept > 0.0 && squared > GAP * GAP * kept {

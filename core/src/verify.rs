@@ -18,6 +18,7 @@ use crate::pose::Pose;
 use crate::search::is_same;
 use crate::solve::Rigid;
 use crate::start::{Prior, Start};
+use core::cell::Cell;
 
 mod search;
 mod undetermined;
@@ -193,7 +194,13 @@ impl Refiner<'_> {
             ranked.swap(0, best);
         }
         if let Some(others) = ranked.get_mut(1..) {
-            others.sort_unstable_by(|a, b| energy(a).total_cmp(&energy(b)));
+            // Few of them: those of the same energy stay in their order.
+            let others = Cell::from_mut(others).as_slice_of_cells();
+            for [a, b] in others.iter().flat_map(|_| others.array_windows()) {
+                if energy(&a.get()).total_cmp(&energy(&b.get())).is_gt() {
+                    a.swap(b);
+                }
+            }
         }
         ranked
     }

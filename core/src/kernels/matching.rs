@@ -34,7 +34,10 @@ impl Sought<'_> {
     /// How many there are.
     #[inline(always)]
     pub(super) fn count(&self) -> usize {
-        self.points.1.min(SURFACE_POINTS).div_ceil(self.every)
+        self.points
+            .1
+            .min(SURFACE_POINTS)
+            .div_ceil(self.every.max(1))
     }
 
     /// Places of a batch of `count`, from one on; those beyond the last as the last.
@@ -147,13 +150,12 @@ fn search<L: Lanes>(batch: &mut Batch, other: &Boxed<'_>) {
     let mut shown = BLOCKS;
     if worst == f32::INFINITY {
         // The nearest block gives the others something to be compared with.
+        let mut least = gaps[0];
         shown = 0;
-        for block in 1..other.count() {
-            shown = if gaps[block] < gaps[shown] {
-                block
-            } else {
-                shown
-            };
+        for (block, &gap) in gaps.iter().enumerate().take(other.count()).skip(1) {
+            if gap < least {
+                (shown, least) = (block, gap);
+            }
         }
         show::<L>(batch, other, shown);
         worst = largest::<L>(&batch.nearest);
@@ -180,10 +182,13 @@ fn show<L: Lanes>(batch: &mut Batch, other: &Boxed<'_>, block: usize) {
         let mut best = L::load(&batch.nearest, lane);
         let mut place = L::load_counts(&batch.place, lane);
         for first in of_block.clone().step_by(RUN) {
-            if !reaches(at, best, &other.runs[first / RUN]) {
+            let run = points.get(first..of_block.end.min(first + RUN));
+            let (Some(corners), Some(run)) = (other.runs.get(first / RUN), run) else {
+                break;
+            };
+            if !reaches(at, best, corners) {
                 continue;
             }
-            let run = &points[first..of_block.end.min(first + RUN)];
             for (here, &point) in (first..).zip(run) {
                 let apart = at - Vectors::all(point);
                 (best, place) = best.keep_less(place, apart.dot(apart), here as u32);

@@ -83,10 +83,11 @@ pub use search::GROUPS;
 pub use sieve::SieveDense;
 pub use split::{SplitDense, Tile};
 
-/// Instruction sets, from the slowest to the fastest.
+/// Instruction sets, from the slowest to the fastest. The first is 1, so that none is 0: a static [`crate::polish::Workspace`]
+/// without one takes no room in a program's file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Kind {
-    Portable,
+    Portable = 1,
     #[cfg(target_arch = "x86_64")]
     Avx2,
     /// AVX2 with AVX-VNNI.

@@ -57,14 +57,9 @@ fn moments<L: Lanes>(at: &[Row; 3], points: &Boxed<'_>, radius_squared: f32, sum
     let gaps = points.gaps::<L>(&bounds::<L>(at));
     for (block, &gap) in gaps.iter().take(points.count()).enumerate() {
         if gap < radius_squared {
+            let of_block = points.points.0.get(points.places(block));
             for lane in (0..LANES).step_by(L::COUNT) {
-                add::<L>(
-                    at,
-                    &points.points.0[points.places(block)],
-                    per_squared,
-                    lane,
-                    sums,
-                );
+                add::<L>(at, of_block.unwrap_or(&[]), per_squared, lane, sums);
             }
         }
     }

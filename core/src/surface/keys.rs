@@ -2,6 +2,7 @@
 
 use crate::dims::SURFACE_POINTS;
 use crate::outliers::Bulk;
+use crate::select::select;
 
 /// Keys of a surface's points, in the order of what they stand for.
 #[derive(Clone, Debug)]
@@ -22,9 +23,8 @@ impl Keys {
     }
 
     pub(super) fn select_key(&mut self, count: usize, k: usize) -> u32 {
-        match self.0.get_mut(..count) {
-            Some(keys) if k < count => *keys.select_nth_unstable(k).1,
-            _ => 0,
-        }
+        let keys = self.0.get_mut(..count);
+        let selected = keys.and_then(|keys| select(keys, k, u32::cmp));
+        selected.unwrap_or_default()
     }
 }

@@ -4,6 +4,7 @@ use super::keys::Keys;
 use super::matching::load;
 use super::{INWARD, Surface};
 use crate::kernels::{BATCH, Batch, Isa, Moments};
+use crate::select::select;
 use crate::solve::least;
 use glam::Vec3;
 
@@ -32,8 +33,8 @@ impl Surface {
             }
             *found = keys.select(n, NEIGHBOURS.min(n.saturating_sub(1)));
         }
-        found.sort_unstable_by(f32::total_cmp);
-        libm::sqrtf(found.get(SAMPLES / 2).copied().unwrap_or(0.0))
+        let median = select(&mut found, SAMPLES / 2, f32::total_cmp);
+        libm::sqrtf(median.unwrap_or(0.0))
     }
 
     /// Estimates normals, in wider neighbourhoods where noise leaves no plane in those at hand.

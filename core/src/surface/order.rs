@@ -2,6 +2,7 @@
 
 use crate::cells::{compare, cut};
 use crate::kernels::RUN;
+use crate::select::sort;
 use glam::Vec3;
 
 /// Points of a cell, of whole blocks.
@@ -12,7 +13,7 @@ const CELL: usize = 128;
 pub(super) fn put_in_order(points: &mut [[f32; 3]]) -> usize {
     let at = |p: &[f32; 3]| Vec3::from_array(*p);
     let by_coordinates = |a: &[f32; 3], b: &[f32; 3]| compare(0, at(a), at(b));
-    points.sort_unstable_by(by_coordinates);
+    sort(points, by_coordinates);
     // A point that comes again says nothing new.
     let mut len = 0usize;
     for k in 0..points.len() {
@@ -31,7 +32,9 @@ pub(super) fn put_in_order(points: &mut [[f32; 3]]) -> usize {
         cut(cell, RUN, at);
     }
     for run in points.chunks_mut(RUN) {
-        run.sort_unstable_by(|a, b| drawn(a).cmp(&drawn(b)).then_with(|| by_coordinates(a, b)));
+        sort(run, |a, b| {
+            drawn(a).cmp(&drawn(b)).then_with(|| by_coordinates(a, b))
+        });
     }
     len
 }

@@ -1,4 +1,4 @@
-//! The memory of the two boards. RAM is what the budget allows, not what the board has.
+//! The memory of the two boards for each program. RAM is what the budget allows, not what the board has.
 
 use std::{env, fs, path::PathBuf};
 
@@ -8,6 +8,9 @@ const RAM: usize = 50 * 1024;
 const RAM_ON_GRID: usize = 38 * 1024;
 /// The stack's part of it, at its low end: what is deeper faults instead of overwriting statics.
 const STACK: usize = 13 * 1024 + 768;
+/// Both for refinement.
+const REFINEMENT_RAM: usize = 300 * 1024;
+const REFINEMENT_STACK: usize = 40 * 1024;
 
 fn main() {
     let target = env::var("TARGET").expect("set by cargo");
@@ -21,19 +24,27 @@ fn main() {
         Some(_) => RAM_ON_GRID,
         None => RAM,
     };
-    let memory = format!(
-        "MEMORY {{
-            FLASH : ORIGIN = {flash:#x}, LENGTH = 256K
-            POLICY : ORIGIN = {policy:#x}, LENGTH = 3M
-            RAM : ORIGIN = {ram:#x} + {STACK}, LENGTH = {all} - {STACK}
-        }}
-        _stack_start = ORIGIN(RAM);
-        _stack_end = ORIGIN(RAM) - {STACK};
-        _policy_flash = ORIGIN(POLICY);"
-    );
     let out = PathBuf::from(env::var_os("OUT_DIR").expect("set by cargo"));
-    fs::write(out.join("memory.x"), memory).expect("cargo's folder is writable");
-    println!("cargo:rustc-link-search={}", out.display());
+    for (program, all, stack) in [
+        ("reagent-cortex-m", all, STACK),
+        ("registration", all, STACK),
+        ("refinement", REFINEMENT_RAM, REFINEMENT_STACK),
+    ] {
+        let memory = format!(
+            "MEMORY {{
+                FLASH : ORIGIN = {flash:#x}, LENGTH = 256K
+                POLICY : ORIGIN = {policy:#x}, LENGTH = 3M
+                RAM : ORIGIN = {ram:#x} + {stack}, LENGTH = {all} - {stack}
+            }}
+            _stack_start = ORIGIN(RAM);
+            _stack_end = ORIGIN(RAM) - {stack};
+            _policy_flash = ORIGIN(POLICY);"
+        );
+        let folder = out.join(program);
+        fs::create_dir_all(&folder).expect("cargo's folder is writable");
+        fs::write(folder.join("memory.x"), memory).expect("cargo's folder is writable");
+        println!("cargo:rustc-link-arg-bin={program}=-L{}", folder.display());
+    }
     println!("cargo:rustc-check-cfg=cfg(board, values(\"an500\", \"an547\"))");
     println!("cargo:rustc-cfg=board=\"{board}\"");
     println!("cargo:rerun-if-changed=build.rs");

@@ -12,6 +12,8 @@ mod flash;
 mod image;
 #[path = "firmware/life.rs"]
 mod life;
+#[path = "firmware/refinement.rs"]
+mod refinement;
 mod support;
 
 use bits::{bits, trajectory};

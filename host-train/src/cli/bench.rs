@@ -4,7 +4,7 @@ use super::output::{check_outputs, write_json, write_text};
 use super::source::{DataSource, positive};
 use crate::learn::train::{self, Stage, TrainConfig};
 use crate::measure::latency;
-use crate::measure::microcontrollers::{self, Budget};
+use crate::measure::microcontrollers::{self, Limit, Measured};
 use crate::policy::WeightFile;
 use anyhow::Context;
 use clap::Args;
@@ -30,8 +30,8 @@ fn kernels(name: &str) -> Result<Isa, String> {
 ///
 /// Registers clouds of 1024 and 2048 points in f32 and in 8-bit integers, on one thread and on two, and
 /// compares with the core's arithmetic peak. With --train: runs a few updates of the stages pretrain and ilrl with the paper's settings, after one of each to warm
-/// up, and says where the time goes. With --mcu: runs the policy in 8-bit integers on simulated
-/// microcontrollers (QEMU) and says what they need: flash, RAM, instructions. Nothing is written but FILE.
+/// up, and says where the time goes. With --mcu: runs the policy in 8-bit integers, and refinement, on
+/// simulated microcontrollers (QEMU) and says what they need: flash, RAM, instructions. Nothing is written but FILE.
 #[derive(Debug, Args)]
 pub(super) struct BenchArgs {
     /// Measure training instead: observations a second
@@ -44,7 +44,7 @@ pub(super) struct BenchArgs {
     /// earlier --json, or not in it
     #[arg(long, value_name = "FILE", requires = "mcu")]
     expect: Option<PathBuf>,
-    /// With --mcu: put the table into this page, between the comments "host-train bench --mcu" and "end"
+    /// With --mcu: put the tables into this page, between the comments "host-train bench --mcu" and "end"
     #[arg(long, value_name = "FILE.md", requires = "mcu")]
     page: Option<PathBuf>,
     /// Policy to register with, in f32 [default: the bundled one]
@@ -147,8 +147,8 @@ impl BenchArgs {
         println!(
             "board       network              policy   library  program  clouds  all static  stack   RAM    on a grid  multiply-adds  instructions  per multiply-add  slice"
         );
-        let mut budgets = Vec::new();
-        for budget in microcontrollers::measure_all(&file, seed)? {
+        let measured = microcontrollers::measure_all(&file, seed)?;
+        for budget in &measured.registration {
             println!(
                 "{:<10}  {:<19}  {:>7}  {:>7}  {:>7}  {:>6}  {:>10}  {:>5}  {:>5}  {:>9}  {:>11.3} G  {:>10.3} G  {:>16.3}  {:.2} M",
                 budget.board,
@@ -166,38 +166,54 @@ impl BenchArgs {
                 budget.instructions_per_multiply_add,
                 budget.slice_instructions as f64 / 1e6,
             );
-            budgets.push(budget);
         }
-        println!("of what reagent_core::budget allows:");
-        for budget in &budgets {
-            let limits = microcontrollers::limits(budget);
-            let shares: Vec<String> = limits
-                .iter()
-                .map(|(what, now, most)| format!("{what} {:.0} %", 100.0 * now / most))
-                .collect();
+        println!("refinement of a pose of 1024 + 1024 points; the target is made ready once");
+        println!(
+            "board       program  all static  stack  to verify   RAM     make ready  refine     verify"
+        );
+        for budget in &measured.refinement {
+            let millions = |instructions: u64| instructions as f64 / 1e6;
             println!(
-                "{}, {}: {}",
+                "{:<10}  {:>7}  {:>10}  {:>5}  {:>9}  {:>6}  {:>8.1} M  {:>6.1} M  {:>6.1} M",
                 budget.board,
-                budget.network,
-                shares.join(", ")
+                budget.program_bytes,
+                budget.static_bytes,
+                budget.stack_bytes,
+                budget.verify_stack_bytes,
+                budget.ram_bytes(),
+                millions(budget.target_instructions),
+                millions(budget.instructions),
+                millions(budget.verify_instructions),
             );
         }
+        println!("of what reagent_core::budget allows:");
+        let shares = |limits: Vec<Limit>| -> String {
+            let share = |(what, now, most): &Limit| format!("{what} {:.0} %", 100.0 * now / most);
+            limits.iter().map(share).collect::<Vec<_>>().join(", ")
+        };
+        for budget in &measured.registration {
+            let shares = shares(microcontrollers::limits(budget));
+            println!("{}, {}: {shares}", budget.board, budget.network);
+        }
+        for budget in &measured.refinement {
+            println!("{}, refinement: {}", budget.board, shares(budget.limits()));
+        }
         if let Some(path) = &self.json {
-            write_json(path, &budgets)?;
+            write_json(path, &measured)?;
         }
         if let Some(path) = &self.page {
             let page = std::fs::read_to_string(path)
                 .with_context(|| format!("cannot read {}", path.display()))?;
-            let page = microcontrollers::with_table(&page, &budgets)
-                .with_context(|| format!("{} has no place for the table", path.display()))?;
+            let page = microcontrollers::with_tables(&page, &measured)
+                .with_context(|| format!("{} has no place for the tables", path.display()))?;
             write_text(path, &page)?;
         }
         if let Some(path) = &self.expect {
             let text =
                 std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
-            let before: Vec<Budget> = serde_json::from_slice(&text)
+            let before: Measured = serde_json::from_slice(&text)
                 .with_context(|| format!("{} is no file of bench --mcu --json", path.display()))?;
-            let complaints = microcontrollers::complaints(&budgets, &before);
+            let complaints = microcontrollers::complaints(&measured, &before);
             anyhow::ensure!(
                 complaints.is_empty(),
                 "not as in {}: {}",

@@ -1,4 +1,4 @@
-//! What a registration costs on microcontrollers, as counted in QEMU: flash, RAM, instructions. Simulated
+//! What registration and refinement cost on microcontrollers, as counted in QEMU: flash, RAM, instructions. Simulated
 //! instructions are not cycles of silicon: memory, caches and dual issue are not in them.
 
 use crate::dataset::procedural;
@@ -23,6 +23,12 @@ use reagent_link::board::{
 use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
 use std::path::Path;
+
+mod refinement;
+mod table;
+
+pub use refinement::Refinement;
+pub use table::with_tables;
 
 /// Points of each cloud.
 const POINTS: usize = 1024;
@@ -86,11 +92,20 @@ pub struct Budget {
     pub instructions_per_multiply_add: f64,
 }
 
-/// Every board with the policy, and with the bundled compact one, in 8 bits.
+/// What all of it needs.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Measured {
+    /// Of a registration, by each board and policy.
+    pub registration: Vec<Budget>,
+    /// Of a refinement, by each board.
+    pub refinement: Vec<Refinement>,
+}
+
+/// Every board with the policy, and with the bundled compact one, in 8 bits; then refinement.
 ///
 /// # Errors
 /// See [`McuError`].
-pub fn measure_all(file: &WeightFile, seed: u64) -> Result<Vec<Budget>, McuError> {
+pub fn measure_all(file: &WeightFile, seed: u64) -> Result<Measured, McuError> {
     check_simulator()?;
     let models = procedural::models(seed, CALIBRATION);
     let pairs = protocol::draw(&models, Protocol::M40Models, CALIBRATION, seed);
@@ -104,14 +119,18 @@ pub fn measure_all(file: &WeightFile, seed: u64) -> Result<Vec<Budget>, McuError
     };
     let compact = WeightFile::from_bytes(Policy::pretrained_compact_bytes());
     let compact = compact.expect("a test checks the linked policy");
-    let mut budgets = Vec::new();
+    let mut registration = Vec::new();
     for (policy, kind) in [given, &compact]
         .into_iter()
         .flat_map(|policy| Kind::ALL.map(|kind| (policy, kind)))
     {
-        budgets.push(measure(kind, policy, &pairs.source[0], &pairs.target[0])?);
+        registration.push(measure(kind, policy, &pairs.source[0], &pairs.target[0])?);
     }
-    Ok(budgets)
+    let refinement = Kind::ALL.map(|kind| refinement::measure(kind, &pairs));
+    Ok(Measured {
+        registration,
+        refinement: refinement.into_iter().collect::<Result<_, _>>()?,
+    })
 }
 
 /// Runs registrations on simulated boards: one that counts instructions, one with clouds on a grid.
@@ -127,9 +146,7 @@ fn measure(
     let grid_image = build_image(kind, Clouds::Grid)?;
     let library = elf::read(&image.with_file_name("registration"))?;
     for image in [&elf::read(&image)?, &elf::read(&grid_image)?, &library] {
-        if let Some(symbol) = image.panics.first() {
-            return Err(McuError::Panics(symbol.clone()));
-        }
+        cannot_panic(image)?;
     }
     let flash = std::env::temp_dir().join(format!("reagent-{}-{kind:?}", std::process::id()));
     let written = std::fs::write(&flash, flash_content(&manifest, policy.bytes()));
@@ -150,7 +167,7 @@ fn measure(
     std::fs::remove_file(&flash).ok();
     let (report, on_grid) = (report?, on_grid?);
 
-    let instructions = |ticks: u32| u64::from(ticks) * 1_000_000_000 / u64::from(report.hertz);
+    let instructions = |ticks: u32| instructions(ticks, &report);
     let shape = policy.policy().shape;
     let target = POINTS * shape.macs_per_point();
     let total = instructions(report.target_ticks) + instructions(report.steps_ticks);
@@ -169,6 +186,14 @@ fn measure(
         slice_instructions: instructions(report.slice_ticks),
         instructions_per_multiply_add: instructions(report.target_ticks) as f64 / target as f64,
     })
+}
+
+/// Refuses an image that can panic.
+fn cannot_panic(image: &elf::Image) -> Result<(), McuError> {
+    match image.panics.first() {
+        Some(symbol) => Err(McuError::Panics(symbol.clone())),
+        None => Ok(()),
+    }
 }
 
 fn widths(shape: &reagent_core::Shape) -> String {
@@ -195,41 +220,69 @@ fn run(
         budget_ms: u32::MAX,
         ..RefineRequest::new(1, source, target)
     };
+    let mut board = Board::start(kind, image, simulation)?;
+    board.status_and_report()?;
+    ask(&mut board, request)
+}
+
+/// Has a board serve a request; its report afterwards.
+fn ask(board: &mut Board, request: RefineRequest<'_>) -> Result<wire::Board, McuError> {
     let mut buffer = vec![0; REQUEST_OVERHEAD_BYTES + CLOUD_BYTES];
     let frame = wire::encode(&Message::RefineRequest(request), &mut buffer)
         .expect("drawn clouds have 1024 points");
-    let mut board = Board::start(kind, image, simulation)?;
-    board.status_and_report()?;
     board
         .refine(frame, |_| ControlFlow::Continue(()))?
         .map_err(|refusal| McuError::Refused(refusal.reason))?;
     Ok(board.ask()?.1)
 }
 
+/// Ticks of a board as instructions.
+fn instructions(ticks: u32, report: &wire::Board) -> u64 {
+    u64::from(ticks) * 1_000_000_000 / u64::from(report.hertz)
+}
+
 /// Why these numbers are not to be committed, a line each: rows that have become worse than `before`, that are
 /// only in one of both, or that are over budget.
-pub fn complaints(now: &[Budget], before: &[Budget]) -> Vec<String> {
-    let row = |budget: &Budget| format!("{}, {}", budget.board, budget.network);
-    let find = |budgets: &[Budget], of: &Budget| {
-        let same = |budget: &&Budget| row(budget) == row(of);
-        budgets.iter().find(same).cloned()
-    };
+pub fn complaints(now: &Measured, before: &Measured) -> Vec<String> {
+    let of_registration = rows(
+        [&now.registration, &before.registration],
+        |budget| format!("{}, {}", budget.board, budget.network),
+        |now, before| regressions(&now.compared(), &before.compared()),
+        |now| excesses(limits(now)),
+    );
+    let of_refinement = rows(
+        [&now.refinement, &before.refinement],
+        |budget| format!("{}, refinement", budget.board),
+        |now, before| regressions(&now.compared(), &before.compared()),
+        |now| excesses(now.limits()),
+    );
+    [of_registration, of_refinement].concat()
+}
+
+/// What is to be said of rows, each with its name before it.
+fn rows<T>(
+    [now, before]: [&[T]; 2],
+    name: fn(&T) -> String,
+    worse: fn(&T, &T) -> Vec<String>,
+    over: fn(&T) -> Vec<String>,
+) -> Vec<String> {
+    let find = |budgets: &'_ [T], of: &T| budgets.iter().position(|row| name(row) == name(of));
     let mut lines = Vec::new();
     for budget in now {
         let worse = match find(before, budget) {
-            Some(before) => regressions(budget, &before),
+            Some(at) => worse(budget, &before[at]),
             None => vec!["not in the file".to_owned()],
         };
-        let all = worse.into_iter().chain(excesses(budget));
-        lines.extend(all.map(|line| format!("{}: {line}", row(budget))));
+        let all = worse.into_iter().chain(over(budget));
+        lines.extend(all.map(|line| format!("{}: {line}", name(budget))));
     }
     let gone = before.iter().filter(|before| find(now, before).is_none());
-    lines.extend(gone.map(|before| format!("{}: not measured", row(before))));
+    lines.extend(gone.map(|before| format!("{}: not measured", name(before))));
     lines
 }
 
-/// A limit of [`reagent_core::dims`]: what is limited, what was measured, what is allowed.
-type Limit = (&'static str, f64, f64);
+/// A limit of [`reagent_core::budget`]: what is limited, what was measured, what is allowed.
+pub type Limit = (&'static str, f64, f64);
 
 /// What the library promises of a board.
 pub fn limits(budget: &Budget) -> Vec<Limit> {
@@ -270,111 +323,36 @@ pub fn limits(budget: &Budget) -> Vec<Limit> {
 }
 
 /// The limits that are passed, a line each.
-fn excesses(budget: &Budget) -> Vec<String> {
-    let over = limits(budget)
-        .into_iter()
-        .filter(|(_, now, most)| now > most);
+fn excesses(limits: Vec<Limit>) -> Vec<String> {
+    let over = limits.into_iter().filter(|(_, now, most)| now > most);
     over.map(|(what, now, most)| format!("{now} {what}, at most {most} are allowed"))
         .collect()
 }
 
+/// A number that is compared with an earlier one: what it is of.
+type Compared = (&'static str, f64);
+
+impl Budget {
+    fn compared(&self) -> [Compared; 7] {
+        [
+            ("library bytes", self.library_bytes as f64),
+            ("program bytes", self.program_bytes as f64),
+            ("static bytes", self.static_bytes as f64),
+            ("stack bytes", self.stack_bytes as f64),
+            ("bytes of RAM on a grid", self.grid_ram_bytes as f64),
+            ("instructions", self.instructions as f64),
+            ("instructions of a slice", self.slice_instructions as f64),
+        ]
+    }
+}
+
 /// What has become worse than `before` by more than a twentieth, a line each.
-fn regressions(now: &Budget, before: &Budget) -> Vec<String> {
-    let bytes = |what: fn(&Budget) -> usize| (what(now) as f64, what(before) as f64);
-    let numbers = [
-        ("library bytes", bytes(|b| b.library_bytes)),
-        ("program bytes", bytes(|b| b.program_bytes)),
-        ("static bytes", bytes(|b| b.static_bytes)),
-        ("stack bytes", bytes(|b| b.stack_bytes)),
-        ("bytes of RAM on a grid", bytes(|b| b.grid_ram_bytes)),
-        (
-            "instructions",
-            (now.instructions as f64, before.instructions as f64),
-        ),
-        (
-            "instructions of a slice",
-            (
-                now.slice_instructions as f64,
-                before.slice_instructions as f64,
-            ),
-        ),
-    ];
-    numbers
-        .into_iter()
-        .filter(|(_, (now, before))| *now > *before * 1.05)
-        .map(|(what, (now, before))| format!("{what}: {now} where {before} were committed"))
+fn regressions(now: &[Compared], before: &[Compared]) -> Vec<String> {
+    now.iter()
+        .zip(before)
+        .filter(|((_, now), (_, before))| *now > *before * 1.05)
+        .map(|((what, now), (_, before))| format!("{what}: {now} where {before} were committed"))
         .collect()
-}
-
-/// Where the table begins in a page, and where it ends.
-const MARKS: [&str; 2] = ["<!-- host-train bench --mcu -->\n", "<!-- end -->\n"];
-
-/// `page` with its table replaced; `None` where it has no place for one.
-pub fn with_table(page: &str, budgets: &[Budget]) -> Option<String> {
-    let [begin, end] = MARKS;
-    let (before, rest) = page.split_once(begin)?;
-    let (_, after) = rest.split_once(end)?;
-    Some(format!("{before}{begin}{}{end}{after}", table(budgets)))
-}
-
-/// A row of the table: what it is, and its cell for a board.
-type Row = (&'static str, fn(&Budget) -> String);
-
-/// A table in Markdown, a column for each board.
-fn table(budgets: &[Budget]) -> String {
-    let rows: [Row; 11] = [
-        ("flash, policy", |b| grouped(b.policy_bytes)),
-        (
-            "flash, library: a program that registers and nothing else",
-            |b| grouped(b.library_bytes),
-        ),
-        ("flash, the simulated board's whole program", |b| {
-            grouped(b.program_bytes)
-        }),
-        ("RAM, clouds", |b| grouped(b.cloud_bytes)),
-        ("RAM, everything but the stack, clouds included", |b| {
-            grouped(b.static_bytes)
-        }),
-        ("RAM, stack at its highest", |b| grouped(b.stack_bytes)),
-        ("RAM, together", |b| grouped(b.static_bytes + b.stack_bytes)),
-        ("RAM, together, with clouds in 16 bits", |b| {
-            grouped(b.grid_ram_bytes)
-        }),
-        ("multiply-adds, at most", |b| millions(b.multiply_adds)),
-        ("instructions, simulated", |b| millions(b.instructions)),
-        ("instructions of the longest slice", |b| {
-            millions(b.slice_instructions)
-        }),
-    ];
-    let line = |cells: Vec<String>| format!("| {} |\n", cells.join(" | "));
-    let row = |(what, cell): &Row| {
-        let cells = budgets.iter().map(cell);
-        line([(*what).to_owned()].into_iter().chain(cells).collect())
-    };
-    let mut text = row(&("", |b| format!("{}, {}", b.board, b.network)));
-    text += &"|---".repeat(budgets.len() + 1);
-    text += "|\n";
-    text.extend(rows.iter().map(row));
-    text += &row(&("instructions per multiply-add of the embedding", |b| {
-        format!("{:.3}", b.instructions_per_multiply_add)
-    }));
-    text
-}
-
-/// Bytes with their thousands apart.
-fn grouped(bytes: usize) -> String {
-    let digits = bytes.to_string();
-    let groups: Vec<&str> = digits
-        .as_bytes()
-        .rchunks(3)
-        .rev()
-        .map(|group| std::str::from_utf8(group).unwrap_or_default())
-        .collect();
-    format!("{} B", groups.join(" "))
-}
-
-fn millions(count: u64) -> String {
-    format!("{:.1} M", count as f64 / 1e6)
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@ use super::{POLICY, manifest_of};
 use firmware_sim::board::{
     Board, BoardError, Clouds, Kind, Simulation, build_image, flash_content,
 };
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::thread;
 
 /// Images that can be built here; says why others cannot.
@@ -48,8 +48,19 @@ pub(crate) fn on_boards_with(
         std::fs::write(&path, content).expect("it is writable");
         path.as_path()
     });
+    start(images_for(clouds), flash, test);
+}
+
+/// Runs `test` on each board, side by side, with the program for refinement.
+pub(crate) fn on_refining_boards(test: impl Fn(Kind, Board) + Sync) {
+    let images = images().into_iter();
+    let images = images.map(|(kind, image)| (kind, image.with_file_name("refinement")));
+    start(images.collect(), None, test);
+}
+
+fn start(images: Vec<(Kind, PathBuf)>, flash: Option<&Path>, test: impl Fn(Kind, Board) + Sync) {
     thread::scope(|scope| {
-        for (kind, image) in images_for(clouds) {
+        for (kind, image) in images {
             let test = &test;
             scope.spawn(move || {
                 let simulation = Simulation {

@@ -3,8 +3,8 @@
 use super::{images, on_boards};
 use firmware_sim::board::Kind;
 use host_train::measure::elf::{self, Image};
-use host_train::measure::microcontrollers::{self, Budget};
-use reagent_core::budget::{CODE_BUDGET, RAM_BUDGET, STACK_BUDGET};
+use host_train::measure::microcontrollers::{self, Measured};
+use reagent_core::budget::{CODE_BUDGET, RAM_BUDGET, REFINEMENT_CODE_BUDGET, STACK_BUDGET};
 use std::path::{Path, PathBuf};
 
 fn file(path: &str) -> PathBuf {
@@ -24,6 +24,12 @@ fn images_cannot_panic_and_the_library_is_small() {
         let library = assert_cannot_panic(&node.with_file_name("registration"));
         let bytes = library.flash_bytes;
         assert!(bytes <= CODE_BUDGET, "{kind:?}: {bytes} bytes of flash");
+        let refinement = assert_cannot_panic(&node.with_file_name("refinement"));
+        let bytes = refinement.flash_bytes;
+        assert!(
+            bytes <= REFINEMENT_CODE_BUDGET,
+            "{kind:?}: {bytes} bytes of flash"
+        );
     }
     // A program of a host can.
     let host = std::env::current_exe().expect("this program");
@@ -33,11 +39,12 @@ fn images_cannot_panic_and_the_library_is_small() {
 #[test]
 fn the_page_has_the_committed_budget() {
     let read = |path| std::fs::read_to_string(file(path)).expect("it is there");
-    let budgets: Vec<Budget> =
+    let measured: Measured =
         serde_json::from_str(&read("firmware-sim/cortex-m/budget.json")).expect("budgets");
-    assert_eq!(budgets.len(), 2 * Kind::ALL.len());
+    assert_eq!(measured.registration.len(), 2 * Kind::ALL.len());
+    assert_eq!(measured.refinement.len(), Kind::ALL.len());
     let page = read("firmware-sim/cortex-m/README.md");
-    let made = microcontrollers::with_table(&page, &budgets);
+    let made = microcontrollers::with_tables(&page, &measured);
     assert!(
         made == Some(page),
         "host-train bench --mcu --json firmware-sim/cortex-m/budget.json --page firmware-sim/cortex-m/README.md"

@@ -1,6 +1,6 @@
 use super::*;
 
-fn committed() -> Vec<Budget> {
+fn committed() -> Measured {
     let file = include_str!("../../../../firmware-sim/cortex-m/budget.json");
     serde_json::from_str(file).expect("budgets")
 }
@@ -8,15 +8,21 @@ fn committed() -> Vec<Budget> {
 /// What is said where one number of the first row is another.
 fn said(change: impl Fn(&mut Budget)) -> Vec<String> {
     let mut now = committed();
-    change(&mut now[0]);
+    change(&mut now.registration[0]);
     complaints(&now, &committed())
 }
 
 #[test]
 fn what_is_committed_is_within_every_budget() {
     assert_eq!(complaints(&committed(), &committed()), [""; 0]);
-    let limited: Vec<usize> = committed().iter().map(|b| limits(b).len()).collect();
+    let Measured {
+        registration,
+        refinement,
+    } = committed();
+    let limited: Vec<usize> = registration.iter().map(|b| limits(b).len()).collect();
     assert_eq!(limited, [7, 7, 6, 6]);
+    let limited: Vec<usize> = refinement.iter().map(|b| b.limits().len()).collect();
+    assert_eq!(limited, [6, 6]);
 }
 
 #[test]
@@ -57,10 +63,54 @@ fn a_twentieth_more_and_every_excess_are_told() {
 }
 
 #[test]
+fn so_are_those_of_a_refinement() {
+    let said = |change: fn(&mut Refinement)| {
+        let mut now = committed();
+        change(&mut now.refinement[1]);
+        complaints(&now, &committed())
+    };
+    assert_eq!(said(|b| b.instructions += b.instructions / 30), [""; 0]);
+    type Change = (fn(&mut Refinement), &'static str);
+    let changes: [Change; 7] = [
+        (|b| b.program_bytes *= 2, "bytes of the program"),
+        (|b| b.static_bytes += 1 << 20, "bytes of RAM"),
+        (|b| b.stack_bytes *= 2, "stack bytes"),
+        (|b| b.verify_stack_bytes *= 2, "bytes of stack"),
+        (|b| b.target_instructions *= 2, "to make a target ready"),
+        (|b| b.instructions *= 2, "instructions of a refinement"),
+        (
+            |b| b.verify_instructions *= 2,
+            "instructions of a verification",
+        ),
+    ];
+    for (change, what) in changes {
+        let lines = said(change);
+        assert!(lines.iter().any(|line| line.contains(what)), "{what}");
+        let of = |line: &String| line.starts_with("Cortex-M55, refinement: ");
+        assert!(lines.iter().all(of), "{lines:?}");
+    }
+}
+
+#[test]
 fn a_row_that_is_missing_is_told_on_either_side() {
     let all = committed();
-    let missing = complaints(&all, &all[1..]);
-    assert_eq!(missing, ["Cortex-M7, 64-128-1024-512-256: not in the file"]);
-    let missing = complaints(&all[..3], &all);
-    assert_eq!(missing, ["Cortex-M55, 64-64-384-128-64: not measured"]);
+    let [mut without_first, mut without_last] = [all.clone(), all.clone()];
+    without_first.registration.remove(0);
+    without_first.refinement.remove(0);
+    assert_eq!(
+        complaints(&all, &without_first),
+        [
+            "Cortex-M7, 64-128-1024-512-256: not in the file",
+            "Cortex-M7, refinement: not in the file"
+        ]
+    );
+    without_last.registration.pop();
+    without_last.refinement.pop();
+    assert_eq!(
+        complaints(&without_last, &all),
+        [
+            "Cortex-M55, 64-64-384-128-64: not measured",
+            "Cortex-M55, refinement: not measured"
+        ]
+    );
 }

@@ -1,4 +1,7 @@
-//! Thinning: fewer points of a cloud, spread as all of them are, the same ones every time.
+//! Thinning: fewer points of a cloud, spread as all of them are or, where those crowd in few places, over space; the same ones
+//! every time.
+
+mod even;
 
 use crate::dataset::Point;
 use std::cmp::Ordering;
@@ -8,13 +11,27 @@ const BITS: u32 = 21;
 /// Stretches of the curve by which points are counted first, at most.
 const STRETCHES: usize = 1 << 18;
 
-/// `count` of the points, none twice, or all where there are no more. They are taken at equal steps along a
-/// Z-order curve (Morton 1966) through the cloud: every region keeps its share of the points to within one,
-/// where a random draw leaves the share to chance. The order of the points does not matter, nor does any seed.
+/// `count` of the points, none twice, or all where there are no more. The order of the points does not matter, nor does any
+/// seed. They are spread as all are, unless these are as uneven as scans by a lidar: there dense places are those near the
+/// sensor, and two scans would fit where sensor lies on sensor. Of such clouds they are taken evenly over space.
 pub fn thin(points: &[Point], count: usize) -> Vec<Point> {
     if points.len() <= count {
         return points.to_vec();
     }
+    let as_all = spread_as_all(points, count);
+    if !even::is_uneven(&as_all) {
+        return as_all;
+    }
+    match even::one_a_cell(points, count) {
+        Some(of_cells) if of_cells.len() > count => spread_as_all(&of_cells, count),
+        Some(of_cells) => of_cells,
+        None => as_all,
+    }
+}
+
+/// `count` of more points, at equal steps along a Z-order curve (Morton 1966) through the cloud: every region keeps its share
+/// of the points to within one, where a random draw leaves the share to chance.
+fn spread_as_all(points: &[Point], count: usize) -> Vec<Point> {
     let code = curve(points);
     // The middle of each of `count` equal stretches.
     // In 64 bits: the browser's usize has 32, which products of millions of points leave.
@@ -60,18 +77,8 @@ pub fn thin(points: &[Point], count: usize) -> Vec<Point> {
 
 /// Codes of places along the curve.
 fn curve(points: &[Point]) -> impl Fn(&Point) -> u64 {
-    let mut low = [f32::INFINITY; 3];
-    let mut high = [f32::NEG_INFINITY; 3];
-    for point in points {
-        for axis in 0..3 {
-            low[axis] = low[axis].min(point[axis]);
-            high[axis] = high[axis].max(point[axis]);
-        }
-    }
     // Cubic cells: the longest side has all of them.
-    let side = (0..3)
-        .map(|axis| high[axis] - low[axis])
-        .fold(0.0, f32::max);
+    let (low, side) = bounds(points);
     let cells = ((1u64 << BITS) - 1) as f64;
     move |point| {
         let place = |axis: usize| {
@@ -80,6 +87,20 @@ fn curve(points: &[Point]) -> impl Fn(&Point) -> u64 {
         };
         place(0) | place(1) << 1 | place(2) << 2
     }
+}
+
+/// The lowest corner, and the longest side.
+fn bounds(points: &[Point]) -> (Point, f32) {
+    let mut low = [f32::INFINITY; 3];
+    let mut high = [f32::NEG_INFINITY; 3];
+    for point in points {
+        for axis in 0..3 {
+            low[axis] = low[axis].min(point[axis]);
+            high[axis] = high[axis].max(point[axis]);
+        }
+    }
+    let sides = (0..3).map(|axis| high[axis] - low[axis]);
+    (low, sides.fold(0.0, f32::max))
 }
 
 /// Order along the curve; of points in one cell, by coordinates.
@@ -141,7 +162,7 @@ mod tests {
             for count in [19_999, 12_000, 700, 3, 1] {
                 let every = |i: usize| sorted[(2 * i + 1) * points.len() / (2 * count)].1;
                 let expected: Vec<Point> = (0..count).map(every).collect();
-                assert_eq!(thin(&points, count), expected, "{far} {count}");
+                assert_eq!(spread_as_all(&points, count), expected, "{far} {count}");
             }
         }
     }

@@ -9,6 +9,7 @@
 //! | polish | the best that differ | [`Refiner::polish`], briefly |
 //! | copies | the best, turned as a cube's symmetries would | the same, where they fit about as well |
 //! | nudge | the best, turned and moved a little, where it explains little | sifted, the best of them polished |
+//! | slide | the best, moved along the axes by which planes hold its place, where it does not explain both clouds well | the same |
 //! | decide | the same | loss point by point, less where the source lies beyond an edge of the target, and how probable each is under the start's uncertainty |
 
 use crate::error::Error;
@@ -20,6 +21,7 @@ use crate::solve::Rigid;
 use crate::start::{Prior, Start};
 use core::cell::Cell;
 
+mod beside;
 mod search;
 mod undetermined;
 
@@ -119,6 +121,7 @@ impl Refiner<'_> {
         search.spin(polished, prior.as_ref(), &mut go_on)?;
         search.copies(prior.as_ref(), &mut go_on)?;
         search.nudge(prior.as_ref(), &mut go_on)?;
+        search.slide(prior.as_ref(), &mut go_on)?;
         let best = search.best().unwrap_or(0);
         let best = search.far_better(best);
         let hypotheses = search.hypotheses;

@@ -4,9 +4,9 @@ use super::Refiner;
 use super::stage::{FINE, NEAR, Stage};
 use crate::covariance::Covariance;
 use crate::kernels::{LANES, Sums, Weighing};
-use crate::solve::{Motion, Rigid, least};
+use crate::solve::{Motion, Rigid, least, principal_axes};
 use crate::surface::Surface;
-use glam::Vec3;
+use glam::{Mat3, Vec3};
 
 /// Share of the equations' trace that is added to their diagonal.
 pub(super) const RIDGE: f64 = 1e-7;
@@ -22,6 +22,11 @@ impl Refiner<'_> {
     /// The direction along which the planes matched under a pose fix a shift least, and how well, in the same measure.
     pub(crate) fn least_held_shift(&mut self, at: Rigid) -> (Vec3, f32) {
         least(self.matched_equations(at, &NEAR).shifting())
+    }
+
+    /// Axes along which these planes fix a shift: the last along the direction along which they do least.
+    pub(crate) fn shift_axes(&mut self, at: Rigid) -> Mat3 {
+        principal_axes(self.matched_equations(at, &NEAR).shifting())
     }
 
     /// Normal equations of a stage's step.

@@ -49,7 +49,7 @@ impl Refiner<'_> {
     }
 
     /// The same without the view point.
-    pub(super) fn matched_residual_unseen(&mut self, at: Rigid) -> Residual {
+    pub(crate) fn matched_residual_unseen(&mut self, at: Rigid) -> Residual {
         self.lose(at, loss::POINT_SHARE, false);
         self.lost()
     }

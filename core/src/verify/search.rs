@@ -7,7 +7,7 @@ use crate::polish::{Candidate, Refiner, Residual};
 use crate::rotation::Rotation;
 use crate::search::{
     Best, SCREEN_SCALE, SIFT_POINTS, SIFT_SCALE, aligned, anywhere, around, confused, copies,
-    is_equal, is_same, nudged,
+    is_equal, is_same,
 };
 use crate::solve::Rigid;
 use crate::start::Prior;
@@ -20,18 +20,16 @@ const SIFTED_AGAIN: usize = 6;
 const AGAIN: usize = 2;
 /// Loss of the best of them above which poses are looked for by pairs of points, and near the best: where clouds overlap in
 /// part.
-const UNEXPLAINED: f32 = 0.4;
+pub(super) const UNEXPLAINED: f32 = 0.4;
 /// Points by which those are judged, first and last, by how much the first may mislead, and how many of them are sifted.
 const PAIR_POINTS: [usize; 2] = [32, 128];
 const PAIR_SLACK: f32 = 0.08;
-const MATCHED: usize = 48;
+const MATCHED: usize = 160;
 /// Hypotheses that are sifted, at most.
 pub(super) const ENDED: usize = SIFTED + MATCHED + AGAIN * SIFTED_AGAIN;
 /// Symmetric copies that are polished, and by how much more loss they count as such.
 const COPIES: usize = 8;
 const ALIKE: f32 = 0.08;
-/// Poses near the best that are polished.
-const NUDGED: usize = 3;
 /// Residual on both sides below which a pose explains both clouds, no side of them unseen. Where something led to the pose at hand
 /// and it does, another must be more probable by so much, a logarithm, since the copies of a symmetric shape fit better or worse by
 /// their sample of points alone, or fit better by so many standard errors.
@@ -43,8 +41,9 @@ const FAR_BETTER: f32 = 10.0;
 /// How much more loss than the best a hypothesis may have to be polished; the same where the pose at hand is held on to.
 const FAR_BEHIND: f32 = 0.2;
 const BEHIND: f32 = 0.1;
-/// Hypotheses that are polished besides the start and the policy's pose.
+/// Hypotheses that are polished besides the start and the policy's pose, where the best explains the source and where it does not.
 const POLISHED: usize = 5;
+const POLISHED_LOST: usize = 12;
 /// Below this share of all axes, planes do not tell an angle: spins are tried, and it is looked how far they fit.
 pub(super) const SLIPPERY: f32 = 0.06;
 /// Spins about the axis about which planes fix a rotation least: every 4.5 degrees, from two poses.
@@ -53,6 +52,9 @@ const SPINS: usize = 80;
 const SPIN_POINTS: usize = 64;
 /// Spins that are polished.
 const SPINS_POLISHED: usize = 1;
+
+/// Place for the losses of a pose that is looked at.
+pub(super) const SPARE: usize = CONTENDERS - 1;
 
 /// A search under way.
 pub(super) struct Search<'r, 'w> {
@@ -74,7 +76,6 @@ impl Search<'_, '_> {
     /// Enters a polished pose into the comparison: in place of one that is the same, else in a free place or that of the worst,
     /// if it is more probable. The first place is that of the pose at hand, and only a better one of the same hypothesis takes it.
     pub(super) fn enter(&mut self, at: Rigid, prior: Option<&Prior>) {
-        const SPARE: usize = CONTENDERS - 1;
         if is_held(&self.contenders, at) {
             return;
         }
@@ -136,42 +137,8 @@ impl Search<'_, '_> {
         Ok(())
     }
 
-    /// Poses near the best where that explains little: there small steps end in one of several minima side by side.
-    pub(super) fn nudge<E>(
-        &mut self,
-        prior: Option<&Prior>,
-        go_on: &mut impl FnMut() -> Result<(), E>,
-    ) -> Result<(), E> {
-        let Some(best) = self.leader() else {
-            return Ok(());
-        };
-        let [_, compared] = SIFT_POINTS;
-        if self.refiner.coarse_loss(best.at, compared, SIFT_SCALE) < UNEXPLAINED {
-            return Ok(());
-        }
-        // By the loss alone: those beside each other are what is looked for.
-        let mut nearest = [None; NUDGED];
-        for at in nudged(best.at) {
-            go_on()?;
-            self.hypotheses += 1;
-            let loss = |sifted: &Option<(f32, Rigid)>| sifted.map_or(f32::INFINITY, |s| s.0);
-            let most = nearest.last().map_or(f32::INFINITY, loss);
-            let mut carried = Some(self.refiner.sifted_below(most, at));
-            for held in &mut nearest {
-                if loss(&carried) < loss(held) {
-                    core::mem::swap(held, &mut carried);
-                }
-            }
-        }
-        for (_, at) in nearest.into_iter().flatten() {
-            go_on()?;
-            self.polish(at, prior);
-        }
-        Ok(())
-    }
-
     /// The best pose so far.
-    fn leader(&self) -> Option<Contender> {
+    pub(super) fn leader(&self) -> Option<Contender> {
         self.best()
             .and_then(|i| self.contenders.get(i).copied().flatten())
     }
@@ -229,7 +196,7 @@ impl Search<'_, '_> {
             go_on()?;
             self.offer(at, &mut screened);
         }
-        let mut sifted = Best::<POLISHED>::NONE;
+        let mut sifted = Best::<POLISHED_LOST>::NONE;
         for (_, at) in screened.held() {
             go_on()?;
             self.sift(at, prior, &mut sifted);
@@ -270,7 +237,13 @@ impl Search<'_, '_> {
         }
         let behind = if looks_far { FAR_BEHIND } else { BEHIND };
         let most = sifted.least().unwrap_or(0.0) + behind;
-        for (_, at) in sifted.held().take_while(|&(loss, _)| loss < most) {
+        let count = if is_explained {
+            POLISHED
+        } else {
+            POLISHED_LOST
+        };
+        let near_best = sifted.held().take_while(|&(loss, _)| loss < most);
+        for (_, at) in near_best.take(count) {
             go_on()?;
             self.polish(at, prior);
         }
@@ -283,7 +256,7 @@ impl Search<'_, '_> {
     }
 
     /// Takes further steps, and offers where they end: of those that fit alike, the most probable under the start.
-    fn sift(&mut self, at: Rigid, prior: Option<&Prior>, sifted: &mut Best<POLISHED>) {
+    fn sift(&mut self, at: Rigid, prior: Option<&Prior>, sifted: &mut Best<POLISHED_LOST>) {
         let (loss, at) = self.refiner.sifted_below(sifted.most(), at);
         let surprise = prior.map_or(0.0, |prior| prior.surprise(at));
         let loss = loss + surprise / (12.0 * ALL_LOST);

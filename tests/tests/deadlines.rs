@@ -209,9 +209,19 @@ async fn nobody_takes_back_the_request_of_another_session() {
         let put = publisher.put(frame.to_vec()).source_info(source).await;
         put.expect("an open session");
     }
-    let posing = token.key_expr().clone();
-    let posing = stranger.liveliness().declare_token(posing).await;
-    drop(posing.expect("an open session"));
+    // Its own token, and others that spell the number in another way.
+    let alive = token.key_expr().as_str();
+    let digits = format!("{number:016x}");
+    let spelled = |other: String| alive.replace(&digits, &other);
+    let others = [
+        format!("0{number:016x}"),
+        format!("+{number:x}"),
+        format!("{number:016X}"),
+    ];
+    for posing in std::iter::once(alive.to_owned()).chain(others.map(spelled)) {
+        let posing = stranger.liveliness().declare_token(posing).await;
+        drop(posing.expect("an open session"));
+    }
     // What came before this is known to the robot.
     let refine = keys::refine(FLEET, "r1").expect("good names");
     let time = std::time::Duration::from_secs(60);

@@ -90,11 +90,16 @@ pub fn all_clients_alive(fleet: &str) -> Result<Key, Error> {
     key(format_args!("{}/client/*/alive", Fleet::new(fleet)?))
 }
 
-/// The client whose key this is.
+/// The client whose key this is. A number spelled in another way is nobody's: a token under it would be another one of the
+/// same client.
 pub fn client_of(key: &str) -> Option<u64> {
     let mut parts = key.split('/').skip(3);
     let number = (parts.next() == Some("client")).then(|| parts.next())??;
-    u64::from_str_radix(number, 16).ok()
+    let spelled = number.len() == 16
+        && number
+            .bytes()
+            .all(|b| matches!(b, b'0'..=b'9' | b'a'..=b'f'));
+    spelled.then(|| u64::from_str_radix(number, 16).ok())?
 }
 
 /// The status of every robot of the fleet.
@@ -113,9 +118,11 @@ pub fn robot_of(key: &str) -> Option<&str> {
     (parts.next() == Some("robot")).then(|| parts.next())?
 }
 
-/// The number of the chunk whose key this is.
+/// The number of the chunk whose key this is, in the one spelling that [`chunk`] has for it.
 pub fn chunk_index(key: &str) -> Option<u32> {
-    key.rsplit_once('/')?.1.parse().ok()
+    let number = key.rsplit_once('/')?.1;
+    let spelled = number == "0" || number.starts_with(|c: char| matches!(c, '1'..='9'));
+    spelled.then(|| number.parse().ok())?
 }
 
 fn of_robot(fleet: &str, robot: &str, leaf: &str) -> Result<Key, Error> {
@@ -232,7 +239,31 @@ mod tests {
         assert_eq!(chunk_index("reagent/v1/f/policy/00/77"), Some(77));
         assert_eq!(chunk_index("reagent/v1/f/policy/00/*"), None);
         assert_eq!(chunk_index("7"), None);
+        assert_eq!(chunk_index("reagent/v1/f/policy/00/0"), Some(0));
         assert!(is_table("reagent/v1/f/policy/00/table"));
         assert!(!is_table("reagent/v1/f/policy/00/7"));
+    }
+
+    #[test]
+    fn a_number_has_one_spelling() {
+        let client = |number: &str| client_of(&format!("reagent/v1/f/client/{number}/alive"));
+        assert_eq!(client("00000000deadbeef"), Some(0xdead_beef));
+        let others = [
+            "deadbeef",
+            "00000000DEADBEEF",
+            "+0000000deadbeef",
+            "000000000deadbeef",
+            "",
+        ];
+        for number in others {
+            assert_eq!(client(number), None, "{number}");
+        }
+        for number in ["+7", "07", "00", "-0", "", "4294967296"] {
+            assert_eq!(
+                chunk_index(&format!("policy/00/{number}")),
+                None,
+                "{number}"
+            );
+        }
     }
 }

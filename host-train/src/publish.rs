@@ -95,6 +95,15 @@ pub enum PublishError {
         /// The newest so far.
         last: Release,
     },
+    /// What it says reaches nobody.
+    #[error(
+        "nobody hears this publisher of fleet {fleet:?}: the router does not let its certificate publish; give it the \
+         configuration that was made for the trainer"
+    )]
+    Unheard {
+        /// As given.
+        fleet: String,
+    },
     /// Robots are there that should have taken the policy and have not.
     #[error(
         "{}; where robots have no word of it, the router may not let this certificate publish", .reception.one_line()
@@ -249,6 +258,22 @@ impl Publisher {
             self.announcing = Some(served.await?);
         }
         Ok(self.session.put(key.as_str(), signed).await?)
+    }
+
+    /// Asks for the newest manifest from another session, as robots do.
+    ///
+    /// # Errors
+    /// `Unheard` where nobody answers with the one published from here; `Zenoh`.
+    pub async fn check_heard(&self, from: &Session) -> Result<(), PublishError> {
+        let own = self.newest.lock().expect("no holder panics").clone();
+        let own = own.map(|(manifest, _)| manifest.id());
+        let key = keys::manifest(&self.fleet).map_err(refused(&self.fleet))?;
+        let announced = stored::announced(from, &key).await?;
+        let fleet = self.fleet.clone();
+        match announced.iter().any(|found| Some(found.id()) == own) {
+            true => Ok(()),
+            false => Err(PublishError::Unheard { fleet }),
+        }
     }
 
     /// The manifest of a policy that the fleet may be given.

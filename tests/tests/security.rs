@@ -5,7 +5,7 @@ mod support;
 use firmware_sim::client::{self, Client, RefineError};
 use firmware_sim::node::NodeError;
 use firmware_sim::session::{SessionArgs, open};
-use host_train::publish::{Publisher, manifest, sign};
+use host_train::publish::{PublishError, Publisher, manifest, sign};
 use reagent_core::wire::{self, RefineRequest, keys};
 use std::time::Duration;
 use support::secured::{LAB, Secured, make_ca};
@@ -109,6 +109,19 @@ async fn everybody_does_their_part_and_nothing_else() {
     let told = impostor.reception(&shipped, SILENCE);
     let told = told.await.expect("an open session");
     assert_eq!((told.taken.len(), told.silent.len()), (0, 1), "{told}");
+    drop(impostor);
+    // A robot's certificate sees no other robots: that nobody hears it is told all the same.
+    let heard = publisher.check_heard(&secured.join("trainer").await).await;
+    heard.expect("others hear it");
+    let robot = secured.join("arm2").await;
+    let mut impostor = Publisher::new(robot, LAB, key(1)).expect("a good name");
+    let shipped = impostor.publish(3, "third", random_policy(2)).await;
+    shipped.expect("a good policy");
+    let unheard = impostor.check_heard(&secured.join("arm2").await).await;
+    assert!(
+        matches!(unheard, Err(PublishError::Unheard { .. })),
+        "{unheard:?}"
+    );
     drop(impostor);
 
     // Two who are in, and go beyond their part: a client, and a robot.

@@ -2,8 +2,8 @@
 
 use super::witness::Witness;
 use super::{
-    Comparison, Gate, Halt, Provenance, PublishError, Publisher, SessionArgs, Stages, open_session,
-    read_key,
+    Comparison, Gate, Halt, Provenance, PublishError, Publisher, SessionArgs, Stages,
+    has_certificate, open_session, read_key,
 };
 use crate::dataset::pairs::PairSet;
 use crate::learn::train::DataSource;
@@ -151,6 +151,11 @@ async fn ship(
             manifest
         }
     };
+    // A router with access control drops what a certificate may not say, and tells nobody.
+    if !args.store && has_certificate(&args.session)? {
+        let from = open_session(&args.session).await?;
+        publisher.check_heard(&from).await?;
+    }
     if args.stages.is_none() {
         witness.published(&manifest);
     }

@@ -105,9 +105,7 @@ pub enum PublishError {
         fleet: String,
     },
     /// Robots are there that should have taken the policy and have not.
-    #[error(
-        "{}; where robots have no word of it, the router may not let this certificate publish", .reception.one_line()
-    )]
+    #[error("{}{}", .reception.one_line(), .reception.why_silent())]
     NotTaken {
         /// What robots made of it.
         reception: Reception,

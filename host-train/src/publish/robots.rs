@@ -77,6 +77,14 @@ impl Reception {
         self.refused.is_empty() && self.silent.is_empty()
     }
 
+    /// What may be wrong where robots have no word of it.
+    pub(super) fn why_silent(&self) -> &'static str {
+        match self.silent.is_empty() {
+            true => "",
+            false => "; the router may not let this certificate publish",
+        }
+    }
+
     /// The same on one line, as errors are.
     pub(super) fn one_line(&self) -> String {
         self.to_string().replace('\n', "; ")
@@ -221,6 +229,15 @@ mod tests {
                      no word of it from d, which runs version 1";
         assert_eq!(reception.to_string(), lines);
         assert_eq!(reception.one_line(), lines.replace('\n', "; "));
+        let error = |reception| PublishError::NotTaken { reception }.to_string();
+        let silent = error(reception.clone());
+        assert!(silent.ends_with("let this certificate publish"), "{silent}");
+        // Who refuses it has word of it.
+        let refused = Reception {
+            silent: Vec::new(),
+            ..reception
+        };
+        assert_eq!(error(refused.clone()), refused.one_line());
         let nobody = Reception::default().to_string();
         assert!(nobody.starts_with("no robot is there"), "{nobody}");
     }

@@ -9,8 +9,8 @@ const RAM_ON_GRID: usize = 38 * 1024;
 /// The stack's part of it, at its low end: what is deeper faults instead of overwriting statics.
 const STACK: usize = 13 * 1024 + 768;
 /// Both for refinement.
-const REFINEMENT_RAM: usize = 300 * 1024;
-const REFINEMENT_STACK: usize = 40 * 1024;
+const REFINEMENT_RAM: usize = 308 * 1024;
+const REFINEMENT_STACK: usize = 48 * 1024;
 
 fn main() {
     let target = env::var("TARGET").expect("set by cargo");

@@ -14,8 +14,8 @@ use zenoh::session::ZenohId;
 
 /// Requests in hand, the one at work included; one more is refused as busy.
 pub const PLACES: usize = 5;
-/// Of these, how many one session may hold together with the requests that do not say which session made them: they do
-/// not shut out the others.
+/// Of these, how many one session may hold, or all requests together that do not say which session made them: they
+/// do not shut out the others.
 const SHARE: usize = PLACES - 1;
 /// Requests a second beyond which they are refused unread: several times what a robot can answer.
 const RATE: f64 = 2000.0;
@@ -171,14 +171,8 @@ impl Queue {
         };
         let mut state = self.state();
         let held = state.held().count();
-        let share = match session {
-            Some(_) => {
-                let counts = |other: &Asked| other.session.is_none_or(|it| Some(it) == session);
-                state.held().filter(counts).count()
-            }
-            // Each session's, whatever the others are; and each is left one place of its share.
-            None => held + 1,
-        };
+        let share = state.held().filter(|other| other.session == session);
+        let share = share.count();
         if state.closed || held >= PLACES || share >= SHARE {
             drop(state);
             self.view.send_modify(|view| view.refused += 1);

@@ -96,47 +96,28 @@ impl Search<'_, '_> {
 
 #[cfg(test)]
 mod tests {
-    use crate::polish::tests::{Numbers, error, moved, pose};
+    use crate::polish::tests::{error, moved, pose};
     use crate::polish::{Refiner, Workspace};
     use crate::start::Start;
+    use crate::verify::tests::brick;
 
     /// Points on a rail with two knobs, as far as they lie between two places along it.
-    fn rail(from: f32, to: f32, count: usize, seed: u32) -> Vec<[f32; 3]> {
-        // Centre and half the size of each box.
-        const BOXES: [([f32; 3], [f32; 3]); 3] = [
-            ([0.0, 0.0, 0.0], [1.6, 0.3, 0.2]),
-            ([-0.25, 0.1, 0.3], [0.12, 0.1, 0.1]),
-            ([0.2, -0.15, 0.28], [0.06, 0.1, 0.08]),
-        ];
-        let mut numbers = Numbers(seed);
-        let mut points = Vec::new();
-        while points.len() < count {
-            let any = 1.6 * numbers.next();
-            let (centre, half) = BOXES[if any.abs() < 1.3 {
-                0
-            } else if any > 0.0 {
-                1
-            } else {
-                2
-            }];
-            let mut p = half.map(|half| half * numbers.next());
-            let on = (3.0 * numbers.next().abs()) as usize % 3;
-            p[on] = half[on] * p[on].signum();
-            let p = [0, 1, 2].map(|k| centre[k] + p[k] + 0.004 * numbers.next());
-            if p[0] > from && p[0] < to {
-                points.push(p);
-            }
-        }
+    fn rail(from: f32, to: f32, seed: u32) -> Vec<[f32; 3]> {
+        let knob = |half, centre, seed| moved(&brick(half, 130, seed), pose([0.0; 3], centre));
+        let mut points = brick([1.6, 0.3, 0.2], 1100, seed);
+        points.extend(knob([0.12, 0.1, 0.1], [-0.25, 0.1, 0.3], seed + 1));
+        points.extend(knob([0.06, 0.1, 0.08], [0.2, -0.15, 0.28], seed + 2));
+        points.retain(|&[x, ..]| from < x && x < to);
         points
     }
 
     #[test]
     fn parts_of_a_rail_that_slid_over_each_other_are_put_right() {
         let mut workspace = Box::new(Workspace::new());
-        let target = rail(-0.6, 1.6, 900, 1);
+        let target = rail(-0.6, 1.7, 1);
         for slid in [-0.45, 0.4, 0.6] {
             let truth = pose([0.1, 0.0, 0.05], [0.2, 0.1, 0.0]);
-            let source = moved(&rail(-1.6, 0.5, 900, 2), truth.inverse());
+            let source = moved(&rail(-1.7, 0.5, 4), truth.inverse());
             let mut refiner = Refiner::new(&source, &target, &mut workspace).expect("clouds");
             let start = pose([0.0; 3], [slid, 0.0, 0.0]).after(truth);
             let found = refiner.verify(start, &Start::at(start)).expect("a pose");

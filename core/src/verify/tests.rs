@@ -91,7 +91,7 @@ fn flips_are_found_and_taken_back() {
 }
 
 /// Points on a brick's faces.
-fn brick(half: [f32; 3], count: usize, seed: u32) -> Vec<[f32; 3]> {
+pub(super) fn brick(half: [f32; 3], count: usize, seed: u32) -> Vec<[f32; 3]> {
     let mut numbers = Numbers(seed);
     let point = |_| {
         let mut p = half.map(|half| half * numbers.next());

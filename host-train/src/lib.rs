@@ -34,3 +34,4 @@ pub mod register;
 pub mod report;
 #[cfg(not(target_family = "wasm"))]
 pub mod views;
+pub mod words;

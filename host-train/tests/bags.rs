@@ -68,7 +68,7 @@ fn a_message_is_registered() {
         at,
         "eval --data models --protocol m40-models --methods init",
     );
-    assert!(said.contains("1 pairs of models"), "{said}");
+    assert!(said.contains("1 pair of models"), "{said}");
 }
 
 #[test]

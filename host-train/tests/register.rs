@@ -285,7 +285,7 @@ fn what_cannot_be_registered_is_refused_in_one_line() {
     assert!(output.stdout.is_empty() && output.status.code() == Some(1));
     let output = run(at, "register m.off m.off --fail-below 1");
     let said = String::from_utf8_lossy(&output.stderr);
-    let words = "1 pose(s) with a probability below the 1 of --fail-below; the lowest is 0.";
+    let words = "error: 1 pose with a probability below the 1 of --fail-below; the lowest is 0.";
     let (_, lowest) = said.split_once(words).unwrap_or_else(|| panic!("{said}"));
     assert!(lowest.trim().parse::<u64>().is_ok(), "{said}");
     assert_eq!(output.status.code(), Some(3));

@@ -96,4 +96,4 @@ def test_masked_points_are_left_out(pair):
     masked[0] = numpy.ma.masked
     found = REGISTRAR.register(masked, target)
     assert (found.target_from_source == REGISTRAR.register(source, target).target_from_source).all()
-    assert found.notes == ["source: left out 1 invalid points (NaN, infinite or beyond 1e12)"]
+    assert found.notes == ["source: left out 1 invalid point (NaN, infinite or beyond 1e12)"]

@@ -8,6 +8,7 @@ use crate::dataset::bop::write_results;
 use crate::measure::document::Document;
 use crate::measure::eval::Outcome;
 use crate::protocol::Protocol;
+use crate::words::count;
 use anyhow::Context;
 use clap::ValueEnum;
 use clap::builder::PossibleValue;
@@ -63,17 +64,18 @@ pub(super) fn describe(found: &Refinements, root: &Path, estimates: &Path) -> St
         estimates.display()
     );
     if missing > 0 {
-        text += &format!("; {missing} listed objects have none, which counts as a failure");
+        let missing = count(missing, "listed object has", "listed objects have");
+        text += &format!("; {missing} none, which counts as a failure");
     }
     if unrefined > missing {
-        let kept = unrefined - missing;
-        text += &format!("; {kept} objects without depth inside the mask keep theirs");
+        let kept = count(unrefined - missing, "object", "objects");
+        text += &format!("; initial poses stay of {kept} without depth inside the mask");
     }
     let clouds = found.models.iter().filter(|m| m.mesh.faces.is_empty());
     let clouds = clouds.count();
     if clouds > 0 {
-        text +=
-            &format!("; {clouds} models have no faces to be rendered, VSD counts them as wrong");
+        let clouds = count(clouds, "model has", "models have");
+        text += &format!("; {clouds} no faces to be rendered, which VSD counts as wrong");
     }
     text
 }

@@ -4,6 +4,7 @@ use super::progress::Progress;
 use super::source::positive;
 use crate::bop::synth::objects::{self, Object};
 use crate::bop::synth::{ESTIMATES_FILE, SynthSettings, generate};
+use crate::words::count;
 use clap::Args;
 use clap::builder::RangedI64ValueParser;
 use std::path::PathBuf;
@@ -73,9 +74,9 @@ impl BopSynthArgs {
         progress.finish();
         done?;
         println!(
-            "{} images of {} objects in {}; initial estimates in {}",
-            images,
-            objects.len(),
+            "{} of {} in {}; initial estimates in {}",
+            count(images, "image", "images"),
+            count(objects.len(), "object", "objects"),
             self.out.display(),
             self.out.join(ESTIMATES_FILE).display(),
         );

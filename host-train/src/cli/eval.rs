@@ -13,6 +13,7 @@ use crate::measure::document::Document;
 use crate::measure::eval::{EvalSettings, Row, evaluate};
 use crate::policy::{REAGENT, VIEWS};
 use crate::register::trace;
+use crate::words::count;
 use anyhow::Context;
 use clap::{ArgGroup, Args};
 use serde::Serialize;
@@ -147,7 +148,7 @@ impl EvalArgs {
         progress.finish();
         let outcomes = outcomes.with_context(|| origin.clone())?;
 
-        println!("{pairs} pairs of {origin}\n");
+        println!("{} of {origin}\n", count(pairs, "pair", "pairs"));
         print!("{}", table::methods(&outcomes, of_views));
         for outcome in outcomes.iter().filter(|o| !o.per_step.is_empty()) {
             print!(

@@ -6,6 +6,7 @@ use crate::dataset::pairs::PairSet;
 use crate::policy::checkpoint::Checkpoint;
 use crate::policy::{WeightFile, parameters_of};
 use crate::protocol::Protocol;
+use crate::words::count;
 use clap::{Args, ValueEnum};
 use reagent_core::{Decision, Policy};
 use std::path::PathBuf;
@@ -72,8 +73,8 @@ impl ExportArgs {
                 let pairs = calibration(&self.calibration, seed)?;
                 if pairs.source.len() < FEW_PAIRS {
                     tracing::warn!(
-                        "calibrated on {} clouds: with fewer than {FEW_PAIRS} more actions differ from those in f32",
-                        pairs.source.len()
+                        "calibrated on {}: with fewer than {FEW_PAIRS} more actions differ from those in f32",
+                        count(pairs.source.len(), "cloud", "clouds")
                     );
                 }
                 WeightFile::from_parameters_int8_within(sight, &parameters, &pairs)?

@@ -32,6 +32,7 @@ pub use register::{Initial, Input, SourceArgs, Units};
 
 #[cfg(feature = "publish")]
 use crate::publish::{self, PublishArgs};
+use crate::words::count;
 use clap::{CommandFactory, Parser, Subcommand};
 use reagent_link::log::LogArgs;
 
@@ -177,7 +178,8 @@ impl Seedless {
 /// Poses were found, and are less probably right than was asked for.
 #[derive(Debug, thiserror::Error)]
 #[error(
-    "{poses} pose(s) with a probability below the {least} of --fail-below; the lowest is {lowest}"
+    "{} with a probability below the {least} of --fail-below; the lowest is {lowest}",
+    count(*poses, "pose", "poses")
 )]
 pub struct BelowProbability {
     /// How many.

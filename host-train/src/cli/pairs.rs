@@ -2,6 +2,7 @@
 
 use super::source::{self, DataSource};
 use crate::protocol::Protocol;
+use crate::words::count;
 use clap::Args;
 use std::path::PathBuf;
 
@@ -31,8 +32,8 @@ impl PairsArgs {
         let set = source::draw("pairs", &self.data, self.protocol, self.count, seed)?;
         set.save(&self.out)?;
         println!(
-            "{} pairs of {} in {}",
-            set.source.len(),
+            "{} of {} in {}",
+            count(set.source.len(), "pair", "pairs"),
             self.data,
             self.out.display()
         );

@@ -2,6 +2,7 @@
 
 use crate::policy::{BUNDLED, WeightFile};
 use crate::register::replay::{ReplayError, replay};
+use crate::words::count;
 use anyhow::bail;
 use std::path::PathBuf;
 
@@ -47,17 +48,21 @@ impl ReplayArgs {
                 }
             };
             println!(
-                "trace {number}: request {}, policy version {}, {} steps, mode {}, {kernels}: {outcome}",
-                again.id, again.policy_version, again.steps, again.mode
+                "trace {number}: request {}, policy version {}, {}, mode {}, {kernels}: {outcome}",
+                again.id,
+                again.policy_version,
+                count(again.steps, "step", "steps"),
+                again.mode
             );
         }
         if different > 0 {
             bail!(
-                "{different} of {} traces came out otherwise here",
-                replayed.len()
+                "{different} of {} came out otherwise here",
+                count(replayed.len(), "trace", "traces")
             );
         }
-        println!("{} traces, all equal", replayed.len());
+        let traces = count(replayed.len(), "trace", "traces");
+        println!("{traces}, all equal");
         Ok(())
     }
 }

@@ -2,6 +2,7 @@
 
 use super::output::write_text;
 use crate::report::Report;
+use crate::words::count;
 use clap::Args;
 use std::path::PathBuf;
 
@@ -32,7 +33,8 @@ impl ReportArgs {
         println!("{}", self.out.display());
         if let Some(folder) = &self.plots {
             let charts = report.write_plots(folder)?;
-            println!("{}: {charts} charts, each as SVG and PNG", folder.display());
+            let charts = count(charts, "chart", "charts");
+            println!("{}: {charts}, each as SVG and PNG", folder.display());
         }
         Ok(())
     }

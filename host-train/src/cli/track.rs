@@ -12,6 +12,7 @@ use crate::policy::WeightFile;
 use crate::register::Memory;
 use crate::register::request::Request;
 use crate::register::track::{POINTS, Tracked, Tracking, bundled_policy};
+use crate::words::count;
 use anyhow::bail;
 use clap::Args;
 use reagent_core::dims::MAX_POINTS;
@@ -209,7 +210,10 @@ impl TrackArgs {
         eprintln!("{}", summary(&lines));
         match unread {
             0 => Ok(()),
-            _ => bail!("{unread} of {} clouds could not be read", lines.len()),
+            _ => bail!(
+                "{unread} of {} could not be read",
+                count(lines.len(), "cloud", "clouds")
+            ),
         }
     }
 }
@@ -262,8 +266,8 @@ fn summary(lines: &[Line]) -> String {
     let times: Vec<f64> = lines.iter().map(|line| line.ms).collect();
     let [median, p95, p99] = [0.5, 0.95, 0.99].map(|q| quantile(times.clone(), q));
     format!(
-        "{} clouds: {} tracked, {} found, {} lost; {median:.1} ms in the median, {p95:.1} p95, {p99:.1} p99",
-        lines.len(),
+        "{}: {} tracked, {} found, {} lost; {median:.1} ms in the median, {p95:.1} p95, {p99:.1} p99",
+        count(lines.len(), "cloud", "clouds"),
         in_state(Sight::Tracked),
         in_state(Sight::Found),
         in_state(Sight::Lost),

@@ -3,6 +3,7 @@
 use super::source::positive;
 use crate::learn::train::DataSource;
 use crate::views::{Meshes, Views};
+use crate::words::count;
 use anyhow::Context;
 use clap::Args;
 use std::path::PathBuf;
@@ -43,11 +44,11 @@ impl ViewsArgs {
         crate::files::write(&self.out, &bytes)
             .with_context(|| format!("cannot write {}", self.out.display()))?;
         println!(
-            "{} views of {} meshes in {}, {rate:.0} a second on {} threads",
-            self.count,
-            views.objects().len(),
+            "{} of {} in {}, {rate:.0} a second on {}",
+            count(self.count, "view", "views"),
+            count(views.objects().len(), "mesh", "meshes"),
             self.out.display(),
-            rayon::current_num_threads()
+            count(rayon::current_num_threads(), "thread", "threads")
         );
         Ok(())
     }

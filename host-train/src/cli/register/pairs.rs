@@ -5,6 +5,8 @@ use crate::cli::output::write_text;
 use crate::dataset::cloud_file::{EXTENSIONS, extension};
 use crate::policy::WeightFile;
 use crate::register::Start;
+use crate::register::document::Document;
+use crate::words::count;
 use anyhow::{Context, anyhow, bail};
 use reagent_link::log::one_line;
 use serde_json::{Value, json};
@@ -169,7 +171,10 @@ impl RegisterArgs {
         }
         let failed = pairs.len() - done.len();
         if failed > 0 {
-            bail!("{failed} of {} pairs could not be registered", pairs.len());
+            bail!(
+                "{failed} of {} could not be registered",
+                count(pairs.len(), "pair", "pairs")
+            );
         }
         self.judge(done.iter().map(|pairing| &pairing.done))
     }

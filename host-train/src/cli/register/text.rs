@@ -3,6 +3,7 @@
 use crate::pose64::Pose64;
 use crate::register::request::Done;
 use crate::register::sentences::{Names, Remark, fit, probability, uncertainty};
+use crate::words::count;
 use reagent_core::pipeline::Refinement;
 use reagent_core::polish::Refined;
 use reagent_core::verdict::Percent;
@@ -23,8 +24,8 @@ pub(super) fn report(done: &Done, size_advice: &str) -> String {
     text += &format!("{pose}\n");
     let answer = &found.answer;
     if let Some(policy) = answer.policy {
-        let (verdict, steps) = (policy.verdict, policy.steps);
-        text += &format!("policy: {verdict} after {steps} steps\n");
+        let (verdict, steps) = (policy.verdict, count(policy.steps, "step", "steps"));
+        text += &format!("policy: {verdict} after {steps}\n");
     }
     if let Some(refinement) = &answer.refinement {
         text += &stages(refinement);
@@ -81,9 +82,9 @@ fn stages(found: &Refinement) -> String {
         )
     };
     let mut text = format!(
-        "polish: {} after {} iterations\n",
+        "polish: {} after {}\n",
         residual(&found.polished),
-        found.polished.iterations
+        count(found.polished.iterations, "iteration", "iterations")
     );
     if let Some(tried) = found.hypotheses {
         let kept = if found.refined == found.polished {
@@ -92,7 +93,8 @@ fn stages(found: &Refinement) -> String {
             "replaced"
         };
         text += &format!(
-            "verify: {kept} against {tried} other poses, {}\n",
+            "verify: {kept} against {}, {}\n",
+            count(tried, "other pose", "other poses"),
             residual(&found.refined)
         );
     }

@@ -3,6 +3,7 @@
 use super::EXTENSIONS;
 #[cfg(not(target_family = "wasm"))]
 use super::bag::BagError;
+use crate::words::count;
 use std::path::PathBuf;
 
 /// Why a file of points was refused.
@@ -112,6 +113,9 @@ pub enum CloudError {
 fn invalid(dropped: usize) -> String {
     match dropped {
         0 => String::new(),
-        _ => format!(" but {dropped} invalid ones (NaN, infinite or beyond 1e12)"),
+        _ => format!(
+            " but {} (NaN, infinite or beyond 1e12)",
+            count(dropped, "invalid one", "invalid ones")
+        ),
     }
 }

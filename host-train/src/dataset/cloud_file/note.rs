@@ -1,5 +1,6 @@
 //! What a reader noticed, understood in its own way, or left out.
 
+use crate::words::count;
 use serde::Serialize;
 use std::fmt;
 
@@ -135,14 +136,18 @@ impl Note {
 impl fmt::Display for Note {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Note::Dropped { points, faces: 0 } => write!(
-                f,
-                "left out {points} invalid points (NaN, infinite or beyond 1e12)"
-            ),
-            Note::Dropped { points, faces } => write!(
-                f,
-                "left out {points} invalid points (NaN, infinite or beyond 1e12) and {faces} triangles with them"
-            ),
+            Note::Dropped { points, faces } => {
+                let points = count(*points, "invalid point", "invalid points");
+                write!(f, "left out {points} (NaN, infinite or beyond 1e12)")?;
+                match faces {
+                    0 => Ok(()),
+                    _ => write!(
+                        f,
+                        " and with that {}",
+                        count(*faces, "triangle", "triangles")
+                    ),
+                }
+            }
             Note::LongerAxis { rows, columns } => write!(
                 f,
                 "an array of shape ({rows}, {columns}) is read as {columns} points, the longer axis"
@@ -153,18 +158,24 @@ impl fmt::Display for Note {
                 read,
             } => write!(
                 f,
-                "it claims {claimed} {what} and holds {read}; all {read} are read"
+                "it claims {claimed} {what} and holds {read}; what it holds is read"
             ),
             Note::Beyond { bytes } => write!(
                 f,
-                "it holds more than its header counts: the last {bytes} bytes are not read"
+                "it holds more than its header counts: the last {} not read",
+                count(*bytes, "byte is", "bytes are")
             ),
             Note::DecimalComma => write!(f, "numbers are read with a decimal comma"),
             Note::IndexColumn => write!(f, "the first column counts the lines and is left out"),
             Note::Utf16 => write!(f, "the text is UTF-16"),
             Note::CrossedPolygons { polygons } => write!(
                 f,
-                "{polygons} polygons cross themselves and are cut from their first corner"
+                "{}, cut from the first corner",
+                count(
+                    *polygons,
+                    "polygon crosses itself",
+                    "polygons cross themselves"
+                )
             ),
             Note::NormalsLeftOut => write!(
                 f,
@@ -176,7 +187,8 @@ impl fmt::Display for Note {
             ),
             Note::Weighted { vertices } => write!(
                 f,
-                "{vertices} vertices have a weight other than 1, by which their coordinates are divided"
+                "{} a weight other than 1, by which the coordinates are divided",
+                count(*vertices, "vertex has", "vertices have")
             ),
             Note::Ignored { what } => write!(f, "not used: {what}"),
             Note::ViewPoint { at: [x, y, z] } => {

@@ -138,7 +138,7 @@ fn an_image_of_another_size_than_its_points_is_told() {
         let mut claims = notes.filter(|said| said.contains("claims"));
         claims.next()
     };
-    let words = "it claims 4 points by WIDTH and HEIGHT and holds 3; all 3 are read";
+    let words = "it claims 4 points by WIDTH and HEIGHT and holds 3; what it holds is read";
     assert_eq!(claims("WIDTH 2").as_deref(), Some(words));
     let organised = PCD
         .replace("WIDTH 3", "WIDTH 1")

@@ -91,7 +91,7 @@ fn what_a_cloud_is_of_is_noted() {
         notes,
         [
             "message 1 of /camera/points, stamped 1.000000005",
-            "left out 1 invalid points (NaN, infinite or beyond 1e12)"
+            "left out 1 invalid point (NaN, infinite or beyond 1e12)"
         ]
     );
 }

@@ -112,6 +112,30 @@ fn usage_and_missing_data_are_explained() {
     );
 }
 
+/// The largest number of 16 bits is no depth, as 0 is.
+#[test]
+fn pixels_that_are_marked_have_no_depth() {
+    let folder = folder();
+    let root = folder.path().join("set");
+    succeed(folder.path(), &format!("{SYNTH} --out set"));
+    let models = Models::open(&root, 1).expect("models");
+    let scenes = Scenes::open(&root.join("test"), &models).expect("scenes");
+    let first = &scenes.instances[0];
+    let pixels = |scenes: &Scenes| {
+        let seen = scenes.observe(first, MaskKind::Visible).expect("images");
+        [true, false].map(|inside| seen.pixels(inside).len())
+    };
+    let before = pixels(&scenes);
+    let path = root.join("test/000000/depth/000000.png");
+    let mut image = read_depth(&path).expect("depths");
+    for depth in &mut image.values {
+        *depth = if *depth == 0 { u16::MAX } else { *depth };
+    }
+    assert!(image.values.contains(&u16::MAX));
+    write_depth(&path, &image).expect("written");
+    assert_eq!(pixels(&scenes), before);
+}
+
 /// Free space is looked at from where the camera stood, before what it saw behind the object.
 #[test]
 fn pairs_know_from_where_and_before_what_they_were_seen() {

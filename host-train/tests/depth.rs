@@ -131,6 +131,10 @@ fn depth_images_that_cannot_be_registered_are_refused_with_the_reason() {
         values: vec![0; 160 * 120],
     };
     write_depth(&at.join("nothing.png"), &nothing).expect("written");
+    let marked = nothing.map(|_| 65535);
+    write_depth(&at.join("marked.png"), &marked).expect("written");
+    let info = "image_width: 160\nimage_height: 120\ncamera_matrix:\n  rows: 3\n  cols: 3\n  data: [200, 0, 79.5, 0, 200, 59.5, 0, 0, 1]\n";
+    std::fs::write(at.join("camera_info.yaml"), info).expect("written");
     for (rest, words) in [
         (
             format!("depth.png --camera {CAMERA} --mask small.png"),
@@ -149,8 +153,22 @@ fn depth_images_that_cannot_be_registered_are_refused_with_the_reason() {
             ["mask.png", "16 bits"],
         ),
         (
-            format!("depth.png --camera {CAMERA} --mask depth.png"),
-            ["depth.png", "8 bits"],
+            format!("depth.png --camera {CAMERA} --mask part.ply"),
+            ["part.ply", "a greyscale PNG, or an array"],
+        ),
+        (
+            format!("marked.png --camera {CAMERA}"),
+            [
+                "marked.png",
+                "none of the object's 19200 pixels has a depth; 0, 65535",
+            ],
+        ),
+        (
+            "depth.png --camera camera_info.yaml".into(),
+            [
+                "camera_info.yaml: it is YAML",
+                "its camera_matrix, k or K; expected fx,fy,cx,cy in",
+            ],
         ),
         (
             format!("depth.tif --camera {CAMERA}"),
@@ -196,6 +214,55 @@ fn depth_images_that_cannot_be_registered_are_refused_with_the_reason() {
         assert_eq!(output.status.code(), Some(2), "{rest}: {said}");
         assert!(said.contains(words), "{rest}: {said}");
     }
+}
+
+/// A wall that is too far away, and a mask that holds labels in 16 bits.
+#[test]
+fn pixels_that_are_marked_are_counted_and_labels_are_a_mask() {
+    let folder = folder();
+    let at = folder.path();
+    write_view(at, 65535);
+    let mask = host_train::dataset::depth::image::read_mask(&at.join("mask.png")).expect("read");
+    let marked = mask.values.iter().filter(|&&value| value == 0).count();
+    write_depth(
+        &at.join("labels.png"),
+        &mask.map(|value| 300 * value.min(1)),
+    )
+    .expect("written");
+    let common = format!(
+        "register --depth depth.png --camera {CAMERA} --depth-scale 0.1 part.ply --init {} --json p.json",
+        start()
+    );
+    for mask in ["", "--mask labels.png"] {
+        let output = run(at, &format!("{common} {mask}"));
+        let said = String::from_utf8_lossy(&output.stderr);
+        let words = format!("depth.png: {marked} pixels are 65535, the largest number");
+        assert!(output.status.success() && said.contains(&words), "{said}");
+        let document = read_json(&at.join("p.json"));
+        assert_eq!(document["verdict"], "converged");
+        let note = &document["notes"][1];
+        assert_eq!(
+            (&note["kind"], &note["pixels"]),
+            (&"marked".into(), &marked.into())
+        );
+    }
+}
+
+#[test]
+fn an_image_in_the_place_of_a_cloud_is_told_how_it_is_given() {
+    let folder = folder();
+    for clouds in ["depth.png part.ply", "part.ply depth.TIFF"] {
+        let output = run(folder.path(), &format!("register {clouds}"));
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{clouds}: {said}");
+        let words = "--depth IMAGE --camera FX,FY,CX,CY TARGET, and --mask and --depth-scale";
+        assert!(said.contains(words), "{clouds}: {said}");
+    }
+    let output = run(folder.path(), "register a.ply b.ply --view orgin");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    let words = "three finite numbers separated by commas, or \"origin\"";
+    assert!(said.contains(words), "{said}");
 }
 
 #[test]

@@ -68,6 +68,15 @@ fn much_that_lies_off_the_target_is_pointed_out() {
     }
 }
 
+/// Writes an image of 160 x 120 numbers as `numpy.save` does.
+fn write_array(path: &Path, numbers: impl Iterator<Item = f32>) {
+    let header = "{'descr': '<f4', 'fortran_order': False, 'shape': (120, 160), }\n";
+    let length = (header.len() as u16).to_le_bytes();
+    let array = [b"\x93NUMPY\x01\x00", &length[..], header.as_bytes()].concat();
+    let numbers = numbers.flat_map(f32::to_le_bytes);
+    std::fs::write(path, array.into_iter().chain(numbers).collect::<Vec<u8>>()).expect("written");
+}
+
 /// The whole scene in the source's place, or a depth in another unit.
 #[test]
 fn where_sizes_differ_the_options_of_the_source_at_hand_are_named() {
@@ -83,7 +92,7 @@ fn where_sizes_differ_the_options_of_the_source_at_hand_are_named() {
     for (options, words) in [
         (
             "--depth-scale 0.1",
-            "Without --mask the source is the whole scene. See also --depth-scale",
+            "Without --mask the source is the whole scene. See --depth-scale and --unit",
         ),
         (
             "--depth-scale 2 --mask mask.png",
@@ -96,6 +105,30 @@ fn where_sizes_differ_the_options_of_the_source_at_hand_are_named() {
             "{said}"
         );
     }
+    // Millimetres in float32, as some programs save them, in an array.
+    let depths = read_depth(&at.join("depth.png")).expect("read");
+    let millimetres = depths.values.iter().map(|&tenths| 0.1 * f32::from(tenths));
+    write_array(&at.join("depth.npy"), millimetres);
+    let depth = format!("register --depth depth.npy --mask mask.png --camera {CAMERA} part.ply");
+    let said = succeed(at, &depth);
+    let words = "taken for metres: if they are millimetres, give --depth-scale 1\n";
+    assert!(
+        said.contains("sizes differ: ") && said.contains(words),
+        "{said}"
+    );
+    let said = succeed(at, &format!("{depth} --depth-scale 1"));
+    assert!(!said.contains("sizes differ"), "{said}");
+    // Taken for a cloud, it is told what it may be.
+    write_array(
+        &at.join("depth.npy"),
+        (0..160 * 120).map(|i| (i % 97) as f32),
+    );
+    let output = run(at, "register depth.npy part.ply");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(
+        said.contains("the longer axis; a depth image goes with its camera in"),
+        "{said}"
+    );
 }
 
 #[test]

@@ -17,7 +17,7 @@ pub mod sensor;
 use crate::dataset::bop::json::{self, Annotation, AnnotationInfo, CameraEntry, Numbered};
 use crate::dataset::bop::scene::{ESTIMATED_MASKS, VISIBLE_MASKS};
 use crate::dataset::bop::{BopError, Estimate, write_results};
-use crate::dataset::depth::image::{Image, write_depth, write_mask};
+use crate::dataset::depth::image::{Image, NOT_MEASURED, write_depth, write_mask};
 use crate::random::{Purpose, Rng, stream};
 use objects::{Object, write_models};
 use scene::{Scene, linemod_camera};
@@ -148,7 +148,7 @@ impl SceneWriter {
         let depths = sensor::observe(&rendered, settings.noise, rng);
         let quantise = |depth: &f32| {
             let units = (f64::from(*depth) / DEPTH_SCALE_MM).round();
-            if units <= f64::from(u16::MAX) {
+            if units < f64::from(NOT_MEASURED) {
                 units as u16
             } else {
                 0

@@ -2,7 +2,7 @@
 
 use crate::dataset::Point;
 use crate::dataset::cloud_file::{CloudFile, Note};
-use crate::dataset::depth::{DepthError, DepthImage, Intrinsics, read_depths, read_mask};
+use crate::dataset::depth::{DepthError, DepthImage, Depths, Intrinsics, read_depths, read_mask};
 use clap::Args;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -32,7 +32,7 @@ pub(super) struct DepthArgs {
     /// which are metres by convention, 1000]
     #[arg(long, value_name = "FACTOR", requires = "depth", conflicts_with = "pairs", value_parser = super::factor)]
     depth_scale: Option<f64>,
-    /// Which pixels show the object: a greyscale PNG of up to 8 bits, or an array in a .npy file, 0 where they do not
+    /// Which pixels show the object: a greyscale PNG, or an array in a .npy file, 0 where they do not
     /// [default: all]
     #[arg(
         long,
@@ -62,12 +62,33 @@ impl FromStr for Camera {
 }
 
 impl DepthArgs {
+    /// Which options help where sizes differ.
+    pub(super) fn size_advice(&self, notes: &[Note]) -> String {
+        let scene = match self.mask {
+            None => "Without --mask the source is the whole scene. ",
+            Some(_) => "",
+        };
+        let is_metres =
+            |note: &Note| matches!(note, Note::Seen { scale_mm, .. } if *scale_mm == METRES);
+        let unit = match self.depth_scale.is_none() && notes.iter().any(is_metres) {
+            true => {
+                "Depths in floating-point numbers are taken for metres: if they are millimetres, give --depth-scale 1"
+            }
+            false => "See --depth-scale and --unit",
+        };
+        format!("{scene}{unit}")
+    }
+
     /// The points of the object and those around it, millimetres in the camera's frame.
     pub(super) fn read(&self) -> Result<Option<(CloudFile, Vec<Point>)>, DepthError> {
         let (Some(path), Some(camera)) = (&self.depth, &self.camera) else {
             return Ok(None);
         };
-        let (depth, is_float) = read_depths(path)?;
+        let Depths {
+            image: depth,
+            is_float,
+            marked,
+        } = read_depths(path)?;
         let (origin, camera) = match camera {
             Camera::Numbers(camera) => (Path::new("--camera"), *camera),
             Camera::File(file) => (file.as_path(), Intrinsics::read(file, path)?),
@@ -88,12 +109,16 @@ impl DepthArgs {
             without: image.object_pixels() - points.len(),
             scale_mm,
         };
+        let marked = marked.map(|(number, pixels)| Note::Marked { number, pixels });
         let off_centre = image.camera.is_off_centre().then(|| Note::OffCentre {
             centre: image.camera.centre.to_array(),
             size: image.camera.size,
         });
         let object = CloudFile {
-            notes: [seen].into_iter().chain(off_centre).collect(),
+            notes: [Some(seen), marked, off_centre]
+                .into_iter()
+                .flatten()
+                .collect(),
             ..CloudFile::of(&points)
         };
         Ok(Some((object, image.background())))

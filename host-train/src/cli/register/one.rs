@@ -30,7 +30,7 @@ impl RegisterArgs {
         for note in target {
             eprintln!("{}: {note}", pair.target.display());
         }
-        let text = text::report(done, self.sources.size_advice());
+        let text = text::report(done, &self.sources.size_advice(source));
         if self
             .outputs()
             .iter()

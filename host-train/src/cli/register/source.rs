@@ -4,12 +4,24 @@ use super::depth::DepthArgs;
 use super::input::{Input, Units};
 use super::{factor, view_point};
 use crate::dataset::cloud_file::bag::{self, Which, is_bag};
-use crate::dataset::cloud_file::{CloudError, CloudFile, Note, read_file};
+use crate::dataset::cloud_file::{CloudError, CloudFile, Note, extension, read_file};
 use clap::Args;
 use std::path::{Path, PathBuf};
 
 /// Said of a source that is none.
 pub(super) const OF_BAG: &str = "--topic and --message are for a bag (.mcap) as SOURCE";
+
+/// Said of an image where clouds are given.
+const OF_IMAGE: &str = "a depth image goes with its camera in SOURCE's place: --depth IMAGE --camera FX,FY,CX,CY TARGET, and --mask and --depth-scale where they are needed";
+
+/// Columns that arrays of points have at most.
+const MOST_COLUMNS: usize = 16;
+
+/// Whether it is an image by its extension.
+fn is_image(path: &Path) -> bool {
+    let images = ["png", "tif", "tiff", "exr", "pgm", "jpg", "jpeg", "bmp"];
+    images.contains(&extension(path).as_str())
+}
 
 /// What the source is.
 #[derive(Clone, Debug, Default, Args)]
@@ -46,7 +58,10 @@ impl SourceArgs {
             (_, [Some(source), _]) if !self.fits(source) => Err(OF_BAG),
             (Some(image), [Some(target), None]) => Ok([image.clone(), target.clone()]),
             (Some(_), _) => Err("--depth takes the place of SOURCE: give one more file, TARGET"),
-            (None, [Some(source), Some(target)]) => Ok([source.clone(), target.clone()]),
+            (None, [Some(source), Some(target)]) => match is_image(source) || is_image(target) {
+                true => Err(OF_IMAGE),
+                false => Ok([source.clone(), target.clone()]),
+            },
             (None, _) => Err("give SOURCE and TARGET, --depth and TARGET, or --pairs"),
         }
     }
@@ -62,13 +77,12 @@ impl SourceArgs {
     }
 
     /// Which options help where the clouds' sizes differ.
-    pub(super) fn size_advice(&self) -> &'static str {
-        match (&self.depth.depth, &self.depth.mask) {
-            (None, _) => "See --unit and --scale, or crop a source that shows more than the target",
-            (Some(_), None) => {
-                "Without --mask the source is the whole scene. See also --depth-scale"
+    pub(super) fn size_advice(&self, notes: &[Note]) -> String {
+        match self.depth.depth {
+            None => {
+                "See --unit and --scale, or crop a source that shows more than the target".into()
             }
-            (Some(_), Some(_)) => "See --depth-scale and --unit",
+            Some(_) => self.depth.size_advice(notes),
         }
     }
 
@@ -78,6 +92,10 @@ impl SourceArgs {
             Note::ViewPoint { at } if self.view.is_none() => {
                 let [x, y, z] = at.map(|x| x * self.scale());
                 format!("; if the sensor stood there: --view {x},{y},{z}")
+            }
+            // No points have so many coordinates.
+            Note::LongerAxis { rows, .. } if rows > MOST_COLUMNS => {
+                format!("; {OF_IMAGE}")
             }
             _ => String::new(),
         }

@@ -149,8 +149,8 @@ impl Scenes {
         let mask_path = folder.join(masks).join(name);
         let depth = image::read_depth(&depth_path)
             .map_err(|error| of_layout(error, "a greyscale PNG of 16 bits"))?;
-        let mask = image::read_mask(&mask_path)
-            .map_err(|error| of_layout(error, "a greyscale PNG of 8 bits"))?;
+        let mask =
+            image::read_mask(&mask_path).map_err(|error| of_layout(error, "a greyscale PNG"))?;
         let size = depth.size;
         if mask.size != size {
             return Err(BopError::Depth(DepthError::Size {
@@ -165,8 +165,11 @@ impl Scenes {
             path: folder.join("scene_camera.json"),
             expected: "the image's camera",
         })?;
-        let depths = depth.values.into_iter().map(f32::from);
-        let depths = depths.map(|units| units * view.depth_scale_mm).collect();
+        let millimetres = |units: u16| match units {
+            image::NOT_MEASURED => 0.0,
+            _ => f32::from(units) * view.depth_scale_mm,
+        };
+        let depths = depth.values.into_iter().map(millimetres).collect();
         let mask = mask.values.into_iter().map(|value| value > 0).collect();
         Ok(DepthImage::new(view.camera.pinhole(size), depths, mask))
     }

@@ -92,6 +92,18 @@ pub enum Note {
         /// Millimetres a unit of depth.
         scale_mm: f64,
     },
+    /// Pixels of a depth image with the largest integer of their type, which marks what was not measured.
+    Marked {
+        /// That integer.
+        number: f64,
+        /// How many, inside the mask and outside of it.
+        pixels: usize,
+    },
+    /// Coordinates are float32, or on its grid, and so far from the origin that its steps are seen in the shape.
+    Coarse {
+        /// How far neighbours of the largest coordinate are apart, in the file's units.
+        step: f64,
+    },
     /// The camera's axis meets the plane of the image outside of it.
     OffCentre {
         /// The principal point, pixels.
@@ -112,6 +124,8 @@ pub enum Note {
     },
     /// The cloud has no faces to draw points from.
     NoFaces,
+    /// The last refinement, on many points, fitted no better, and was dropped.
+    NotFiner,
     /// As a source, the cloud fits far better once it is scaled.
     OtherSize {
         /// How many times as large as the target it is.
@@ -206,7 +220,22 @@ impl fmt::Display for Note {
                 scale_mm,
             } => write!(
                 f,
-                "{pixels} pixels are points in millimetres ({scale_mm} mm a unit of depth); {without} more have no depth"
+                "{} in millimetres ({scale_mm} mm a unit of depth); {} no depth",
+                count(*pixels, "pixel is a point", "pixels are points"),
+                count(*without, "more has", "more have")
+            ),
+            Note::Marked { number, pixels } => write!(
+                f,
+                "{} {number}, the largest number that the image can hold, which counts as no depth",
+                count(*pixels, "pixel is", "pixels are")
+            ),
+            Note::Coarse { step } => write!(
+                f,
+                "its coordinates come in steps of {step}, those of float32 this far from the origin; write them as float64, or take an offset off before"
+            ),
+            Note::NotFiner => write!(
+                f,
+                "the last refinement, on many points, made no pose that fits better, and was dropped"
             ),
             Note::OffCentre {
                 centre: [x, y],

@@ -105,7 +105,8 @@ pub(super) fn parse(bytes: &[u8]) -> Result<CloudFile, String> {
 /// Numbers in rows and columns.
 pub(crate) struct Grid {
     pub(crate) image: Image<f64>,
-    pub(crate) is_float: bool,
+    /// The largest number of its type; none of floats.
+    pub(crate) largest: Option<f64>,
     /// Of a number.
     pub(crate) bytes: usize,
 }
@@ -143,9 +144,19 @@ pub(crate) fn grid(bytes: &[u8]) -> Result<Grid, String> {
             size: [columns, rows],
             values: (0..pixels).map(value).collect(),
         },
-        is_float: array.kind.contains('f'),
+        largest: largest(array.kind, array.width),
         bytes: array.width,
     })
+}
+
+/// The largest integer of a type; none of floats.
+fn largest(kind: &str, bytes: usize) -> Option<f64> {
+    let bits = 8 * bytes as i32;
+    match kind.as_bytes().get(1) {
+        Some(b'u') => Some(2f64.powi(bits) - 1.0),
+        Some(b'i') => Some(2f64.powi(bits - 1) - 1.0),
+        _ => None,
+    }
 }
 
 /// A file whose header was read.

@@ -95,6 +95,11 @@ impl Intrinsics {
         let text = text.trim_start_matches('\u{feff}').trim();
         let found = if text.starts_with('{') {
             of_json(text, image)
+        } else if is_yaml(text) {
+            Err(
+                "it is YAML, which is not read: give the nine numbers of its camera_matrix, k or K"
+                    .into(),
+            )
         } else {
             text.parse()
         };
@@ -133,6 +138,14 @@ impl FromStr for Intrinsics {
             _ => Err(format!("it has {} numbers", numbers.len())),
         }
     }
+}
+
+/// Whether it begins as the files of ROS and OpenCV do, with a name and a colon or a mark of its own.
+fn is_yaml(text: &str) -> bool {
+    let first = text.lines().next().unwrap_or_default();
+    let is_name = |name: &str| name.starts_with(char::is_alphabetic) && !name.contains(' ');
+    let named = first.split_once(':').is_some_and(|(name, _)| is_name(name));
+    named || ["---", "%YAML"].iter().any(|mark| first.starts_with(mark))
 }
 
 fn of_json(text: &str, image: &Path) -> Result<Intrinsics, String> {

@@ -1,5 +1,6 @@
 //! What can be wrong with a depth image, its mask or its camera.
 
+use crate::words::count;
 use std::path::PathBuf;
 
 /// Why a depth image was refused: which file or argument, what is wrong there, and what to do.
@@ -57,7 +58,10 @@ pub enum DepthError {
         path: PathBuf,
     },
     /// Nothing was measured where the object is.
-    #[error("{}: none of the object's {pixels} pixels has a depth; 0, negative numbers and NaN are none", path.display())]
+    #[error(
+        "{}: none of the object's {} has a depth; 0, 65535 in 16 bits, negative numbers and NaN are none: is it the right image, and its mask?",
+        path.display(), count(*pixels, "pixel", "pixels")
+    )]
     NoDepth {
         /// The depth image.
         path: PathBuf,

@@ -9,6 +9,9 @@ use std::path::Path;
 /// Most pixels of an image that are read: 8 times those of a full HD camera.
 pub const MAX_PIXELS: usize = 1 << 24;
 
+/// Of depths in 16 bits the number by which sensors and programs mark what was not measured, besides 0: the largest.
+pub const NOT_MEASURED: u16 = u16::MAX;
+
 /// One value a pixel.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Image<T> {
@@ -33,19 +36,17 @@ impl<T> Image<T> {
 /// # Errors
 /// No file, no PNG, an image of another kind, one that ends early or is too large.
 pub fn read_depth(path: &Path) -> Result<Image<u16>, DepthError> {
-    read(path, "a greyscale PNG of 16 bits", |bits| {
-        bits == BitDepth::Sixteen
-    })
+    let expected = "a greyscale PNG of 16 bits with depths in whole units, such as millimetres";
+    read(path, expected, |bits| bits == BitDepth::Sixteen)
 }
 
-/// Reads a mask: greyscale of up to 8 bits, where anything but 0 belongs to the object.
+/// Reads a mask: greyscale, where anything but 0 belongs to the object.
 ///
 /// # Errors
 /// As [`read_depth`].
 pub fn read_mask(path: &Path) -> Result<Image<u16>, DepthError> {
-    read(path, "a greyscale PNG of 8 bits", |bits| {
-        bits != BitDepth::Sixteen
-    })
+    let expected = "a greyscale PNG, one number a pixel, 0 where the object is not seen";
+    read(path, expected, |_| true)
 }
 
 fn read(
@@ -80,10 +81,7 @@ fn read(
         });
     }
     if header.color_type != ColorType::Grayscale || !allowed(header.bit_depth) {
-        return Err(malformed(format!(
-            "it is {:?} of {:?} bits",
-            header.color_type, header.bit_depth
-        )));
+        return Err(malformed(kind(header.color_type, header.bit_depth)));
     }
     let wide = header.bit_depth == BitDepth::Sixteen;
     let mut reader = decoder.read_info().map_err(|e| malformed(e.to_string()))?;
@@ -107,6 +105,19 @@ fn read(
         size: [width, height],
         values,
     })
+}
+
+/// What an image of another kind is.
+fn kind(colours: ColorType, bits: BitDepth) -> String {
+    let bits = bits as u8;
+    match colours {
+        ColorType::Grayscale => format!("it is greyscale of {bits} bits"),
+        ColorType::GrayscaleAlpha => {
+            format!("it is greyscale with a transparency, {bits} bits each")
+        }
+        ColorType::Rgb | ColorType::Rgba => format!("it has colours, {bits} bits each"),
+        ColorType::Indexed => format!("it has a palette of colours, {bits} bits a pixel"),
+    }
 }
 
 /// Writes a depth image, greyscale of 16 bits.
@@ -159,14 +170,46 @@ mod tests {
         };
         write_depth(&path, &image).expect("written");
         assert_eq!(read_depth(&path).expect("read"), image);
-        let said = read_mask(&path).expect_err("16 bits").to_string();
-        assert!(said.contains("a.png") && said.contains("Sixteen"), "{said}");
 
         let mask: Vec<bool> = (0..15).map(|i| i % 4 == 0).collect();
         write_mask(&path, [5, 3], &mask).expect("written");
         let read = read_mask(&path).expect("read");
         assert!(read.values.iter().map(|&v| v != 0).eq(mask));
-        assert!(read_depth(&path).is_err());
+        let said = read_depth(&path).expect_err("8 bits").to_string();
+        let words = "a.png: it is greyscale of 8 bits; expected a greyscale PNG of 16 bits";
+        assert!(said.contains(words), "{said}");
+    }
+
+    /// 16 bits of them hold labels, of which all above 0 are the object's.
+    #[test]
+    fn masks_are_greyscale_of_any_depth_and_nothing_else() {
+        let dir = tempfile::tempdir().expect("temporary directory");
+        let path = dir.path().join("a.png");
+        let labels = Image {
+            size: [4, 1],
+            values: vec![0, 1, 256, u16::MAX],
+        };
+        write_depth(&path, &labels).expect("written");
+        assert_eq!(read_mask(&path).expect("a mask"), labels);
+        for (colours, samples, words) in [
+            (ColorType::Rgb, 3, "it has colours, 8 bits each"),
+            (ColorType::GrayscaleAlpha, 2, "with a transparency, 8 bits"),
+        ] {
+            let mut encoder = Encoder::new(File::create(&path).expect("created"), 2, 2);
+            encoder.set_color(colours);
+            encoder.set_depth(BitDepth::Eight);
+            let mut writer = encoder.write_header().expect("written");
+            writer
+                .write_image_data(&vec![9; 4 * samples])
+                .expect("written");
+            writer.finish().expect("written");
+            let said = read_mask(&path).expect_err("colours").to_string();
+            assert!(said.contains(words), "{said}");
+            assert!(
+                said.contains("a.png") && said.contains("one number a pixel"),
+                "{said}"
+            );
+        }
     }
 
     /// The header alone says how many pixels; no such amount of memory is asked for.

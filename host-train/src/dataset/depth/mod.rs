@@ -2,9 +2,9 @@
 //!
 //! | part | what |
 //! |---|---|
-//! | depths | greyscale PNG of 16 bits, or an array `.npy` of floats or of integers of 16 bits or more; 0, negative and NaN: nothing was measured |
+//! | depths | greyscale PNG of 16 bits, or an array `.npy` of floats or of integers of 16 bits or more; 0, negative, NaN, beyond 1e12 and the largest integer, such as 65535: nothing was measured |
 //! | camera | a pinhole without distortion: [`Intrinsics`] |
-//! | mask | greyscale PNG of up to 8 bits, or an array `.npy`: what is above 0 shows the object |
+//! | mask | greyscale PNG, or an array `.npy`: what is above 0 shows the object |
 //!
 //! Points are in the camera's frame: x to the right, y down, z along its axis. The view point is their origin.
 
@@ -16,9 +16,9 @@ pub use camera::{Intrinsics, checked_scale};
 pub use error::DepthError;
 
 use super::Point;
-use super::cloud_file::{extension, npy};
+use super::cloud_file::{MAX_COORDINATE, extension, npy};
 use super::raster::Pinhole;
-use image::Image;
+use image::{Image, NOT_MEASURED};
 use std::path::Path;
 
 /// What the camera sees of an object and around it.
@@ -39,7 +39,7 @@ impl DepthImage {
     /// Of depths and a mask of the camera's size, row by row. What is no positive number was not measured.
     pub fn new(camera: Pinhole, depths: Vec<f32>, mask: Vec<bool>) -> DepthImage {
         let measured = |depth: f32| {
-            if depth > 0.0 && depth.is_finite() {
+            if depth > 0.0 && f64::from(depth) <= MAX_COORDINATE {
                 depth
             } else {
                 0.0
@@ -164,17 +164,41 @@ impl DepthImage {
 /// What a file of depths must be.
 const DEPTHS: &str = "depths in a greyscale PNG of 16 bits, or an array (rows, columns) in a .npy file, floats or integers of 16 bits or more";
 /// What a file of a mask must be.
-const MASK: &str = "a mask in a greyscale PNG of up to 8 bits, or an array (rows, columns) in a .npy file, 0 where the object is not seen";
+const MASK: &str = "a mask in a greyscale PNG, or an array (rows, columns) in a .npy file, 0 where the object is not seen";
 
-/// Depths as a file holds them, and whether they are floating-point numbers: by convention (ROS REP 118) these are metres, and
-/// integers millimetres.
+/// Depths as a file holds them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Depths {
+    /// 0 where the file has the largest integer of its type, which marks what was not measured.
+    pub image: Image<f32>,
+    /// Whether they are floating-point numbers: by convention (ROS REP 118) these are metres, and integers millimetres.
+    pub is_float: bool,
+    /// That integer, and how many pixels had it, if any.
+    pub marked: Option<(f64, usize)>,
+}
+
+impl Depths {
+    fn of(image: Image<f64>, largest: Option<f64>) -> Depths {
+        let is_mark = |x: f64| Some(x) == largest;
+        let pixels = image.values.iter().filter(|&&x| is_mark(x)).count();
+        Depths {
+            image: image.map(|x| if is_mark(x) { 0.0 } else { x as f32 }),
+            is_float: largest.is_none(),
+            marked: largest
+                .map(|largest| (largest, pixels))
+                .filter(|_| pixels > 0),
+        }
+    }
+}
+
+/// Reads the depths in a file.
 ///
 /// # Errors
 /// A file that cannot be read, or is none of [the kinds](self).
-pub fn read_depths(path: &Path) -> Result<(Image<f32>, bool), DepthError> {
+pub fn read_depths(path: &Path) -> Result<Depths, DepthError> {
     if extension(path) == "png" {
-        let image = image::read_depth(path)?;
-        return Ok((image.map(f32::from), false));
+        let image = image::read_depth(path)?.map(f64::from);
+        return Ok(Depths::of(image, Some(NOT_MEASURED.into())));
     }
     let grid = read_grid(path, DEPTHS)?;
     if grid.bytes == 1 {
@@ -184,7 +208,7 @@ pub fn read_depths(path: &Path) -> Result<(Image<f32>, bool), DepthError> {
             expected: DEPTHS,
         });
     }
-    Ok((grid.image.map(|x| x as f32), grid.is_float))
+    Ok(Depths::of(grid.image, grid.largest))
 }
 
 /// The mask in a file.

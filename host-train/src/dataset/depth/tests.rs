@@ -93,7 +93,7 @@ fn parts_that_do_not_fit_are_named() {
     let corner = image([3, 2], &[true, false, false, false, false, false]);
     let said = refused(&[0.0, 1.0, 1.0, 1.0, 1.0, 1.0], good, Some(corner));
     assert!(
-        said.starts_with("depth: none of the object's 1 pixels"),
+        said.starts_with("depth: none of the object's 1 pixel has"),
         "{said}"
     );
 }
@@ -144,6 +144,12 @@ fn cameras_are_four_numbers_or_files_of_several_kinds() {
         (&format!("{{\"3\": {entry}}}"), "no image 000007"),
         ("{", "EOF"),
         ("", "it has 0 numbers"),
+        (
+            "image_width: 640\ncamera_matrix:\n  rows: 3\n  data: [600, 0, 320, 0, 610, 240, 0, 0, 1]\n",
+            "it is YAML, which is not read: give the nine numbers of its camera_matrix, k or K; expected fx,fy,cx,cy",
+        ),
+        ("---\nheight: 480\nk:\n- 600.0\n", "it is YAML"),
+        ("600 610 320 240 x: y", "\"x:\" is not a number"),
     ] {
         let said = read(text).expect_err(text);
         let path = folder.path().join("camera").display().to_string();
@@ -160,8 +166,13 @@ fn files_are_images_of_the_right_kind() {
     let at = |name: &str| -> PathBuf { folder.path().join(name) };
     write_depth(&at("d.png"), &image([2, 1], &[0, 700])).expect("written");
     write_mask(&at("m.PNG"), [2, 1], &[true, false]).expect("written");
-    let (depth, is_float) = read_depths(&at("d.png")).expect("depths");
-    assert_eq!((depth, is_float), (image([2, 1], &[0.0, 700.0]), false));
+    let integers = |size, values: &[f32]| Depths {
+        image: image(size, values),
+        is_float: false,
+        marked: None,
+    };
+    let depth = read_depths(&at("d.png")).expect("depths");
+    assert_eq!(depth, integers([2, 1], &[0.0, 700.0]));
     let mask = read_mask(&at("m.PNG")).expect("a mask");
     assert_eq!(mask, image([2, 1], &[true, false]));
     let array = |name: &str, kind: &str, shape: &[usize], bytes: &[u8]| {
@@ -172,11 +183,12 @@ fn files_are_images_of_the_right_kind() {
         .flat_map(f32::to_le_bytes)
         .collect();
     array("f.npy", "<f4", &[2, 3], &floats);
-    let (depth, is_float) = read_depths(&at("f.npy")).expect("depths");
-    assert!(is_float && depth.size == [3, 2] && depth.values[4] == 4.5);
+    let depth = read_depths(&at("f.npy")).expect("depths");
+    assert!(depth.is_float && depth.marked.is_none());
+    assert!(depth.image.size == [3, 2] && depth.image.values[4] == 4.5);
     array("u.npy", "<u2", &[1, 2, 1], &[1, 0, 0, 1]);
-    let (depth, is_float) = read_depths(&at("u.npy")).expect("depths");
-    assert_eq!((depth, is_float), (image([2, 1], &[1.0, 256.0]), false));
+    let depth = read_depths(&at("u.npy")).expect("depths");
+    assert_eq!(depth, integers([2, 1], &[1.0, 256.0]));
     array("b.npy", "|b1", &[1, 2], &[0, 1]);
     let mask = read_mask(&at("b.npy")).expect("a mask");
     assert_eq!(mask, image([2, 1], &[false, true]));
@@ -192,7 +204,7 @@ fn files_are_images_of_the_right_kind() {
     array("flat.npy", "<f4", &[6], &floats);
     array("none.npy", "<f4", &[0, 6], &[]);
     for (name, reason) in [
-        ("m.PNG", "Eight bits"),
+        ("m.PNG", "it is greyscale of 8 bits"),
         ("b.npy", "8 bits, which are too few"),
         ("short.npy", "6 numbers follow"),
         ("flat.npy", "expected (rows, columns)"),
@@ -203,6 +215,34 @@ fn files_are_images_of_the_right_kind() {
         let said = read_depths(&at(name)).expect_err(name).to_string();
         assert!(said.contains(reason) && said.contains(name), "{said}");
     }
-    let said = read_mask(&at("d.png")).expect_err("16 bits").to_string();
-    assert!(said.contains("Sixteen bits"), "{said}");
+}
+
+/// The largest integer of a type marks what was not measured, in PNG and in arrays; of floats nothing but what is none.
+#[test]
+fn the_largest_integer_is_no_depth() {
+    let folder = folder();
+    let at = |name: &str| -> PathBuf { folder.path().join(name) };
+    write_depth(&at("d.png"), &image([4, 1], &[65535, 700, 0, 65535])).expect("written");
+    let depth = read_depths(&at("d.png")).expect("depths");
+    assert_eq!(depth.image.values, [0.0, 700.0, 0.0, 0.0]);
+    assert_eq!(depth.marked, Some((65535.0, 2)));
+    for (kind, bytes, largest) in [
+        ("<u2", &[1, 0, 255, 255][..], Some(65535.0)),
+        (">i2", &[0, 1, 127, 255], Some(32767.0)),
+        (
+            "<u4",
+            &[1, 0, 0, 0, 255, 255, 255, 255],
+            Some(4_294_967_295.0),
+        ),
+    ] {
+        let array = [&header(kind, &[1, 2]), bytes].concat();
+        std::fs::write(at("a.npy"), array).expect("written");
+        let depth = read_depths(&at("a.npy")).expect("depths");
+        assert_eq!(depth.image.values, [1.0, 0.0], "{kind}");
+        assert_eq!(depth.marked, largest.map(|largest| (largest, 1)), "{kind}");
+    }
+    let far = image([2, 1], &[65535.0, 1e30]);
+    let camera = (Path::new("camera"), camera("2,2,0,0"));
+    let seen = DepthImage::checked((Path::new("depth"), far), camera, None, 1.0);
+    assert_eq!(seen.expect("an image").pixels(true), [0]);
 }

@@ -4,7 +4,8 @@ mod support;
 
 use glam::Vec3;
 use host_train::dataset::Point;
-use host_train::dataset::cloud_file::{CloudFile, write_cloud};
+use host_train::dataset::cloud_file::{CloudFile, read_file, write_cloud};
+use host_train::dataset::depth::image::read_depth;
 use host_train::dataset::procedural;
 use host_train::random::{Purpose, stream};
 use reagent_core::pose::rotation_from_euler;
@@ -171,4 +172,18 @@ fn a_mesh_is_not_written_of_a_cloud_and_that_is_said_before_any_work() {
     }
     // Of a target that is a cloud nothing is written.
     succeed(at, "register part.ply s.ply --out a.stl");
+    // Nor has the format digits for a place that far away.
+    let part = read_file(&at.join("part.ply")).expect("read");
+    let far = CloudFile {
+        points: part
+            .points
+            .iter()
+            .map(|&[x, y, z]| [x, y + 5e6, z])
+            .collect(),
+        ..part
+    };
+    write_cloud(&at.join("far.ply"), &far).expect("written");
+    let register = "register part.ply far.ply --init 1,0,0,0,0,1,0,5e6,0,0,1,0 --out b.stl";
+    fail(at, register, &["b.stl: .stl has no digits"]);
+    assert!(run(at, register).stdout.is_empty());
 }

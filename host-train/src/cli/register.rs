@@ -16,7 +16,7 @@ pub use source::SourceArgs;
 use super::output::check_outputs;
 use super::{BelowProbability, bad_usage};
 use crate::cli::source::positive;
-use crate::dataset::cloud_file::{STANDARD, check_cloud, check_output};
+use crate::dataset::cloud_file::{STANDARD, check_cloud, check_output, check_place};
 use crate::policy::{REAGENT, VIEWS, WeightFile};
 use crate::register::dense::Dense;
 use crate::register::document::Document;
@@ -291,6 +291,7 @@ impl RegisterArgs {
         let (source, mut target) = (source?, target?);
         if let Some(path) = &self.out {
             check_cloud(path, &source.file)?;
+            check_place(path, &source.file, target.cloud.origin)?;
         }
         let view_point = pair.view_point.or(self.sources.view_point());
         if view_point.is_some() {

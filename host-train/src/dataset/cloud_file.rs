@@ -35,7 +35,7 @@ mod write;
 pub use error::CloudError;
 pub(crate) use extent::origin_of;
 pub use note::Note;
-pub use write::{check_cloud, check_output, write_cloud};
+pub use write::{check_cloud, check_output, check_place, write_cloud};
 
 use super::Point;
 use super::mesh::Mesh;

@@ -245,7 +245,8 @@ impl Document {
         };
         let other_size = done.other_size.map(|times| Note::OtherSize { times });
         let off_target = done.off_target().map(|share| Note::OffTarget { share });
-        let of_fit = [other_size, off_target].into_iter().flatten();
+        let not_finer = done.is_dense_dropped.then_some(Note::NotFiner);
+        let of_fit = [not_finer, other_size, off_target].into_iter().flatten();
         Document {
             target_from_source: done.pose.to_rows(),
             verdict: answer.verdict.to_string(),

@@ -49,8 +49,10 @@ impl Default for Request {
 pub struct Done {
     /// Answer and steps, between coordinates relative to the clouds' origins.
     pub found: Registered,
-    /// The last refinement, if there was one.
+    /// The last refinement, if there was one that was better.
     pub dense: Option<Densely>,
+    /// Whether there was one that was no better, and so was dropped.
+    pub is_dense_dropped: bool,
     /// Between the clouds' own coordinates.
     pub pose: Pose64,
     /// Of the first step, relative to the clouds' origins.
@@ -155,7 +157,8 @@ impl Request {
             Dense::Always => true,
             Dense::Auto => source.is_thinned() || target.is_thinned(),
         };
-        let dense = if wanted && self.mode != Mode::Fast {
+        let is_refined = wanted && self.mode != Mode::Fast;
+        let dense = if is_refined {
             refine_densely(&source.all, &target.all, reached)?
         } else {
             None
@@ -176,6 +179,7 @@ impl Request {
             others,
             ms: 0.0,
             found,
+            is_dense_dropped: is_refined && dense.is_none(),
             dense,
         })
     }

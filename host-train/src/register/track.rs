@@ -89,6 +89,7 @@ impl Tracking {
                 pose: Pose64::of(answer.target_from_source, source.origin, target.origin),
                 found: Registered { answer, trace },
                 dense: None,
+                is_dense_dropped: false,
                 initial,
                 start: None,
                 other_size: None,

@@ -16,6 +16,7 @@ pub(super) fn report(done: &Done, size_advice: &str) -> String {
     let Done {
         found,
         dense,
+        is_dense_dropped,
         pose,
         ms,
         ..
@@ -39,6 +40,9 @@ pub(super) fn report(done: &Done, size_advice: &str) -> String {
             dense.within,
             dense.rmse
         );
+    }
+    if *is_dense_dropped {
+        text += "dense: no better pose on many points, dropped\n";
     }
     for remark in Remark::all(done) {
         let advice = advice(&remark, size_advice);

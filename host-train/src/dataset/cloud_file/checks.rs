@@ -1,6 +1,6 @@
 //! What no format allows is left out of a file, or refused.
 
-use super::{CloudError, CloudFile, MAX_COORDINATE, Note};
+use super::{CloudError, CloudFile, MAX_COORDINATE, Note, extent};
 use crate::dataset::Point;
 use crate::pose64::Position;
 use glam::Vec3;
@@ -41,6 +41,8 @@ impl CloudFile {
             }
         }
         self.notice_loose_vertices();
+        let coarse = extent::coarse_step(&self.points);
+        self.notes.extend(coarse.map(|step| Note::Coarse { step }));
         Ok(self)
     }
 

@@ -17,6 +17,32 @@ pub(crate) fn origin_of(points: impl Iterator<Item = Position> + Clone) -> Posit
     }
 }
 
+/// Whether a cloud of the size of these points, with its middle there, lies far from the origin.
+pub(super) fn would_be_far(
+    points: impl Iterator<Item = Position> + Clone,
+    middle: Position,
+) -> bool {
+    Vector3::from(middle).norm() > FAR * extent(points).1
+}
+
+/// Steps of float32 larger than this share of a cloud's radius are seen in its shape.
+const COARSE: f64 = 1e-3;
+
+/// How far neighbouring numbers of float32 are apart where the cloud lies, if its coordinates are of this type or on its grid and
+/// that is much for its size.
+pub(super) fn coarse_step(points: &[Position]) -> Option<f64> {
+    let some = points.iter().copied();
+    let (middle, radius) = extent(some.step_by(points.len().div_ceil(SOME_POINTS).max(1)));
+    let largest = middle.into_iter().map(f64::abs).fold(0.0, f64::max) as f32;
+    let step = f64::from(largest.next_up()) - f64::from(largest);
+    let is_coarse = radius > 0.0 && step > COARSE * radius;
+    let on_grid = |x: &f64| f64::from(*x as f32) == *x;
+    (is_coarse && points.iter().flatten().all(on_grid)).then_some(step)
+}
+
+/// Points that tell well enough where a cloud lies.
+const SOME_POINTS: usize = 256;
+
 /// Points of which the extent of a cloud is found at most.
 const MEDIAN_POINTS: usize = 1 << 16;
 

@@ -1,7 +1,9 @@
 //! Writing clouds and meshes.
 
+use super::extent::would_be_far;
 use super::{CloudError, CloudFile, STANDARD, extension, npy, obj, off, pcd, ply, stl, table};
 use crate::files;
+use crate::pose64::Position;
 use std::path::Path;
 
 /// Refuses a path that [`write_cloud`] could not write for its extension.
@@ -20,6 +22,18 @@ pub fn check_cloud(path: &Path, file: &CloudFile) -> Result<(), CloudError> {
             Err(CloudError::NoFaces { path: path.into() })
         }
         _ => Ok(()),
+    }
+}
+
+/// Refuses a mesh for `.stl` that would lie far from the origin once its middle is there.
+///
+/// # Errors
+/// [`CloudError::Rounded`].
+pub fn check_place(path: &Path, file: &CloudFile, middle: Position) -> Result<(), CloudError> {
+    let points = file.points.iter().copied();
+    match extension(path) == "stl" && would_be_far(points, middle) {
+        true => Err(CloudError::Rounded { path: path.into() }),
+        false => Ok(()),
     }
 }
 

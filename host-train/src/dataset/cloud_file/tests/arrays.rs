@@ -2,6 +2,29 @@
 
 use super::*;
 
+/// What float32 leaves of coordinates of a map is told, where it is seen in the shape.
+#[test]
+fn steps_of_float32_far_from_the_origin_are_told() {
+    for (size, is_told) in [(1.0, true), (100.0, true), (10_000.0, false)] {
+        let point = |i: u32| {
+            let at = [i % 7, i % 11, i % 13].map(|k| size * f64::from(k) / 13.1);
+            [483_221.0 + at[0], 5_456_871.0 + at[1], 310.0 + at[2]]
+        };
+        let points: Vec<Position> = (0..500).map(point).collect();
+        let coordinates = points.iter().flatten();
+        let narrow: Vec<u8> = coordinates
+            .clone()
+            .flat_map(|&x| (x as f32).to_le_bytes())
+            .collect();
+        let file = read(".npy", &npy("<f4", "False", "500, 3", &narrow)).expect("a cloud");
+        let coarse = [Note::Coarse { step: 0.5 }];
+        assert_eq!(file.notes == coarse, is_told, "{size}: {:?}", file.notes);
+        let wide: Vec<u8> = coordinates.flat_map(|x| x.to_le_bytes()).collect();
+        let file = read(".npy", &npy("<f8", "False", "500, 3", &wide)).expect("a cloud");
+        assert_eq!(file.notes, []);
+    }
+}
+
 #[test]
 fn arrays_of_both_orders_and_widths() {
     let expected = [[0.0, 1.0, 2.0], [4.0, 5.0, 6.0]];

@@ -160,6 +160,79 @@ fn a_view_point_that_a_source_names_is_told_with_the_option_that_takes_it() {
     }
 }
 
+/// A line of many pairs is the document of one pair after the names, and starts the next registration.
+#[test]
+fn lines_of_pairs_are_as_the_document_of_one_pair() {
+    let folder = folder();
+    let at = folder.path();
+    write_cloud(&at.join("s.ply"), &CloudFile::of(&scan(at))).expect("written");
+    std::fs::write(at.join("list.txt"), "s.ply part.ply\nnone.ply part.ply\n").expect("written");
+    let output = run(at, "register --pairs list.txt --json lines.jsonl");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(
+        said.contains("1 of 2 pairs could not be registered"),
+        "{said}"
+    );
+    succeed(at, "register s.ply part.ply --json p.json");
+    let text = |name: &str| std::fs::read_to_string(at.join(name)).expect("written");
+    let (lines, document) = (text("lines.jsonl"), text("p.json"));
+    let (line, failed) = lines.split_once('\n').expect("two lines");
+    assert!(
+        failed.starts_with(r#"{"source":"none.ply","target":"part.ply","error":"none.ply: "#),
+        "{failed}"
+    );
+    let names = document
+        .lines()
+        .filter_map(|line| line.strip_prefix("  \""));
+    let names = names.filter_map(|rest| rest.split_once("\": "));
+    let names: Vec<&str> = ["source", "target"]
+        .into_iter()
+        .chain(names.map(|(name, _)| name))
+        .collect();
+    let places: Vec<_> = names
+        .iter()
+        .map(|name| line.find(&format!("\"{name}\":")))
+        .collect();
+    assert!(
+        names.len() > 12 && places.iter().all(Option::is_some),
+        "{names:?}"
+    );
+    assert!(places.is_sorted(), "{names:?}: {line}");
+    let numbers = |text: &str| serde_json::from_str::<serde_json::Value>(text).expect("JSON");
+    assert_eq!(
+        numbers(line)["target_from_source"],
+        numbers(&document)["target_from_source"]
+    );
+    std::fs::write(at.join("line.json"), line).expect("written");
+    succeed(at, "register s.ply part.ply --init line.json");
+    fail(
+        at,
+        "register s.ply part.ply --init lines.jsonl",
+        &["lines.jsonl: it holds 2 registrations"],
+    );
+}
+
+/// Of a cloud that has no partner where it starts.
+#[test]
+fn a_last_refinement_that_is_dropped_is_told() {
+    let folder = folder();
+    let at = folder.path();
+    let away: Vec<Point> = scan(at).iter().map(|&[x, y, z]| [x + 9.0, y, z]).collect();
+    write_cloud(&at.join("s.ply"), &CloudFile::of(&away)).expect("written");
+    for (dense, is_told) in [("always", true), ("never", false)] {
+        let register =
+            format!("register s.ply part.ply --mode refine --dense {dense} --json p.json");
+        let said = succeed(at, &register);
+        let words = "\ndense: no better pose on many points, dropped\n";
+        assert_eq!(said.contains(words), is_told, "{said}");
+        let document = read_json(&at.join("p.json"));
+        assert!(document.get("dense").is_none());
+        let notes = document["notes"].as_array().expect("a list");
+        let is_noted = notes.iter().any(|note| note["kind"] == "not_finer");
+        assert_eq!(is_noted, is_told, "{notes:?}");
+    }
+}
+
 #[test]
 fn a_mesh_is_not_written_of_a_cloud_and_that_is_said_before_any_work() {
     let folder = folder();

@@ -4,7 +4,7 @@ use crate::dataset::cloud_file::STANDARD;
 use crate::pose64::Pose64;
 use crate::register::Start;
 use anyhow::{Context, bail};
-use serde_json::Value;
+use serde_json::{Deserializer, Value};
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -86,12 +86,29 @@ fn read_poses(path: &Path) -> anyhow::Result<Vec<Pose64>> {
         bail!("it has more than the {POSE_BYTES} bytes that are read of poses");
     }
     let text = text.trim_start_matches('\u{feff}').trim();
-    if !text.starts_with('{') {
-        return parse_poses(text);
+    match text.contains('{') {
+        true => Ok(vec![of_registration(text)?]),
+        false => parse_poses(text),
     }
-    let document: Value = serde_json::from_str(text).context("it is not JSON")?;
-    match document.get("target_from_source") {
-        Some(pose) => Ok(vec![parse_pose(&pose.to_string())?]),
+}
+
+/// The pose of a registration as `--json` writes it, alone, as a line of its own, or as the only one of a list.
+fn of_registration(text: &str) -> anyhow::Result<Pose64> {
+    let mut registrations = Vec::new();
+    for document in Deserializer::from_str(text).into_iter::<Value>() {
+        match document.context("it is not JSON")? {
+            Value::Array(list) => registrations.extend(list),
+            document => registrations.push(document),
+        }
+    }
+    let [registration] = registrations.as_slice() else {
+        bail!(
+            "it holds {} registrations: keep the one to start from, or of each its \"target_from_source\" alone, to try them all",
+            registrations.len()
+        );
+    };
+    match registration.get("target_from_source") {
+        Some(pose) => parse_pose(&pose.to_string()),
         None => bail!("it has no \"target_from_source\""),
     }
 }
@@ -177,6 +194,44 @@ mod tests {
             said.contains("r.json") && said.contains("no \"target_from_source\""),
             "{said}"
         );
+    }
+
+    /// A line of many pairs, and what makes a list of it.
+    #[test]
+    fn the_only_registration_of_a_list_is_a_start() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let path = folder.path().join("r.jsonl");
+        let loaded = |text: &str| {
+            std::fs::write(&path, text).expect("written");
+            let start = Initial::File(path.clone()).load();
+            start.map_err(|e| format!("{e:#}"))
+        };
+        let line = r#"{"source": "a.ply", "target_from_source": [[1,0,0,2],[0,1,0,3],[0,0,1,4]]}"#;
+        let alone = loaded(line);
+        assert!(matches!(alone, Ok(Start::Pose(_))), "{alone:?}");
+        for text in [
+            format!("[{line}]"),
+            format!(" [\n{line}\n]\n"),
+            format!("{line}\n"),
+        ] {
+            assert_eq!(loaded(&text), alone, "{text}");
+        }
+        for text in [format!("{line}\n{line}\n"), format!("[{line}, {line}]")] {
+            let said = loaded(&text).expect_err("two");
+            let words = "r.jsonl: it holds 2 registrations: keep the one";
+            assert!(said.contains(words), "{said}");
+        }
+        for (text, words) in [
+            (
+                r#"[{"source": "a.ply", "error": "no points"}]"#,
+                "no \"target_from_source\"",
+            ),
+            (&format!("[{line}"), "it is not JSON"),
+            (&format!("{line} 1,2"), "it is not JSON"),
+        ] {
+            let said = loaded(text).expect_err(words);
+            assert!(said.contains(words), "{said}");
+        }
     }
 
     #[test]

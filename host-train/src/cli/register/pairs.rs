@@ -9,7 +9,7 @@ use crate::register::document::Document;
 use crate::words::count;
 use anyhow::{Context, anyhow, bail};
 use reagent_link::log::one_line;
-use serde_json::{Value, json};
+use serde::Serialize;
 use std::path::{Path, PathBuf};
 use walkdir::WalkDir;
 
@@ -141,25 +141,17 @@ impl RegisterArgs {
         let mut lines = String::new();
         let mut done = Vec::new();
         for pair in pairs {
-            let (names, registered) = match pair {
-                Ok(pair) => (
-                    json!({ "source": pair.source.display().to_string(), "target": pair.target.display().to_string() }),
-                    self.register(weights, starts, pair, seed),
-                ),
-                Err(lone) => (
-                    json!({ lone.role: lone.path.display().to_string() }),
-                    Err(anyhow!(lone.reason)),
-                ),
+            let registered = match pair {
+                Ok(pair) => self.register(weights, starts, pair, seed),
+                Err(lone) => Err(anyhow!(lone.reason)),
             };
-            let result = match registered {
-                Ok(found) => {
-                    let document = serde_json::to_value(self.document(&found))?;
-                    done.push(found);
-                    document
-                }
-                Err(error) => json!({ "error": one_line(error.as_ref()) }),
+            let line = Line {
+                error: registered.as_ref().err().map(|e| one_line(e.as_ref())),
+                done: registered.as_ref().ok().map(|found| self.document(found)),
+                ..Line::of(pair)
             };
-            let line = merged(names, result).to_string() + "\n";
+            let line = serde_json::to_string(&line)? + "\n";
+            done.extend(registered);
             if self.json.is_some() {
                 lines += &line;
             } else {
@@ -180,13 +172,35 @@ impl RegisterArgs {
     }
 }
 
-/// Two JSON objects as one.
-fn merged(first: Value, second: Value) -> Value {
-    let fields = [first, second].into_iter().filter_map(|value| match value {
-        Value::Object(fields) => Some(fields),
-        _ => None,
-    });
-    Value::Object(fields.flatten().collect())
+/// A line of the output, with fields in the order of `--json` of one pair.
+#[derive(Default, Serialize)]
+struct Line {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    source: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    target: Option<String>,
+    #[serde(flatten)]
+    done: Option<Document>,
+    /// Why nothing was done.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    error: Option<String>,
+}
+
+impl Line {
+    /// The names of a pair, or of a file that has none.
+    fn of(pair: &Result<Pair, Lone>) -> Line {
+        let [source, target] = match pair {
+            Ok(pair) => [Some(&pair.source), Some(&pair.target)],
+            Err(lone) if lone.role == "source" => [Some(&lone.path), None],
+            Err(lone) => [None, Some(&lone.path)],
+        };
+        let name = |path: &PathBuf| path.display().to_string();
+        Line {
+            source: source.map(name),
+            target: target.map(name),
+            ..Line::default()
+        }
+    }
 }
 
 #[cfg(test)]

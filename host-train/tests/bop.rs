@@ -4,6 +4,8 @@ mod support;
 
 use glam::{Affine3A, Vec3};
 use host_train::bop::evaluate::Refinements;
+use host_train::dataset::bop::{MaskKind, Models, Scenes};
+use host_train::dataset::depth::image::{read_depth, write_depth};
 use host_train::dataset::mesh::Mesh;
 use host_train::dataset::pairs::{PairSet, Sample};
 use host_train::measure::eval::{EvalSettings, evaluate};
@@ -72,9 +74,10 @@ fn meshes_of_a_folder_become_objects() {
     let wedge = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\nf 1 3 4\nf 2 3 4\n";
     std::fs::write(at.join("meshes/wedge.obj"), wedge).expect("written");
     std::fs::write(at.join("meshes/notes.txt"), "not a mesh").expect("written");
-    let synth = "bop-synth --models meshes --scenes 1 --images 1 --size 80x60 --mm-per-unit 150";
+    let synth = "bop-synth --models meshes --scenes 1 --images 1 --size 80x60 --mm-per-unit 150 --train-scenes 0";
     let said = succeed(at, &format!("{synth} --out set"));
-    assert!(said.contains("1 objects"), "{said}");
+    assert!(said.contains("1 image of 1 object in set"), "{said}");
+    assert!(at.join("set/test").is_dir() && !at.join("set/train").exists());
     let info = read_json(&at.join("set/models_eval/models_info.json"));
     let diameter = info["1"]["diameter"].as_f64().expect("a number");
     assert!((diameter - 150.0 * 2f64.sqrt()).abs() < 1e-3, "{diameter}");

@@ -110,7 +110,7 @@ const CASES: [Case; 10] = [
     case(
         "cube.xyz",
         "cube.npy",
-        "Undetermined: 5 other poses fit as well",
+        "Undetermined: at least 5 other poses fit as well",
     ),
     case("large.npy", "large.ply", "Right within 5 degrees"),
 ];

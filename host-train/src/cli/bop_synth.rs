@@ -26,8 +26,8 @@ pub(super) struct BopSynthArgs {
     /// Scenes of the split test
     #[arg(long, value_name = "N", value_parser = positive())]
     scenes: usize,
-    /// Scenes of the split train [default: as many]
-    #[arg(long, value_name = "N", value_parser = positive())]
+    /// Scenes of the split train; 0 leaves it out [default: as many]
+    #[arg(long, value_name = "N", value_parser = RangedI64ValueParser::<usize>::new().range(0..=1_000_000))]
     train_scenes: Option<usize>,
     /// Views of each scene
     #[arg(long, value_name = "N", value_parser = positive(), default_value_t = SynthSettings::default().images)]

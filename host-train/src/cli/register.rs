@@ -134,8 +134,8 @@ pub(super) fn view_point(text: &str) -> anyhow::Result<[f64; 3]> {
     if text == "origin" {
         return Ok([0.0; 3]);
     }
-    let numbers: Result<Vec<f64>, _> = text.split(',').map(|x| x.trim().parse()).collect();
-    match numbers?.as_slice() {
+    let numbers: Option<Vec<f64>> = text.split(',').map(|x| x.trim().parse().ok()).collect();
+    match numbers.unwrap_or_default().as_slice() {
         &[x, y, z] if [x, y, z].iter().all(|x| x.is_finite()) => Ok([x, y, z]),
         _ => bail!("a view point is three finite numbers separated by commas, or \"origin\""),
     }

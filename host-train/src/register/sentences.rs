@@ -4,7 +4,7 @@ use crate::register::request::Done;
 use reagent_core::pipeline::Refinement;
 use reagent_core::polish::Refined;
 use reagent_core::verdict::{Percent, Verdict};
-use reagent_core::verify::{Axis, Slide};
+use reagent_core::verify::{Axis, OTHERS, Slide};
 
 /// How the source and the target are called.
 pub type Names<'a> = [&'a str; 2];
@@ -16,7 +16,7 @@ pub enum Remark {
     OpenAxis(Axis),
     /// The place along a direction is open.
     OpenSlide(Slide),
-    /// So many other poses fit as well.
+    /// So many other poses fit as well; [`OTHERS`] of them are those that are named, and there may be more.
     OtherPoses(usize),
     /// Shares of the source's and of the target's points that were not looked at.
     LeftOut([f32; 2]),
@@ -71,6 +71,10 @@ impl Remark {
                 )
             }
             Remark::OtherPoses(1) => "undetermined: 1 other pose fits as well".into(),
+            // No more than these are named, and looked for.
+            Remark::OtherPoses(OTHERS) => {
+                format!("undetermined: at least {OTHERS} other poses fit as well")
+            }
             Remark::OtherPoses(others) => {
                 format!("undetermined: {others} other poses fit as well")
             }
@@ -168,7 +172,11 @@ mod tests {
                 "50 % of the scan lies off the part:",
             ),
             (Remark::OtherPoses(1), "1 other pose fits as well"),
-            (Remark::OtherPoses(2), "2 other poses fit as well"),
+            (Remark::OtherPoses(2), "undetermined: 2 other poses fit"),
+            (
+                Remark::OtherPoses(OTHERS),
+                "undetermined: at least 5 other poses fit as well",
+            ),
         ] {
             let sentence = remark.sentence(names);
             assert!(sentence.contains(words), "{sentence}");

@@ -164,11 +164,8 @@ impl Request {
             None
         };
         let other_size = match &found.answer.refinement {
-            // Of a view, less is seen than there is.
-            Some(refinement) if self.view_point.is_none() => {
-                other_size(&mut memory.workspace, clouds, &refinement.refined)?
-            }
-            _ => None,
+            Some(refinement) => other_size(&mut memory.workspace, clouds, &refinement.refined)?,
+            None => None,
         };
         let near = dense.map_or(reached, |d| d.target_from_source);
         Ok(Done {

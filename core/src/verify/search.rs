@@ -18,8 +18,9 @@ const SIFTED: usize = 24;
 const SIFTED_AGAIN: usize = 6;
 /// Best ones whose symmetric copies are tried, too.
 const AGAIN: usize = 2;
-/// Loss of the best of them above which poses are looked for by pairs of points, and near the best: where clouds overlap in
-/// part.
+/// Loss of the best of them above which poses are looked for by pairs of points, too, and more are polished.
+const EXPLAINED: f32 = 0.25;
+/// Loss above which poses are looked for near the best: where clouds overlap in part.
 pub(super) const UNEXPLAINED: f32 = 0.4;
 /// Points by which those are judged, first and last, by how much the first may mislead, and how many of them are sifted.
 const PAIR_POINTS: [usize; 2] = [32, 128];
@@ -201,7 +202,7 @@ impl Search<'_, '_> {
             go_on()?;
             self.sift(at, prior, &mut sifted);
         }
-        let is_explained = sifted.least().is_some_and(|least| least < UNEXPLAINED);
+        let is_explained = sifted.least().is_some_and(|least| least < EXPLAINED);
         if looks_far && !is_explained {
             let mut matched = Best::<MATCHED>::NONE;
             let [source, target] = self.refiner.surfaces();

@@ -14,10 +14,10 @@ const ALIKE: f32 = 0.05;
 const STEPS: [f32; 3] = [0.06, 0.03, 0.015];
 /// How often each of them is taken at most.
 const REACH: usize = 4;
-/// Share of the source's points on the target's surface from which on nothing is to be gained.
+/// Share of the source's points on the target's surface from which on little is to be gained.
 const ON_SURFACE: f32 = 0.85;
-/// What must be left of the source's residual at most, while the target's becomes no larger. Of pairs of one size, whole or seen in
-/// part, 4 in 5 gain nothing, and one in a thousand as much as that.
+/// What must be left of the source's residual at most, while the target's becomes no larger. Of some 1,200 pairs of one size,
+/// whole or seen in part, nine in ten kept 97 % of it, and one lost as much as that.
 const LEFT: f32 = 0.88;
 
 /// How many times as large as the target the source is, if it fits far better once that is undone.
@@ -59,6 +59,10 @@ pub fn other_size(
             if best.1 == least {
                 break;
             }
+        }
+        // What the longest step does not leave, shorter ones leave by less than what is alike.
+        if best.0 == 1.0 {
+            return Ok(None);
         }
     }
     let (factor, after) = best;

@@ -94,7 +94,7 @@ def test_steps(command_line, tmp_path):
 
 
 def test_refusals_have_the_same_words(tmp_path):
-    with pytest.raises(reagent.CloudError, match="source: no points but 1 invalid ones"):
+    with pytest.raises(reagent.CloudError, match="source: no points but 1 invalid one "):
         reagent.register(numpy.full((1, 3), numpy.nan), TARGET)
 
 

@@ -37,6 +37,11 @@ impl DepthGrid {
         self.known
     }
 
+    /// Where the sensor stood.
+    pub(crate) fn eye(&self) -> Option<Vec3> {
+        self.known.then_some(self.eye)
+    }
+
     /// Towards which the sensor looks.
     pub(crate) fn ahead(&self) -> Option<Vec3> {
         self.known.then_some(self.camera.transpose().z_axis)

@@ -26,6 +26,7 @@
 //! - layer: focus, sight
 //! - layer: weights
 //! - layer: net, pretrained, model
+//! - layer: facing
 //! - layer: polish
 //! - layer: mirror
 //! - layer: verify
@@ -59,6 +60,7 @@ pub mod decision;
 pub mod dims;
 pub mod error;
 pub mod evidence;
+mod facing;
 pub mod float;
 pub mod focus;
 pub mod frame;

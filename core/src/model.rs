@@ -48,6 +48,14 @@ impl Model {
         self.points > 0 && self.points == target.len() && bits(cloud) == bits(target)
     }
 
+    /// The points that it was made of, in its frame.
+    pub(crate) fn inside(&self) -> impl ExactSizeIterator<Item = [f32; 3]> {
+        let Frame { centre, scale } = self.frame;
+        let cloud = self.cloud.get(..self.points).unwrap_or(&[]);
+        let inside = move |&p: &[f32; 3]| (Vec3::from_array(p) - centre) * (1.0 / scale);
+        cloud.iter().map(move |p| inside(p).to_array())
+    }
+
     /// Makes a target ready, unless it is already.
     ///
     /// # Errors

@@ -90,6 +90,9 @@ pub struct Task<'b> {
     pub view_point: Option<Vec3>,
     /// What it saw besides the source, in its frame and units ([`Refiner::seen_before`]); nothing without a view point.
     pub background: &'b [[f32; 3]],
+    /// Which way the target's surface faces at its points, in their order ([`Refiner::faces`]), as a mesh tells; nothing without a
+    /// view point.
+    pub outward: &'b [[f32; 3]],
     /// The target, made ready before ([`Workspace::prepare`]); one of another target is left aside.
     pub model: Option<&'b Model>,
 }
@@ -104,7 +107,16 @@ impl<'b> Task<'b> {
             frame: None,
             view_point: None,
             background: &[],
+            outward: &[],
             model: None,
+        }
+    }
+
+    /// Says to a refiner what the sensor tells.
+    pub fn look(&self, refiner: &mut Refiner<'_>) {
+        if let Some(view_point) = self.view_point {
+            refiner.seen_before(view_point, self.background);
+            refiner.faces(self.outward);
         }
     }
 
@@ -243,9 +255,7 @@ pub fn refine<E: From<Error>>(
         Some(model) if model.is_of(target) => Refiner::on(model, source, workspace)?,
         _ => Refiner::new(source, target, workspace)?,
     };
-    if let Some(view_point) = task.view_point {
-        refiner.seen_before(view_point, task.background);
-    }
+    task.look(&mut refiner);
     Ok(Some(if mode == Mode::Verify {
         let found = refiner.verify_while(reached, &task.start, go_on)?;
         Refinement {

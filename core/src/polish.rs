@@ -14,6 +14,7 @@
 
 use crate::covariance::Covariance;
 use crate::error::Error;
+use crate::facing::{Faced, Facing};
 use crate::frame::{Frame, check_cloud};
 use crate::freespace::DepthGrid;
 use crate::kernels::Isa;
@@ -165,6 +166,7 @@ impl<'w> Refiner<'w> {
         work.of_source.forget();
         work.of_target.forget();
         work.seen = DepthGrid::EMPTY;
+        work.facing = Facing::UNKNOWN;
         Refiner {
             isa,
             model,
@@ -335,6 +337,20 @@ impl<'w> Refiner<'w> {
         let around = background.iter().map(|&p| inside(Vec3::from_array(p)));
         let Work { source, seen, .. } = &mut *self.work;
         seen.fill(source, inside(view_point), around);
+    }
+
+    /// Says which way the target's surface faces, `outward [M, 3]` at its points in their order: what faces away from the sensor
+    /// ([`Refiner::seen_from`]) was not seen, and is matched with nothing. Of a point without one, or with one that is no direction,
+    /// and of a target of more than [`crate::dims::SURFACE_POINTS`], it is not known.
+    pub fn faces(&mut self, outward: &[[f32; 3]]) {
+        self.work.facing.fill(self.model, outward);
+    }
+
+    /// The target as it faces the sensor under a pose.
+    fn faced(&self, at: Rigid) -> Faced<'_> {
+        let Work { seen, facing, .. } = &*self.work;
+        let eye = seen.eye().map(|eye| at.pose().apply(eye));
+        facing.seen_from(eye, &self.model.surface)
     }
 
     /// The cell of the image of what was seen, by its number, of which a point of the background is the nearest, if it is one's:

@@ -40,7 +40,7 @@ impl Refiner<'_> {
         let surfaces = self.surfaces().map(Surface::bare);
         let (mut pairs, mut count, mut sums) = ([[0; 2]; AT_ONCE], 0, Sums::ZERO);
         // Faster than to ask for one after the other.
-        self.matched().for_each(|pair| {
+        self.matched(at).for_each(|pair| {
             if let Some(place) = pairs.get_mut(count) {
                 *place = pair;
                 count += 1;
@@ -61,7 +61,7 @@ impl Refiner<'_> {
         let [source, target] = self.surfaces();
         let (pose, mut motion) = (at.pose(), Motion::ZERO);
         let (mut squares, mut weights) = (0.0f64, 0.0f64);
-        for [i, j] in self.matched() {
+        for [i, j] in self.matched(at) {
             let ((p, m), (q, n)) = (source.at(i.into()), target.at(j.into()));
             let (p, m) = (pose.apply(p), pose.rotation * m);
             let (apart, middle) = (p - q, (p + q) * 0.5);

@@ -67,8 +67,10 @@ impl Refiner<'_> {
         stage.gate(of_target.median_squared().min(median), radius)
     }
 
-    /// Places in the source and in the target of the points matched last with one within the limit, both ways.
-    pub(super) fn matched(&self) -> impl Iterator<Item = Pair> {
+    /// Places in the source and in the target of the points matched last with one within the limit, both ways, without what faces
+    /// away from the sensor.
+    pub(super) fn matched(&self, at: Rigid) -> impl Iterator<Item = Pair> {
+        let faced = self.faced(at);
         let Work {
             of_source,
             of_target,
@@ -80,7 +82,8 @@ impl Refiner<'_> {
         let backward = of_target
             .matches()
             .filter_map(|m| m.to.map(|to| [to as u16, m.of as u16]));
-        forward.chain(backward)
+        let all = forward.chain(backward);
+        all.filter(move |&[_, of_target]| !faced.is_away(of_target.into()))
     }
 }
 

@@ -70,14 +70,16 @@ impl Refiner<'_> {
     /// How much of the source, matched last, lies on the target's surface.
     pub(super) fn matched_overlap(&self, at: Rigid) -> Overlap {
         let [source, target] = self.surfaces();
-        let pose = at.pose();
+        let (pose, faced) = (at.pose(), self.faced(at));
         let mut sum = 0.0f64;
         let [mut on_surface, mut near, mut within, mut inside, mut count] = [0u32; 5];
         for found in self.work.of_source.matches() {
             count += 1;
             let p = pose.apply(source.at(found.of).0);
             inside += u32::from(p.length_squared() < INSIDE * INSIDE);
-            let Some(to) = found.to else { continue };
+            let Some(to) = found.to.filter(|&to| !faced.is_away(to)) else {
+                continue;
+            };
             let (q, n) = target.at(to);
             let apart = p - q;
             near += u32::from(loss::is_near_surface(apart, n, target.radius));
@@ -153,16 +155,25 @@ impl Refiner<'_> {
             of_source,
             of_target,
             seen,
+            facing,
             ..
         } = &mut *self.work;
         of_source.lose(isa, [source, target], there, point_share);
         let back = there.inverse();
         of_target.lose(isa, [target, source], back, point_share);
         if looks && seen.is_known() {
+            let faced = facing.seen_from(seen.eye().map(|eye| there.apply(eye)), target);
+            for (found, lost) in of_source.lost_mut() {
+                if found.to.is_some_and(|to| faced.is_away(to)) {
+                    *lost = 1.0f32.to_bits();
+                }
+            }
             for (found, lost) in of_target.lost_mut() {
                 let is_hidden = seen.hides(back.apply(target.at(found.of).0));
                 let loss = if is_hidden {
                     1.0
+                } else if faced.is_away(found.of) {
+                    UNSEEN
                 } else {
                     UNSEEN * f32::from_bits(*lost)
                 };

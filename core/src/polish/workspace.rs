@@ -2,6 +2,7 @@
 
 use super::sample::Sample;
 use crate::error::Error;
+use crate::facing::Facing;
 use crate::freespace::DepthGrid;
 use crate::kernels::Isa;
 use crate::loss::Losses;
@@ -29,6 +30,7 @@ pub(super) struct Work {
     pub(super) of_target: Matching,
     pub(super) losses: Losses,
     pub(super) seen: DepthGrid,
+    pub(super) facing: Facing,
 }
 
 impl Workspace {
@@ -44,6 +46,7 @@ impl Workspace {
                 of_target: Matching::EMPTY,
                 losses: Losses::EMPTY,
                 seen: DepthGrid::EMPTY,
+                facing: Facing::UNKNOWN,
             },
         }
     }

@@ -39,6 +39,7 @@ pub use write::{check_cloud, check_output, check_place, write_cloud};
 
 use super::Point;
 use super::mesh::Mesh;
+use super::winding::Winding;
 use crate::pose64::{Pose64, Position};
 use crate::random::{Purpose, Rng, stream};
 use glam::Vec3;
@@ -244,6 +245,11 @@ impl CloudFile {
                 .collect(),
             faces: self.faces.clone().unwrap_or_default(),
         }
+    }
+
+    /// How its faces are wound, if they enclose something ([`Mesh::winding`]).
+    pub fn winding(&self) -> Option<Winding> {
+        self.mesh_relative_to(self.origin()).winding()
     }
 
     /// The cloud itself, or `count` points drawn evenly from the surface of a mesh, with the normals of its faces;

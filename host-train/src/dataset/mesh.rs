@@ -6,7 +6,7 @@ use glam::Vec3;
 use rand::RngExt;
 use reagent_core::pose::centroid;
 
-/// A triangle mesh. Orientation of the faces carries no meaning here.
+/// A triangle mesh. Which way the faces are wound, [`Mesh::winding`] tells where they enclose something.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mesh {
     /// Vertex positions.

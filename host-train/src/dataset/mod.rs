@@ -18,6 +18,7 @@ pub mod ros;
 pub mod solids;
 pub mod tree;
 pub mod triangulate;
+pub mod winding;
 
 pub use error::{DatasetError, MODELNET40_URL};
 pub use modelnet::Split;

@@ -97,10 +97,8 @@ fn refiner<'w>(
 ) -> Result<Refiner<'w>, Error> {
     let mut refiner = Refiner::new(source, target, &mut memory.workspace)?;
     // The sensor is the same whatever the start.
-    if let Some(task) = tasks.first()
-        && let Some(view_point) = task.view_point
-    {
-        refiner.seen_before(view_point, task.background);
+    if let Some(task) = tasks.first() {
+        task.look(&mut refiner);
     }
     Ok(refiner)
 }

@@ -4,6 +4,7 @@ use crate::dataset::Point;
 use crate::dataset::cloud_file::{
     CloudError, CloudFile, MAX_COORDINATE, MESH_POINTS, Note, origin_of,
 };
+use crate::dataset::winding::Winding;
 use crate::pose64::Position;
 use crate::random::{Purpose, stream};
 use crate::register::dense::DENSE_POINTS;
@@ -12,6 +13,7 @@ use crate::register::within_capacity;
 use reagent_core::dims::MAX_POINTS;
 use reagent_core::frame::check_cloud;
 use std::borrow::Cow;
+use std::collections::HashMap;
 use std::path::Path;
 
 /// One of the two clouds.
@@ -25,6 +27,9 @@ pub struct Prepared<'a> {
     thinned: Option<Vec<Point>>,
     /// Whether the points were drawn from faces.
     is_surface: bool,
+    /// Of the points that the policy sees, in their order, which way the surface faces: of a mesh that encloses something, whole and
+    /// wound one way; nothing otherwise.
+    pub outward: Vec<Point>,
     /// What the sensor saw besides, of a source seen from a known point; nothing otherwise.
     pub background: Vec<Point>,
     /// What the reader noticed, and what was done to the points.
@@ -44,16 +49,24 @@ impl<'a> Prepared<'a> {
         seed: u64,
     ) -> Result<Prepared<'static>, CloudError> {
         let origin = file.origin();
-        let all = if file.faces.is_some() {
-            let rng = &mut stream(seed, Purpose::Surface, 0);
-            let surface = file.clone().sampled(DENSE_POINTS, rng);
-            let surface = surface.ok_or_else(|| CloudError::NoArea { path: path.into() })?;
-            surface.relative_to(origin)
-        } else {
-            file.relative_to(origin)
+        let notes = file.notes.clone();
+        if file.faces.is_none() {
+            let all = Cow::Owned(file.relative_to(origin));
+            return Prepared::new(origin, all, path, count, (false, notes));
+        }
+        let rng = &mut stream(seed, Purpose::Surface, 0);
+        let surface = file.clone().sampled(DENSE_POINTS, rng);
+        let surface = surface.ok_or_else(|| CloudError::NoArea { path: path.into() })?;
+        let all = surface.relative_to(origin);
+        let faces = match (file.winding(), surface.normals) {
+            (Some(winding), Some(normals)) => outward(winding, &all, normals),
+            _ => HashMap::new(),
         };
-        let (all, notes) = (Cow::Owned(all), file.notes.clone());
-        Prepared::new(origin, all, path, count, (file.faces.is_some(), notes))
+        let mut prepared = Prepared::new(origin, Cow::Owned(all), path, count, (true, notes))?;
+        let outward = prepared.points().iter();
+        let outward = outward.filter_map(|p| faces.get(&p.map(f32::to_bits)).copied());
+        prepared.outward = outward.collect();
+        Ok(prepared)
     }
 
     /// Of points in memory: a plain cloud as a file holds it. Errors name `path`.
@@ -126,6 +139,7 @@ impl<'a> Prepared<'a> {
             all,
             thinned,
             is_surface,
+            outward: Vec::new(),
             background: Vec::new(),
             notes,
         };
@@ -160,9 +174,21 @@ impl<'a> Prepared<'a> {
     }
 }
 
+/// Which way the surface faces at points drawn from it, each found by its bits, from the normals of faces as they are wound.
+fn outward(winding: Winding, points: &[Point], normals: Vec<Point>) -> HashMap<[u32; 3], Point> {
+    let outward = normals.into_iter().map(|normal| match winding {
+        Winding::Outward => normal,
+        Winding::Inward => normal.map(|x| -x),
+    });
+    let bits = points.iter().map(|p| p.map(f32::to_bits));
+    bits.zip(outward).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::dataset::winding::tests::block;
+    use glam::Vec3;
 
     fn cloud(count: usize, shift: f32) -> Vec<Point> {
         let point = |i: usize| [shift + i as f32 * 1e-3, (i % 7) as f32, (i % 11) as f32];
@@ -192,6 +218,29 @@ mod tests {
                 Prepared::of_file(&file, name(), None, 1).map_err(|_| ())
             );
         }
+    }
+
+    #[test]
+    fn a_solid_tells_which_way_its_surface_faces() {
+        let middle = [1e5, 7.0, 0.0];
+        let mesh = block(middle.into(), Vec3::splat(4.0));
+        let vertices: Vec<Point> = mesh.vertices.iter().map(|v| v.to_array()).collect();
+        let file = CloudFile {
+            faces: Some(mesh.faces),
+            ..CloudFile::of(&vertices)
+        };
+        for count in [None, Some(300)] {
+            let prepared = Prepared::of_file(&file, name(), count, 1).expect("a mesh");
+            let near = |k: usize| (f64::from(middle[k]) - prepared.origin[k]) as f32;
+            let middle = Vec3::from([0, 1, 2].map(near));
+            assert_eq!(prepared.outward.len(), prepared.points().len());
+            for (p, outward) in prepared.points().iter().zip(&prepared.outward) {
+                let height = (Vec3::from(*p) - middle).dot(Vec3::from(*outward));
+                assert!((height - 2.0).abs() < 1e-3, "{height}");
+            }
+        }
+        let cloud = Prepared::of_points(&vertices, name(), None).expect("a cloud");
+        assert_eq!(cloud.outward, [[0.0; 3]; 0]);
     }
 
     #[test]

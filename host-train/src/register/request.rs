@@ -192,6 +192,7 @@ impl Request {
             steps: self.steps,
             view_point: self.seen_from(source),
             background: &source.background,
+            outward: &target.outward,
             ..Task::new(start.start(source.origin, target.origin))
         }
     }
@@ -206,7 +207,10 @@ impl Request {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dataset::procedural;
+    use crate::dataset::cloud_file::CloudFile;
+    use crate::dataset::mesh::Mesh;
+    use crate::dataset::winding::tests::block;
+    use crate::dataset::{Point, procedural};
     use crate::policy::WeightFile;
     use crate::random::{Purpose, stream};
     use reagent_core::polish::Refined;
@@ -242,6 +246,53 @@ mod tests {
         assert_eq!(alone.polished, refinement.polished);
         let stepped = register(Request::default());
         assert!(stepped.answer.policy.is_some_and(|policy| policy.steps > 0));
+    }
+
+    /// A plate's upper side, as a sensor above it sees it, from nearer the lower one.
+    #[test]
+    fn a_solid_is_registered_by_the_side_that_was_seen() {
+        let mut plate = block(Vec3::ZERO, Vec3::new(1.6, 1.0, 0.06));
+        let side = |p: &Point| p[2] > 0.0299 && p[0].abs() < 0.79 && p[1].abs() < 0.49;
+        let seen = plate.sample(1500, &mut stream(3, Purpose::Surface, 0));
+        let seen: Vec<Point> = seen.into_iter().filter(side).collect();
+        let name = Path::new("cloud");
+        let source = Prepared::of_points(&seen, name, None).expect("a cloud");
+        let nearer_the_lower = Pose {
+            translation: Vec3::new(0.0, 0.0, -0.05),
+            ..Pose::IDENTITY
+        };
+        let request = Request {
+            start: Start::Pose(Pose64::of(nearer_the_lower, [0.0; 3], [0.0; 3])),
+            mode: Mode::Refine,
+            view_point: Some([0.0, 0.0, 4.0]),
+            dense: Dense::Never,
+            ..Request::default()
+        };
+        let policy = WeightFile::pretrained();
+        let memory = &mut Box::new(Memory::new());
+        let mut height = |mesh: &Mesh| {
+            let file = CloudFile {
+                faces: Some(mesh.faces.clone()),
+                ..CloudFile::of(
+                    &mesh
+                        .vertices
+                        .iter()
+                        .map(|v| v.to_array())
+                        .collect::<Vec<_>>(),
+                )
+            };
+            let target = Prepared::of_file(&file, name, None, 1).expect("a mesh");
+            let done = request.register(policy.policy(), memory, &source, &target);
+            done.expect("two clouds").near().translation.z
+        };
+        let mut inside_out = plate.clone();
+        inside_out.faces.iter_mut().for_each(|face| face.swap(0, 1));
+        for solid in [&plate, &inside_out] {
+            assert!(height(solid).abs() < 0.006);
+        }
+        // Without one of its faces it encloses nothing: no side is told from the other.
+        plate.faces.pop();
+        assert!((height(&plate) + 0.06).abs() < 0.006);
     }
 
     /// Two starts that lead astray, and one near the truth.

@@ -1,0 +1,178 @@
+//! Which way a target's surface faces, where a mesh tells: what faces away from the sensor was not seen, so the far side of a wall is
+//! not taken for its near side.
+
+use crate::dims::SURFACE_POINTS;
+use crate::model::Model;
+use crate::surface::Surface;
+use glam::Vec3;
+
+/// Cosine of the angle between the way outward and that to the sensor below which a surface faces away: normals are estimated.
+const AWAY: f32 = -0.1;
+
+/// A bit for each place of a surface.
+#[derive(Clone, Debug)]
+struct Bits([u64; SURFACE_POINTS / Bits::WORD]);
+
+impl Bits {
+    const WORD: usize = u64::BITS as usize;
+    const NONE: Bits = Bits([0; SURFACE_POINTS / Bits::WORD]);
+
+    fn set(&mut self, place: usize) {
+        if let Some(word) = self.0.get_mut(place / Bits::WORD) {
+            *word |= 1 << (place % Bits::WORD);
+        }
+    }
+
+    fn has(&self, place: usize) -> bool {
+        let word = self.0.get(place / Bits::WORD);
+        word.is_some_and(|word| word >> (place % Bits::WORD) & 1 == 1)
+    }
+}
+
+/// Of the points of a target, by their places, how the normals that were estimated point.
+#[derive(Clone, Debug)]
+pub(crate) struct Facing {
+    /// Whether any is known.
+    is_known: bool,
+    outward: Bits,
+    inward: Bits,
+}
+
+impl Facing {
+    /// Of a target of which nothing is known. All bits are zero.
+    pub(crate) const UNKNOWN: Facing = Facing {
+        is_known: false,
+        outward: Bits::NONE,
+        inward: Bits::NONE,
+    };
+
+    /// Takes in the ways outward at a model's points, in the order of the cloud that it was made of.
+    pub(crate) fn fill(&mut self, model: &Model, outward: &[[f32; 3]]) {
+        *self = Facing::UNKNOWN;
+        let points = model.surface.points();
+        for (point, &outward) in model.inside().zip(outward) {
+            // Points that were left out as outliers are on no surface.
+            let Some(place) = points.iter().position(|&other| other == point) else {
+                continue;
+            };
+            let (_, normal) = model.surface.at(place);
+            let along = normal.dot(Vec3::from_array(outward));
+            if along > 0.0 {
+                self.outward.set(place);
+            } else if along < 0.0 {
+                self.inward.set(place);
+            }
+            self.is_known |= along.abs() > 0.0;
+        }
+    }
+
+    /// The target as it faces a sensor at `eye`, in the target's frame, if there is one.
+    pub(crate) fn seen_from<'f>(&'f self, eye: Option<Vec3>, target: &'f Surface) -> Faced<'f> {
+        Faced {
+            seen: eye.filter(|_| self.is_known).map(|eye| (self, eye)),
+            target,
+        }
+    }
+}
+
+/// A target as it faces a sensor.
+pub(crate) struct Faced<'f> {
+    seen: Option<(&'f Facing, Vec3)>,
+    target: &'f Surface,
+}
+
+impl Faced<'_> {
+    /// Whether the surface at a place faces away from the sensor; never where that is not known.
+    pub(crate) fn is_away(&self, place: usize) -> bool {
+        let Some((facing, eye)) = self.seen else {
+            return false;
+        };
+        let (point, normal) = self.target.at(place);
+        let outward = match (facing.outward.has(place), facing.inward.has(place)) {
+            (true, _) => normal,
+            (_, true) => -normal,
+            _ => return false,
+        };
+        outward.dot((eye - point).normalize_or_zero()) < AWAY
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::polish::tests::Numbers;
+    use crate::polish::{Refined, Refiner, Workspace};
+    use crate::pose::Pose;
+    use glam::Vec3;
+
+    const HALF: f32 = 0.03;
+
+    /// Points of a plate's upper side, and of its lower one.
+    fn side(n: usize, numbers: &mut Numbers, z: f32) -> impl Iterator<Item = [f32; 3]> {
+        (0..n).map(move |_| {
+            let [x, y, _] = numbers.point();
+            [0.8 * x, 0.5 * y, z]
+        })
+    }
+
+    /// The upper side as a sensor above sees it, registered from nearer the lower one.
+    fn refined(outward: &[[f32; 3]], seen: bool) -> Refined {
+        let numbers = &mut Numbers(5);
+        let target: Vec<_> = side(600, numbers, HALF).collect();
+        let target: Vec<_> = target
+            .into_iter()
+            .chain(side(600, numbers, -HALF))
+            .collect();
+        let source: Vec<_> = side(500, numbers, HALF).collect();
+        let mut workspace = Box::new(Workspace::new());
+        let mut refiner = Refiner::new(&source, &target, &mut workspace).expect("two clouds");
+        if seen {
+            refiner.seen_from(Vec3::new(0.0, 0.0, 4.0));
+        }
+        refiner.faces(outward);
+        let start = Pose {
+            translation: Vec3::new(0.0, 0.0, -1.6 * HALF),
+            ..Pose::IDENTITY
+        };
+        refiner.polish(start).expect("a pose")
+    }
+
+    fn outward(sign: f32) -> Vec<[f32; 3]> {
+        (0..1200)
+            .map(|i| [0.0, 0.0, if i < 600 { sign } else { -sign }])
+            .collect()
+    }
+
+    #[test]
+    fn the_side_that_faces_the_sensor_is_the_one_that_was_seen() {
+        let height = |found: Refined| found.target_from_source.translation.z;
+        let right = height(refined(&outward(1.0), true));
+        assert!(right.abs() < 0.1 * HALF, "{right}");
+        let lower = -2.0 * HALF;
+        for wrong in [
+            refined(&[], true),
+            refined(&outward(-1.0), true),
+            refined(&outward(1.0), false),
+        ] {
+            assert!((height(wrong) - lower).abs() < 0.1 * HALF, "{wrong:?}");
+        }
+    }
+
+    #[test]
+    fn what_is_no_direction_tells_nothing() {
+        let told = refined(&[], true);
+        for unknown in [[0.0; 3], [f32::NAN; 3]] {
+            assert_eq!(refined(&[unknown; 1200], true), told);
+        }
+        // Neither do directions of points that there are not.
+        assert_eq!(
+            refined(
+                &[[0.0; 3]; 1200]
+                    .into_iter()
+                    .chain(outward(1.0))
+                    .collect::<Vec<_>>(),
+                true
+            ),
+            told
+        );
+    }
+}

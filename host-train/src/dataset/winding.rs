@@ -1,0 +1,210 @@
+//! Which way the faces of a mesh are wound, where they enclose something.
+
+use super::mesh::Mesh;
+use nalgebra::Vector3;
+use std::collections::HashMap;
+
+/// Of the cube of its extent, what a shell encloses at least: less is a sheet with two sides, or rounding.
+const LEAST_VOLUME: f64 = 1e-7;
+
+/// The side of a solid from which its faces look wound counterclockwise.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Winding {
+    /// The outer one: normals point outward.
+    Outward,
+    /// The inner one.
+    Inward,
+}
+
+impl Mesh {
+    /// How the faces are wound if they enclose one solid or several, all in the same way; `None` of a mesh with holes, with faces
+    /// that are turned over, and of what encloses nothing. Vertices at one place are one.
+    pub fn winding(&self) -> Option<Winding> {
+        let mut merged = HashMap::new();
+        let vertices = self.vertices.iter();
+        let places: Vec<u32> = vertices
+            // -0 is 0.
+            .map(|&v| (v + 0.0).to_array().map(f32::to_bits))
+            .zip(0..)
+            .map(|(bits, i)| *merged.entry(bits).or_insert(i))
+            .collect();
+        let merged = self.faces.iter().filter_map(|face| {
+            let [a, b, c] = face.map(|i| places.get(i as usize).copied());
+            Some([a?, b?, c?])
+        });
+        let faces: Vec<[u32; 3]> = merged
+            .filter(|[a, b, c]| a != b && b != c && c != a)
+            .collect();
+        is_closed(&faces).then(|| self.of_shells(&faces))?
+    }
+
+    /// The same of closed shells.
+    fn of_shells(&self, faces: &[[u32; 3]]) -> Option<Winding> {
+        let mut shells = Shells((0..self.vertices.len() as u32).collect());
+        for &[a, b, c] in faces {
+            shells.join(a, b);
+            shells.join(b, c);
+        }
+        let at = |i: u32| Vector3::from(self.vertices[i as usize].to_array().map(f64::from));
+        let mut of_shells: HashMap<u32, Shell> = HashMap::new();
+        for &face in faces {
+            let first = shells.of(face[0]);
+            let shell = of_shells.entry(first).or_default();
+            shell.add(face.map(|i| at(i) - at(first)));
+        }
+        let mut windings = of_shells.values().map(Shell::winding);
+        let first = windings.next()?;
+        windings.all(|other| other == first).then_some(first)?
+    }
+}
+
+/// Whether every edge is passed as often one way as the other.
+fn is_closed(faces: &[[u32; 3]]) -> bool {
+    let edges = |&[a, b, c]: &[u32; 3]| [(a, b), (b, c), (c, a)];
+    let upward = |(a, b): (u32, u32)| (a.min(b), a.max(b), a < b);
+    let mut edges: Vec<_> = faces.iter().flat_map(edges).map(upward).collect();
+    edges.sort_unstable();
+    let mut of_edges = edges.chunk_by(|one, other| (one.0, one.1) == (other.0, other.1));
+    of_edges.all(|edge| 2 * edge.iter().filter(|edge| edge.2).count() == edge.len())
+}
+
+/// Vertices that faces join, each with one of the same shell: a forest of disjoint sets.
+struct Shells(Vec<u32>);
+
+impl Shells {
+    /// The vertex by which a vertex's shell is known.
+    fn of(&mut self, mut vertex: u32) -> u32 {
+        while self.0[vertex as usize] != vertex {
+            let next = self.0[vertex as usize];
+            self.0[vertex as usize] = self.0[next as usize];
+            vertex = next;
+        }
+        vertex
+    }
+
+    fn join(&mut self, one: u32, other: u32) {
+        let (one, other) = (self.of(one), self.of(other));
+        self.0[one.max(other) as usize] = one.min(other);
+    }
+}
+
+/// What a shell encloses.
+#[derive(Default)]
+struct Shell {
+    /// Six times its volume, negative if it is wound inward.
+    six_volumes: f64,
+    /// Its farthest corner from its first one, by the square.
+    squared: f64,
+}
+
+impl Shell {
+    fn add(&mut self, [a, b, c]: [Vector3<f64>; 3]) {
+        self.six_volumes += a.dot(&b.cross(&c));
+        let corners = [a, b, c].into_iter();
+        self.squared = corners
+            .map(|c| c.norm_squared())
+            .fold(self.squared, f64::max);
+    }
+
+    fn winding(&self) -> Option<Winding> {
+        let least = 6.0 * LEAST_VOLUME * self.squared.powf(1.5);
+        match self.six_volumes {
+            v if v > least => Some(Winding::Outward),
+            v if v < -least => Some(Winding::Inward),
+            _ => None,
+        }
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+    use glam::Vec3;
+
+    /// A tetrahedron with a corner at `at`, wound outward.
+    fn tetrahedron(at: Vec3) -> Mesh {
+        let corners = [Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::Z];
+        Mesh {
+            vertices: corners.map(|corner| at + corner).to_vec(),
+            faces: vec![[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]],
+        }
+    }
+
+    /// A box of these edge lengths about a point, wound outward.
+    pub(crate) fn block(middle: Vec3, size: Vec3) -> Mesh {
+        let side = |corner: u32, bit: u32| if corner >> bit & 1 == 1 { 0.5 } else { -0.5 };
+        let corner = |i: u32| middle + size * Vec3::new(side(i, 0), side(i, 1), side(i, 2));
+        let sides = [
+            [0, 4, 6, 2],
+            [1, 3, 7, 5],
+            [0, 1, 5, 4],
+            [2, 6, 7, 3],
+            [0, 2, 3, 1],
+            [4, 5, 7, 6],
+        ];
+        Mesh {
+            vertices: (0..8).map(corner).collect(),
+            faces: sides
+                .iter()
+                .flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]])
+                .collect(),
+        }
+    }
+
+    /// Every face with vertices of its own, as STL has them.
+    fn loose(mesh: &Mesh) -> Mesh {
+        let corners = mesh.faces.iter().flat_map(|&face| mesh.corners(face));
+        Mesh {
+            vertices: corners.flatten().collect(),
+            faces: (0..mesh.faces.len() as u32)
+                .map(|i| [3 * i, 3 * i + 1, 3 * i + 2])
+                .collect(),
+        }
+    }
+
+    fn together(one: Mesh, other: &Mesh) -> Mesh {
+        let first = one.vertices.len() as u32;
+        let more = other.faces.iter().map(|face| face.map(|i| i + first));
+        Mesh {
+            vertices: [one.vertices, other.vertices.clone()].concat(),
+            faces: one.faces.into_iter().chain(more).collect(),
+        }
+    }
+
+    fn turned(mut mesh: Mesh) -> Mesh {
+        mesh.faces.iter_mut().for_each(|face| face.swap(0, 1));
+        mesh
+    }
+
+    #[test]
+    fn solids_are_wound_one_way() {
+        let solid = || tetrahedron(Vec3::new(1e3, 0.0, -7.0));
+        assert_eq!(solid().winding(), Some(Winding::Outward));
+        assert_eq!(turned(solid()).winding(), Some(Winding::Inward));
+        assert_eq!(loose(&solid()).winding(), Some(Winding::Outward));
+        // What touches or overlaps is told apart by its faces.
+        for apart in [9.0, 1.0, 0.2, 0.0] {
+            let other = loose(&tetrahedron(Vec3::new(1e3 + apart, 0.0, -7.0)));
+            let both = together(solid(), &other);
+            assert_eq!(both.winding(), Some(Winding::Outward), "{apart}");
+        }
+        let mut with_needle = solid();
+        with_needle.faces.extend([[0, 0, 1], [2, 3, 99]]);
+        assert_eq!(with_needle.winding(), Some(Winding::Outward));
+    }
+
+    #[test]
+    fn what_is_no_solid_has_no_winding() {
+        let solid = || tetrahedron(Vec3::ZERO);
+        let mut open = solid();
+        open.faces.pop();
+        let mut with_turned_face = solid();
+        with_turned_face.faces[1].swap(0, 1);
+        let two_sided = together(open.clone(), &turned(open.clone()));
+        let one_inside_out = together(solid(), &turned(tetrahedron(Vec3::ONE)));
+        for mesh in [open, with_turned_face, two_sided, one_inside_out] {
+            assert_eq!(mesh.winding(), None, "{mesh:?}");
+        }
+        assert_eq!(Mesh::default().winding(), None);
+    }
+}

@@ -66,10 +66,12 @@ impl Facing {
         }
     }
 
-    /// The target as it faces a sensor at `eye`, in the target's frame, if there is one.
+    /// The target as it faces a sensor at `eye`, in the target's frame, if there is one. One that stands within the target's radius may
+    /// stand inside, as in a room, and see the other sides.
     pub(crate) fn seen_from<'f>(&'f self, eye: Option<Vec3>, target: &'f Surface) -> Faced<'f> {
+        let outside = eye.filter(|eye| self.is_known && eye.length_squared() > 1.0);
         Faced {
-            seen: eye.filter(|_| self.is_known).map(|eye| (self, eye)),
+            seen: outside.map(|eye| (self, eye)),
             target,
         }
     }
@@ -105,6 +107,7 @@ mod tests {
     use glam::Vec3;
 
     const HALF: f32 = 0.03;
+    const ABOVE: Option<Vec3> = Some(Vec3::new(0.0, 0.0, 4.0));
 
     /// Points of a plate's upper side, and of its lower one.
     fn side(n: usize, numbers: &mut Numbers, z: f32) -> impl Iterator<Item = [f32; 3]> {
@@ -115,7 +118,7 @@ mod tests {
     }
 
     /// The upper side as a sensor above sees it, registered from nearer the lower one.
-    fn refined(outward: &[[f32; 3]], seen: bool) -> Refined {
+    fn refined(outward: &[[f32; 3]], seen_from: Option<Vec3>) -> Refined {
         let numbers = &mut Numbers(5);
         let target: Vec<_> = side(600, numbers, HALF).collect();
         let target: Vec<_> = target
@@ -125,8 +128,8 @@ mod tests {
         let source: Vec<_> = side(500, numbers, HALF).collect();
         let mut workspace = Box::new(Workspace::new());
         let mut refiner = Refiner::new(&source, &target, &mut workspace).expect("two clouds");
-        if seen {
-            refiner.seen_from(Vec3::new(0.0, 0.0, 4.0));
+        if let Some(eye) = seen_from {
+            refiner.seen_from(eye);
         }
         refiner.faces(outward);
         let start = Pose {
@@ -145,13 +148,15 @@ mod tests {
     #[test]
     fn the_side_that_faces_the_sensor_is_the_one_that_was_seen() {
         let height = |found: Refined| found.target_from_source.translation.z;
-        let right = height(refined(&outward(1.0), true));
+        let right = height(refined(&outward(1.0), ABOVE));
         assert!(right.abs() < 0.1 * HALF, "{right}");
         let lower = -2.0 * HALF;
         for wrong in [
-            refined(&[], true),
-            refined(&outward(-1.0), true),
-            refined(&outward(1.0), false),
+            refined(&[], ABOVE),
+            refined(&outward(-1.0), ABOVE),
+            refined(&outward(1.0), None),
+            // As from within a room.
+            refined(&outward(1.0), Some(Vec3::new(0.0, 0.0, 0.5))),
         ] {
             assert!((height(wrong) - lower).abs() < 0.1 * HALF, "{wrong:?}");
         }
@@ -159,20 +164,12 @@ mod tests {
 
     #[test]
     fn what_is_no_direction_tells_nothing() {
-        let told = refined(&[], true);
+        let told = refined(&[], ABOVE);
         for unknown in [[0.0; 3], [f32::NAN; 3]] {
-            assert_eq!(refined(&[unknown; 1200], true), told);
+            assert_eq!(refined(&[unknown; 1200], ABOVE), told);
         }
         // Neither do directions of points that there are not.
-        assert_eq!(
-            refined(
-                &[[0.0; 3]; 1200]
-                    .into_iter()
-                    .chain(outward(1.0))
-                    .collect::<Vec<_>>(),
-                true
-            ),
-            told
-        );
+        let late = [vec![[0.0; 3]; 1200], outward(1.0)].concat();
+        assert_eq!(refined(&late, ABOVE), told);
     }
 }

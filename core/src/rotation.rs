@@ -48,6 +48,23 @@ impl Rotation {
         Rotation::new(vector, self.scalar * first.scalar - a.dot(b))
     }
 
+    /// The rotation that takes it back.
+    pub(crate) fn inverse(self) -> Rotation {
+        Rotation {
+            vector: -self.vector,
+            ..self
+        }
+    }
+
+    /// The line about which this rotation, followed by a shift, turns, along which it may shift as well (Chasles): a unit vector along it,
+    /// and the point on it that is nearest to the origin. None of no rotation.
+    pub(crate) fn line(self, shift: Vec3) -> Option<(Vec3, Vec3)> {
+        let along = self.vector.try_normalize()?;
+        let across = shift - along * along.dot(shift);
+        let cotangent = self.scalar / self.vector.length();
+        Some((along, (across + along.cross(across) * cotangent) * 0.5))
+    }
+
     /// Cosine of half the angle between two rotations.
     pub(crate) fn likeness(self, other: Rotation) -> f32 {
         (self.vector.dot(other.vector) + self.scalar * other.scalar).abs()
@@ -57,6 +74,20 @@ impl Rotation {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_turn_about_a_line_is_told_by_it() {
+        let (along, point) = (Vec3::new(2.0, -1.0, 2.0) / 3.0, Vec3::new(0.5, 0.2, -0.4));
+        assert!(along.dot(point).abs() < 1e-6);
+        for angle in [0.2f32, -1.0, core::f32::consts::PI] {
+            let turn = Rotation::new(along * (0.5 * angle).sin(), (0.5 * angle).cos());
+            let shift = point - turn.matrix() * point + along * 0.3;
+            let (direction, found) = turn.line(shift).expect("a turn");
+            assert!(direction.dot(along).abs() > 1.0 - 1e-6);
+            assert!((found - point).length() < 1e-5, "{angle} {found}");
+        }
+        assert_eq!(Rotation::new(Vec3::ZERO, 1.0).line(Vec3::X), None);
+    }
 
     #[test]
     fn products_are_those_of_matrices() {

@@ -132,6 +132,9 @@ fn a_part_is_tracked_said_to_be_lost_and_found_again() {
             state != "lost",
             "{line}"
         );
+        // What is open is looked for where poses are compared.
+        let is_compared = mode == "verify" && state != "lost";
+        assert_eq!(line.get("undetermined").is_some(), is_compared, "{line}");
         if state == "lost" {
             assert!(line.get("target_from_source").is_none(), "{line}");
         } else {

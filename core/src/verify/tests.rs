@@ -376,3 +376,32 @@ fn a_body_of_revolution_may_be_turned_by_any_angle() {
     assert!(axis.direction.z.abs() > 0.99, "{axis:?}");
     assert_eq!(axis.half_angle_rad, core::f32::consts::PI);
 }
+
+/// A piece of a pin that stands beside a block's middle may be turned about the pin's axis, not about the whole's middle.
+#[test]
+fn the_axis_goes_through_what_may_be_turned() {
+    let mut numbers = Numbers(11);
+    let mut pin = |count: usize| -> Vec<[f32; 3]> {
+        let point = |_| {
+            let (angle, z) = (core::f32::consts::PI * numbers.next(), numbers.next());
+            let radius = 0.25 + 0.1 * z;
+            [
+                0.6 + radius * angle.cos(),
+                0.1 + radius * angle.sin(),
+                0.5 + 0.4 * z,
+            ]
+        };
+        (0..count).map(point).collect()
+    };
+    let source = pin(600);
+    let block = brick([0.9, 0.5, 0.1], 700, 3);
+    let target: Vec<_> = pin(600).into_iter().chain(block).collect();
+    let found = verify(&source, &target, Pose::IDENTITY);
+    let axis = found.undetermined.axis.expect("an axis");
+    assert!(axis.direction.z.abs() > 0.99, "{axis:?}");
+    let at = axis.point + axis.direction * (0.5 - axis.point.z) / axis.direction.z;
+    assert!(
+        (at.truncate() - glam::Vec2::new(0.6, 0.1)).length() < 0.03,
+        "{axis:?}"
+    );
+}

@@ -142,11 +142,18 @@ impl Refiner<'_> {
             let turned = at.turned(Rotation::new(axis * sine, cosine));
             refiner.fits_as_well([axis, Vec3::ZERO], turned)
         };
-        let both = |&&angle: &&f32| fits(self, angle) && fits(self, -angle);
-        let half_angle_rad = *TURNS.iter().take_while(both).last()?;
+        let both = |&angle: &f32| {
+            fits(self, -angle)
+                .and(fits(self, angle))
+                .map(|there| (angle, there))
+        };
+        let (half_angle_rad, there) = TURNS.iter().map_while(both).last()?;
+        // Not quite that of the least constraint: what else was drawn near moves it to where the shape's own one is.
+        let turn = there.rotation.after(at.rotation.inverse());
+        let (direction, point) = turn.line(there.shift - turn.matrix() * at.shift)?;
         Some(Axis {
-            point: self.target_centre(),
-            direction: axis,
+            point: self.target_centre() + point * self.target_scale(),
+            direction,
             half_angle_rad,
         })
     }
@@ -167,7 +174,9 @@ impl Refiner<'_> {
         };
         let range = [-1.0, 1.0].map(|sense| {
             let shifts = SHIFTS.iter().map(|shift| sense * shift);
-            shifts.take_while(|&shift| fits(self, shift)).last()
+            shifts
+                .take_while(|&shift| fits(self, shift).is_some())
+                .last()
         });
         let scale = self.target_scale();
         (range != [None; 2]).then(|| Slide {
@@ -176,12 +185,13 @@ impl Refiner<'_> {
         })
     }
 
-    /// Whether the clouds fit as well as under the pose whose losses were kept. What is open is held: all else may be a little off, since
-    /// the axis of a shape is not quite that of its points.
-    fn fits_as_well(&mut self, open: [Vec3; 2], there: Rigid) -> bool {
+    /// The pose, if the clouds fit as well there as under the one whose losses were kept. What is open is held: all else may be a little
+    /// off, since the axis of a shape is not quite that of its points.
+    fn fits_as_well(&mut self, open: [Vec3; 2], there: Rigid) -> Option<Rigid> {
         let there = self.drawn_near_but(open, there);
         self.keep_losses(THERE, there);
-        self.losses().excess(THERE, HERE).score() < EXPLAINED
+        let fits = self.losses().excess(THERE, HERE).score() < EXPLAINED;
+        fits.then_some(there)
     }
 }
 

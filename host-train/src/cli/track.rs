@@ -9,7 +9,9 @@ use crate::dataset::cloud_file::{CloudError, CloudFile, EXTENSIONS, extension, r
 use crate::dataset::ros::point_cloud2::Time;
 use crate::measure::metrics::quantile;
 use crate::policy::WeightFile;
+use crate::pose64::{Pose64, Position};
 use crate::register::Memory;
+use crate::register::document::Open;
 use crate::register::request::Request;
 use crate::register::track::{POINTS, Tracked, Tracking, bundled_policy};
 use crate::words::count;
@@ -105,34 +107,47 @@ struct Done {
     /// Unless the object is lost.
     #[serde(skip_serializing_if = "Option::is_none")]
     target_from_source: Option<[[f64; 4]; 3]>,
+    /// What the shape leaves open in it, where poses were compared.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    undetermined: Option<Open>,
 }
 
 impl Line {
     fn new(
         (path, message): (&Path, Option<Message>),
-        tracked: anyhow::Result<Tracked>,
+        tracked: anyhow::Result<(Tracked, Origins)>,
         time: Duration,
     ) -> Line {
-        let sight = |tracked: &Tracked| tracked.sight;
+        let sight = |(tracked, _): &(Tracked, Origins)| tracked.sight;
         Line {
             source: path.display().to_string(),
             message,
             state: tracked.as_ref().map_or(Sight::Lost, sight).to_string(),
             error: tracked.as_ref().err().map(|e| one_line(e.as_ref())),
-            done: tracked.ok().map(Done::from),
+            done: tracked.ok().map(Done::of),
             ms: time.as_secs_f64() * 1e3,
         }
     }
 }
 
-impl From<Tracked> for Done {
-    fn from(Tracked { sight, mode, done }: Tracked) -> Done {
+/// The points that source and target were relative to.
+type Origins = [Position; 2];
+
+impl Done {
+    fn of((Tracked { sight, mode, done }, [source, target]): (Tracked, Origins)) -> Done {
         let answer = &done.found.answer;
+        let rows = |pose| Pose64::of(pose, source, target).to_rows();
+        let open = |found| Open::of(found, rows, target);
         Done {
             mode: mode.to_string(),
             verdict: answer.verdict.to_string(),
             probability: answer.probability,
             target_from_source: (sight != Sight::Lost).then(|| done.pose.to_rows()),
+            undetermined: answer
+                .refinement
+                .as_ref()
+                .and_then(open)
+                .filter(|_| sight != Sight::Lost),
         }
     }
 }
@@ -163,7 +178,8 @@ impl TrackArgs {
                 file.and_then(|file| Input::of(file, path, scale.unwrap_or(1.0), (points, seed)));
             let source = source.inspect_err(|_| tracking.miss())?.cloud;
             let clouds = [&source, &model];
-            anyhow::Ok(tracking.follow(&request, weights.policy(), &mut memory, clouds)?)
+            let tracked = tracking.follow(&request, weights.policy(), &mut memory, clouds)?;
+            anyhow::Ok((tracked, clouds.map(|cloud| cloud.origin)))
         };
         let (mut lines, mut text, mut unread) = (Vec::new(), String::new(), 0);
         let mut take = |of: (&Path, Option<Message>), label: &Path, file| {

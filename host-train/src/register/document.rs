@@ -123,11 +123,34 @@ pub struct OpenSlide {
 impl Fit {
     fn of(found: &Refinement, rows: impl Fn(Pose) -> [[f64; 4]; 3], origin: Position) -> Fit {
         let refined = &found.refined;
+        Fit {
+            overlap: refined.overlap,
+            inlier_rmse: refined.inlier_rmse,
+            extents_ratio: refined.extents_ratio,
+            distinct_points: refined.distinct_points,
+            left_out: refined.left_out,
+            undetermined: Open::of(found, rows, origin),
+            covariance: Covariance {
+                about: far(found.refined.covariance.about, origin),
+                matrix: found.refined.covariance.matrix,
+            },
+        }
+    }
+}
+
+impl Open {
+    /// Of a refinement, in the target's own coordinates, of which `origin` is the point that it was relative to; nothing where no poses
+    /// were compared.
+    pub fn of(
+        found: &Refinement,
+        rows: impl Fn(Pose) -> [[f64; 4]; 3],
+        origin: Position,
+    ) -> Option<Open> {
+        found.hypotheses?;
         let Undetermined { axis, slide, poses } = &found.undetermined;
-        let far = |p: glam::Vec3| std::array::from_fn(|k| f64::from(p[k]) + origin[k]);
-        let open = Open {
+        Some(Open {
             axis: axis.map(|axis| OpenAxis {
-                point: far(axis.point),
+                point: far(axis.point, origin),
                 direction: axis.direction.to_array(),
                 half_angle_deg: axis.half_angle_rad.to_degrees(),
             }),
@@ -136,21 +159,13 @@ impl Fit {
                 range: slide.range,
             }),
             poses: poses.iter().flatten().map(|&pose| rows(pose)).collect(),
-        };
-        Fit {
-            overlap: refined.overlap,
-            inlier_rmse: refined.inlier_rmse,
-            extents_ratio: refined.extents_ratio,
-            distinct_points: refined.distinct_points,
-            left_out: refined.left_out,
-            // Only where poses are compared.
-            undetermined: found.hypotheses.is_some().then_some(open),
-            covariance: Covariance {
-                about: far(found.refined.covariance.about),
-                matrix: found.refined.covariance.matrix,
-            },
-        }
+        })
     }
+}
+
+/// A point of the core's, relative to `origin`, in the file's own coordinates.
+fn far(point: glam::Vec3, origin: Position) -> Position {
+    [0, 1, 2].map(|k| f64::from(point[k]) + origin[k])
 }
 
 /// Where the policy's steps led.

@@ -4,6 +4,7 @@ use crate::queue::Queue;
 use crate::view::View;
 use reagent_core::Error;
 use reagent_core::wire::{self, Message, Status, keys};
+use sha2::{Digest, Sha256};
 use std::hash::{BuildHasher, Hasher, RandomState};
 use std::sync::Arc;
 use std::time::Duration;
@@ -12,6 +13,7 @@ use zenoh::Session;
 use zenoh::pubsub::Subscriber;
 use zenoh::query::QueryTarget;
 use zenoh::sample::SampleKind;
+use zenoh::session::ZenohId;
 
 /// A robot of this name that is there answers within this time. One whose link has just died does not, and
 /// its successor need not wait for longer.
@@ -21,6 +23,14 @@ const ANSWER_TIME: Duration = Duration::from_secs(1);
 pub(crate) fn draw_instance() -> u32 {
     let [a, b, c, d, ..] = RandomState::new().build_hasher().finish().to_le_bytes();
     u32::from_le_bytes([a, b, c, d])
+}
+
+/// The number of a session's liveliness token and of its requests: nobody else's, and whoever learns it learns nothing else
+/// of the session.
+pub(crate) fn number_of(session: ZenohId) -> u64 {
+    let hash: [u8; 32] = Sha256::digest(session.to_le_bytes()).into();
+    let [a, b, c, d, e, f, g, h, ..] = hash;
+    u64::from_be_bytes([a, b, c, d, e, f, g, h])
 }
 
 /// The instances that answer at a status key now.
@@ -99,11 +109,23 @@ pub(crate) async fn follow_clients(
         // Those that are there already are to be known, so that their end is.
         .history(true)
         .callback(move |sample| {
-            let client = keys::client_of(sample.key_expr().as_str());
-            if let (SampleKind::Delete, Some(client)) = (sample.kind(), client) {
-                queue.client_gone(client);
+            let number = keys::client_of(sample.key_expr().as_str());
+            if let (SampleKind::Delete, Some(number)) = (sample.kind(), number) {
+                queue.session_gone(number);
             }
         })
         .await?;
     Ok([cancel, gone])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn clients_in_other_languages_find_the_same_number() {
+        // int.from_bytes(hashlib.sha256(0xa1b2.to_bytes(16, "little")).digest()[:8], "big")
+        let session: ZenohId = "a1b2".parse().expect("an identity");
+        assert_eq!(number_of(session), 0xd182_fe8c_2e62_df9c);
+    }
 }

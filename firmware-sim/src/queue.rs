@@ -1,6 +1,7 @@
 //! Requests that wait for a robot: bounded, each with a deadline, each answered once by whoever owns it.
 
 use crate::frames::{read_request, send_refusal};
+use crate::presence::number_of;
 use crate::view::View;
 use reagent_core::dims::MAX_POINTS;
 use reagent_core::wire::{self, Cancel, Reason, Refusal, refuse_beginning};
@@ -14,8 +15,8 @@ use zenoh::session::ZenohId;
 
 /// Requests in hand, the one at work included; one more is refused as busy.
 pub const PLACES: usize = 5;
-/// Of these, how many one session may hold, or all requests together that do not say which session made them: they
-/// do not shut out the others.
+/// Of these, how many one session may hold, with all requests that do not say which session made them: they do not shut
+/// out the others.
 const SHARE: usize = PLACES - 1;
 /// Requests a second beyond which they are refused unread: several times what a robot can answer.
 const RATE: f64 = 2000.0;
@@ -91,6 +92,20 @@ impl State {
     fn held(&self) -> impl Iterator<Item = Asked> + '_ {
         let running = self.running.iter().map(|(asked, _)| *asked);
         running.chain(self.waiting.iter().map(|job| job.asked))
+    }
+
+    /// Whether there is a place for one more. Requests that do not say which session made them may be anybody's: they count
+    /// with those of every session, and leave each of them a place of its share.
+    fn has_place(&self, session: Option<ZenohId>) -> bool {
+        let held = self.held().count();
+        let share = match session {
+            Some(_) => {
+                let counts = |asked: &Asked| asked.session.is_none() || asked.session == session;
+                self.held().filter(counts).count()
+            }
+            None => held + 1,
+        };
+        !self.closed && held < PLACES && share < SHARE
     }
 }
 
@@ -170,10 +185,7 @@ impl Queue {
             taken_back: Arc::default(),
         };
         let mut state = self.state();
-        let held = state.held().count();
-        let share = state.held().filter(|other| other.session == session);
-        let share = share.count();
-        if state.closed || held >= PLACES || share >= SHARE {
+        if !state.has_place(session) {
             drop(state);
             self.view.send_modify(|view| view.refused += 1);
             return job.refuse(Reason::Busy);
@@ -246,9 +258,9 @@ impl Queue {
         self.take_back_where(|asked| asked == Asked { request, session });
     }
 
-    /// Takes back every request of a client that has gone.
-    pub(crate) fn client_gone(&self, client: u64) {
-        self.take_back_where(|asked| asked.request.client == client);
+    /// Takes back every request of a session that has gone, by its number.
+    pub(crate) fn session_gone(&self, number: u64) {
+        self.take_back_where(|asked| asked.session.map(number_of) == Some(number));
     }
 
     fn take_back_where(&self, gone: impl Fn(Asked) -> bool) {

@@ -142,7 +142,11 @@ async fn one_client_does_not_shut_out_the_others() {
     let more: Vec<_> = (2..=9).map(|id| occupy(&greedy, "r1", id)).collect();
     let view = until(&nodes[0], |view| view.refused == 5).await;
     assert_eq!(view.in_hand, 4);
-    // There is a place left, for somebody else.
+    // There is a place left, for somebody else who says so.
+    let cloud = random_cloud(1, 20);
+    let session = greedy.session();
+    let unsaid = client::refine(session, FLEET, "r1", &request(&cloud, &cloud)).await;
+    assert!(is_refused(&unsaid, Reason::Busy), "{unsaid:?}");
     let modest = occupy(&other, "r1", 1);
     until(&nodes[0], |view| view.in_hand == 5).await;
     for asked in more.into_iter().chain([first, modest]) {
@@ -170,12 +174,17 @@ async fn requests_that_do_not_say_whose_they_are_leave_a_place_for_others() {
             client::refine(&session, FLEET, "r1", &request).await
         }));
     }
-    let view = until(&nodes[0], |view| view.refused == 4).await;
-    assert_eq!(view.in_hand, 4);
-    let modest = occupy(&other, "r1", 1);
+    let view = until(&nodes[0], |view| view.refused == 5).await;
+    assert_eq!(view.in_hand, 3);
+    // Any of them may be one session's, which so gets one more, and leaves a place.
+    let first = occupy(&other, "r1", 1);
+    until(&nodes[0], |view| view.in_hand == 4).await;
+    let second = occupy(&other, "r1", 2).await.expect("it ends");
+    assert!(is_refused(&second, Reason::Busy), "{second:?}");
+    let modest = occupy(&client(&network).await, "r1", 1);
     until(&nodes[0], |view| view.in_hand == 5).await;
-    modest.abort();
-    until(&nodes[0], |view| view.taken_back == 1).await;
+    [first, modest].iter().for_each(JoinHandle::abort);
+    until(&nodes[0], |view| view.taken_back == 2).await;
     asked.iter().for_each(JoinHandle::abort);
 }
 
@@ -209,6 +218,24 @@ async fn nobody_takes_back_the_request_of_another_session() {
         let put = publisher.put(frame.to_vec()).source_info(source).await;
         put.expect("an open session");
     }
+    // What was asked by a session without a token, as by clients of before under a number of their own, belongs to no other's.
+    let unsaid = network.join().await;
+    let source = unsaid.declare_publisher(key.as_str().to_owned()).await;
+    let source = SourceInfo::new(source.expect("an open session").id(), 0);
+    let cloud = random_cloud(1, 4096);
+    let request = RefineRequest {
+        client: number ^ 1,
+        ..long(&cloud)
+    };
+    let mut bytes = vec![0; wire::REQUEST_OVERHEAD_BYTES + 24 * cloud.len()];
+    let bytes = wire::encode(&Message::RefineRequest(request), &mut bytes).expect("it fits");
+    let refine = keys::refine(FLEET, "r1").expect("good names");
+    let query = unsaid.get(refine.as_str()).payload(bytes.to_vec());
+    let _answer = query.source_info(source).await.expect("an open session");
+    until(&nodes[0], |view| view.in_hand == 2).await;
+    let guessed = keys::client_alive(FLEET, number ^ 1).expect("a good name");
+    let posing = stranger.liveliness().declare_token(guessed.as_str()).await;
+    drop(posing.expect("an open session"));
     // Its own token, and others that spell the number in another way.
     let alive = token.key_expr().as_str();
     let digits = format!("{number:016x}");
@@ -223,7 +250,6 @@ async fn nobody_takes_back_the_request_of_another_session() {
         drop(posing.expect("an open session"));
     }
     // What came before this is known to the robot.
-    let refine = keys::refine(FLEET, "r1").expect("good names");
     let time = std::time::Duration::from_secs(60);
     let answer = client::ask(&stranger, &refine, "r1", vec![0], time).await;
     assert!(
@@ -231,9 +257,32 @@ async fn nobody_takes_back_the_request_of_another_session() {
         "{answer:?}"
     );
     let view = nodes[0].watch().borrow().clone();
-    assert_eq!((view.in_hand, view.taken_back), (1, 0));
+    assert_eq!((view.in_hand, view.taken_back), (2, 0));
     asked.abort();
     until(&nodes[0], |view| view.taken_back == 1).await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn requests_carry_the_number_of_their_sessions_token() {
+    // A robot of before knows them by that alone.
+    let network = Network::start().await;
+    let robot = network.join().await;
+    let key = keys::refine(FLEET, "before").expect("good names");
+    let queries = robot.declare_queryable(key.as_str()).await;
+    let queries = queries.expect("an open session");
+    let tokens = keys::all_clients_alive(FLEET).expect("a good name");
+    let tokens = robot.liveliness().declare_subscriber(tokens.as_str());
+    let tokens = tokens.history(true).await.expect("an open session");
+    let asked = occupy(&client(&network).await, "before", 1);
+    let token = tokens.recv_async().await.expect("an open session");
+    let query = queries.recv_async().await.expect("an open session");
+    let payload = query.payload().expect("a request").to_bytes();
+    let Ok(Message::RefineRequest(request)) = wire::decode(&payload) else {
+        panic!("{payload:?}");
+    };
+    let number = keys::client_of(token.key_expr().as_str());
+    assert_eq!(number, Some(request.client));
+    asked.abort();
 }
 
 #[tokio::test(flavor = "multi_thread")]

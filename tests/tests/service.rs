@@ -197,9 +197,9 @@ async fn a_full_queue_is_refused_and_every_request_answered() {
             Err(other) => panic!("neither pose nor busy: {other}"),
         }
     }
-    // One place is for others.
+    // Two places are for those who say whose their requests are.
     assert!(
-        poses >= PLACES - 1 && busy > 0,
+        poses >= PLACES - 2 && busy > 0,
         "{poses} poses, {busy} busy"
     );
     assert_eq!(poses + busy, requests);

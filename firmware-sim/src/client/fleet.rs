@@ -3,8 +3,8 @@
 use super::robots::{Heard, Robots};
 use super::{RefineError, STATUS_TIME, read_status, refine_from};
 use crate::frames::small_frame;
+use crate::presence::number_of;
 use reagent_core::wire::{Cancel, Message, Reason, RefineReply, RefineRequest, keys};
-use std::hash::{BuildHasher, Hasher, RandomState};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tokio::runtime::Handle;
@@ -21,6 +21,7 @@ use zenoh::{Session, Wait};
 pub struct Client {
     session: Session,
     fleet: String,
+    /// Under which robots see whether its session is there.
     number: u64,
     /// Asks robots how they are. Robots know the session's requests by its identity.
     statuses: Querier<'static>,
@@ -30,13 +31,12 @@ pub struct Client {
 }
 
 impl Client {
-    /// A client of a fleet, on an open session.
+    /// A client of a fleet, on an open session of its own: robots know its requests by that.
     ///
     /// # Errors
     /// `Request` for a bad fleet name, `Zenoh`.
     pub async fn new(session: Session, fleet: &str) -> Result<Client, RefineError> {
-        // Whoever learns the number learns nothing else of the session.
-        let number = RandomState::new().build_hasher().finish().max(1);
+        let number = number_of(session.zid());
         let named = |key: Result<keys::Key, _>| key.map_err(RefineError::Request);
         let key = named(keys::client_alive(fleet, number))?;
         let alive = session.liveliness().declare_token(key.as_str()).await?;

@@ -7,8 +7,9 @@ mod traces;
 pub use answer::{Answer, ask};
 pub(crate) use table::{Row, errors};
 
-use crate::client::Client;
-use crate::session::{SessionArgs, open};
+use crate::client::{Client, RefineError};
+use crate::session::{SessionArgs, has_certificate, open};
+use anyhow::bail;
 use host_train::cli::{Initial, Input, SourceArgs, check_outputs, write_json};
 use host_train::dataset::Point;
 use host_train::dataset::pairs::PairSet;
@@ -237,7 +238,15 @@ impl Asking {
             background: view(2),
             ..RefineRequest::new(id, view(0), view(1))
         };
-        let answer = ask(&self.client, &self.args.robot, &request).await?;
+        let answer = ask(&self.client, &self.args.robot, &request).await;
+        let answer = match answer {
+            Err(error @ RefineError::NoRobot { .. }) if has_certificate(&self.args.session)? => {
+                bail!(
+                    "{error} The router may not let this certificate ask robots: a client has its own"
+                )
+            }
+            answer => answer?,
+        };
         if let Some(traces) = &mut self.traces {
             traces.take(&answer.robot, id).await?;
         }

@@ -21,11 +21,12 @@ impl Store {
     pub(crate) async fn open(directory: Option<&Path>) -> Result<Store, UpdateError> {
         let path = directory.map(|directory| directory.join(FILE));
         let path = path.unwrap_or_default().display().to_string();
+        let found = std::fs::metadata(&path).ok();
         let flash = match directory {
             None => RobotFlash::in_memory(),
             Some(directory) => {
                 // A robot's file has its full length from the start: what this one held is lost.
-                if std::fs::metadata(&path).is_ok_and(|found| found.len() == 0) {
+                if found.as_ref().is_some_and(|found| found.len() == 0) {
                     let reason = SlotError::Lost;
                     return Err(UpdateError::Lost { path, reason });
                 }
@@ -42,6 +43,17 @@ impl Store {
         };
         if slots.needs_repair() {
             tracing::warn!("{path}: a copy of the record was lost and is made anew from the other");
+        }
+        if slots.is_new() && directory.is_some() {
+            match found {
+                Some(_) => tracing::warn!(
+                    "{path} holds nothing: it was wiped, unless this robot never had a policy; it takes every version \
+                     that a trusted key has signed"
+                ),
+                None => tracing::info!(
+                    "{path} is new: the robot takes every version that a trusted key has signed"
+                ),
+            }
         }
         Ok(Store { slots, path })
     }

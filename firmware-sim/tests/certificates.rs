@@ -73,14 +73,31 @@ fn a_certificate_that_has_expired_or_will_soon_is_told() {
         let said = String::from_utf8_lossy(&output.stderr).into_owned();
         (output, said)
     };
+    // With another's certificate, and with one that another authority has signed.
+    let clouds = ["1 2 3", "2 3 5", "5 3 1", "4 4 9"].join("\n");
+    std::fs::write(config("cloud.xyz"), clouds).expect("writable");
+    let refine = |name: &str| {
+        let mut refine = program();
+        refine.args(["refine", "--fleet", "lab", "--robot", "any", "--zenoh"]);
+        refine.arg(config(name));
+        let output = refine.args([config("cloud.xyz"), config("cloud.xyz")]);
+        let output = output.output().expect("the program runs");
+        assert_eq!(output.status.code(), Some(1), "{output:?}");
+        String::from_utf8_lossy(&output.stderr).into_owned()
+    };
+    let said = refine("arm1.json5");
+    assert!(said.contains("not let this certificate ask"), "{said}");
+    let text = std::fs::read_to_string(config("client.json5")).expect("readable");
+    let foreign = text.replace("/ca.pem", "/client.pem");
+    std::fs::write(config("foreign.json5"), foreign).expect("writable");
+    let said = refine("foreign.json5");
+    assert!(said.contains("of one authority"), "{said}");
     let (output, said) = watch(&[]);
-    assert!(
-        output.status.success() && !said.contains("expire"),
-        "{said}"
-    );
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    assert!(said.contains("not let this certificate see"), "{said}");
+    assert!(!said.contains("expire"), "{said}");
     assert!(renew(folder.path(), &["-days", "1"]));
-    let (output, said) = watch(&[]);
-    assert!(output.status.success(), "{said}");
+    let (_, said) = watch(&[]);
     assert!(said.contains("client.pem expires in"), "{said}");
 
     if !renew(folder.path(), &["-days", "-1"]) {

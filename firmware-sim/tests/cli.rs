@@ -3,6 +3,8 @@
 
 use ed25519_dalek::SigningKey;
 use firmware_sim::client::Client;
+use firmware_sim::node::{Node, NodeConfig};
+use firmware_sim::policy::Trust;
 use firmware_sim::session::unused_endpoint;
 use host_train::dataset::pairs::PairSet;
 use host_train::learn::nn::{Parameters, Shape};
@@ -33,6 +35,16 @@ fn failure(arguments: &[&str]) -> String {
 
 fn text(path: &Path) -> &str {
     path.to_str().expect("a plain path")
+}
+
+/// Of a robot r1 of fleet f.
+fn config(state: Option<&Path>) -> NodeConfig {
+    NodeConfig {
+        fleet: "f".into(),
+        robot: "r1".into(),
+        trust: Trust::AnyKey,
+        state: state.map(Path::to_owned),
+    }
 }
 
 fn write_pairs(path: &Path) {
@@ -300,27 +312,43 @@ async fn a_node_logs_its_router_going_and_coming_and_every_request() {
     drop(node);
 }
 
+#[tokio::test(flavor = "multi_thread")]
+async fn a_script_learns_that_no_robot_is_there() {
+    let (router, endpoint) = network().await;
+    let watch = async |more: &'static [&'static str]| {
+        let endpoint = endpoint.clone();
+        let watch = move || {
+            let once = ["fleet", "watch", "--fleet", "f", "--once", "--connect"];
+            firmware_sim(&[&once, &[endpoint.as_str()][..], more].concat())
+        };
+        let output = tokio::task::spawn_blocking(watch).await;
+        output.expect("it does not panic")
+    };
+    for more in [&[][..], &["--json"], &["--check"]] {
+        let output = watch(more).await;
+        assert_eq!(output.status.code(), Some(1), "{output:?}");
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(said, "error: no robot is there\n");
+        assert!(!output.stdout.is_empty());
+    }
+    let node = Node::start(router, config(None)).await;
+    let node = node.expect("good names");
+    assert!(watch(&[]).await.status.success());
+    node.stop().await;
+}
+
 #[cfg(unix)]
 #[tokio::test(flavor = "multi_thread")]
 async fn a_state_directory_that_may_only_be_read_starts_on_the_policy_in_it() {
     use firmware_sim::flash::FILE;
-    use firmware_sim::node::{Node, NodeConfig};
-    use firmware_sim::policy::Trust;
     use std::fs::{Permissions, set_permissions};
     use std::os::unix::fs::{MetadataExt, PermissionsExt};
     use std::os::unix::process::CommandExt;
 
     let (router, endpoint) = network().await;
     let folder = tempfile::tempdir().expect("a temporary directory");
-    let config = NodeConfig {
-        fleet: "f".into(),
-        robot: "r1".into(),
-        trust: Trust::AnyKey,
-        state: Some(folder.path().into()),
-    };
-    let node = Node::start(router.clone(), config)
-        .await
-        .expect("good names");
+    let node = Node::start(router.clone(), config(Some(folder.path()))).await;
+    let node = node.expect("good names");
     let mut publisher = Publisher::new(router.clone(), "f", SigningKey::from_bytes(&[1; 32]));
     let publisher = publisher.as_mut().expect("a good name");
     let policy = WeightFile::from_parameters(&Parameters::random(Shape::COMPACT, 1));

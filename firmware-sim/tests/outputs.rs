@@ -8,12 +8,12 @@ use firmware_sim::view::View;
 use host_train::learn::nn::{Parameters, Shape};
 use host_train::policy::WeightFile;
 use host_train::publish::Publisher;
-use reagent_core::wire::WhyNot;
+use reagent_core::wire::{WhyNot, keys};
 use reagent_tests::network::network;
 use std::fs::{self, Permissions};
 use std::os::unix::fs::{FileTypeExt, PermissionsExt, symlink};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
 use std::time::Duration;
 use zenoh::Session;
 
@@ -78,7 +78,7 @@ impl Fleet {
     /// Asks the robot, with these options besides.
     async fn refine(&self, options: &[&Path]) -> Output {
         let mut program = Command::new(env!("CARGO_BIN_EXE_firmware-sim"));
-        program.args(["refine", "--fleet", "f", "--robot", "r1", "--mode", "fast"]);
+        program.args(["refine", "--fleet", "f", "--robot", "r1"]);
         program.args(["--deadline", "60", "--connect", &self.endpoint]);
         program.args(&self.clouds).args(options);
         let asked = tokio::task::spawn_blocking(move || program.output());
@@ -105,6 +105,8 @@ async fn links_are_followed_modes_kept_and_devices_written_through() {
     let options = [
         Path::new("--json"),
         &json,
+        Path::new("--mode"),
+        Path::new("fast"),
         Path::new("--trace"),
         trace.as_path(),
     ];
@@ -115,6 +117,17 @@ async fn links_are_followed_modes_kept_and_devices_written_through() {
     let text = fs::read_to_string(&json).expect("readable");
     let answer: serde_json::Value = serde_json::from_str(&text).expect("JSON");
     assert_eq!(answer["robot"], "r1");
+    // What is open is told where it was looked for.
+    for (mode, is_looked_for) in [("polish", false), ("refine", false), ("verify", true)] {
+        let options = [Path::new("--mode"), Path::new(mode), options[0], &json];
+        let output = fleet.refine(&options).await;
+        assert!(output.status.success(), "{output:?}");
+        let text = fs::read_to_string(&json).expect("readable");
+        let answer: serde_json::Value = serde_json::from_str(&text).expect("JSON");
+        let fit = &answer["fit"];
+        assert!(fit["overlap"].is_number(), "{mode}");
+        assert_eq!(fit["undetermined"].is_object(), is_looked_for, "{mode}");
+    }
     assert!(fs::read(&trace).expect("readable").len() > 2 * 900 * 12);
 
     let null = Path::new("/dev/null");
@@ -138,6 +151,38 @@ async fn links_are_followed_modes_kept_and_devices_written_through() {
     }
     assert_eq!(fleet.node.watch().borrow().served, before);
     fleet.router.close().await.expect("it was open");
+}
+
+/// What a robot says of its state until it is there.
+async fn said_of(router: &Session, endpoint: &str, state: &Path) -> String {
+    let alive = keys::alive("f", "r2").expect("good names");
+    let tokens = router.liveliness().declare_subscriber(alive.as_str());
+    let tokens = tokens.await.expect("an open session");
+    let mut program = Command::new(env!("CARGO_BIN_EXE_firmware-sim"));
+    program.args(["node", "--fleet", "f", "--robot", "r2", "--trust-any"]);
+    program.args(["--connect", endpoint, "--state"]).arg(state);
+    program.env_remove("RUST_LOG").stderr(Stdio::piped());
+    let mut node = program.spawn().expect("the program runs");
+    tokens.recv_async().await.expect("it comes up");
+    node.kill().expect("it runs");
+    let output = node.wait_with_output().expect("it was started");
+    // It is gone before the next one comes.
+    tokens.recv_async().await.expect("an open session");
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_robot_that_knows_of_no_version_says_so() {
+    let _alone = ALONE.lock().await;
+    let (router, endpoint) = network().await;
+    let state = tempfile::tempdir().expect("a temporary directory");
+    let new = said_of(&router, &endpoint, state.path()).await;
+    assert!(new.contains("is new"), "{new}");
+    let wiped = said_of(&router, &endpoint, state.path()).await;
+    assert!(
+        wiped.contains("WARN") && wiped.contains("was wiped"),
+        "{wiped}"
+    );
 }
 
 /// A file system in memory, mounted on a folder.

@@ -142,7 +142,7 @@ fn temporary(target: &Path, before: Option<&fs::Metadata>) -> io::Result<tempfil
 }
 
 #[cfg(all(test, unix))]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use std::os::unix::fs::{PermissionsExt, symlink};
 
@@ -259,19 +259,27 @@ mod tests {
         assert_eq!(names(folder.path()), [""; 0]);
     }
 
-    /// Needs the right to mount; else it says so.
+    /// Mounts a small file system on a folder; returns what takes it away. Needs the right to mount; else it says so.
+    pub(crate) fn small_disk(folder: &Path) -> Option<impl FnOnce() + use<>> {
+        let mount = |arguments: &[&str], folder: &Path| {
+            let mut command = std::process::Command::new(arguments[0]);
+            command.args(&arguments[1..]).arg(folder);
+            command.output().is_ok_and(|output| output.status.success())
+        };
+        if !mount(&["mount", "-t", "tmpfs", "-o", "size=64k", "none"], folder) {
+            println!("skipped: no file system may be mounted here");
+            return None;
+        }
+        let folder = folder.to_owned();
+        Some(move || assert!(mount(&["umount"], &folder), "the file system stays mounted"))
+    }
+
     #[test]
     fn on_a_full_disk_nothing_is_lost() {
         let folder = tempfile::tempdir().expect("a temporary folder");
-        let mount = |arguments: &[&str]| {
-            let mut command = std::process::Command::new(arguments[0]);
-            command.args(&arguments[1..]).arg(folder.path());
-            command.output().is_ok_and(|output| output.status.success())
-        };
-        if !mount(&["mount", "-t", "tmpfs", "-o", "size=64k", "none"]) {
-            println!("skipped: no file system may be mounted here");
+        let Some(unmount) = small_disk(folder.path()) else {
             return;
-        }
+        };
         let at = |name: &str| folder.path().join(name);
         let outcome = std::panic::catch_unwind(|| {
             write(&at("old"), b"old content").expect("written");
@@ -283,7 +291,7 @@ mod tests {
             assert!(write_secret(&at("key"), &[7; 200_000]).is_err());
             assert_eq!(names(folder.path()), ["old"]);
         });
-        assert!(mount(&["umount"]), "the file system stays mounted");
+        unmount();
         outcome.expect("nothing is lost");
     }
 }

@@ -9,6 +9,7 @@ mod robots;
 mod stages;
 mod statistics;
 mod stored;
+mod version;
 mod witness;
 
 pub use crate::policy::manifest::{chunk_table, manifest};
@@ -32,6 +33,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 use thiserror::Error;
+use version::greatest_after;
 use zenoh::query::{Query, Queryable};
 use zenoh::{Session, Wait};
 
@@ -184,6 +186,8 @@ pub struct Publisher {
     /// The epoch of the policies published from here on: one more is the way back from a version that should never
     /// have been.
     pub epoch: u32,
+    /// A session with the same rights, from which it is checked that what is announced is heard.
+    pub listener: Option<Session>,
 }
 
 impl Publisher {
@@ -203,6 +207,7 @@ impl Publisher {
             refused_before: BTreeMap::new(),
             provenance: Provenance::default(),
             epoch: 0,
+            listener: None,
         })
     }
 
@@ -210,7 +215,7 @@ impl Publisher {
     ///
     /// # Errors
     /// `Name` for a name longer than 32 bytes, `Version` for a version that does not grow or that somebody else
-    /// has announced with other content, `Epoch`, `FarAhead`, `Zenoh`.
+    /// has announced with other content, `Epoch`, `FarAhead`, `Unheard` where there is a listener, `Zenoh`.
     pub async fn publish(
         &mut self,
         version: u64,
@@ -255,14 +260,15 @@ impl Publisher {
                 });
             self.announcing = Some(served.await?);
         }
-        Ok(self.session.put(key.as_str(), signed).await?)
+        self.session.put(key.as_str(), signed).await?;
+        match &self.listener {
+            Some(from) => self.check_heard(from).await,
+            None => Ok(()),
+        }
     }
 
     /// Asks for the newest manifest from another session, as robots do.
-    ///
-    /// # Errors
-    /// `Unheard` where nobody answers with the one published from here; `Zenoh`.
-    pub async fn check_heard(&self, from: &Session) -> Result<(), PublishError> {
+    async fn check_heard(&self, from: &Session) -> Result<(), PublishError> {
         let own = self.newest.lock().expect("no holder panics").clone();
         let own = own.map(|(manifest, _)| manifest.id());
         let key = keys::manifest(&self.fleet).map_err(refused(&self.fleet))?;
@@ -292,61 +298,6 @@ impl Publisher {
         };
         self.check_version(&manifest).await?;
         Ok(manifest)
-    }
-
-    /// Refuses a version that does not grow, since robots would not take it, or some would and some would not, and
-    /// one that leaves none for those after it.
-    async fn check_version(&mut self, manifest: &Manifest) -> Result<(), PublishError> {
-        let given = manifest.release();
-        let key = keys::manifest(&self.fleet).map_err(refused(&self.fleet))?;
-        let own = self.newest.lock().expect("no holder panics").clone();
-        let own = own.map_or_else(Release::default, |(own, _)| own.release());
-        let announced = stored::announced(&self.session, &key).await?;
-        let mut known = vec![(own, None, "was published from here".to_owned())];
-        known.extend(announced.iter().map(|other| {
-            let by = "is announced".to_owned();
-            (other.release(), Some(other.sha256), by)
-        }));
-        self.refused_before.clear();
-        for Heard { robot, status } in self.robots().await? {
-            let refused = status.not_taken.map(|not| (robot.clone(), not));
-            self.refused_before.extend(refused);
-            let policy = status.policy.map(|policy| {
-                let by = format!("robot {robot} runs");
-                (policy.release(), Some(policy.sha256), by)
-            });
-            known.extend(policy);
-        }
-        // The same policy may be served from several places.
-        let newest = known.into_iter().max().expect("its own is there");
-        let (last, sha256, by) = newest;
-        if last > given || last == given && sha256 != Some(manifest.sha256) {
-            let announced = last;
-            return Err(match given.epoch < last.epoch {
-                true => PublishError::Epoch {
-                    given,
-                    announced,
-                    by,
-                },
-                false => PublishError::Version {
-                    given,
-                    announced,
-                    by,
-                },
-            });
-        }
-        match given.is_far_ahead_of(last) {
-            true => Err(PublishError::FarAhead { given, last }),
-            false => Ok(()),
-        }
-    }
-}
-
-/// The greatest version that is not too far ahead.
-fn greatest_after(last: &Release) -> u64 {
-    match last.version {
-        0 => Release::MAX_VERSION,
-        version => Release::MAX_VERSION.min(version.saturating_add(Release::MAX_VERSION_STEP)),
     }
 }
 

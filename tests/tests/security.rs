@@ -5,7 +5,7 @@ mod support;
 use firmware_sim::client::{self, Client, RefineError};
 use firmware_sim::node::NodeError;
 use firmware_sim::session::{SessionArgs, open};
-use host_train::publish::{PublishError, Publisher, manifest, sign};
+use host_train::publish::{Gate, PublishError, Publisher, manifest, sign};
 use reagent_core::wire::{self, RefineRequest, keys};
 use std::time::Duration;
 use support::secured::{LAB, Secured, make_ca};
@@ -25,8 +25,9 @@ async fn everybody_does_their_part_and_nothing_else() {
     let arm1 = secured.robot("arm1").await;
     let mut publisher = Publisher::new(secured.join("trainer").await, LAB, key(1));
     let publisher = publisher.as_mut().expect("a good name");
+    publisher.listener = Some(secured.join("trainer").await);
     let published = publisher.publish(1, "first", random_policy(1)).await;
-    let published = published.expect("a good policy");
+    let published = published.expect("a good policy, which others hear of");
     until(&arm1, |view| view.policy.is_some()).await;
 
     // A client asks by name and by load, takes back what it no longer wants, and reads traces.
@@ -111,13 +112,23 @@ async fn everybody_does_their_part_and_nothing_else() {
     assert_eq!((told.taken.len(), told.silent.len()), (0, 1), "{told}");
     drop(impostor);
     // A robot's certificate sees no other robots: that nobody hears it is told all the same.
-    let heard = publisher.check_heard(&secured.join("trainer").await).await;
-    heard.expect("others hear it");
     let robot = secured.join("arm2").await;
     let mut impostor = Publisher::new(robot, LAB, key(1)).expect("a good name");
-    let shipped = impostor.publish(3, "third", random_policy(2)).await;
-    shipped.expect("a good policy");
-    let unheard = impostor.check_heard(&secured.join("arm2").await).await;
+    impostor.listener = Some(secured.join("arm2").await);
+    let unheard = impostor.publish(3, "third", random_policy(2)).await;
+    assert!(
+        matches!(unheard, Err(PublishError::Unheard { .. })),
+        "{unheard:?}"
+    );
+    // In stages, too, before any robot is waited for.
+    let file = random_policy(2);
+    let fourth = impostor.prepare(4, "fourth", &file).await;
+    let fourth = fourth.expect("a good policy");
+    let (poses, wait) = (1, SILENCE);
+    let stages = "1,100%".parse().expect("stages");
+    let gate = Gate { poses, wait };
+    let stages = impostor.roll_out(&fourth, &file, &stages, gate, |line| panic!("{line}"));
+    let unheard = stages.await;
     assert!(
         matches!(unheard, Err(PublishError::Unheard { .. })),
         "{unheard:?}"

@@ -178,6 +178,9 @@ async fn a_stage_has_its_robots_before_it_is_judged() {
         .await;
     assert_eq!(outcome.expect("an open session"), Ok(()));
     told.retain(|line| line.starts_with("stage"));
-    let taken = |robots: usize| format!("stage of {robots} robots: taken");
-    assert_eq!(told, [1, 2, 3].map(taken));
+    let taken = ["1 robot", "2 robots", "3 robots"];
+    assert_eq!(
+        told,
+        taken.map(|robots| format!("stage of {robots}: taken"))
+    );
 }

@@ -68,6 +68,14 @@ async fn a_greater_epoch_is_the_way_back() {
     let back = back.expect("a new epoch");
     until(&node, |view| view.policy.as_ref() == Some(&back)).await;
 
+    // The time is too far ahead of a version counted by hand: the next one without a version goes on from there.
+    let next = publisher.default_version(NOW).await;
+    let next = next.expect("an open session");
+    assert_eq!(next, 8);
+    let counted = publisher.publish(next, "counted", file.clone()).await;
+    let counted = counted.expect("a newer version");
+    until(&node, |view| view.policy.as_ref() == Some(&counted)).await;
+
     // The old epoch is over, whatever the version, and the way on is said.
     publisher.epoch = 0;
     let old = publisher.publish(NOW * 2 + 1, "old", file.clone()).await;
@@ -87,13 +95,42 @@ async fn a_greater_epoch_is_the_way_back() {
     let view = until(&node, |view| view.updates_refused == 1).await;
     let epoch_1 = Release {
         epoch: 1,
-        version: 7,
+        version: 8,
     };
     let told = view.not_taken.expect("it is told").reason;
     assert_eq!(told, WhyNot::NotNewer(epoch_1));
     publisher.epoch = 5000;
     let far = publisher.publish(1, "far", file).await;
     assert!(matches!(far, Err(PublishError::FarAhead { .. })), "{far:?}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn without_a_version_the_time_counts_unless_versions_were_counted_by_hand() {
+    let network = Network::start().await;
+    let mut publisher = publisher(&network).await;
+    for (epoch, last, time, expected) in [
+        (0, None, NOW, NOW),
+        (0, Some(3), NOW, 4),
+        (1, None, NOW, NOW),
+        (1, Some(NOW), NOW + 9, NOW + 9),
+        // A clock that went back, or another's that is ahead: somebody should look.
+        (1, Some(NOW + 10), NOW, NOW),
+        (2, Some(1), NOW, 2),
+        // An epoch that is over.
+        (1, None, NOW, NOW),
+    ] {
+        publisher.epoch = epoch;
+        if let Some(version) = last {
+            let published = publisher.publish(version, "last", int8_policy()).await;
+            published.expect("a newer version");
+        }
+        let version = publisher.default_version(time).await;
+        assert_eq!(
+            version.expect("an open session"),
+            expected,
+            "{epoch}, {last:?}"
+        );
+    }
 }
 
 #[tokio::test(flavor = "multi_thread")]

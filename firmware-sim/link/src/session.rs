@@ -116,7 +116,7 @@ pub async fn open(args: &SessionArgs) -> Result<Session, SessionError> {
     };
     let hint = match (notice_of_expiry, without_address(args).await) {
         (Some(notice), _) | (None, Some(notice)) => notice,
-        (None, None) => hint(args, &reason).into(),
+        (None, None) => hint(args, !certificates.is_empty(), &reason).into(),
     };
     Err(SessionError::Open {
         endpoints: endpoints(args),
@@ -138,12 +138,17 @@ async fn without_address(args: &SessionArgs) -> Option<String> {
 }
 
 /// What the cause may be.
-fn hint(args: &SessionArgs, reason: &zenoh::Error) -> &'static str {
+fn hint(args: &SessionArgs, proves_itself: bool, reason: &zenoh::Error) -> &'static str {
     let mut endpoints = args.connect.iter().chain(&args.listen);
     if args.zenoh.is_none() && endpoints.any(|endpoint| endpoint.starts_with("quic/")) {
         "quic needs certificates: name them in a configuration, --zenoh"
     } else if reason.to_string().contains("Unable to connect") {
-        "is the router running there?"
+        match proves_itself {
+            true => {
+                "is the router running there, and are its certificate and this one of one authority?"
+            }
+            false => "is the router running there?",
+        }
     } else {
         "is it an address of this machine, and is its port free?"
     }

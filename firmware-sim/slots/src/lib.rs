@@ -141,6 +141,11 @@ impl<F: NorFlash> Slots<F> {
         self.stale.contains(&true) && self.record != Record::default()
     }
 
+    /// Whether no copy of the record is there: the flash is new, or was wiped.
+    pub fn is_new(&self) -> bool {
+        self.stale == [true; 2] && self.record == Record::default()
+    }
+
     fn map(&mut self, copy: usize) -> Result<Map<'_, F>, SlotError<F::Error>> {
         let range = self.layout.records.get(copy).cloned().unwrap_or_default();
         let config = MapConfig::try_new(range).map_err(|_| LayoutError::Record)?;

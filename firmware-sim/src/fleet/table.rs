@@ -5,6 +5,7 @@
 )]
 
 use crate::client::{Client, Heard};
+use host_train::words::count;
 use reagent_core::verdict::Verdict;
 use reagent_core::wire::{NotTaken, Status};
 use std::collections::BTreeMap;
@@ -134,7 +135,7 @@ fn text(robots: &[Heard], rows: usize) -> String {
     }
     line(format_args!(
         "{}",
-        row(&format!("{} robots", here().count()), &all)
+        row(&count(here().count(), "robot", "robots"), &all)
     ));
     let versions = versions.iter().map(|(version, robots)| match version {
         Some(version) => format!("version {version}: {robots}"),
@@ -237,7 +238,7 @@ mod tests {
         assert!(lines[1].starts_with("b "), "{text}");
         let words: Vec<_> = lines[2].split_whitespace().collect();
         assert_eq!(words, ["a", "offline", "since", "01:02:03", "UTC"]);
-        assert!(lines[3].starts_with("1 robots"), "{text}");
+        assert!(lines[3].starts_with("1 robot "), "{text}");
     }
 
     #[test]

@@ -6,8 +6,8 @@
 
 use super::table::Table;
 use crate::client::{Client, Heard};
-use crate::session::{SessionArgs, certificates, open};
-use anyhow::bail;
+use crate::session::{SessionArgs, certificates, has_certificate, open};
+use anyhow::{bail, ensure};
 use reagent_core::verdict::Verdict;
 use reagent_core::wire::{PolicyId, Status, WhyNot};
 use reagent_link::metrics::{Figures, MetricsArgs, Robot};
@@ -27,7 +27,7 @@ pub struct WatchArgs {
     /// Fleet to watch (a-z A-Z 0-9 _ -)
     #[arg(long, value_name = "NAME", value_parser = name)]
     pub fleet: String,
-    /// Print one table and end
+    /// Print one table and end: with status 1 where no robot is there
     #[arg(long)]
     pub once: bool,
     /// Print the fleet as a line of JSON whenever something has changed, instead of a table
@@ -49,7 +49,7 @@ impl WatchArgs {
     /// Runs the command.
     ///
     /// # Errors
-    /// No session; with `--check`, what is wrong with the fleet.
+    /// No session; with `--once` that no robot is there, and with `--check` what else is wrong with the fleet.
     pub async fn run(self) -> anyhow::Result<()> {
         let client = Client::new(open(&self.session).await?, &self.fleet).await?;
         client.follow_robots().await?;
@@ -62,6 +62,14 @@ impl WatchArgs {
         };
         let _metrics = self.metrics.serve(figures).await?;
         let mut changes = client.changes();
+        // A router with access control drops what a certificate may not hear, and tells nobody.
+        let nobody = match has_certificate(&self.session)? {
+            true => "no robot is there, or the router does not let this certificate see robots",
+            false => "no robot is there",
+        };
+        if client.heard().is_empty() && !self.once {
+            tracing::warn!("{nobody}");
+        }
         let mut table = Table::new();
         let pause = if table.is_live() || self.json {
             FRAME
@@ -75,6 +83,7 @@ impl WatchArgs {
                 false => table.draw(&client),
             }
             if self.once {
+                ensure!(!client.heard().is_empty(), "{nobody}");
                 return if self.check {
                     check(&client.heard())
                 } else {

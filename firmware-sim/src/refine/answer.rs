@@ -4,7 +4,7 @@ use crate::client::{Client, RefineError};
 use crate::node::ANY;
 use host_train::pose64::{Pose64, Position};
 use reagent_core::Pose;
-use reagent_core::wire::{RefineReply, RefineRequest};
+use reagent_core::wire::{Mode, RefineReply, RefineRequest};
 use serde_json::json;
 use std::time::Instant;
 
@@ -33,13 +33,15 @@ impl Answer {
                 json!({ "point": far(point), "direction": direction, "half_angle_deg": angle.to_degrees() })
             });
             let slide = fit.slide.map(|(direction, range)| json!({ "direction": direction, "range": range }));
+            let open = json!({ "axis": axis, "slide": slide, "others": fit.others });
             json!({
                 "overlap": fit.overlap,
                 "inlier_rmse": fit.inlier_rmse,
                 "extents_ratio": fit.extents_ratio,
                 "left_out": fit.left_out,
                 "distinct_points": fit.distinct_points,
-                "undetermined": { "axis": axis, "slide": slide, "others": fit.others },
+                // Only where poses are compared.
+                "undetermined": (self.reply.mode == Mode::Verify).then_some(open),
                 "covariance": { "about": far(about), "matrix": matrix },
             })
         });

@@ -34,12 +34,12 @@ pub struct PublishArgs {
     /// Fleet to ship to.
     #[arg(long, value_name = "NAME", value_parser = name)]
     pub fleet: String,
-    /// Version of the policy; robots take only newer ones. Default: the time, in seconds since 1970.
+    /// Version of the policy; robots take only newer ones. Default: the time, in seconds since 1970, or one more than the
+    /// newest so far where the time is too far ahead of it, since it was counted by hand.
     #[arg(long, value_name = "N")]
     pub policy_version: Option<u64>,
     /// Epoch of the version, signed with it: a greater one begins the versions anew, and is the way back from one that
-    /// should never have been. Every policy from then on needs it. Leave --policy-version out here, too, or count on by
-    /// hand: the time is too far ahead of a version such as 1.
+    /// should never have been. Every policy from then on needs it.
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub epoch: u32,
     /// How long robots have to take the policy before those that have not are named, seconds; 0: nobody waits for them, and
@@ -104,10 +104,6 @@ pub struct PublishArgs {
 pub async fn run(args: PublishArgs) -> Result<(), PublishError> {
     let key = read_key(&args.key)?;
     let file = WeightFile::load(&args.weights)?;
-    let version = args.policy_version.unwrap_or_else(|| {
-        let since_1970 = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
-        since_1970.map_or(1, |time| time.as_secs())
-    });
     let provenance = Provenance::read(args.run.as_deref(), args.evaluation.as_deref())?;
     if let (Some(on), Some(old)) = (&args.evaluate, &args.against) {
         compare(on, old, &file, args.anyway)?;
@@ -116,6 +112,18 @@ pub async fn run(args: PublishArgs) -> Result<(), PublishError> {
     let mut publisher = Publisher::new(session, &args.fleet, key)?;
     publisher.provenance = provenance;
     publisher.epoch = args.epoch;
+    // A router with access control drops what a certificate may not say, and tells nobody.
+    if !args.store && has_certificate(&args.session)? {
+        publisher.listener = Some(open_session(&args.session).await?);
+    }
+    let version = match args.policy_version {
+        Some(version) => version,
+        None => {
+            let since_1970 = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
+            let time = since_1970.map_or(1, |time| time.as_secs());
+            publisher.default_version(time).await?
+        }
+    };
     let witness = Witness::start(&publisher, &args).await?;
     let shipped = tokio::select! {
         Err(failed) = witness.follow() => Err(failed),
@@ -151,11 +159,6 @@ async fn ship(
             manifest
         }
     };
-    // A router with access control drops what a certificate may not say, and tells nobody.
-    if !args.store && has_certificate(&args.session)? {
-        let from = open_session(&args.session).await?;
-        publisher.check_heard(&from).await?;
-    }
     if args.stages.is_none() {
         witness.published(&manifest);
     }

@@ -1,18 +1,21 @@
 //! Who ran what when: a file that grows by a line of JSON for every change in the fleet.
 
 use super::Heard;
+use crate::files;
 use reagent_core::wire::{Manifest, PolicyId};
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
 use std::io::{self, BufRead, BufReader, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
 /// The file, and what it said last of everybody.
 #[derive(Debug)]
 pub(super) struct History {
-    file: File,
+    path: PathBuf,
+    /// None where nothing was there: the first line makes it, whole.
+    file: Option<File>,
     /// Whether its last line was cut short.
     cut: bool,
     /// The last line of each event and robot, without its time.
@@ -26,14 +29,21 @@ fn about(line: &Map<String, Value>) -> (String, String) {
 }
 
 impl History {
-    /// Goes on with a file, or begins one. A last line that was cut short stays as it is.
+    /// Goes on with a file, or will begin one. A last line that was cut short stays as it is.
     pub(super) fn open(path: &Path) -> io::Result<History> {
-        let mut options = OpenOptions::new();
-        let file = options.create(true).read(true).append(true).open(path)?;
+        let file = match appended(path) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => {
+                files::place(path)?;
+                None
+            }
+            opened => Some(opened?),
+        };
         let mut last = BTreeMap::new();
         let mut cut = false;
-        if file.metadata()?.is_file() {
-            let mut reader = BufReader::new(&file);
+        if let Some(file) = &file
+            && file.metadata()?.is_file()
+        {
+            let mut reader = BufReader::new(file);
             let mut bytes = Vec::new();
             while reader.read_until(b'\n', &mut bytes)? > 0 {
                 cut = !bytes.ends_with(b"\n");
@@ -44,7 +54,13 @@ impl History {
                 bytes.clear();
             }
         }
-        Ok(History { file, cut, last })
+        let path = path.into();
+        Ok(History {
+            path,
+            file,
+            cut,
+            last,
+        })
     }
 
     /// A policy was announced with this key.
@@ -89,12 +105,28 @@ impl History {
         let time = since_1970.map_or(0, |time| time.as_secs());
         timed.insert("time".into(), time.into());
         let (before, timed) = (if self.cut { "\n" } else { "" }, Value::Object(timed));
-        let written = self.file.write_all(format!("{before}{timed}\n").as_bytes());
-        self.cut = written.is_err();
-        written?;
+        self.append(format!("{before}{timed}\n").as_bytes())?;
         self.last.insert(about(&line), line);
         Ok(())
     }
+
+    fn append(&mut self, line: &[u8]) -> io::Result<()> {
+        if self.file.is_none() && !self.path.exists() {
+            return files::write(&self.path, line);
+        }
+        let file = match &mut self.file {
+            Some(file) => file,
+            None => self.file.insert(appended(&self.path)?),
+        };
+        let written = file.write_all(line);
+        self.cut = written.is_err();
+        written
+    }
+}
+
+/// An open file that is written at its end.
+fn appended(path: &Path) -> io::Result<File> {
+    OpenOptions::new().read(true).append(true).open(path)
 }
 
 #[cfg(test)]
@@ -169,6 +201,33 @@ mod tests {
             let unwritten = full.heard(&heard("a", 1, None)).expect_err("it is full");
             assert_eq!(unwritten.kind(), io::ErrorKind::StorageFull);
         }
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn on_a_full_disk_no_file_is_begun_and_none_is_lost() {
+        let folder = tempfile::tempdir().expect("a temporary directory");
+        let path = folder.path().join("history.jsonl");
+        let Some(unmount) = files::tests::small_disk(folder.path()) else {
+            return;
+        };
+        let outcome = std::panic::catch_unwind(|| {
+            let filling = folder.path().join("filling");
+            let mut history = History::open(&path).expect("a name is free");
+            assert!(!path.exists());
+            std::fs::write(&filling, vec![7; 200_000]).expect_err("it is full");
+            let unwritten = history.heard(&heard("a", 1, None)).expect_err("it is full");
+            assert_eq!(unwritten.kind(), io::ErrorKind::StorageFull);
+            assert!(!path.exists());
+            std::fs::remove_file(&filling).expect("it is there");
+            for version in 1..=2 {
+                history.heard(&heard("a", version, None)).expect("written");
+            }
+            let text = std::fs::read_to_string(&path).expect("readable");
+            assert_eq!(text.lines().count(), 2, "{text}");
+        });
+        unmount();
+        outcome.expect("nothing is lost");
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! What the fleet's robots make of a policy: who takes it, who does not, and why.
 
 use super::{PublishError, Publisher, refused};
+use crate::words::count;
 use reagent_core::wire::{self, Manifest, Message, NotTaken, PolicyId, Status, WhyNot, keys};
 use std::collections::BTreeMap;
 use std::fmt;
@@ -103,7 +104,8 @@ impl fmt::Display for Reception {
         if robots == 0 {
             return write!(f, "no robot is there; it waits for those that come");
         }
-        write!(f, "taken by {} of {robots} robots", taken.len())?;
+        let robots = count(robots, "robot", "robots");
+        write!(f, "taken by {} of {robots}", taken.len())?;
         if !taken.is_empty() {
             write!(f, ": {}", taken.join(", "))?;
         }

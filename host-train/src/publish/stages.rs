@@ -3,6 +3,7 @@
 use super::statistics::fisher;
 use super::{Heard, PublishError, Publisher, Reception};
 use crate::policy::WeightFile;
+use crate::words::count;
 use reagent_core::Verdict;
 use reagent_core::wire::{Manifest, Tally, WhyNot};
 use std::collections::BTreeMap;
@@ -142,7 +143,8 @@ impl Publisher {
             self.announce(&manifest).await?;
             let reception = self.reception(&manifest, gate.wait).await?;
             let (taken, refused) = (reception.taken.len(), reception.failed().count());
-            told(format!("stage of {taken} robots: taken"));
+            let robots = count(taken, "robot", "robots");
+            told(format!("stage of {robots}: taken"));
             if refused > 0 {
                 return Ok(Err(Halt::NotTaken(reception)));
             }

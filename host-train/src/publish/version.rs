@@ -1,0 +1,83 @@
+//! The version of a policy among those that its fleet knows.
+
+use super::{Heard, PublishError, Publisher, refused, stored};
+use reagent_core::wire::{Manifest, Release, keys};
+
+impl Publisher {
+    /// Refuses a version that does not grow, since robots would not take it, or some would and some would not, and
+    /// one that leaves none for those after it.
+    pub(super) async fn check_version(&mut self, manifest: &Manifest) -> Result<(), PublishError> {
+        let given = manifest.release();
+        let (last, sha256, by) = self.last().await?;
+        if last > given || last == given && sha256 != Some(manifest.sha256) {
+            let announced = last;
+            return Err(match given.epoch < last.epoch {
+                true => PublishError::Epoch {
+                    given,
+                    announced,
+                    by,
+                },
+                false => PublishError::Version {
+                    given,
+                    announced,
+                    by,
+                },
+            });
+        }
+        match given.is_far_ahead_of(last) {
+            true => Err(PublishError::FarAhead { given, last }),
+            false => Ok(()),
+        }
+    }
+
+    /// The version to publish under where none is given: the time, in seconds since 1970, or one more than the last where
+    /// those were counted by hand and the time is too far ahead of them.
+    ///
+    /// # Errors
+    /// `Zenoh`.
+    pub async fn default_version(&mut self, time: u64) -> Result<u64, PublishError> {
+        let (last, ..) = self.last().await?;
+        let next = Release {
+            epoch: self.epoch,
+            version: time,
+        };
+        let is_counted = next.epoch == last.epoch && next.is_far_ahead_of(last);
+        Ok(match is_counted {
+            true => last.version.saturating_add(1),
+            false => time,
+        })
+    }
+
+    /// The newest policy so far, the SHA-256 of its file, and who has it; of no version where there is none.
+    async fn last(&mut self) -> Result<(Release, Option<[u8; 32]>, String), PublishError> {
+        let key = keys::manifest(&self.fleet).map_err(refused(&self.fleet))?;
+        let own = self.newest.lock().expect("no holder panics").clone();
+        let own = own.map_or_else(Release::default, |(own, _)| own.release());
+        let announced = stored::announced(&self.session, &key).await?;
+        let mut known = vec![(own, None, "was published from here".to_owned())];
+        known.extend(announced.iter().map(|other| {
+            let by = "is announced".to_owned();
+            (other.release(), Some(other.sha256), by)
+        }));
+        self.refused_before.clear();
+        for Heard { robot, status } in self.robots().await? {
+            let refused = status.not_taken.map(|not| (robot.clone(), not));
+            self.refused_before.extend(refused);
+            let policy = status.policy.map(|policy| {
+                let by = format!("robot {robot} runs");
+                (policy.release(), Some(policy.sha256), by)
+            });
+            known.extend(policy);
+        }
+        // The same policy may be served from several places.
+        Ok(known.into_iter().max().expect("its own is there"))
+    }
+}
+
+/// The greatest version that is not too far ahead.
+pub(super) fn greatest_after(last: &Release) -> u64 {
+    match last.version {
+        0 => Release::MAX_VERSION,
+        version => Release::MAX_VERSION.min(version.saturating_add(Release::MAX_VERSION_STEP)),
+    }
+}

@@ -110,7 +110,8 @@ impl fmt::Display for Error {
         match *self {
             EmptyCloud => write!(f, "the cloud is empty; give at least 3 points"),
             TooFewPoints { points } => {
-                write!(f, "the cloud has {points} point(s); give at least 3")
+                let s = if points == 1 { "" } else { "s" };
+                write!(f, "the cloud has {points} point{s}; give at least 3")
             }
             TooManyPoints { points, capacity } => write!(
                 f,

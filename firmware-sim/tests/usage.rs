@@ -206,7 +206,7 @@ fn files_that_are_none_are_named_once() {
         ("ros --model empty.xyz", "--model: empty.xyz: no points"),
         (
             "ros --model point.obj",
-            "--model: point.obj: the cloud has 1 point(s); give at least 3",
+            "--model: point.obj: the cloud has 1 point; give at least 3",
         ),
         ("ros --model .", "--model: .: is a directory"),
         (

@@ -304,10 +304,13 @@ impl fmt::Display for Reason {
             }
             Reason::Malformed => write!(f, "the payload is not a refine request"),
             Reason::EmptyCloud(cloud) => write!(f, "the {cloud} cloud is empty"),
-            Reason::TooFewPoints(cloud, points) => write!(
-                f,
-                "the {cloud} cloud has {points} point(s), at least {MIN_POINTS} are needed"
-            ),
+            Reason::TooFewPoints(cloud, points) => {
+                let s = if *points == 1 { "" } else { "s" };
+                write!(
+                    f,
+                    "the {cloud} cloud has {points} point{s}, at least {MIN_POINTS} are needed"
+                )
+            }
             Reason::TooManyPoints(cloud, points) => write!(
                 f,
                 "the {cloud} cloud has {points} points, more than it has memory for (nobody takes more than {MAX_POINTS}); subsample it"

@@ -257,6 +257,6 @@ mod tests {
             );
         }
         assert!(said(&[[1.0; 3]; 9]).starts_with("source: all points coincide"));
-        assert!(said(&cloud(2, 0.0)).starts_with("source: the cloud has 2 point(s)"));
+        assert!(said(&cloud(2, 0.0)).starts_with("source: the cloud has 2 points;"));
     }
 }

@@ -12,6 +12,7 @@ __all__ = [
     "Axis",
     "CloudError",
     "Error",
+    "Mesh",
     "Other",
     "Policy",
     "PolicyError",
@@ -36,6 +37,7 @@ _Dense = Literal["auto", "always", "never"]
 _Verdict = Literal[
     "converged", "step limit", "oscillating", "out of range", "poor fit", "sizes differ", "too few points", "mirrored"
 ]
+_Cloud = Union[ArrayLike, "Mesh"]
 _Start = Union[ArrayLike, Literal["identity", "anywhere"], None]
 _Starts = Union[_Start, Sequence[Union[ArrayLike, Literal["identity", "anywhere"]]]]
 
@@ -151,10 +153,14 @@ class Step:
     def target_from_source(self) -> NDArray[float64]: ...
 
 @final
+class Mesh:
+    def __new__(cls, vertices: ArrayLike, faces: ArrayLike) -> Mesh: ...
+
+@final
 class Tracker:
     def __new__(
         cls,
-        target: ArrayLike,
+        target: _Cloud,
         init: _Start = None,
         mode: Literal["polish", "verify", "refine", "best"] = "verify",
         viewpoint: ArrayLike | None = None,
@@ -163,7 +169,7 @@ class Tracker:
         steps: int = 10,
         points: int = 1024,
     ) -> Tracker: ...
-    def follow(self, source: ArrayLike) -> Registration: ...
+    def follow(self, source: _Cloud) -> Registration: ...
     @property
     def policy(self) -> Policy: ...
 
@@ -174,8 +180,8 @@ class Registrar:
     def policy(self) -> Policy | None: ...
     def register(
         self,
-        source: ArrayLike,
-        target: ArrayLike,
+        source: _Cloud,
+        target: _Cloud,
         init: _Starts = None,
         mode: _Mode = "verify",
         viewpoint: ArrayLike | None = None,
@@ -189,7 +195,7 @@ class Registrar:
         self,
         depth: ArrayLike,
         camera: ArrayLike,
-        target: ArrayLike,
+        target: _Cloud,
         init: _Starts = None,
         mode: _Mode = "verify",
         *,
@@ -202,8 +208,8 @@ class Registrar:
     ) -> Registration: ...
     def refine(
         self,
-        source: ArrayLike,
-        target: ArrayLike,
+        source: _Cloud,
+        target: _Cloud,
         init: _Starts = None,
         viewpoint: ArrayLike | None = None,
         *,
@@ -213,8 +219,8 @@ class Registrar:
     ) -> Registration: ...
     def verify(
         self,
-        source: ArrayLike,
-        target: ArrayLike,
+        source: _Cloud,
+        target: _Cloud,
         init: _Starts = None,
         viewpoint: ArrayLike | None = None,
         *,
@@ -224,8 +230,8 @@ class Registrar:
     ) -> Registration: ...
     def register_batch(
         self,
-        sources: Iterable[ArrayLike] | NDArray[Any],
-        targets: Iterable[ArrayLike] | NDArray[Any],
+        sources: Iterable[_Cloud] | _Cloud,
+        targets: Iterable[_Cloud] | _Cloud,
         init: _Start = None,
         mode: _Mode = "verify",
         viewpoint: ArrayLike | None = None,
@@ -238,8 +244,8 @@ class Registrar:
     ) -> list[Any]: ...
 
 def register(
-    source: ArrayLike,
-    target: ArrayLike,
+    source: _Cloud,
+    target: _Cloud,
     init: _Starts = None,
     mode: _Mode = "verify",
     viewpoint: ArrayLike | None = None,
@@ -252,7 +258,7 @@ def register(
 def register_depth(
     depth: ArrayLike,
     camera: ArrayLike,
-    target: ArrayLike,
+    target: _Cloud,
     init: _Starts = None,
     mode: _Mode = "verify",
     *,
@@ -264,8 +270,8 @@ def register_depth(
     best: int = 1,
 ) -> Registration: ...
 def refine(
-    source: ArrayLike,
-    target: ArrayLike,
+    source: _Cloud,
+    target: _Cloud,
     init: _Starts = None,
     viewpoint: ArrayLike | None = None,
     *,
@@ -274,8 +280,8 @@ def refine(
     best: int = 1,
 ) -> Registration: ...
 def verify(
-    source: ArrayLike,
-    target: ArrayLike,
+    source: _Cloud,
+    target: _Cloud,
     init: _Starts = None,
     viewpoint: ArrayLike | None = None,
     *,
@@ -284,8 +290,8 @@ def verify(
     best: int = 1,
 ) -> Registration: ...
 def register_batch(
-    sources: Iterable[ArrayLike] | NDArray[Any],
-    targets: Iterable[ArrayLike] | NDArray[Any],
+    sources: Iterable[_Cloud] | _Cloud,
+    targets: Iterable[_Cloud] | _Cloud,
     init: _Start = None,
     mode: _Mode = "verify",
     viewpoint: ArrayLike | None = None,

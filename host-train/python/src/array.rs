@@ -1,6 +1,7 @@
 //! Arrays of Python as clouds, poses and points.
 
 use crate::error::{CloudError, bad};
+use crate::mesh::Mesh;
 use host_train::dataset::Point;
 use host_train::dataset::cloud_file;
 use host_train::pose64::{Pose64, Position};
@@ -14,6 +15,9 @@ use pyo3::prelude::*;
 use pyo3::{PyTypeInfo, intern};
 use std::path::Path;
 
+/// By which points of a source, and of a target, are drawn from meshes: those of the command line.
+pub(crate) const SEEDS: [u64; 2] = [42, 43];
+
 /// A cloud where Python holds it.
 pub(crate) struct Cloud<'py> {
     /// The argument's.
@@ -22,6 +26,7 @@ pub(crate) struct Cloud<'py> {
 }
 
 enum Numbers<'py> {
+    Mesh(Bound<'py, Mesh>),
     F32(PyReadonlyArray2<'py, f32>),
     F64(PyReadonlyArray2<'py, f64>),
 }
@@ -35,6 +40,7 @@ pub(crate) struct View<'a> {
 
 #[derive(Clone, Copy)]
 enum Rows<'a> {
+    Mesh(&'a Mesh),
     /// As Rust has them.
     Points(&'a [Point]),
     F32(ArrayView2<'a, f32>),
@@ -50,8 +56,23 @@ impl<'py> Cloud<'py> {
         Ok(Cloud { name, numbers })
     }
 
+    /// The same, or a mesh.
+    pub(crate) fn or_mesh(
+        name: impl Into<String>,
+        given: &Bound<'py, PyAny>,
+    ) -> PyResult<Cloud<'py>> {
+        match given.cast::<Mesh>() {
+            Ok(mesh) => Ok(Cloud {
+                name: name.into(),
+                numbers: Numbers::Mesh(mesh.clone()),
+            }),
+            Err(_) => Cloud::new(name, given),
+        }
+    }
+
     pub(crate) fn view(&self) -> View<'_> {
         let rows = match &self.numbers {
+            Numbers::Mesh(mesh) => Rows::Mesh(mesh.get()),
             Numbers::F32(array) => match array.as_array().to_slice() {
                 Some(slice) => Rows::Points(slice.as_chunks().0),
                 None => Rows::F32(array.as_array()),
@@ -70,15 +91,28 @@ impl<'a> View<'a> {
         self.name
     }
 
-    /// The cloud, ready to be registered, of which the policy sees so many points at most.
+    /// The cloud, ready to be registered, of which the policy sees so many points at most. The seed decides which of a mesh.
     pub(crate) fn prepared(
         self,
         points: Option<usize>,
+        seed: u64,
     ) -> Result<Prepared<'a>, cloud_file::CloudError> {
+        match self.rows {
+            Rows::Points(rows) => Prepared::of_points(rows, Path::new(self.name), points),
+            _ => self.copied(points, seed),
+        }
+    }
+
+    /// The same, to be kept.
+    pub(crate) fn copied(
+        self,
+        points: Option<usize>,
+        seed: u64,
+    ) -> Result<Prepared<'static>, cloud_file::CloudError> {
         let name = Path::new(self.name);
         match self.rows {
-            Rows::Points(rows) => Prepared::of_points(rows, name, points),
-            Rows::F32(_) | Rows::F64(_) => Prepared::of_positions(self.positions(), name, points),
+            Rows::Mesh(mesh) => Prepared::of_file(mesh.file(), name, points, seed),
+            _ => Prepared::of_positions(self.positions(), name, points),
         }
     }
 
@@ -92,7 +126,7 @@ impl<'a> View<'a> {
         }
     }
 
-    /// The same in f64.
+    /// The same in f64; of a mesh its vertices.
     pub(crate) fn positions(self) -> Vec<Position> {
         fn of<T: Copy + Into<f64>>(rows: ArrayView2<'_, T>) -> Vec<Position> {
             rows.outer_iter()
@@ -100,6 +134,7 @@ impl<'a> View<'a> {
                 .collect()
         }
         match self.rows {
+            Rows::Mesh(mesh) => mesh.file().points.clone(),
             Rows::Points(rows) => rows.iter().map(|p| p.map(f64::from)).collect(),
             Rows::F32(rows) => of(rows),
             Rows::F64(rows) => of(rows),

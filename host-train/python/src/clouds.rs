@@ -2,6 +2,7 @@
 
 use crate::array::{Cloud, View};
 use crate::error::bad;
+use crate::mesh::Mesh;
 use numpy::{PyUntypedArray, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
@@ -14,13 +15,11 @@ pub(crate) enum Clouds<'py> {
 }
 
 impl<'py> Clouds<'py> {
-    /// An array (N, 3) is one cloud; anything else is a sequence of clouds.
+    /// An array (N, 3) or a mesh is one cloud; anything else is a sequence of clouds.
     pub(crate) fn new(name: &str, given: &Bound<'py, PyAny>) -> PyResult<Clouds<'py>> {
-        if given
-            .cast::<PyUntypedArray>()
-            .is_ok_and(|array| array.ndim() == 2)
-        {
-            return Ok(Clouds::One(Cloud::new(name, given)?));
+        let array = given.cast::<PyUntypedArray>();
+        if given.is_instance_of::<Mesh>() || array.is_ok_and(|array| array.ndim() == 2) {
+            return Ok(Clouds::One(Cloud::or_mesh(name, given)?));
         }
         let items = given.try_iter().map_err(|_| {
             let found = given.get_type();
@@ -30,7 +29,7 @@ impl<'py> Clouds<'py> {
             )
         })?;
         let cloud = |(i, item): (usize, PyResult<Bound<'py, PyAny>>)| {
-            Ok(Cloud::new(format!("{name}[{i}]"), &item?))
+            Ok(Cloud::or_mesh(format!("{name}[{i}]"), &item?))
         };
         Ok(Clouds::Each(
             items.enumerate().map(cloud).collect::<PyResult<_>>()?,

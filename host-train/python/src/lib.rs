@@ -8,6 +8,7 @@ mod error;
 mod evaluate;
 mod functions;
 mod json;
+mod mesh;
 mod options;
 mod policy;
 mod registrar;
@@ -39,6 +40,8 @@ mod module {
     use crate::evaluate::evaluate;
     #[pymodule_export]
     use crate::functions::{refine, register, register_batch, register_depth, verify};
+    #[pymodule_export]
+    use crate::mesh::Mesh;
     #[pymodule_export]
     use crate::policy::Policy;
     #[pymodule_export]

@@ -1,7 +1,7 @@
 //! Registrations: one, or many over threads.
 
 use crate::arguments;
-use crate::array::{Cloud, View};
+use crate::array::{Cloud, SEEDS, View};
 use crate::clouds::Clouds;
 use crate::depth::depth_image;
 use crate::error::{Error, bad_cloud, no_threads};
@@ -104,7 +104,7 @@ impl Registrar {
         let mut asked = options.one()?;
         asked.request.view_point = Some([0.0; 3]);
         let seen = depth_image(depth, camera, mask, depth_scale)?;
-        let target = Cloud::new("target", target)?;
+        let target = Cloud::or_mesh("target", target)?;
         let target = target.view();
         let policy = self.policy_for(&asked.request);
         py.detach(|| {
@@ -113,7 +113,9 @@ impl Registrar {
             let mut source = source.map_err(|error| bad_cloud(&error))?;
             source.see(&seen.background(), 1.0);
             let names = ["depth", target.name()];
-            let target = target.prepared(points).map_err(|error| bad_cloud(&error))?;
+            let target = target
+                .prepared(points, SEEDS[1])
+                .map_err(|error| bad_cloud(&error))?;
             with_memory(|memory| register_prepared(policy, memory, [source, target], names, &asked))
         })
     }
@@ -219,7 +221,10 @@ impl Registrar {
         options: &Options,
     ) -> PyResult<Registration> {
         let asked = options.one()?;
-        let clouds = [Cloud::new("source", source)?, Cloud::new("target", target)?];
+        let clouds = [
+            Cloud::or_mesh("source", source)?,
+            Cloud::or_mesh("target", target)?,
+        ];
         let views = clouds.each_ref().map(Cloud::view);
         let policy = self.policy_for(&asked.request);
         py.detach(|| {
@@ -298,7 +303,7 @@ fn register_views(
     asked: &Asked,
     points: Option<usize>,
 ) -> PyResult<Registration> {
-    let [source, target] = views.map(|view| view.prepared(points));
+    let [source, target] = [0, 1].map(|i| views[i].prepared(points, SEEDS[i]));
     let source = source.map_err(|error| bad_cloud(&error))?;
     let target = target.map_err(|error| bad_cloud(&error))?;
     let names = views.map(View::name);

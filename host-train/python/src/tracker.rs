@@ -1,7 +1,7 @@
 //! Tracking: where an object is from one cloud of a stream to the next.
 
 use crate::arguments;
-use crate::array::Cloud;
+use crate::array::{Cloud, SEEDS};
 use crate::error::{Error, bad, bad_cloud};
 use crate::options::Options;
 use crate::policy::Policy;
@@ -12,7 +12,6 @@ use host_train::register::request::Request;
 use host_train::register::track::{POINTS, Tracking, bundled_policy};
 use pyo3::prelude::*;
 use reagent_core::pipeline::Mode;
-use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
 // A signature tells Python numbers, and not the names of constants.
@@ -79,9 +78,8 @@ impl Tracker {
         if request.mode == Mode::Fast {
             return Err(bad("mode", "fast does not tell whether the object is lost"));
         }
-        let target = Cloud::new("target", target)?;
-        let positions = target.view().positions();
-        let prepared = Prepared::of_positions(positions, Path::new("target"), points);
+        let target = Cloud::or_mesh("target", target)?;
+        let prepared = target.view().copied(points, SEEDS[1]);
         let mut target = prepared.map_err(|error| bad_cloud(&error))?;
         let is_view = request.view_point.is_some();
         if is_view {
@@ -103,12 +101,12 @@ impl Tracker {
     /// Registers the next cloud. Of what is returned, `sight` is "found", "tracked" or "lost"; of a lost object the pose is not to be
     /// relied on. A cloud that is refused, such as an empty one, counts as one without the object.
     fn follow(&self, py: Python<'_>, source: &Bound<'_, PyAny>) -> PyResult<Registration> {
-        let source = Cloud::new("source", source)?;
+        let source = Cloud::or_mesh("source", source)?;
         let source = source.view();
         py.detach(|| {
             let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
             let State { tracking, memory } = &mut *state;
-            let source = source.prepared(self.points).map_err(|error| {
+            let source = source.prepared(self.points, SEEDS[0]).map_err(|error| {
                 tracking.miss();
                 bad_cloud(&error)
             })?;

@@ -11,7 +11,7 @@ impl CloudFile {
     ///
     /// # Errors
     /// Faces without vertices, and files without valid points.
-    pub(crate) fn checked(mut self, path: &Path) -> Result<CloudFile, CloudError> {
+    pub fn checked(mut self, path: &Path) -> Result<CloudFile, CloudError> {
         let vertices = self.points.len();
         for (face, corners) in self.faces.iter().flatten().enumerate() {
             if let Some(&vertex) = corners.iter().find(|&&vertex| vertex as usize >= vertices) {

@@ -1,0 +1,77 @@
+//! Triangle meshes, which go where clouds do.
+
+use crate::array::{Cloud, numbers};
+use crate::error::{bad, bad_cloud};
+use host_train::dataset::cloud_file::CloudFile;
+use numpy::PyUntypedArrayMethods;
+use pyo3::prelude::*;
+use std::path::Path;
+
+/// A triangle mesh, for a part of which there is one. It goes where a cloud does: points of its surface are registered, those that the
+/// command line takes of a file. Where there is a `viewpoint`, and the faces enclose the part and are all turned the same way, what
+/// faces away from the sensor counts as unseen: one side of a wall is not taken for the other.
+///
+/// vertices: (V, 3), float32 or float64.
+/// faces: (F, 3), integers: vertices of each triangle.
+///
+/// >>> import numpy, reagent
+/// >>> corners = numpy.array([[0, 0, 0], [3, 0, 0], [0, 2, 0], [0, 0, 1.0]])
+/// >>> reagent.Mesh(corners, [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+/// Mesh(4 vertices, 4 faces)
+#[pyclass(module = "reagent", frozen)]
+pub struct Mesh {
+    file: CloudFile,
+}
+
+#[pymethods]
+impl Mesh {
+    #[new]
+    fn new(vertices: &Bound<'_, PyAny>, faces: &Bound<'_, PyAny>) -> PyResult<Mesh> {
+        let file = CloudFile {
+            points: Cloud::new("vertices", vertices)?.view().positions(),
+            faces: Some(triangles(faces)?),
+            ..CloudFile::default()
+        };
+        let file = file.checked(Path::new("mesh"));
+        Ok(Mesh {
+            file: file.map_err(|error| bad_cloud(&error))?,
+        })
+    }
+
+    fn __repr__(&self) -> String {
+        let faces = self.file.faces.as_ref().map_or(0, Vec::len);
+        format!("Mesh({} vertices, {faces} faces)", self.file.points.len())
+    }
+}
+
+impl Mesh {
+    pub(crate) fn file(&self) -> &CloudFile {
+        &self.file
+    }
+}
+
+fn triangles(given: &Bound<'_, PyAny>) -> PyResult<Vec<[u32; 3]>> {
+    let expected = "an array of integers of shape (F, 3)";
+    let array = numbers("faces", given, expected)?;
+    let &[_, 3] = array.shape() else {
+        let shape = array.shape();
+        return Err(bad(
+            "faces",
+            format!("expected {expected}, found shape {shape:?}"),
+        ));
+    };
+    let vertex = |x: f64| match x as u32 {
+        vertex if f64::from(vertex) == x => Ok(vertex),
+        _ => Err(bad(
+            "faces",
+            format!("expected numbers of vertices, found {x}"),
+        )),
+    };
+    let vertices: Vec<u32> = array
+        .as_array()
+        .iter()
+        .copied()
+        .map(vertex)
+        .collect::<PyResult<_>>()?;
+    Ok(vertices.as_chunks().0.to_vec())
+}

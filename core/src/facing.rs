@@ -2,12 +2,15 @@
 //! not taken for its near side.
 
 use crate::dims::SURFACE_POINTS;
+use crate::freespace::DepthGrid;
 use crate::model::Model;
+use crate::pose::Pose;
 use crate::surface::Surface;
 use glam::Vec3;
 
-/// Cosine of the angle between the way outward and that to the sensor below which a surface faces away: normals are estimated.
-const AWAY: f32 = -0.1;
+/// A surface faces away where the cosine of the angle between the ways outward and to the sensor is below minus this: normals are
+/// estimated.
+const AWAY: f32 = 0.1;
 
 /// A bit for each place of a surface.
 #[derive(Clone, Debug)]
@@ -66,10 +69,17 @@ impl Facing {
         }
     }
 
-    /// The target as it faces a sensor at `eye`, in the target's frame, if there is one. One that stands within the target's radius may
-    /// stand inside, as in a room, and see the other sides.
-    pub(crate) fn seen_from<'f>(&'f self, eye: Option<Vec3>, target: &'f Surface) -> Faced<'f> {
-        let outside = eye.filter(|eye| self.is_known && eye.length_squared() > 1.0);
+    /// The target as it faces the sensor under a pose, if there is one. One that stands within the target's radius may stand inside, as
+    /// in a room, and see the other sides.
+    pub(crate) fn seen_from<'f>(
+        &'f self,
+        seen: &DepthGrid,
+        pose: Pose,
+        target: &'f Surface,
+    ) -> Faced<'f> {
+        let eye = seen.eye().filter(|_| self.is_known);
+        let eye = eye.map(|eye| pose.apply(eye));
+        let outside = eye.filter(|eye| eye.length_squared() > 1.0);
         Faced {
             seen: outside.map(|eye| (self, eye)),
             target,
@@ -84,6 +94,11 @@ pub(crate) struct Faced<'f> {
 }
 
 impl Faced<'_> {
+    /// Whether anything is known of it.
+    pub(crate) fn tells(&self) -> bool {
+        self.seen.is_some()
+    }
+
     /// Whether the surface at a place faces away from the sensor; never where that is not known.
     pub(crate) fn is_away(&self, place: usize) -> bool {
         let Some((facing, eye)) = self.seen else {
@@ -95,7 +110,9 @@ impl Faced<'_> {
             (_, true) => -normal,
             _ => return false,
         };
-        outward.dot((eye - point).normalize_or_zero()) < AWAY
+        let towards = eye - point;
+        let along = outward.dot(towards);
+        along < 0.0 && along * along > AWAY * AWAY * towards.length_squared()
     }
 }
 
@@ -119,13 +136,18 @@ mod tests {
 
     /// The upper side as a sensor above sees it, registered from nearer the lower one.
     fn refined(outward: &[[f32; 3]], seen_from: Option<Vec3>) -> Refined {
+        plate(HALF, outward, seen_from)
+    }
+
+    /// The same of a plate of such half a thickness.
+    fn plate(half: f32, outward: &[[f32; 3]], seen_from: Option<Vec3>) -> Refined {
         let numbers = &mut Numbers(5);
-        let target: Vec<_> = side(600, numbers, HALF).collect();
+        let target: Vec<_> = side(600, numbers, half).collect();
         let target: Vec<_> = target
             .into_iter()
-            .chain(side(600, numbers, -HALF))
+            .chain(side(600, numbers, -half))
             .collect();
-        let source: Vec<_> = side(500, numbers, HALF).collect();
+        let source: Vec<_> = side(500, numbers, half).collect();
         let mut workspace = Box::new(Workspace::new());
         let mut refiner = Refiner::new(&source, &target, &mut workspace).expect("two clouds");
         if let Some(eye) = seen_from {
@@ -133,7 +155,7 @@ mod tests {
         }
         refiner.faces(outward);
         let start = Pose {
-            translation: Vec3::new(0.0, 0.0, -1.6 * HALF),
+            translation: Vec3::new(0.0, 0.0, -1.6 * half),
             ..Pose::IDENTITY
         };
         refiner.polish(start).expect("a pose")
@@ -159,6 +181,16 @@ mod tests {
             refined(&outward(1.0), Some(Vec3::new(0.0, 0.0, 0.5))),
         ] {
             assert!((height(wrong) - lower).abs() < 0.1 * HALF, "{wrong:?}");
+        }
+    }
+
+    /// Half of the nearest points of a thin wall are of its far side: what was seen keeps partners on the near one.
+    #[test]
+    fn of_a_wall_thinner_than_its_points_are_apart_none_is_missed() {
+        for half in [0.001, 0.01] {
+            let found = plate(half, &outward(1.0), ABOVE);
+            assert!(found.near > 0.95 && found.within > 0.99, "{found:?}");
+            assert!(found.target_from_source.translation.z.abs() < 0.004);
         }
     }
 

@@ -14,7 +14,7 @@
 
 use crate::covariance::Covariance;
 use crate::error::Error;
-use crate::facing::{Faced, Facing};
+use crate::facing::Facing;
 use crate::frame::{Frame, check_cloud};
 use crate::freespace::DepthGrid;
 use crate::kernels::Isa;
@@ -344,13 +344,6 @@ impl<'w> Refiner<'w> {
     /// and of a target of more than [`crate::dims::SURFACE_POINTS`], it is not known.
     pub fn faces(&mut self, outward: &[[f32; 3]]) {
         self.work.facing.fill(self.model, outward);
-    }
-
-    /// The target as it faces the sensor under a pose.
-    fn faced(&self, at: Rigid) -> Faced<'_> {
-        let Work { seen, facing, .. } = &*self.work;
-        let eye = seen.eye().map(|eye| at.pose().apply(eye));
-        facing.seen_from(eye, &self.model.surface)
     }
 
     /// The cell of the image of what was seen, by its number, of which a point of the background is the nearest, if it is one's:

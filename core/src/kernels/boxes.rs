@@ -31,6 +31,19 @@ impl Boxes {
         low: [[[0.0; LANES]; BLOCKS / LANES]; 3],
         high: [[[0.0; LANES]; BLOCKS / LANES]; 3],
     };
+
+    /// Squared distances of all boxes from a point.
+    pub fn gaps(&self, [x, y, z]: [f32; 3]) -> [f32; BLOCKS] {
+        let mut gaps = [0.0; BLOCKS];
+        for ((low, high), x) in self.low.iter().zip(&self.high).zip([x, y, z]) {
+            let sides = low.as_flattened().iter().zip(high.as_flattened());
+            for (gap, (low, high)) in gaps.iter_mut().zip(sides) {
+                let off = (low - x).max(x - high).max(0.0);
+                *gap += off * off;
+            }
+        }
+        gaps
+    }
 }
 
 /// A surface's points in boxes.

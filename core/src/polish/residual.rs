@@ -70,16 +70,14 @@ impl Refiner<'_> {
     /// How much of the source, matched last, lies on the target's surface.
     pub(super) fn matched_overlap(&self, at: Rigid) -> Overlap {
         let [source, target] = self.surfaces();
-        let (pose, faced) = (at.pose(), self.faced(at));
+        let pose = at.pose();
         let mut sum = 0.0f64;
         let [mut on_surface, mut near, mut within, mut inside, mut count] = [0u32; 5];
         for found in self.work.of_source.matches() {
             count += 1;
             let p = pose.apply(source.at(found.of).0);
             inside += u32::from(p.length_squared() < INSIDE * INSIDE);
-            let Some(to) = found.to.filter(|&to| !faced.is_away(to)) else {
-                continue;
-            };
+            let Some(to) = found.to else { continue };
             let (q, n) = target.at(to);
             let apart = p - q;
             near += u32::from(loss::is_near_surface(apart, n, target.radius));
@@ -162,12 +160,7 @@ impl Refiner<'_> {
         let back = there.inverse();
         of_target.lose(isa, [target, source], back, point_share);
         if looks && seen.is_known() {
-            let faced = facing.seen_from(seen.eye().map(|eye| there.apply(eye)), target);
-            for (found, lost) in of_source.lost_mut() {
-                if found.to.is_some_and(|to| faced.is_away(to)) {
-                    *lost = 1.0f32.to_bits();
-                }
-            }
+            let faced = facing.seen_from(seen, there, target);
             for (found, lost) in of_target.lost_mut() {
                 let is_hidden = seen.hides(back.apply(target.at(found.of).0));
                 let loss = if is_hidden {

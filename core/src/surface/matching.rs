@@ -3,7 +3,7 @@
 use super::Surface;
 use super::keys::Keys;
 use crate::dims::SURFACE_POINTS;
-use crate::kernels::{BEYOND, Batch, Isa, Sought};
+use crate::kernels::{BEYOND, BLOCK, Batch, Isa, RUN, Sought};
 use crate::pose::Pose;
 use glam::Vec3;
 
@@ -62,6 +62,27 @@ impl Matching {
         let (places, keys) = (&mut self.place, &mut self.keys.0);
         isa.find(&sought, &other.boxed(), is_known, limit, places, keys);
         self.is_known |= every <= 1;
+    }
+
+    /// After [`Self::find`], with the same limit: what matched a point that is of no use is given the nearest one that is, or none.
+    pub(crate) fn find_of_use(
+        &mut self,
+        [surface, other]: [&Surface; 2],
+        pose: Pose,
+        limit: f32,
+        is_of_use: impl Fn(usize) -> bool,
+    ) {
+        let places = self.place.iter_mut().enumerate().take(self.len);
+        let places = places.step_by(self.every.max(1));
+        for ((of, place), key) in places.zip(&mut self.keys.0) {
+            if *place & BEYOND != 0 || is_of_use(usize::from(*place)) {
+                continue;
+            }
+            let seen = pose.apply(surface.at(of).0);
+            let found = other.nearest_of_use(seen, limit, &is_of_use);
+            *key = found.map_or(limit, |(_, squared)| squared).to_bits();
+            *place = found.map_or(*place | BEYOND, |(to, _)| to as u16);
+        }
     }
 
     /// The points that are looked for.
@@ -136,6 +157,43 @@ impl Matching {
     pub(crate) fn median_squared(&mut self) -> f32 {
         let count = self.len.div_ceil(self.every.max(1));
         self.keys.select(count, count / 2)
+    }
+}
+
+impl Surface {
+    /// Place and squared distance of the nearest point that is of use, if it is nearer than the root of `limit`.
+    fn nearest_of_use(
+        &self,
+        seen: Vec3,
+        limit: f32,
+        is_of_use: &impl Fn(usize) -> bool,
+    ) -> Option<(usize, f32)> {
+        let (mut found, mut least) = (None, limit);
+        let gaps = self.blocks.gaps(seen.to_array());
+        let gaps = gaps.get(..self.len.div_ceil(BLOCK)).unwrap_or(&[]);
+        // The nearest block first: few others are nearer than its points.
+        let blocks = || gaps.iter().enumerate();
+        let first = blocks().min_by(|(_, one), (_, other)| one.total_cmp(other));
+        for (block, &gap) in first.into_iter().chain(blocks()) {
+            if gap >= least {
+                continue;
+            }
+            let runs = block * (BLOCK / RUN)..(block + 1) * (BLOCK / RUN);
+            for (run, &[low, high]) in runs.clone().zip(self.runs.get(runs).unwrap_or(&[])) {
+                let nearest = seen.clamp(low.into(), high.into());
+                if seen.distance_squared(nearest) >= least {
+                    continue;
+                }
+                let places = run * RUN..self.len.min((run + 1) * RUN);
+                for (place, &point) in places.clone().zip(self.points.get(places).unwrap_or(&[])) {
+                    let squared = seen.distance_squared(point.into());
+                    if squared < least && is_of_use(place) {
+                        (found, least) = (Some(place), squared);
+                    }
+                }
+            }
+        }
+        found.map(|place| (place, least))
     }
 }
 

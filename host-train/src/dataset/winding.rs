@@ -18,7 +18,7 @@ pub enum Winding {
 
 impl Mesh {
     /// How the faces are wound if they enclose one solid or several, all in the same way; `None` of a mesh with holes, with faces
-    /// that are turned over, and of what encloses nothing. Vertices at one place are one.
+    /// that are turned over or share an edge with more than one other, and of what encloses nothing. Vertices at one place are one.
     pub fn winding(&self) -> Option<Winding> {
         let mut merged = HashMap::new();
         let vertices = self.vertices.iter();
@@ -35,22 +35,14 @@ impl Mesh {
         let faces: Vec<[u32; 3]> = merged
             .filter(|[a, b, c]| a != b && b != c && c != a)
             .collect();
-        is_closed(&faces).then(|| self.of_shells(&faces))?
-    }
-
-    /// The same of closed shells.
-    fn of_shells(&self, faces: &[[u32; 3]]) -> Option<Winding> {
-        let mut shells = Shells((0..self.vertices.len() as u32).collect());
-        for &[a, b, c] in faces {
-            shells.join(a, b);
-            shells.join(b, c);
-        }
+        let mut shells = Shells::of_closed(&faces)?;
         let at = |i: u32| Vector3::from(self.vertices[i as usize].to_array().map(f64::from));
         let mut of_shells: HashMap<u32, Shell> = HashMap::new();
-        for &face in faces {
-            let first = shells.of(face[0]);
+        for (&face, number) in faces.iter().zip(0..) {
+            let first = shells.of(number);
+            let middle = at(faces[first as usize][0]);
             let shell = of_shells.entry(first).or_default();
-            shell.add(face.map(|i| at(i) - at(first)));
+            shell.add(face.map(|i| at(i) - middle));
         }
         let mut windings = of_shells.values().map(Shell::winding);
         let first = windings.next()?;
@@ -58,28 +50,35 @@ impl Mesh {
     }
 }
 
-/// Whether every edge is passed as often one way as the other.
-fn is_closed(faces: &[[u32; 3]]) -> bool {
-    let edges = |&[a, b, c]: &[u32; 3]| [(a, b), (b, c), (c, a)];
-    let upward = |(a, b): (u32, u32)| (a.min(b), a.max(b), a < b);
-    let mut edges: Vec<_> = faces.iter().flat_map(edges).map(upward).collect();
-    edges.sort_unstable();
-    let mut of_edges = edges.chunk_by(|one, other| (one.0, one.1) == (other.0, other.1));
-    of_edges.all(|edge| 2 * edge.iter().filter(|edge| edge.2).count() == edge.len())
-}
-
-/// Vertices that faces join, each with one of the same shell: a forest of disjoint sets.
+/// Faces that edges join, each with one of the same shell: a forest of disjoint sets.
 struct Shells(Vec<u32>);
 
 impl Shells {
-    /// The vertex by which a vertex's shell is known.
-    fn of(&mut self, mut vertex: u32) -> u32 {
-        while self.0[vertex as usize] != vertex {
-            let next = self.0[vertex as usize];
-            self.0[vertex as usize] = self.0[next as usize];
-            vertex = next;
+    /// Of faces of which each edge is passed once each way; else none.
+    fn of_closed(faces: &[[u32; 3]]) -> Option<Shells> {
+        let edges = faces.iter().zip(0..).flat_map(|(&[a, b, c], face)| {
+            [(a, b), (b, c), (c, a)].map(|(a, b)| (a.min(b), a.max(b), a < b, face))
+        });
+        let mut edges: Vec<(u32, u32, bool, u32)> = edges.collect();
+        edges.sort_unstable();
+        let mut shells = Shells((0..faces.len() as u32).collect());
+        for edge in edges.chunk_by(|one, other| (one.0, one.1) == (other.0, other.1)) {
+            let &[(.., false, one), (.., true, other)] = edge else {
+                return None;
+            };
+            shells.join(one, other);
         }
-        vertex
+        Some(shells)
+    }
+
+    /// The face by which a face's shell is known.
+    fn of(&mut self, mut face: u32) -> u32 {
+        while self.0[face as usize] != face {
+            let next = self.0[face as usize];
+            self.0[face as usize] = self.0[next as usize];
+            face = next;
+        }
+        face
     }
 
     fn join(&mut self, one: u32, other: u32) {
@@ -182,8 +181,8 @@ pub(crate) mod tests {
         assert_eq!(solid().winding(), Some(Winding::Outward));
         assert_eq!(turned(solid()).winding(), Some(Winding::Inward));
         assert_eq!(loose(&solid()).winding(), Some(Winding::Outward));
-        // What touches or overlaps is told apart by its faces.
-        for apart in [9.0, 1.0, 0.2, 0.0] {
+        // What touches in a corner or overlaps is told apart.
+        for apart in [9.0, 1.0, 0.2] {
             let other = loose(&tetrahedron(Vec3::new(1e3 + apart, 0.0, -7.0)));
             let both = together(solid(), &other);
             assert_eq!(both.winding(), Some(Winding::Outward), "{apart}");
@@ -202,7 +201,18 @@ pub(crate) mod tests {
         with_turned_face.faces[1].swap(0, 1);
         let two_sided = together(open.clone(), &turned(open.clone()));
         let one_inside_out = together(solid(), &turned(tetrahedron(Vec3::ONE)));
-        for mesh in [open, with_turned_face, two_sided, one_inside_out] {
+        // Halves that share a side, one of them inside out.
+        let [left, right] = [-0.5, 0.5].map(|x| block(Vec3::new(x, 0.0, 0.0), Vec3::ONE));
+        let touching = together(left, &turned(right));
+        let twice = together(solid(), &solid());
+        for mesh in [
+            open,
+            with_turned_face,
+            two_sided,
+            one_inside_out,
+            touching,
+            twice,
+        ] {
             assert_eq!(mesh.winding(), None, "{mesh:?}");
         }
         assert_eq!(Mesh::default().winding(), None);

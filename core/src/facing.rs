@@ -52,12 +52,12 @@ impl Facing {
     /// Takes in the ways outward at a model's points, in the order of the cloud that it was made of.
     pub(crate) fn fill(&mut self, model: &Model, outward: &[[f32; 3]]) {
         *self = Facing::UNKNOWN;
-        let points = model.surface.points();
         for (point, &outward) in model.inside().zip(outward) {
+            let here = model
+                .surface
+                .nearest_of_use(point.into(), f32::MIN_POSITIVE, &|_| true);
             // Points that were left out as outliers are on no surface.
-            let Some(place) = points.iter().position(|&other| other == point) else {
-                continue;
-            };
+            let Some((place, _)) = here else { continue };
             let (_, normal) = model.surface.at(place);
             let along = normal.dot(Vec3::from_array(outward));
             if along > 0.0 {

@@ -162,7 +162,7 @@ impl Matching {
 
 impl Surface {
     /// Place and squared distance of the nearest point that is of use, if it is nearer than the root of `limit`.
-    fn nearest_of_use(
+    pub(crate) fn nearest_of_use(
         &self,
         seen: Vec3,
         limit: f32,

@@ -32,10 +32,14 @@ use reagent_core::wire::{self, Manifest, Message, NotTaken, Release, SignedManif
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
 use thiserror::Error;
 use version::greatest_after;
 use zenoh::query::{Query, Queryable};
 use zenoh::{Session, Wait};
+
+/// How long a router may take to make known what is announced.
+const KNOWN_WITHIN: Duration = Duration::from_secs(2);
 
 /// Why a policy was not published.
 #[derive(Debug, Error)]
@@ -267,16 +271,22 @@ impl Publisher {
         }
     }
 
-    /// Asks for the newest manifest from another session, as robots do.
+    /// Asks for the newest manifest from another session, as robots do, until a router had time to make it known.
     async fn check_heard(&self, from: &Session) -> Result<(), PublishError> {
         let own = self.newest.lock().expect("no holder panics").clone();
         let own = own.map(|(manifest, _)| manifest.id());
         let key = keys::manifest(&self.fleet).map_err(refused(&self.fleet))?;
-        let announced = stored::announced(from, &key).await?;
-        let fleet = self.fleet.clone();
-        match announced.iter().any(|found| Some(found.id()) == own) {
-            true => Ok(()),
-            false => Err(PublishError::Unheard { fleet }),
+        let begun = Instant::now();
+        loop {
+            let announced = stored::announced(from, &key).await?;
+            if announced.iter().any(|found| Some(found.id()) == own) {
+                return Ok(());
+            }
+            if begun.elapsed() > KNOWN_WITHIN {
+                let fleet = self.fleet.clone();
+                return Err(PublishError::Unheard { fleet });
+            }
+            tokio::time::sleep(KNOWN_WITHIN / 40).await;
         }
     }
 

@@ -20,7 +20,7 @@ class Broken:
         (numpy.zeros((0, 3)), "no points"),
         (numpy.full((5, 3), numpy.nan), r"no points but 5 invalid ones \(NaN, infinite or beyond 1e12\)"),
         (numpy.zeros((9, 3)), "all points coincide"),
-        (GOOD[:2], r"the cloud has 2 point\(s\); give at least 3"),
+        (GOOD[:2], r"the cloud has 2 points; give at least 3"),
         (numpy.full((4, 3), 1e20) * [[1], [2], [3], [4]], "no points but 4 invalid ones"),
         (GOOD.T, r"shape \(3, 100\); transpose it"),
         (GOOD[:, :2], r"float32 or float64 of shape \(N, 3\), found shape \(100, 2\) of float64"),

@@ -340,8 +340,9 @@ impl<'w> Refiner<'w> {
     }
 
     /// Says which way the target's surface faces, `outward [M, 3]` at its points in their order: what faces away from the sensor
-    /// ([`Refiner::seen_from`]) was not seen, and is matched with nothing, unless the sensor stands within the target's radius. Of a point without one, or with one that is no direction,
-    /// and of a target of more than [`crate::dims::SURFACE_POINTS`], it is not known.
+    /// ([`Refiner::seen_from`]) was not seen, and the source is matched with what does not, unless the sensor stands within the
+    /// target's radius. Of a point without one, or with one that is no direction, and of a target of more than
+    /// [`crate::dims::SURFACE_POINTS`], it is not known.
     pub fn faces(&mut self, outward: &[[f32; 3]]) {
         self.work.facing.fill(self.model, outward);
     }

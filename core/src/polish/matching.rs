@@ -34,23 +34,6 @@ impl Refiner<'_> {
         of_target.find(isa, [target, source], pose.inverse(), of_t, limit_t);
     }
 
-    /// The source's points alone, with what does not face away from the sensor.
-    fn match_source(&mut self, pose: Pose, every: usize, limit: f32) {
-        let (isa, target) = (self.isa, &self.model.surface);
-        let Work {
-            source,
-            of_source,
-            seen,
-            facing,
-            ..
-        } = &mut *self.work;
-        let faced = facing.seen_from(seen, pose, target);
-        of_source.find(isa, [source, target], pose, every, limit);
-        if faced.tells() {
-            of_source.find_of_use([source, target], pose, limit, |to| !faced.is_away(to));
-        }
-    }
-
     /// The same for a stage's steps, and the squared distance from which a match has no weight: only those nearer are looked for.
     pub(super) fn match_within_gate(&mut self, at: Rigid, stage: &Stage) -> f32 {
         let (isa, target, pose) = (self.isa, &self.model.surface, at.pose());
@@ -75,6 +58,23 @@ impl Refiner<'_> {
         of_target.find(isa, [target, source], back, every_t, gate);
         // Where one cloud shows a part of the other, its own points' median is that of the part.
         stage.gate(of_target.median_squared().min(median), radius)
+    }
+
+    /// Matches every so many-th point of the source with what does not face away from the sensor.
+    fn match_source(&mut self, pose: Pose, every: usize, limit: f32) {
+        let (isa, target) = (self.isa, &self.model.surface);
+        let Work {
+            source,
+            of_source,
+            seen,
+            facing,
+            ..
+        } = &mut *self.work;
+        let faced = facing.seen_from(seen, pose, target);
+        of_source.find(isa, [source, target], pose, every, limit);
+        if faced.tells() {
+            of_source.find_of_use([source, target], pose, limit, |to| !faced.is_away(to));
+        }
     }
 
     /// Places in the source and in the target of the points matched last with one within the limit, both ways, without what faces

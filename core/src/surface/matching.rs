@@ -174,7 +174,8 @@ impl Surface {
         // The nearest block first: few others are nearer than its points.
         let blocks = || gaps.iter().enumerate();
         let first = blocks().min_by(|(_, one), (_, other)| one.total_cmp(other));
-        for (block, &gap) in first.into_iter().chain(blocks()) {
+        let others = blocks().filter(|(block, _)| first.is_none_or(|(first, _)| first != *block));
+        for (block, &gap) in first.into_iter().chain(others) {
             if gap >= least {
                 continue;
             }

@@ -6,7 +6,7 @@ use crate::polish::tests::{Numbers, error, moved, part, pose};
 use crate::verdict::Verdict;
 use glam::Vec3;
 
-fn verify(source: &[[f32; 3]], target: &[[f32; 3]], initial: Pose) -> Verified {
+pub(super) fn verify(source: &[[f32; 3]], target: &[[f32; 3]], initial: Pose) -> Verified {
     let mut workspace = Box::new(Workspace::new());
     let mut refiner = Refiner::new(source, target, &mut workspace).expect("valid clouds");
     refiner
@@ -285,16 +285,29 @@ fn a_start_does_not_speak_against_a_pose_that_fits_far_better() {
     assert_eq!(found.undetermined, Undetermined::NOTHING);
 }
 
+/// Points of a surface of revolution about z, of a radius at each height from -1 to 1, which is then scaled.
+pub(super) fn revolved(
+    numbers: &mut Numbers,
+    count: usize,
+    radius: fn(f32) -> f32,
+    height: f32,
+) -> Vec<[f32; 3]> {
+    let point = |_| {
+        let (angle, z) = (core::f32::consts::PI * numbers.next(), numbers.next());
+        let radius = radius(z);
+        [radius * angle.cos(), radius * angle.sin(), height * z]
+    };
+    (0..count).map(point).collect()
+}
+
+pub(super) fn vase(z: f32) -> f32 {
+    0.3 + 0.2 * z * z + 0.1 * z
+}
+
 #[test]
 fn shared_points_tell_the_angle_of_a_surface_of_revolution() {
     let mut numbers = Numbers(5);
-    let vase: Vec<[f32; 3]> = (0..1600)
-        .map(|_| {
-            let (angle, z) = (core::f32::consts::PI * numbers.next(), numbers.next());
-            let radius = 0.3 + 0.2 * z * z + 0.1 * z;
-            [radius * angle.cos(), radius * angle.sin(), 0.8 * z]
-        })
-        .collect();
+    let vase = revolved(&mut numbers, 1600, vase, 0.8);
     let truth = pose([0.2, 0.1, 0.4], [0.1, 0.0, 0.0]);
     let source = moved(&vase[..1000], truth.inverse());
     let initial = pose([0.0, 0.0, 2.0], [0.0; 3]).after(truth);
@@ -328,80 +341,4 @@ fn of_poses_side_by_side_the_one_that_fits_best_is_taken() {
     let found = found.expect("a rigid pose").best.target_from_source;
     let (angle, distance) = error(found, Pose::IDENTITY);
     assert!(angle < 1.0 && distance < 0.02, "{angle} {distance}");
-}
-
-#[test]
-fn how_far_a_piece_of_a_bar_may_be_moved_along_it_is_told() {
-    let mut numbers = Numbers(7);
-    let mut bar = |count: usize, least: f32, most: f32| -> Vec<[f32; 3]> {
-        let point = |k: usize| {
-            let (along, across) = (numbers.next(), numbers.next());
-            let x = least + (most - least) * 0.5 * (along + 1.0);
-            match k % 4 {
-                0 => [x, 0.2 * across, 0.1],
-                1 => [x, 0.2 * across, -0.1],
-                2 => [x, 0.2, 0.1 * across],
-                _ => [x, -0.2, 0.1 * across],
-            }
-        };
-        (0..count).map(point).collect()
-    };
-    // More points than are compared: of both clouds some of everywhere.
-    let (target, piece) = (bar(1500, -1.0, 1.0), bar(1200, -0.6, 0.2));
-    let found = verify(&piece, &target, Pose::IDENTITY);
-    let slide = found.undetermined.slide.expect("a direction");
-    assert!(slide.direction.x.abs() > 0.99, "{slide:?}");
-    let middle = found.best.target_from_source.apply([-0.2, 0.0, 0.0].into());
-    for shift in slide.range {
-        let end = middle.x + shift * slide.direction.x;
-        assert!((0.45..0.75).contains(&end.abs()), "{end} {slide:?}");
-    }
-    assert_eq!(found.undetermined.axis, None);
-}
-
-#[test]
-fn a_body_of_revolution_may_be_turned_by_any_angle() {
-    let mut numbers = Numbers(9);
-    let mut vase = |count: usize| -> Vec<[f32; 3]> {
-        let point = |_| {
-            let (angle, z) = (core::f32::consts::PI * numbers.next(), numbers.next());
-            let radius = 0.3 + 0.2 * z * z + 0.1 * z;
-            [radius * angle.cos(), radius * angle.sin(), 0.8 * z]
-        };
-        (0..count).map(point).collect()
-    };
-    let (source, target) = (vase(1000), vase(1000));
-    let found = verify(&source, &target, pose([0.0, 0.05, 0.4], [0.02, 0.0, 0.0]));
-    let axis = found.undetermined.axis.expect("an axis");
-    assert!(axis.direction.z.abs() > 0.99, "{axis:?}");
-    assert_eq!(axis.half_angle_rad, core::f32::consts::PI);
-}
-
-/// A piece of a pin that stands beside a block's middle may be turned about the pin's axis, not about the whole's middle.
-#[test]
-fn the_axis_goes_through_what_may_be_turned() {
-    let mut numbers = Numbers(11);
-    let mut pin = |count: usize| -> Vec<[f32; 3]> {
-        let point = |_| {
-            let (angle, z) = (core::f32::consts::PI * numbers.next(), numbers.next());
-            let radius = 0.25 + 0.1 * z;
-            [
-                0.6 + radius * angle.cos(),
-                0.1 + radius * angle.sin(),
-                0.5 + 0.4 * z,
-            ]
-        };
-        (0..count).map(point).collect()
-    };
-    let source = pin(600);
-    let block = brick([0.9, 0.5, 0.1], 700, 3);
-    let target: Vec<_> = pin(600).into_iter().chain(block).collect();
-    let found = verify(&source, &target, Pose::IDENTITY);
-    let axis = found.undetermined.axis.expect("an axis");
-    assert!(axis.direction.z.abs() > 0.99, "{axis:?}");
-    let at = axis.point + axis.direction * (0.5 - axis.point.z) / axis.direction.z;
-    assert!(
-        (at.truncate() - glam::Vec2::new(0.6, 0.1)).length() < 0.03,
-        "{axis:?}"
-    );
 }

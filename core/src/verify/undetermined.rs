@@ -143,9 +143,8 @@ impl Refiner<'_> {
             refiner.fits_as_well([axis, Vec3::ZERO], turned)
         };
         let both = |&angle: &f32| {
-            fits(self, -angle)
-                .and(fits(self, angle))
-                .map(|there| (angle, there))
+            fits(self, -angle)?;
+            Some((angle, fits(self, angle)?))
         };
         let (half_angle_rad, there) = TURNS.iter().map_while(both).last()?;
         // Not quite that of the least constraint: what else was drawn near moves it to where the shape's own one is.
@@ -210,4 +209,73 @@ pub(super) fn lead(
         .filter(|other| !open.is_open(other.at, winner.at))
         .map(|other| other.energy);
     energies.fold(f32::INFINITY, f32::min) - winner.energy
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::polish::tests::{Numbers, moved, pose};
+    use crate::pose::Pose;
+    use crate::verify::tests::{brick, revolved, vase, verify};
+
+    #[test]
+    fn how_far_a_piece_of_a_bar_may_be_moved_along_it_is_told() {
+        let mut numbers = Numbers(7);
+        let mut bar = |count: usize, least: f32, most: f32| -> Vec<[f32; 3]> {
+            let point = |k: usize| {
+                let (along, across) = (numbers.next(), numbers.next());
+                let x = least + (most - least) * 0.5 * (along + 1.0);
+                match k % 4 {
+                    0 => [x, 0.2 * across, 0.1],
+                    1 => [x, 0.2 * across, -0.1],
+                    2 => [x, 0.2, 0.1 * across],
+                    _ => [x, -0.2, 0.1 * across],
+                }
+            };
+            (0..count).map(point).collect()
+        };
+        // More points than are compared: of both clouds some of everywhere.
+        let (target, piece) = (bar(1500, -1.0, 1.0), bar(1200, -0.6, 0.2));
+        let found = verify(&piece, &target, Pose::IDENTITY);
+        let slide = found.undetermined.slide.expect("a direction");
+        assert!(slide.direction.x.abs() > 0.99, "{slide:?}");
+        let middle = found.best.target_from_source.apply([-0.2, 0.0, 0.0].into());
+        for shift in slide.range {
+            let end = middle.x + shift * slide.direction.x;
+            assert!((0.45..0.75).contains(&end.abs()), "{end} {slide:?}");
+        }
+        assert_eq!(found.undetermined.axis, None);
+    }
+
+    #[test]
+    fn a_body_of_revolution_may_be_turned_by_any_angle() {
+        let mut numbers = Numbers(9);
+        let mut vases = || revolved(&mut numbers, 1000, vase, 0.8);
+        let (source, target) = (vases(), vases());
+        let found = verify(&source, &target, pose([0.0, 0.05, 0.4], [0.02, 0.0, 0.0]));
+        let axis = found.undetermined.axis.expect("an axis");
+        assert!(axis.direction.z.abs() > 0.99, "{axis:?}");
+        assert_eq!(axis.half_angle_rad, core::f32::consts::PI);
+    }
+
+    /// A piece of a pin that stands beside a block's middle may be turned about the pin's axis, not about the whole's middle.
+    #[test]
+    fn the_axis_goes_through_what_may_be_turned() {
+        let mut numbers = Numbers(11);
+        let beside = pose([0.0; 3], [0.6, 0.1, 0.5]);
+        let mut pin = || {
+            let pin = revolved(&mut numbers, 600, |z| 0.25 + 0.1 * z, 0.4);
+            moved(&pin, beside)
+        };
+        let source = pin();
+        let block = brick([0.9, 0.5, 0.1], 700, 3);
+        let target: Vec<_> = pin().into_iter().chain(block).collect();
+        let found = verify(&source, &target, Pose::IDENTITY);
+        let axis = found.undetermined.axis.expect("an axis");
+        assert!(axis.direction.z.abs() > 0.99, "{axis:?}");
+        let at = axis.point + axis.direction * (0.5 - axis.point.z) / axis.direction.z;
+        assert!(
+            (at.truncate() - glam::Vec2::new(0.6, 0.1)).length() < 0.03,
+            "{axis:?}"
+        );
+    }
 }

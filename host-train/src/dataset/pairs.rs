@@ -103,10 +103,9 @@ impl PairSet {
         self.seen.push(None);
     }
 
-    /// The same of a source that was seen from a point, and of a target without noise.
-    pub fn push_view(&mut self, sample: Sample, view_point: Point, label: u32) {
-        let clean = sample.target.clone();
-        self.push(sample, clean, label);
+    /// The same of a source that was seen from a point.
+    pub fn push_view(&mut self, sample: Sample, raw: Vec<Point>, view_point: Point, label: u32) {
+        self.push(sample, raw, label);
         self.seen.pop();
         self.seen.push(Some(Seen {
             view_point,

@@ -15,6 +15,7 @@ mod scene;
 pub mod start;
 
 use crate::augment::{affine, random_affine, random_rotation};
+use crate::bop::normalise::Normalisation;
 use crate::bop::sample::placed;
 use crate::bop::synth::sensor::{Sensor, estimated_mask};
 use crate::dataset::cloud_file::{CloudError, npy, read_file};
@@ -86,9 +87,8 @@ impl Object {
         &self.surface
     }
 
-    /// A view of it from a start, and where the camera stood in the source's frame. `None` in the rare case that nothing of
-    /// it is seen.
-    pub fn view(&self, rng: &mut Rng, points: usize, deform: bool) -> Option<(Sample, Point)> {
+    /// A view of it from a start. `None` in the rare case that nothing of it is seen.
+    fn view(&self, rng: &mut Rng, points: usize, deform: bool) -> Option<View> {
         let [least, most] = RADIUS_MM.map(f32::ln);
         let radius = rng.random_range(least..most).exp();
         let shape = if deform {
@@ -109,7 +109,12 @@ impl Object {
             let mut target = resample(rng, &self.surface, points);
             affine(&mut target, &model_from_mesh.into());
             let (sample, frame) = placed(source, target, &estimate, &truth)?;
-            return Some((sample, frame.point(estimate.inverse().translation)));
+            return Some(View {
+                sample,
+                view_point: frame.point(estimate.inverse().translation),
+                model_from_mesh,
+                frame,
+            });
         }
         None
     }
@@ -153,6 +158,26 @@ impl Object {
             }
         }
         (seen.len() >= points.min(LEAST_PIXELS)).then(|| resample(rng, &seen, points))
+    }
+}
+
+/// A view of an object.
+struct View {
+    sample: Sample,
+    /// Where the camera stood in the source's frame.
+    view_point: Point,
+    model_from_mesh: Affine3A,
+    frame: Normalisation,
+}
+
+impl View {
+    /// The object's surface in the target's frame and units.
+    fn surface(&self, object: &Object) -> Vec<Point> {
+        let placed = |p: &Point| {
+            let at = self.model_from_mesh.transform_point3((*p).into());
+            self.frame.point(at)
+        };
+        object.surface.iter().map(placed).collect()
     }
 }
 
@@ -249,21 +274,21 @@ impl Views {
         points: usize,
         deform: bool,
     ) -> Option<Sample> {
-        let (sample, _) = self.view(index, rng, points, deform)?;
-        Some(sample)
+        let (_, view) = self.view(index, rng, points, deform)?;
+        Some(view.sample)
     }
 
-    /// The same, and where the camera stood in the source's frame.
+    /// The same with its object.
     fn view(
         &self,
         index: usize,
         rng: &mut Rng,
         points: usize,
         deform: bool,
-    ) -> Option<(Sample, Point)> {
+    ) -> Option<(&Object, View)> {
         let from = self.objects.iter().cycle().skip(index);
         let mut tried = from.take(self.objects.len());
-        tried.find_map(|object| object.view(rng, points, deform))
+        tried.find_map(|object| Some((object, object.view(rng, points, deform)?)))
     }
 
     /// `count` training views of the meshes in turn, as [`Views::sample`] draws them, in NumPy's format:
@@ -296,13 +321,15 @@ impl Views {
         Some(bytes)
     }
 
-    /// Adds `count` pairs to a set, of the meshes in turn, as they are, with their view points.
+    /// Adds `count` pairs to a set, of the meshes in turn, as they are, with their view points. Noise-free targets are dense: the
+    /// distance to the closest point of a sparse one measures how far its points are apart.
     pub fn draw(&self, count: usize, points: usize, seed: u64, set: &mut PairSet) {
         for k in 0..count {
             let rng = &mut stream(seed, Purpose::Pairs, k as u64);
             let index = k % self.objects.len().max(1);
-            if let Some((sample, view_point)) = self.view(index, rng, points, false) {
-                set.push_view(sample, view_point, self.objects[index].label);
+            if let Some((object, view)) = self.view(index, rng, points, false) {
+                let surface = view.surface(object);
+                set.push_view(view.sample, surface, view.view_point, object.label);
             }
         }
     }

@@ -112,3 +112,20 @@ fn views_are_written_as_they_are_drawn() {
         assert_eq!(translation, target_from_source.translation);
     }
 }
+
+/// Against a sparse target, a pose that fits as well as the true one would be off by what lies between its points.
+#[test]
+fn what_poses_are_measured_by_is_the_whole_surface() {
+    let views = views();
+    let mut set = PairSet::default();
+    views.draw(3, 64, 5, &mut set);
+    let raw = set.raw.expect("of each pair");
+    for ((surface, target), object) in raw.iter().zip(&set.target).zip(views.objects()) {
+        assert_eq!(surface.len(), object.surface().len());
+        let is_of_it = |p: &Point| {
+            let p = Vec3::from_array(*p);
+            surface.iter().any(|&q| p.distance(q.into()) < 1e-5)
+        };
+        assert!(target.iter().all(is_of_it));
+    }
+}

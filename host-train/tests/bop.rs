@@ -188,7 +188,7 @@ fn a_refinement_knows_from_where_the_source_was_seen() {
             target: target.clone(),
             target_from_source: truth,
         };
-        set.push_view(sample, [0.3, 0.2, 4.0 * side], 0);
+        set.push_view(sample, target.clone(), [0.3, 0.2, 4.0 * side], 0);
     }
     // A file keeps it.
     let folder = folder();

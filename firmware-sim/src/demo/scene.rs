@@ -123,9 +123,8 @@ impl Scene {
         for index in 0..wanted {
             let rng = &mut stream(args.seed, Purpose::Pairs, index as u64);
             let part = &parts.objects()[index % PARTS];
-            let seen = part.view(rng, POINTS, false);
-            let (sample, view_point) = seen.context("a part is not seen")?;
-            pairs.push_view(sample, view_point, part.label);
+            let seen = part.draw(rng, POINTS, &mut pairs);
+            seen.context("a part is not seen")?;
         }
         Ok(Scene {
             description: format!(

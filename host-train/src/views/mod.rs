@@ -87,7 +87,22 @@ impl Object {
         &self.surface
     }
 
-    /// A view of it from a start. `None` in the rare case that nothing of it is seen.
+    /// Adds a view of it, as it is, to a set. `None` in the rare case that nothing of it is seen. The noise-free target is dense: the
+    /// distance to the closest point of a sparse one measures how far its points are apart.
+    pub fn draw(&self, rng: &mut Rng, points: usize, set: &mut PairSet) -> Option<()> {
+        let View {
+            sample,
+            view_point,
+            model_from_mesh,
+            frame,
+        } = self.view(rng, points, false)?;
+        let placed = |p: &Point| frame.point(model_from_mesh.transform_point3((*p).into()));
+        let surface = self.surface.iter().map(placed).collect();
+        set.push_view(sample, surface, view_point, self.label);
+        Some(())
+    }
+
+    /// A view of it from a start.
     fn view(&self, rng: &mut Rng, points: usize, deform: bool) -> Option<View> {
         let [least, most] = RADIUS_MM.map(f32::ln);
         let radius = rng.random_range(least..most).exp();
@@ -168,17 +183,6 @@ struct View {
     view_point: Point,
     model_from_mesh: Affine3A,
     frame: Normalisation,
-}
-
-impl View {
-    /// The object's surface in the target's frame and units.
-    fn surface(&self, object: &Object) -> Vec<Point> {
-        let placed = |p: &Point| {
-            let at = self.model_from_mesh.transform_point3((*p).into());
-            self.frame.point(at)
-        };
-        object.surface.iter().map(placed).collect()
-    }
 }
 
 /// Fewer pixels than this are no view.
@@ -274,21 +278,15 @@ impl Views {
         points: usize,
         deform: bool,
     ) -> Option<Sample> {
-        let (_, view) = self.view(index, rng, points, deform)?;
-        Some(view.sample)
+        let view = |object: &Object| object.view(rng, points, deform);
+        let View { sample, .. } = self.starting_at(index).find_map(view)?;
+        Some(sample)
     }
 
-    /// The same with its object.
-    fn view(
-        &self,
-        index: usize,
-        rng: &mut Rng,
-        points: usize,
-        deform: bool,
-    ) -> Option<(&Object, View)> {
-        let from = self.objects.iter().cycle().skip(index);
-        let mut tried = from.take(self.objects.len());
-        tried.find_map(|object| Some((object, object.view(rng, points, deform)?)))
+    /// The meshes, from number `index` on.
+    fn starting_at(&self, index: usize) -> impl Iterator<Item = &Object> {
+        let count = self.objects.len();
+        self.objects.iter().cycle().skip(index).take(count)
     }
 
     /// `count` training views of the meshes in turn, as [`Views::sample`] draws them, in NumPy's format:
@@ -321,16 +319,13 @@ impl Views {
         Some(bytes)
     }
 
-    /// Adds `count` pairs to a set, of the meshes in turn, as they are, with their view points. Noise-free targets are dense: the
-    /// distance to the closest point of a sparse one measures how far its points are apart.
+    /// Adds `count` pairs to a set, of the meshes in turn, as they are, with their view points.
     pub fn draw(&self, count: usize, points: usize, seed: u64, set: &mut PairSet) {
         for k in 0..count {
             let rng = &mut stream(seed, Purpose::Pairs, k as u64);
             let index = k % self.objects.len().max(1);
-            if let Some((object, view)) = self.view(index, rng, points, false) {
-                let surface = view.surface(object);
-                set.push_view(view.sample, surface, view.view_point, object.label);
-            }
+            self.starting_at(index)
+                .find_map(|object| object.draw(rng, points, set));
         }
     }
 }

@@ -6,7 +6,7 @@
 //! | sift | the best of those | more steps on more points |
 //! | pairs | where neither that nor any of these explains the source: pairs of its points with normals on pairs of the target's like them | more steps on more points |
 //! | again | the best of those, where that does not explain both, turned as symmetries of the target would | both stages |
-//! | polish | the best that differ | [`Refiner::polish`], briefly |
+//! | polish | the best that differ, and the start, which is compared as it is, too | [`Refiner::polish`], briefly |
 //! | copies | the best, turned as a cube's symmetries would | the same, where they fit about as well |
 //! | nudge | the best, turned and moved a little, where it explains little | sifted, the best of them polished |
 //! | slide | the best, moved along the axes by which planes hold its place, where it does not explain both clouds well | the same |
@@ -115,6 +115,7 @@ impl Refiner<'_> {
         };
         search.enter(polished.at, prior.as_ref());
         if begun != at_hand && prior.is_some() {
+            search.enter(begun, prior.as_ref());
             search.polish(begun, prior.as_ref());
         }
         search.screen(polished, begun, prior.as_ref(), &mut go_on)?;

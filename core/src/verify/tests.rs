@@ -342,3 +342,29 @@ fn of_poses_side_by_side_the_one_that_fits_best_is_taken() {
     let (angle, distance) = error(found, Pose::IDENTITY);
     assert!(angle < 1.0 && distance < 0.02, "{angle} {distance}");
 }
+
+/// Of a shallow bowl of few points, whose walls neighbourhoods do not tell apart, refinement leads away from the true pose.
+#[test]
+fn a_start_is_left_only_for_a_pose_that_is_more_probable() {
+    let bowl = |n: usize, numbers: &mut Numbers, seen: bool| -> Vec<[f32; 3]> {
+        let walls = [0.0, 0.06].into_iter().cycle();
+        let points = walls.take(if seen { 2 * n } else { n }).map(|wall| {
+            let [x, y, _] = numbers.point();
+            [x, 0.8 * y, 0.4 * x * x + 0.3 * y * y + wall]
+        });
+        points.filter(|p| !seen || p[0] > -0.3).take(n).collect()
+    };
+    let mut workspace = Box::new(Workspace::new());
+    for seed in 1..40 {
+        let numbers = &mut Numbers(seed);
+        let target = bowl(300, numbers, false);
+        let source = bowl(200, numbers, true);
+        let mut refiner = Refiner::new(&source, &target, &mut workspace).expect("clouds");
+        let start = Start::at(Pose::IDENTITY);
+        let least = refiner.energy(Pose::IDENTITY, &start).expect("a pose");
+        let at_hand = pose([1.5, 0.4, 0.8], [0.1, 0.1, 0.2]);
+        let found = refiner.verify(at_hand, &start).expect("a pose");
+        let energy = found.ranked[0].expect("a pose was found").energy;
+        assert!(energy <= least + 1e-4, "{seed}: {energy} {least}");
+    }
+}

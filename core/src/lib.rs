@@ -76,7 +76,7 @@ mod nearest;
 pub mod net;
 pub mod numbers;
 pub mod order;
-mod outliers;
+pub mod outliers;
 mod pairs;
 pub mod pipeline;
 pub mod polish;

@@ -1,9 +1,10 @@
-//! Points that no surface explains: marks of "invalid" such as -9999, pixels that fly, another thing far away.
+//! Points that no surface explains: marks of "invalid" such as -9999, pixels that fly, another thing far away. However often a mark is
+//! repeated, it is one point: what is equally far from the middle of the cloud counts once.
 
 use crate::select::{select, sort};
 use glam::Vec3;
 
-/// Share of the points that are believed: others are left out where a gap lies between them.
+/// Share of the points that are believed, each counted once: others are left out where a gap lies between them.
 const BELIEVED: f32 = 0.75;
 /// How much farther than the farthest of those kept the nearest left out is.
 const GAP: f32 = 3.0;
@@ -12,20 +13,20 @@ const FEWEST: usize = 48;
 
 /// Where a cloud's points are kept.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Bulk {
+pub struct Bulk {
     centre: Vec3,
     squared: f32,
 }
 
 impl Bulk {
     /// Everywhere.
-    pub(crate) const ALL: Bulk = Bulk {
+    pub const ALL: Bulk = Bulk {
         centre: Vec3::ZERO,
         squared: f32::INFINITY,
     };
 
-    /// Of a cloud, of which at most as many points are looked at as there are `keys`.
-    pub(crate) fn of(cloud: &[[f32; 3]], keys: &mut [u32]) -> Bulk {
+    /// Of a cloud `[N, 3]`, of which at most as many points are looked at as there are `keys`.
+    pub fn of(cloud: &[[f32; 3]], keys: &mut [u32]) -> Bulk {
         let n = cloud.len().min(keys.len());
         let Some(keys) = keys.get_mut(..n).filter(|_| n >= FEWEST) else {
             return Bulk::ALL;
@@ -38,26 +39,22 @@ impl Bulk {
             unordered(select(keys, n / 2, u32::cmp).unwrap_or_default())
         });
         let centre = Vec3::from_array(centre);
-        let mut farthest = 0.0f32;
         for (i, key) in keys.iter_mut().enumerate() {
             let squared = (Vec3::from_array(seen(i)) - centre).length_squared();
-            farthest = farthest.max(squared);
             *key = squared.to_bits(); // in the order of the distances: they are not negative
         }
-        let believed = (BELIEVED * n as f32) as usize;
-        select(keys, believed, u32::cmp);
-        let Some((&mut believed, others)) =
-            keys.get_mut(believed..).and_then(<[u32]>::split_first_mut)
-        else {
-            return Bulk::ALL;
+        sort(keys, u32::cmp);
+        let distances = || {
+            let mut last = None;
+            let keys = keys.iter().copied();
+            keys.filter(move |&key| last.replace(key) != Some(key))
+                .map(f32::from_bits)
         };
-        if farthest <= GAP * GAP * f32::from_bits(believed) {
-            return Bulk::ALL;
-        }
-        sort(others, u32::cmp);
-        let mut kept = f32::from_bits(believed);
-        for squared in others.iter().copied().map(f32::from_bits) {
-            if kept > 0.0 && squared > GAP * GAP * kept {
+        let count = distances().count();
+        let believed = (BELIEVED * count as f32) as usize;
+        let mut kept = 0.0;
+        for (i, squared) in distances().enumerate() {
+            if i > believed && count >= FEWEST && kept > 0.0 && squared > GAP * GAP * kept {
                 return Bulk {
                     centre,
                     squared: kept,
@@ -69,7 +66,7 @@ impl Bulk {
     }
 
     /// Whether a point is kept.
-    pub(crate) fn holds(&self, point: [f32; 3]) -> bool {
+    pub fn holds(&self, point: [f32; 3]) -> bool {
         (Vec3::from_array(point) - self.centre).length_squared() <= self.squared
     }
 
@@ -121,9 +118,15 @@ mod tests {
             cloud[..count].fill(mark);
             assert_eq!(left_out(&cloud), count, "{mark:?}");
         }
+        // Half of them: the mark is one point.
         let mut half = whole.clone();
-        half[..200].fill([50.0; 3]);
-        assert_eq!(left_out(&half), 0, "nobody knows which half is meant");
+        half[..190].fill([50.0; 3]);
+        assert_eq!(left_out(&half), 190);
+        for (point, away) in half.iter_mut().zip(part(160, 7)) {
+            *point = away.map(|x| x + 50.0);
+        }
+        half[160..190].copy_from_slice(&whole[160..190]);
+        assert_eq!(left_out(&half), 0, "nobody knows which thing is meant");
         assert_eq!(left_out(&[[1.0; 3]; 100]), 0);
         assert_eq!(left_out(&whole[..20]), 0);
     }

@@ -2,7 +2,7 @@
 
 use crate::dataset::Point;
 use crate::measure::baselines::{IcpSettings, IcpTarget, Residual};
-use crate::register::thin::thin;
+use crate::register::thin::{near_and_far, thin};
 use reagent_core::dims::MAX_POINTS;
 use reagent_core::pose::centroid;
 use reagent_core::{Error, Frame, Pose};
@@ -51,7 +51,12 @@ pub fn refine_densely(
     target: &[Point],
     from: Pose,
 ) -> Result<Option<Densely>, Error> {
-    let (source, target) = (thin(source, DENSE_POINTS), thin(target, DENSE_POINTS));
+    // What lies far from all others was left out before.
+    let near = |cloud| {
+        let [near, _] = near_and_far(cloud);
+        thin(&near, DENSE_POINTS)
+    };
+    let (source, target) = (near(source), near(target));
     let frame = Frame::of(&thin(&target, MAX_POINTS))?;
     // In the target's frame the settings' lengths are shares of its radius.
     let scale = |points: &[Point]| -> Vec<Point> {
@@ -141,6 +146,24 @@ mod tests {
             let still = again.map_or(pose, |found| found.target_from_source);
             assert!((still.translation - pose.translation).length() < 1e-4 * unit);
         }
+    }
+
+    #[test]
+    fn marks_of_what_is_invalid_change_nothing() {
+        let mesh = procedural::shape(1, 1).mesh;
+        let cloud = |i| mesh.sample(5000, &mut stream(2, Purpose::Surface, i));
+        let (source, target) = (cloud(0), cloud(1));
+        let off = Pose {
+            translation: Vec3::splat(0.01),
+            ..Pose::IDENTITY
+        };
+        let refined = |source: &[Point], target: &[Point]| {
+            let found = refine_densely(source, target, off).expect("clouds");
+            found.expect("better")
+        };
+        let expected = refined(&source, &target);
+        let marked = |cloud: &[Point]| [cloud, &[[1e10; 3]; 300]].concat();
+        assert_eq!(refined(&marked(&source), &marked(&target)), expected);
     }
 
     #[test]

@@ -4,22 +4,48 @@
 mod even;
 
 use crate::dataset::Point;
+use reagent_core::outliers::Bulk;
 use std::cmp::Ordering;
 
 /// Bits of a cell's place along each axis.
 const BITS: u32 = 21;
+/// Points by which it is judged whether any lie far from all others.
+const JUDGED: usize = 1 << 16;
 /// Stretches of the curve by which points are counted first, at most.
 const STRETCHES: usize = 1 << 18;
 
 /// `count` of the points, none twice, or all where there are no more. The order of the points does not matter, nor does any
 /// seed. They are spread as all are, unless these are as uneven as scans by a lidar: there dense places are those near the
 /// sensor, and two scans would fit where sensor lies on sensor. Of such clouds they are taken evenly over space.
+/// Points that lie far from all others, such as marks of what is invalid, keep their share, too, and change nothing for the rest.
 pub fn thin(points: &[Point], count: usize) -> Vec<Point> {
     if points.len() <= count {
         return points.to_vec();
     }
+    let [near, far] = near_and_far(points);
+    let share = (far.len() as u64 * count as u64).div_ceil(points.len() as u64) as usize;
+    let mut thinned = thin_near(&near, count - share);
+    thinned.extend(spread_as_all(&far, share));
+    thinned
+}
+
+/// The points without those that lie far from all others ([`Bulk`]), and these.
+pub fn near_and_far(points: &[Point]) -> [Vec<Point>; 2] {
+    let of = |count: usize| Bulk::of(points, &mut vec![0; count]);
+    let some = points.len().min(JUDGED);
+    // Where some of the points have no gap, hardly any has.
+    let bulk = match of(some) {
+        Bulk::ALL => return [points.to_vec(), Vec::new()],
+        bulk if some == points.len() => bulk,
+        _ => of(points.len()),
+    };
+    let (near, far) = points.iter().partition(|&&point| bulk.holds(point));
+    [near, far]
+}
+
+fn thin_near(points: &[Point], count: usize) -> Vec<Point> {
     let as_all = spread_as_all(points, count);
-    if !even::is_uneven(&as_all) {
+    if as_all.len() == points.len() || !even::is_uneven(&as_all) {
         return as_all;
     }
     match even::one_a_cell(points, count) {
@@ -32,6 +58,9 @@ pub fn thin(points: &[Point], count: usize) -> Vec<Point> {
 /// `count` of more points, at equal steps along a Z-order curve (Morton 1966) through the cloud: every region keeps its share
 /// of the points to within one, where a random draw leaves the share to chance.
 fn spread_as_all(points: &[Point], count: usize) -> Vec<Point> {
+    if points.len() <= count {
+        return points.to_vec();
+    }
     let code = curve(points);
     // The middle of each of `count` equal stretches.
     // In 64 bits: the browser's usize has 32, which products of millions of points leave.
@@ -147,6 +176,19 @@ mod tests {
         assert_eq!(thin(&points[..700], 700), points[..700]);
         assert_eq!(thin(&points, 1).len(), 1);
         assert_eq!(thin(&[[1.0; 3]; 9], 4), [[1.0; 3]; 4]);
+    }
+
+    #[test]
+    fn marks_of_what_is_invalid_keep_their_share_and_the_rest_its_places() {
+        let near = cloud(6000);
+        let marks = [[1e9; 3], [-9999.0, 0.0, 0.0]].map(|mark| vec![mark; 1000]);
+        let thinned = thin(&[&marks[0][..], &near, &marks[1]].concat(), 1000);
+        let is_mark = |p: &&Point| p[0].abs() > 100.0;
+        assert_eq!(
+            (thinned.len(), thinned.iter().filter(is_mark).count()),
+            (1000, 250)
+        );
+        assert_eq!(thinned[..750], thin(&near, 750));
     }
 
     #[test]

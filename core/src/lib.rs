@@ -85,7 +85,8 @@ pub mod pose;
     feature = "pretrained",
     feature = "pretrained-int8",
     feature = "pretrained-compact",
-    feature = "pretrained-views"
+    feature = "pretrained-views",
+    feature = "pretrained-views-compact"
 ))]
 mod pretrained;
 pub mod quant;

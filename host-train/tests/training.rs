@@ -10,7 +10,7 @@ use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
-use support::{fail, folder, run, succeed};
+use support::{fail, folder, read_json, run, succeed};
 
 /// A run of 12 small updates.
 const TRAIN: &str = "train --data procedural:9 --stage ilrl --points 48 --problems 2 --trajectories 1 \
@@ -155,6 +155,14 @@ fn run_directories_are_evaluated() {
     let pairs = "--data procedural --protocol m40-models --count 2 --per-step";
     let table = succeed(at, &format!("eval --weights wide deep {pairs}"));
     assert!(table.contains("wide") && table.contains("deep"), "{table}");
+    // Its poses can be refined all the same.
+    let refined = "--methods policy+icp,policy+polish,policy+verify --json deep.json";
+    let pairs = "--data procedural --protocol m40-models --count 2";
+    succeed(at, &format!("eval --weights deep {refined} {pairs}"));
+    let rows = &read_json(&at.join("deep.json"))["methods"];
+    for name in ["deep+icp", "deep+polish", "deep+verify"] {
+        assert!(rows[name]["r_iso_deg"].is_f64(), "{name} in {rows}");
+    }
     succeed(at, "export --run wide --out wide.rgw");
     let refused = "export --run deep --out deep.rgw";
     fail(at, refused, &["Local"]);

@@ -4,7 +4,7 @@ use super::{bad_usage, source};
 use crate::learn::env::Accumulation;
 use crate::learn::nn::Parameters;
 use crate::measure::baselines::{FgrSettings, IcpSettings};
-use crate::measure::method::{Contestant, Finish, Method, Start};
+use crate::measure::method::{Contestant, Finish, Start};
 use crate::policy::checkpoint::Checkpoint;
 use crate::policy::{ExportError, WeightFile};
 use clap::{Args, ValueEnum};
@@ -162,18 +162,16 @@ impl Weights {
         }
     }
 
-    /// The steps, then what refines their pose; nothing is refined of what only the trainer runs.
-    fn then(&self, finish: Finish) -> Option<Method<'_>> {
-        let start = match self {
+    /// What takes the steps.
+    fn start(&self) -> Start<'_> {
+        match self {
             Weights::File(file) => Start::Policy(file.policy()),
-            Weights::Trained(..) if !matches!(finish, Finish::Nothing) => return None,
             Weights::Trained(parameters, accumulation, decision) => Start::Trained {
                 parameters,
                 accumulation: *accumulation,
                 decision: *decision,
             },
-        };
-        Some(start.then(finish))
+        }
     }
 }
 
@@ -224,12 +222,11 @@ impl MethodArgs {
     /// Everything that is to run, in the order of `--methods`; `seed` is that of methods that draw.
     pub(super) fn contestants<'w>(&self, policies: &'w Policies, seed: u64) -> Vec<Contestant<'w>> {
         let of_policies = |suffix: &str, finish: Finish| -> Vec<Contestant<'w>> {
-            let contestant = |(stem, weights): &'w (String, Weights)| {
-                let name = format!("{stem}{suffix}");
-                let method = weights.then(finish)?;
-                Some(Contestant { name, method })
+            let contestant = |(stem, weights): &'w (String, Weights)| Contestant {
+                name: format!("{stem}{suffix}"),
+                method: weights.start().then(finish),
             };
-            policies.0.iter().filter_map(contestant).collect()
+            policies.0.iter().map(contestant).collect()
         };
         let fgr = |settings| Start::Fgr { settings, seed };
         let contestants = |&name: &MethodName| -> Vec<Contestant<'w>> {

@@ -92,6 +92,26 @@ pub(crate) struct Trajectory {
     pub(crate) poses: Vec<Pose>,
     pub(crate) ms: Vec<f64>,
     pub(crate) probability: Option<f32>,
+    clock: Instant,
+}
+
+impl Trajectory {
+    /// At the identity, now.
+    fn begin() -> Self {
+        Trajectory {
+            poses: vec![Pose::IDENTITY],
+            ms: vec![0.0],
+            probability: None,
+            clock: Instant::now(),
+        }
+    }
+
+    /// Goes on to a pose, which it gives.
+    fn reach(&mut self, pose: Pose) -> Pose {
+        self.poses.push(pose);
+        self.ms.push(self.clock.elapsed().as_secs_f64() * 1e3);
+        pose
+    }
 }
 
 impl Method<'_> {
@@ -105,17 +125,7 @@ impl Method<'_> {
         (steps, per_step): (usize, bool),
         memory: &mut Memory,
     ) -> Result<Trajectory, Error> {
-        let clock = Instant::now();
-        let mut track = Trajectory {
-            poses: vec![Pose::IDENTITY],
-            ms: vec![0.0],
-            probability: None,
-        };
-        let mut reached = |pose: Pose| {
-            track.poses.push(pose);
-            track.ms.push(clock.elapsed().as_secs_f64() * 1e3);
-            pose
-        };
+        let mut track = Trajectory::begin();
         let pose = match self.start {
             Start::Identity => Pose::IDENTITY,
             Start::Policy(policy) => {
@@ -124,7 +134,7 @@ impl Method<'_> {
                     registrar.start(source, target, Frame::IDENTITY, Pose::IDENTITY)?;
                 for _ in 0..steps {
                     registrar.step(&mut registration)?;
-                    reached(registration.target_from_source());
+                    track.reach(registration.target_from_source());
                 }
                 registration.target_from_source()
             }
@@ -139,19 +149,22 @@ impl Method<'_> {
                     Pose::IDENTITY,
                 )];
                 let rules = (accumulation, decision);
-                let poses = poses_of(parameters.clone(), rules, &pair, steps);
+                let parameters = parameters.clone();
+                // The copy is no part of a registration.
+                track = Trajectory::begin();
+                let poses = poses_of(parameters, rules, &pair, steps);
                 let poses = poses.iter().flatten().skip(1);
-                poses.fold(Pose::IDENTITY, |_, &pose| reached(pose))
+                poses.fold(Pose::IDENTITY, |_, &pose| track.reach(pose))
             }
             Start::Fgr { settings, seed } => {
                 let rng = &mut stream(seed, Purpose::Tuples, index);
-                reached(fgr(source, target, &settings, rng)?.target_from_source)
+                track.reach(fgr(source, target, &settings, rng)?.target_from_source)
             }
         };
         match self.finish {
             Finish::Nothing => {}
             Finish::Icp(settings) => {
-                reached(icp(source, target, pose, &settings)?.target_from_source);
+                track.reach(icp(source, target, pose, &settings)?.target_from_source);
             }
             Finish::Core(mode) => {
                 let task = Task {
@@ -161,7 +174,7 @@ impl Method<'_> {
                 let (workspace, clouds) = (&mut memory.workspace, [source, target]);
                 let go_on = || Ok::<(), Error>(());
                 if let Some(found) = refine(workspace, clouds, pose, &task, go_on)? {
-                    reached(found.refined.target_from_source);
+                    track.reach(found.refined.target_from_source);
                     track.probability = Some(found.evidence.probability());
                 }
             }

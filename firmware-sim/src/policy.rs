@@ -325,6 +325,14 @@ impl LoadedPolicy {
 }
 
 #[cfg(test)]
+impl LoadedPolicy {
+    /// A bit flips in memory.
+    pub(crate) fn flip_a_bit(&mut self) {
+        self.words[self.length / 8] ^= 1;
+    }
+}
+
+#[cfg(test)]
 mod tests {
     use super::*;
     use std::io::{Error, ErrorKind};

@@ -31,13 +31,7 @@ pub(crate) fn serve(
     let mut buffers = Buffers::new();
     loop {
         let loaded = policies.borrow_and_update().clone();
-        let mut engine = loaded.as_deref().and_then(|loaded| {
-            let policy = loaded.policy().ok()?;
-            Some(Engine {
-                registrar: Registrar::new(policy, &mut scratch),
-                policy: loaded.manifest().id(),
-            })
-        });
+        let mut engine = Engine::start(loaded.as_deref(), &mut scratch);
         loop {
             let job = match next_work(queue, &mut policies) {
                 Some(Work::Job(job)) => job,
@@ -46,7 +40,8 @@ pub(crate) fn serve(
             };
             let payload = job.query.payload().map(|p| p.to_bytes());
             let payload = payload.unwrap_or_default();
-            let answer = answer(engine.as_mut(), &mut buffers, &payload, &job);
+            let engine = engine.as_mut().map_err(|reason| *reason);
+            let answer = answer(engine, &mut buffers, &payload, &job);
             queue.done();
             match answer {
                 Ok((reply, trace)) => {
@@ -95,6 +90,23 @@ struct Engine<'w, 's> {
     policy: PolicyId,
 }
 
+impl<'w, 's> Engine<'w, 's> {
+    /// With that policy, or why requests are refused.
+    fn start(loaded: Option<&'w LoadedPolicy>, scratch: &'s mut Scratch) -> Result<Self, Reason> {
+        let loaded = loaded.ok_or(Reason::NoPolicy)?;
+        let policy = loaded.policy().map_err(|error| {
+            tracing::error!(
+                "the policy at hand is none: {error}; requests are refused until the next one"
+            );
+            Reason::PolicyDamaged
+        })?;
+        Ok(Engine {
+            registrar: Registrar::new(policy, scratch),
+            policy: loaded.manifest().id(),
+        })
+    }
+}
+
 /// Working memory of registrations, in the alignment that the kernels read.
 struct Buffers {
     source: Box<[[f32; 3]]>,
@@ -121,7 +133,7 @@ enum Ended {
     TakenBack,
 }
 
-/// Why a verification did not end.
+/// Why a registration did not end.
 enum Interrupted {
     Stop(Ended),
     Failed(Error),
@@ -135,7 +147,7 @@ impl From<Error> for Interrupted {
 
 /// Registers the clouds of a request; its trace too, where it wants one.
 fn answer(
-    engine: Option<&mut Engine<'_, '_>>,
+    engine: Result<&mut Engine<'_, '_>, Reason>,
     buffers: &mut Buffers,
     payload: &[u8],
     job: &Job,
@@ -150,9 +162,7 @@ fn answer(
         })
     };
     check()?;
-    let Some(Engine { registrar, policy }) = engine else {
-        return Err(refused(Reason::NoPolicy));
-    };
+    let Engine { registrar, policy } = engine.map_err(refused)?;
     let started = Instant::now();
     let source = taken(Cloud::Source, &request.source, &mut buffers.source).map_err(refused)?;
     let target = taken(Cloud::Target, &request.target, &mut buffers.target).map_err(refused)?;
@@ -217,4 +227,24 @@ fn taken<'c>(
         check_cloud(points).map(|()| points)
     });
     points.map_err(|error| Reason::of(error, cloud))
+}
+
+#[cfg(all(test, feature = "demo"))]
+mod tests {
+    use super::*;
+    use host_train::policy::{WeightFile, manifest};
+    use std::path::Path;
+
+    #[test]
+    fn a_policy_that_was_damaged_in_memory_is_no_missing_one() {
+        let file = WeightFile::bundled(Path::new("compact")).expect("bundled");
+        let manifest = manifest::manifest(1, "compact", &file).expect("a sound policy");
+        let mut loaded = LoadedPolicy::new(manifest, file.bytes()).expect("a sound policy");
+        let mut scratch = Box::new(Scratch::new());
+        let mut why = |loaded: Option<&LoadedPolicy>| Engine::start(loaded, &mut scratch).err();
+        assert_eq!(why(None), Some(Reason::NoPolicy));
+        assert_eq!(why(Some(&loaded)), None);
+        loaded.flip_a_bit();
+        assert_eq!(why(Some(&loaded)), Some(Reason::PolicyDamaged));
+    }
 }

@@ -55,7 +55,7 @@ impl<'a> PackedDense<'a> {
 }
 
 impl Isa {
-    /// As [`Isa::dense_max`], of activations that are not negative. Nothing where [`PackedDense::is_fast`] is false.
+    /// As [`Isa::dense_max`], of activations that are not negative; no faster where [`PackedDense::is_fast`] is false.
     ///
     /// # Shapes
     /// `x [points, inputs]`, `max [outputs]`; a shorter `max` stays as it is.

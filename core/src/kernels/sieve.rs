@@ -14,7 +14,7 @@ use super::Isa;
 use super::pruned::{INPUTS, fits};
 use super::split::Tile;
 #[cfg(target_arch = "x86_64")]
-use super::{Kind, x86::avx512_vnni_sieve};
+use super::{Kind, rows, x86::avx512_vnni_sieve};
 use crate::dims::{CODES, PANEL, QUAD};
 use crate::layer::{Codes, Dense, nearest_even};
 
@@ -26,12 +26,12 @@ const FACTORS: usize = 4;
 /// A layer with its weights in 8 bits too.
 #[derive(Clone, Copy, Debug)]
 pub struct SieveDense<'a> {
+    /// As it was.
+    pub(super) layer: Dense<'a>,
     /// Its weights, symmetric in ±127 of each channel's largest magnitude.
     pub(super) codes: Codes<'a>,
     /// The weights themselves, `[outputs, inputs]`.
     pub(super) rows: &'a [f32],
-    /// Bias.
-    pub(super) bias: &'a [f32],
     /// `1 / u` of each channel.
     pub(super) per_unit: &'a [f32],
     /// `|w|`.
@@ -62,9 +62,9 @@ impl<'a> SieveDense<'a> {
         let (rows, factors) = floats.split_at(layer.panels().len());
         let mut factors = factors.chunks_exact(layer.width());
         Some(SieveDense {
+            layer: *layer,
             codes: Codes::new(layer.inputs(), layer.width(), codes)?,
             rows,
-            bias: layer.bias(),
             per_unit: factors.next()?,
             norm: factors.next()?,
             rest: factors.next()?,
@@ -125,24 +125,22 @@ impl Isa {
         }
     }
 
-    /// As [`Isa::dense_max_near`] but for rounding, of activations that are not negative. Nothing where [`Isa::has_fast_sieves`] is
-    /// false.
+    /// As [`Isa::dense_max_near`] but for rounding, of activations that are not negative; it is that where [`Isa::has_fast_sieves`]
+    /// is false.
     ///
     /// # Shapes
     /// `x [points, inputs]`, `max [outputs]`; a shorter `max` stays as it is.
     pub fn dense_max_sieve(self, sieve: &SieveDense<'_>, x: &[f32], max: &mut [f32]) {
-        let inputs = sieve.codes.inputs();
-        if max.len() < sieve.bias.len() || inputs == 0 {
+        if max.len() < sieve.layer.width() {
             return;
         }
-        let points = x.len() / inputs;
         match self.0 {
             // SAFETY: the instruction set was detected, lengths were checked above and when packed.
             #[cfg(target_arch = "x86_64")]
-            Kind::Avx512Vnni => unsafe { avx512_vnni_sieve::dense_max(sieve, points, x, max) },
-            _ => {
-                let _ = (points, x);
-            }
+            Kind::Avx512Vnni => unsafe {
+                avx512_vnni_sieve::dense_max(sieve, rows(&sieve.layer, x), x, max);
+            },
+            _ => self.dense_max_near(&sieve.layer, x, max),
         }
     }
 }

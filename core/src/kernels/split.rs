@@ -6,18 +6,20 @@
 
 #![allow(unsafe_code, clippy::indexing_slicing)]
 // Only x86-64 has a kernel.
-#![cfg_attr(not(target_arch = "x86_64"), allow(dead_code, unused_variables))]
+#![cfg_attr(not(target_arch = "x86_64"), allow(dead_code))]
 
 use super::Isa;
 #[cfg(target_arch = "x86_64")]
 use super::{Kind, x86::amx_split};
-use crate::dims::PANEL;
+use crate::dims::{EMBED, PANEL};
 use crate::layer::Dense;
 
 /// Parts of a number.
 pub(super) const PARTS: usize = 3;
 /// Inputs of one tile of activations: a row of 64 bytes.
 pub(super) const TILE_INPUTS: usize = 32;
+/// Most inputs of a layer.
+pub(super) const INPUTS: usize = EMBED[1];
 /// Outputs of one block; their number is a multiple of it.
 const BLOCK: usize = 4 * PANEL;
 
@@ -39,12 +41,10 @@ impl Tile {
 /// A layer whose weights are split.
 #[derive(Clone, Copy, Debug)]
 pub struct SplitDense<'a> {
-    /// Length of a row, a multiple of 32.
-    pub(super) inputs: usize,
+    /// As it was, with a multiple of 32 inputs, at most [`INPUTS`].
+    pub(super) layer: Dense<'a>,
     /// See [`super::PackedDense::pack`].
     pub(super) tiles: &'a [Tile],
-    /// Bias.
-    pub(super) bias: &'a [f32],
 }
 
 impl<'a> SplitDense<'a> {
@@ -52,17 +52,17 @@ impl<'a> SplitDense<'a> {
     /// [`super::PackedDense::tiles`].
     pub fn new(layer: &Dense<'a>, packed: &'a [Tile]) -> Option<Self> {
         (packed_tiles(layer) == Some(packed.len())).then_some(SplitDense {
-            inputs: layer.inputs(),
+            layer: *layer,
             tiles: packed,
-            bias: layer.bias(),
         })
     }
 }
 
-/// Tiles that a layer's weights fill; `None` for one that has not whole blocks of 32 inputs and 64 outputs.
+/// Tiles that a layer's weights fill; `None` for one that has not whole blocks of 32 inputs and 64 outputs, or too many inputs.
 pub(super) fn packed_tiles(layer: &Dense<'_>) -> Option<usize> {
     let (inputs, outputs) = (layer.inputs(), layer.width());
-    let whole = inputs > 0 && inputs.is_multiple_of(TILE_INPUTS) && outputs.is_multiple_of(BLOCK);
+    let whole = inputs.is_multiple_of(TILE_INPUTS) && outputs.is_multiple_of(BLOCK);
+    let whole = whole && (1..=INPUTS).contains(&inputs);
     whole.then(|| outputs / PANEL * (inputs / TILE_INPUTS) * PARTS)
 }
 
@@ -100,20 +100,19 @@ impl Isa {
         }
     }
 
-    /// As [`Isa::dense_max`]. Nothing where [`Isa::has_fast_splits`] is false.
+    /// As [`Isa::dense_max`], which it is where [`Isa::has_fast_splits`] is false.
     ///
     /// # Shapes
     /// `x [points, inputs]`, `max [outputs]`; a shorter `max` stays as it is.
-    pub fn dense_max_split(self, layer: &SplitDense<'_>, x: &[f32], max: &mut [f32]) {
-        if max.len() < layer.bias.len() {
+    pub fn dense_max_split(self, split: &SplitDense<'_>, x: &[f32], max: &mut [f32]) {
+        if max.len() < split.layer.width() {
             return;
         }
         match self.0 {
             // SAFETY: the instruction set was detected, lengths were checked above and when packed.
             #[cfg(target_arch = "x86_64")]
-            Kind::Amx => unsafe { amx_split::dense_max(layer, x, max) },
-            // Nothing else multiplies the parts.
-            _ => {}
+            Kind::Amx => unsafe { amx_split::dense_max(split, x, max) },
+            _ => self.dense_max(&split.layer, x, max),
         }
     }
 }

@@ -139,6 +139,37 @@ proptest! {
         }
     }
 
+    // Whatever machine a layer was packed for.
+    #[test]
+    fn packed_layers_are_right_on_all_kernels(compact: bool, points in 1usize..=64, seed: u64) {
+        let (inputs, outputs) = layer(compact, 2);
+        let mut draw = Draw(seed, Values::Mixed);
+        let (panels, bias) = (draw.floats(inputs * outputs), draw.floats(outputs));
+        let layer = Dense::new(inputs, outputs, &panels, &bias).expect("whole panels");
+        let x = magnitudes(&draw.floats(points * inputs));
+        let [mut split, mut sieve] = [split::packed_tiles(&layer), sieve::packed_tiles(&layer)]
+            .map(|tiles| vec![Tile::ZERO; tiles.unwrap_or(0)]);
+        split::pack(&layer, &mut split);
+        sieve::pack(&layer, &mut sieve);
+        let packed = [
+            SplitDense::new(&layer, &split).map(PackedDense::Split),
+            SieveDense::new(&layer, &sieve).map(PackedDense::Sieve),
+        ];
+        prop_assert!(compact || packed.iter().all(Option::is_some));
+        let [panels_m, bias_m] = [&panels, &bias].map(|values| magnitudes(values));
+        let layer_m = Dense::new(inputs, outputs, &panels_m, &bias_m).expect("whole panels");
+        let [mut expected, mut magnitude] = [0; 2].map(|_| vec![f32::NEG_INFINITY; outputs]);
+        Isa::PORTABLE.dense_max(&layer, &x, &mut expected);
+        Isa::PORTABLE.dense_max(&layer_m, &x, &mut magnitude);
+        for isa in Isa::all() {
+            for packed in packed.iter().flatten() {
+                let mut max = vec![f32::NEG_INFINITY; outputs];
+                isa.dense_max_packed(packed, &x, &mut max);
+                prop_assert!(agree(&max, &expected, &magnitude, Values::Mixed), "{}", isa.name());
+            }
+        }
+    }
+
     // All terms of one sign and all their bits in use: each product of parts that is left out, or comes to another
     // output, takes a hundred thousandth of the sum or more.
     #[test]

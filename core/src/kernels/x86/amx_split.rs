@@ -3,15 +3,13 @@
 #![allow(unsafe_code, clippy::indexing_slicing)]
 
 use super::amx::Tiles;
-use crate::dims::{EMBED, PANEL, TILE};
-use crate::kernels::split::{PARTS, SplitDense, TILE_INPUTS, Tile};
+use crate::dims::{PANEL, TILE};
+use crate::kernels::split::{INPUTS, PARTS, SplitDense, TILE_INPUTS, Tile};
 use core::arch::asm;
 use core::arch::x86_64::*;
 
 /// Points of one tile.
 const ROWS: usize = 16;
-/// Most inputs of a layer.
-const INPUTS: usize = EMBED[1];
 /// Tiles of 16 points.
 const ROW_TILES: usize = INPUTS / TILE_INPUTS * PARTS;
 
@@ -198,23 +196,20 @@ fn raise(sums: &[Sums; 4], (rows, panels): ([usize; 4], [usize; 4]), best: &mut 
 /// AMX was detected and permitted; `max` holds as many values as the layer has outputs.
 #[target_feature(enable = "avx512f")]
 pub(in crate::kernels) unsafe fn dense_max(layer: &SplitDense<'_>, x: &[f32], max: &mut [f32]) {
-    if layer.inputs > INPUTS {
-        return;
-    }
-    let steps = layer.inputs / TILE_INPUTS;
+    let (inputs, bias) = (layer.layer.inputs(), layer.layer.bias());
+    let steps = inputs / TILE_INPUTS;
     let panel_tiles = steps * PARTS;
     let mut split = [[Tile::ZERO; ROW_TILES]; TILE / ROWS];
     let mut sums = [[Sums([[0.0; PANEL]; ROWS]); 4]; 2];
-    for x in x.chunks(TILE * layer.inputs) {
-        let points = x.len() / layer.inputs;
-        for (tiles, x) in split.iter_mut().zip(x.chunks(ROWS * layer.inputs)) {
-            split_rows(layer.inputs, x, tiles);
+    for x in x.chunks(TILE * inputs) {
+        let points = x.len() / inputs;
+        for (tiles, x) in split.iter_mut().zip(x.chunks(ROWS * inputs)) {
+            split_rows(inputs, x, tiles);
         }
         // SAFETY: tiles of points as filled above, four panels of the layer's, and their maxima.
         unsafe {
             let configured = Tiles::configure();
-            let outputs = layer
-                .bias
+            let outputs = bias
                 .chunks_exact(4 * PANEL)
                 .zip(max.chunks_exact_mut(4 * PANEL));
             for (weights, (bias, max)) in layer.tiles.chunks_exact(4 * panel_tiles).zip(outputs) {

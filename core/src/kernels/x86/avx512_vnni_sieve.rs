@@ -115,7 +115,7 @@ unsafe fn sum_of(sieve: &SieveDense<'_>, channel: usize, row: *const f32) -> f32
         }
         let [a, b, c, d] = sum;
         let sum = _mm512_add_ps(_mm512_add_ps(a, b), _mm512_add_ps(c, d));
-        *sieve.bias.get_unchecked(channel) + _mm512_reduce_add_ps(sum)
+        *sieve.layer.bias().get_unchecked(channel) + _mm512_reduce_add_ps(sum)
     }
 }
 
@@ -155,7 +155,7 @@ impl Limits {
                 of(sieve.slack.as_ptr()),
             );
             let margin = _mm512_fmadd_ps(of(sieve.norm.as_ptr()), by_points, margin);
-            let above = _mm512_sub_ps(of(max), of(sieve.bias.as_ptr()));
+            let above = _mm512_sub_ps(of(max), of(sieve.layer.bias().as_ptr()));
             let per_unit =
                 _mm512_mul_ps(of(sieve.per_unit.as_ptr()), _mm512_set1_ps(doubt.per_unit));
             // Beyond what any sum reaches, and where nothing is known yet, the conversion does not matter.

@@ -73,8 +73,8 @@ impl Registrar<'_, '_> {
     }
 
     /// The next slice of work: embeds at most `points` points (but at least one) of the target and then, in each
-    /// step, of the source; when all were seen, one of the two heads takes them in, which is as much work as
-    /// about 9 points are, or 17 where it looks both ways. `Some` when that was a step.
+    /// step, of the source; when all were seen, one of the two heads takes them in, which is at most as many
+    /// multiply-adds as 9 points are, or 17 where it looks both ways. `Some` when that was a step.
     ///
     /// If another registration used the registrar meanwhile, the cloud under way is embedded anew.
     ///

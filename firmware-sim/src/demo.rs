@@ -14,6 +14,7 @@ use host_train::learn::train::fine_tune;
 use host_train::measure::metrics::PairMetrics;
 use host_train::policy::WeightFile;
 use host_train::publish::Publisher;
+use host_train::random::SEED;
 use reagent_core::wire::{CHUNK_BYTES, CloudView, Manifest, Mode, RefineRequest};
 use scene::Scene;
 use serde_json::json;
@@ -49,7 +50,7 @@ pub struct DemoArgs {
     #[arg(long, value_name = "N", default_value_t = 30, value_parser = clap::value_parser!(u64).range(1..))]
     pub per_robot: u64,
     /// Seed of shapes, poses, noise and training
-    #[arg(long, value_name = "S", default_value_t = 42)]
+    #[arg(long, value_name = "S", default_value_t = SEED)]
     pub seed: u64,
     /// Write the table as JSON
     #[arg(long, value_name = "FILE")]

@@ -21,6 +21,7 @@ use host_train::dataset::procedural;
 use host_train::policy::WeightFile;
 use host_train::protocol::{self, Protocol};
 use host_train::publish::Publisher;
+use host_train::random::SEED;
 use reagent_core::wire::{CloudView, Mode, RefineRequest};
 use reagent_link::session::endpoint;
 use reagent_link::stop::stop_requested;
@@ -73,7 +74,7 @@ pub struct FleetArgs {
     #[arg(long, value_name = "ENDPOINT", value_parser = endpoint)]
     pub listen: Option<String>,
     /// Seed of shapes, poses and noise
-    #[arg(long, value_name = "S", default_value_t = 42)]
+    #[arg(long, value_name = "S", default_value_t = SEED)]
     pub seed: u64,
     /// Write the numbers as JSON (milliseconds)
     #[arg(long, value_name = "FILE")]

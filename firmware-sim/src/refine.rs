@@ -15,6 +15,7 @@ use host_train::dataset::Point;
 use host_train::dataset::pairs::PairSet;
 use host_train::measure::metrics::PairMetrics;
 use host_train::pose64::Position;
+use host_train::random::{SEED, seeds};
 use host_train::register::background::that_counts;
 use host_train::register::prepared::Prepared;
 use host_train::register::{Start, in_order, within_capacity};
@@ -79,7 +80,7 @@ pub struct RefineArgs {
     #[arg(long, value_name = "FILE")]
     pub trace: Option<PathBuf>,
     /// Seed of the subsampling
-    #[arg(long, value_name = "S", default_value_t = 42)]
+    #[arg(long, value_name = "S", default_value_t = SEED)]
     pub seed: u64,
     /// Write every answer as JSON: pose, verdict, steps, times (milliseconds), policy version
     #[arg(long, value_name = "FILE")]
@@ -164,9 +165,9 @@ impl RefineArgs {
         let files = self.sources.files([&self.source, &self.target]);
         let [source, target] = files.map_err(anyhow::Error::msg)?;
         let view_point = self.sources.view_point();
-        // Seeds of their own: a mesh registered to itself must not be sampled at the very same points.
-        let seen = self.sources.read(&source, None, self.seed)?.cloud;
-        let mut model = Input::read(&target, 1.0, None, self.seed.wrapping_add(1))?.cloud;
+        let [of_source, of_target] = seeds(self.seed);
+        let seen = self.sources.read(&source, None, of_source)?.cloud;
+        let mut model = Input::read(&target, 1.0, None, of_target)?.cloud;
         if view_point.is_some() {
             model.notice_missing_faces();
         }

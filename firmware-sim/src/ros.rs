@@ -16,6 +16,7 @@ use host_train::cli::{Initial, Input, Units};
 use host_train::dataset::Point;
 use host_train::dataset::ros::point_cloud2::PointCloud2;
 use host_train::policy::{REAGENT, VIEWS, WeightFile};
+use host_train::random::SEED;
 use host_train::register::prepared::Prepared;
 use host_train::register::request::{Done, Request};
 use host_train::register::track::{POINTS, Tracking, bundled_policy};
@@ -82,7 +83,7 @@ pub struct RosArgs {
     #[arg(long, value_name = "FRAME", value_parser = names::frame)]
     pub tf: Option<String>,
     /// Seed by which points of a mesh are drawn
-    #[arg(long, value_name = "S", default_value_t = 42)]
+    #[arg(long, value_name = "S", default_value_t = SEED)]
     pub seed: u64,
     /// The network: the router that `ros2 run rmw_zenoh_cpp rmw_zenohd` starts listens at tcp/HOST:7447.
     #[command(flatten)]

@@ -7,6 +7,15 @@ use rand_chacha::ChaCha8Rng;
 /// The generator used everywhere.
 pub type Rng = ChaCha8Rng;
 
+/// The seed where none is given.
+pub const SEED: u64 = 42;
+
+/// By which points of a source, and of its target, are drawn: a mesh that is registered to itself must not be sampled at the
+/// very same points.
+pub const fn seeds(seed: u64) -> [u64; 2] {
+    [seed, seed.wrapping_add(1)]
+}
+
 /// What a stream is for; each purpose has streams of its own.
 #[derive(Clone, Copy, Debug)]
 pub enum Purpose {

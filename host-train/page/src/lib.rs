@@ -8,6 +8,7 @@
 //! | `answer()`, `answer_length()` | the JSON that the last call answered, `{"error": …}` where it failed |
 
 use host_train::dataset::cloud_file::read_bytes;
+use host_train::random::{SEED, seeds};
 use host_train::register::document::Document;
 use host_train::register::prepared::Prepared;
 use host_train::register::request::{Done, Request};
@@ -21,8 +22,6 @@ use std::error::Error;
 use std::path::Path;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// The seed of `host-train`: points are drawn from meshes.
-const SEED: u64 = 42;
 /// The policy's name.
 const POLICY: &str = "compact";
 /// What the page calls source and target.
@@ -107,7 +106,7 @@ impl Page {
         *place = None;
         let path = Path::new(&name);
         let file = read_bytes(bytes, path)?;
-        let prepared = Prepared::of_file(&file, path, None, SEED + cloud as u64)?;
+        let prepared = Prepared::of_file(&file, path, None, seeds(SEED)[cloud])?;
         let notes: Vec<String> = prepared.notes.iter().map(ToString::to_string).collect();
         let answer = json!({
             "points": file.points.len(),

@@ -5,6 +5,7 @@ use crate::mesh::Mesh;
 use host_train::dataset::Point;
 use host_train::dataset::cloud_file;
 use host_train::pose64::{Pose64, Position};
+use host_train::random::{SEED, seeds};
 use host_train::register::prepared::Prepared;
 use numpy::ndarray::{ArrayView2, arr2};
 use numpy::{
@@ -15,8 +16,8 @@ use pyo3::prelude::*;
 use pyo3::{PyTypeInfo, intern};
 use std::path::Path;
 
-/// By which points of a source, and of a target, are drawn from meshes: those of the command line.
-pub(crate) const SEEDS: [u64; 2] = [42, 43];
+/// Those of the command line.
+pub(crate) const SEEDS: [u64; 2] = seeds(SEED);
 
 /// A cloud where Python holds it.
 pub(crate) struct Cloud<'py> {

@@ -32,12 +32,10 @@ pub use register::{Initial, Input, SourceArgs, Units};
 
 #[cfg(feature = "publish")]
 use crate::publish::{self, PublishArgs};
+use crate::random::SEED;
 use crate::words::count;
 use clap::{CommandFactory, Parser, Subcommand};
 use reagent_link::log::LogArgs;
-
-/// The seed where none is given.
-const DEFAULT_SEED: u64 = 42;
 
 /// Train, evaluate, export and publish ReAgent point cloud registration policies.
 ///
@@ -126,7 +124,7 @@ impl Cli {
     /// Whatever went wrong, as a chain from the general to the particular.
     pub fn run(self) -> anyhow::Result<()> {
         match self.command {
-            Command::Seeded(command) => command.run(self.seed.unwrap_or(DEFAULT_SEED)),
+            Command::Seeded(command) => command.run(self.seed.unwrap_or(SEED)),
             Command::Seedless(_) if self.seed.is_some() => {
                 let said = "--seed changes nothing here: nothing is drawn from it";
                 let kind = clap::error::ErrorKind::ArgumentConflict;

@@ -18,6 +18,7 @@ use super::{BelowProbability, bad_usage};
 use crate::cli::source::positive;
 use crate::dataset::cloud_file::{STANDARD, check_cloud, check_output, check_place};
 use crate::policy::{REAGENT, VIEWS, WeightFile};
+use crate::random::seeds;
 use crate::register::dense::Dense;
 use crate::register::document::Document;
 use crate::register::request::{Done, Request};
@@ -283,10 +284,10 @@ impl RegisterArgs {
         seed: u64,
     ) -> anyhow::Result<Pairing> {
         let points = self.points.map(|count| count as usize);
-        // Seeds of their own: a mesh registered to itself must not be sampled at the very same points.
+        let [of_source, of_target] = seeds(seed);
         let (source, target) = rayon::join(
-            || self.sources.read(&pair.source, points, seed),
-            || Input::read(&pair.target, 1.0, points, seed.wrapping_add(1)),
+            || self.sources.read(&pair.source, points, of_source),
+            || Input::read(&pair.target, 1.0, points, of_target),
         );
         let (source, mut target) = (source?, target?);
         if let Some(path) = &self.out {

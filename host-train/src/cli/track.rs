@@ -10,6 +10,7 @@ use crate::dataset::ros::point_cloud2::Time;
 use crate::measure::metrics::quantile;
 use crate::policy::WeightFile;
 use crate::pose64::{Pose64, Position};
+use crate::random::seeds;
 use crate::register::Memory;
 use crate::register::document::Open;
 use crate::register::request::Request;
@@ -169,13 +170,13 @@ impl TrackArgs {
         };
         let scale = self.scale.or(self.unit.map(|units| units.scale));
         let points = Some(self.points as usize);
-        // Seeds of their own: a mesh registered to itself must not be sampled at the very same points.
-        let model = Input::read(&self.model, 1.0, points, seed.wrapping_add(1))?.cloud;
+        let [of_sources, of_model] = seeds(seed);
+        let model = Input::read(&self.model, 1.0, points, of_model)?.cloud;
         let mut memory = Box::new(Memory::new());
         let mut tracking = Tracking::new();
         let mut follow = |file: Result<CloudFile, CloudError>, path: &Path| {
-            let source =
-                file.and_then(|file| Input::of(file, path, scale.unwrap_or(1.0), (points, seed)));
+            let source = file
+                .and_then(|file| Input::of(file, path, scale.unwrap_or(1.0), (points, of_sources)));
             let source = source.inspect_err(|_| tracking.miss())?.cloud;
             let clouds = [&source, &model];
             let tracked = tracking.follow(&request, weights.policy(), &mut memory, clouds)?;

@@ -6,6 +6,7 @@ use crate::learn::expert::Expert;
 use crate::learn::nn::Search;
 use crate::learn::train::record::RunRecord;
 use crate::learn::train::{self, Anneal, Categories, Follow, Network, Stage, TrainConfig};
+use crate::random::SEED;
 use crate::report::Report;
 use anyhow::{Context, bail};
 use clap::{ArgAction, Args};
@@ -197,7 +198,7 @@ impl TrainArgs {
             None => bail!("give --stage"),
         };
         config.out = self.out;
-        if !(self.resume && seed == super::DEFAULT_SEED) {
+        if !(self.resume && seed == SEED) {
             config.seed = seed;
         }
         if !self.data.is_empty() {

@@ -8,6 +8,7 @@ use super::{
 use crate::dataset::pairs::PairSet;
 use crate::learn::train::DataSource;
 use crate::policy::WeightFile;
+use crate::random::SEED;
 use crate::views::Views;
 use reagent_core::wire::{Manifest, PolicyName};
 use reagent_link::metrics::MetricsArgs;
@@ -17,10 +18,9 @@ use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
-/// Views on which policies are compared, points of each, and the seed that they are drawn by.
+/// Views on which policies are compared, and points of each.
 const VIEWS: usize = 300;
 const POINTS: usize = 1024;
-const SEED: u64 = 42;
 
 /// Serve a policy to a fleet until Ctrl-C.
 #[derive(clap::Args, Clone, Debug)]

@@ -18,7 +18,7 @@ use crate::dataset::bop::json::{self, Annotation, AnnotationInfo, CameraEntry, N
 use crate::dataset::bop::scene::{ESTIMATED_MASKS, VISIBLE_MASKS};
 use crate::dataset::bop::{BopError, Estimate, write_results};
 use crate::dataset::depth::image::{Image, NOT_MEASURED, write_depth, write_mask};
-use crate::random::{Purpose, Rng, stream};
+use crate::random::{Purpose, Rng, SEED, stream};
 use objects::{Object, write_models};
 use scene::{Scene, linemod_camera};
 use std::path::{Path, PathBuf};
@@ -59,7 +59,7 @@ impl Default for SynthSettings {
             per_scene: 5,
             size: [320, 240],
             noise: 1.0,
-            seed: 42,
+            seed: SEED,
         }
     }
 }

@@ -7,6 +7,7 @@ use crate::augment::Disturbance;
 use crate::dataset::bop::is_bop;
 use crate::learn::env::Accumulation;
 use crate::learn::nn::Shape;
+use crate::random::SEED;
 use crate::views::Meshes;
 use reagent_core::cut::Cut;
 use reagent_core::sight::Sight;
@@ -204,7 +205,7 @@ impl TrainConfig {
             stage,
             out,
             epochs,
-            seed: 42,
+            seed: SEED,
             threads: 0,
             init: None,
             network: Network::Wide,

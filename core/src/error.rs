@@ -135,7 +135,7 @@ impl fmt::Display for Error {
             ),
             BadPose => write!(
                 f,
-                "the pose is not a rigid transform, or its translation is beyond 1e12"
+                "the pose is not a rigid transform, or its translation is beyond 1e12; give a rotation without scale, and a translation in the clouds' unit"
             ),
             BadFrame => write!(
                 f,
@@ -143,9 +143,12 @@ impl fmt::Display for Error {
             ),
             BadViewPoint => write!(
                 f,
-                "the view point has a coordinate that is NaN, infinite or beyond 1e12"
+                "the view point has a coordinate that is NaN, infinite or beyond 1e12; give the sensor's place in the source's frame, or none"
             ),
-            BadUncertainty => write!(f, "a standard deviation of the start is negative or NaN"),
+            BadUncertainty => write!(
+                f,
+                "a standard deviation of the start is negative or NaN; give 0 or more"
+            ),
             NotStarted => write!(
                 f,
                 "the registration was not started with this policy; start it first"
@@ -160,35 +163,44 @@ impl fmt::Display for Error {
                 "weight file version {found}, this build reads {expected}; export it again"
             ),
             WeightsFormat { found } => {
-                write!(f, "weight number format {found} is not known to this build")
+                write!(
+                    f,
+                    "weight number format {found} is not known to this build; export it again, or update the program"
+                )
             }
             WeightsDecision { found } => {
                 write!(
                     f,
-                    "weight file decides in way {found}, which this build does not know"
+                    "weight file decides in way {found}, which this build does not know; export it again, or update the program"
                 )
             }
             WeightsShape { layer } => write!(
                 f,
-                "layer {layer} of the weight file has another shape or place than this build's"
+                "layer {layer} of the weight file has another shape or place than this build's; export it again"
             ),
             WeightsCrc => write!(f, "weight file is corrupt (CRC-32 differs); fetch it again"),
-            WeightsAlignment => write!(f, "weight bytes must start on a 4-byte boundary"),
+            WeightsAlignment => write!(
+                f,
+                "weight bytes must start on a 4-byte boundary; align the array, or copy it"
+            ),
             WeightsNotFinite { layer } => {
                 write!(
                     f,
-                    "layer {layer} of the weight file holds a NaN or infinity"
+                    "layer {layer} of the weight file holds a NaN or infinity; export a policy whose weights are finite"
                 )
             }
             WeightsRange { layer } => write!(
                 f,
-                "sums of layer {layer} of the weight file could overflow 32 bits; export it again"
+                "sums of layer {layer} of the weight file could overflow 32 bits, or a factor is not usable; export it again"
             ),
-            Frame => write!(f, "malformed frame"),
+            Frame => write!(f, "the frame is cut or malformed; send it again"),
             FrameVersion { found, expected } => {
-                write!(f, "frame version {found}, this build speaks {expected}")
+                write!(
+                    f,
+                    "frame version {found}, this build speaks {expected}; update the older side"
+                )
             }
-            FrameBuffer => write!(f, "frame does not fit the buffer"),
+            FrameBuffer => write!(f, "frame does not fit the buffer; give a longer one"),
             Name => write!(
                 f,
                 "fleet and robot names are 1 to 32 characters of a-z A-Z 0-9 _ -"

@@ -317,16 +317,16 @@ impl fmt::Display for Reason {
             ),
             Reason::NotFinite(cloud, index) => write!(
                 f,
-                "point {index} of the {cloud} cloud has a coordinate that was not measured: NaN, infinite or beyond 1e12"
+                "point {index} of the {cloud} cloud has a coordinate that was not measured: NaN, infinite or beyond 1e12; give the sensor's place in the source's frame, or none"
             ),
             Reason::BadCloud => write!(f, "all points of a cloud coincide, or nearly"),
             Reason::BadPose => write!(
                 f,
-                "the initial pose is not a rigid transform, or its translation is beyond 1e12"
+                "the initial pose is not a rigid transform, or its translation is beyond 1e12; give a rotation without scale, and a translation in the clouds' unit"
             ),
             Reason::BadViewPoint => write!(
                 f,
-                "the view point has a coordinate that is NaN, infinite or beyond 1e12"
+                "the view point has a coordinate that is NaN, infinite or beyond 1e12; give the sensor's place in the source's frame, or none"
             ),
             Reason::Internal => write!(f, "it failed; see its log"),
             Reason::Deadline => write!(

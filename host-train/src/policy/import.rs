@@ -131,7 +131,7 @@ pub fn read_pytorch(path: &Path) -> Result<BTreeMap<String, Tensor>, ImportError
         what,
         name: name.into(),
     };
-    let entries = archive.entries.clone();
+    let entries = std::mem::take(&mut archive.entries);
     let mut tensors = BTreeMap::new();
     for (theirs, id) in &entries {
         let ours = our_name(theirs).ok_or_else(|| names("unknown", theirs))?;

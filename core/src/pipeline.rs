@@ -120,7 +120,7 @@ impl<'b> Task<'b> {
         }
     }
 
-    /// Refuses a view point and an uncertainty that are none.
+    /// Refuses a view point out of range, and an uncertainty that is negative or NaN.
     fn check(&self) -> Result<(), Error> {
         let near = |x: f32| x.abs() <= LARGEST_COORDINATE;
         let seen_from = self.view_point.map_or([0.0; 3], |point| point.to_array());

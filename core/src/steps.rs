@@ -47,16 +47,21 @@ impl Action {
         rotation: [STOP; AXES],
     };
 
+    /// The signed steps: along the axes in normalised units, and about them in radians. Ids beyond the table count as stop.
+    pub fn signed(self) -> [[f32; AXES]; 2] {
+        [self.translation, self.rotation].map(|ids| ids.map(|id| step(id, &STEPS, 0.0)))
+    }
+
     /// The signed step as an update: `R̂ = Rx(a)·Ry(b)·Rz(c)` and `t̂` in normalised units.
     /// Ids beyond the table count as stop.
     pub fn update(self) -> Pose {
-        let translation = Vec3::from_array(self.translation.map(|id| step(id, &STEPS, 0.0)));
+        let [translation, _] = self.signed();
         let [(sa, ca), (sb, cb), (sc, cc)] = self
             .rotation
             .map(|id| (step(id, &SIN, 0.0), step(id, &COS, 1.0)));
         Pose {
             rotation: rotation_xyz(sa, ca, sb, cb, sc, cc),
-            translation,
+            translation: Vec3::from_array(translation),
         }
     }
 }

@@ -19,11 +19,16 @@
 //! | 10 | [`Trace`] | `…/robot/<id>/trace`, published after an answer whose request wants it |
 //! | 11 | [`Cancel`] | `…/robot/<id>/cancel`, published by a client that no longer waits |
 //!
-//! Version 3 brought time budgets, modes, clients and clouds on a grid ([`crate::grid`]) into requests, and what
-//! goes with them into replies and status. Version 4 brought view points and starts from anywhere into requests, and
-//! into replies how the clouds fit and what their shape leaves open. Version 5 brought the pose's covariance into them, version 7 what
-//! was seen besides the source into requests, and version 8 into replies the direction along which the place is open. Manifests,
-//! which are kept under their signature, have a version of their own; its version 4 brought the epoch.
+//! | version | requests have since | replies have since |
+//! |---|---|---|
+//! | 3 | time budgets, modes, clients, clouds on a grid ([`crate::grid`]) | what goes with them, as the status has |
+//! | 4 | view points, starts from anywhere | how the clouds fit, what their shape leaves open |
+//! | 5 | | the pose's covariance |
+//! | 6 | | shares of the points that were left out |
+//! | 7 | what was seen besides the source | |
+//! | 8 | | the direction along which the place is open |
+//!
+//! Manifests, which are kept under their signature, have a version of their own; its version 4 brought the epoch.
 //!
 //! The signature itself is checked by whoever holds the keys, not here.
 

@@ -4,8 +4,9 @@
 use criterion::{BatchSize, Criterion, criterion_group, criterion_main};
 use host_train::augment::{clean_sample, noisy_sample};
 use host_train::dataset::modelnet::{self, Split};
-use host_train::dataset::{Model, procedural};
-use host_train::random::{Purpose, stream};
+use host_train::dataset::pairs::Sample;
+use host_train::dataset::{Model, Point, procedural};
+use host_train::random::{Purpose, Rng, stream};
 use reagent_tests::shared;
 
 const BATCH: u64 = 32;
@@ -14,40 +15,32 @@ const POINTS: usize = 1024;
 /// A training batch on one core, from clouds of 2048 points.
 fn batches(c: &mut Criterion) {
     let models: Vec<Model> = procedural::models(1, BATCH as usize);
-    c.bench_function("clean batch of 32", |b| {
-        let mut position = 0;
-        b.iter_batched(
-            || {
-                position += BATCH;
-                position
-            },
-            |first| {
-                let draw = |i: u64| {
-                    let rng = &mut stream(1, Purpose::Augment, first + i);
-                    clean_sample(rng, &models[i as usize].points, POINTS)
-                };
-                (0..BATCH).map(draw).collect::<Vec<_>>()
-            },
-            BatchSize::LargeInput,
-        );
-    });
-    c.bench_function("noisy batch of 32", |b| {
-        let mut position = 0;
-        b.iter_batched(
-            || {
-                position += BATCH;
-                position
-            },
-            |first| {
-                let draw = |i: u64| {
-                    let rng = &mut stream(1, Purpose::Augment, first + i);
-                    noisy_sample(rng, &models[i as usize].points, POINTS)
-                };
-                (0..BATCH).map(draw).collect::<Vec<_>>()
-            },
-            BatchSize::LargeInput,
-        );
-    });
+    let samples = [
+        (
+            "clean",
+            clean_sample as fn(&mut Rng, &[Point], usize) -> Sample,
+        ),
+        ("noisy", noisy_sample),
+    ];
+    for (name, sample) in samples {
+        c.bench_function(&format!("{name} batch of 32"), |b| {
+            let mut position = 0;
+            b.iter_batched(
+                || {
+                    position += BATCH;
+                    position
+                },
+                |first| {
+                    let draw = |i: u64| {
+                        let rng = &mut stream(1, Purpose::Augment, first + i);
+                        sample(rng, &models[i as usize].points, POINTS)
+                    };
+                    (0..BATCH).map(draw).collect::<Vec<_>>()
+                },
+                BatchSize::LargeInput,
+            );
+        });
+    }
 }
 
 /// The whole training split, from disk.

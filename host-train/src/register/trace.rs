@@ -13,7 +13,7 @@ pub use pairs::pairs;
 use crate::dataset::Point;
 use reagent_core::dims::{AXES, LOGITS, STEP_SIZES};
 use reagent_core::pipeline::{Answer, Mode};
-use reagent_core::{Frame, Pose, register, steps::STEPS};
+use reagent_core::{Frame, Pose, register};
 use serde::{Deserialize, Serialize};
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
@@ -70,14 +70,13 @@ pub struct Step {
 impl Step {
     /// Step number `step` from 1, as a registration in `frame` took it, and the pose that it led to.
     pub fn new(step: usize, taken: &register::Step, frame: Frame, pose: Pose) -> Step {
-        let signed =
-            |ids: [u8; AXES]| ids.map(|id| STEPS.get(usize::from(id)).copied().unwrap_or(0.0));
+        let [translation, rotation_rad] = taken.action.signed();
         Step {
             step,
             translation_id: taken.action.translation,
             rotation_id: taken.action.rotation,
-            translation: signed(taken.action.translation).map(|t| t * frame.scale),
-            rotation_rad: signed(taken.action.rotation),
+            translation: translation.map(|t| t * frame.scale),
+            rotation_rad,
             target_from_source: pose.to_rows(),
             translation_probability: Some(probabilities(&taken.logits_t)),
             rotation_probability: Some(probabilities(&taken.logits_r)),

@@ -105,7 +105,10 @@ impl View {
     pub(crate) fn count_served(&mut self, reply: &RefineReply) {
         self.served += 1;
         let RefineReply { verdict, .. } = *reply;
-        self.tally.count(verdict, reply.probability, reply.micros);
+        // A pose that was found without the policy says nothing of it.
+        if reply.steps > 0 {
+            self.tally.count(verdict, reply.probability, reply.micros);
+        }
         let of_kind = self.verdicts.get_mut(verdict as usize);
         of_kind.into_iter().for_each(|count| *count += 1);
         self.in_hand = self.in_hand.saturating_sub(1);
@@ -125,6 +128,28 @@ impl View {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use reagent_core::Verdict;
+    use reagent_core::wire::Mode;
+
+    #[test]
+    fn what_is_found_without_the_policy_does_not_speak_for_it() {
+        let mut view = View::default();
+        for (mode, steps) in [(Mode::Refine, 0), (Mode::Verify, 0), (Mode::Polish, 10)] {
+            view.count_served(&RefineReply {
+                id: 1,
+                target_from_source: [[0.0; 4]; 3],
+                steps,
+                mode,
+                verdict: Verdict::Converged,
+                probability: Some(0.9),
+                fit: None,
+                waited_micros: 0,
+                micros: 1000,
+                policy_version: 1,
+            });
+        }
+        assert_eq!((view.served, view.tally.poses()), (3, 1));
+    }
 
     #[test]
     fn a_robot_is_well_with_a_policy_a_router_and_its_state() {

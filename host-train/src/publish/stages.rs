@@ -100,6 +100,8 @@ pub enum Halt {
         /// Poses wanted.
         wanted: u64,
     },
+    /// No pose converged, with the old policy or the new one: that tells nothing of either.
+    NoneConverged(String),
     /// The robots that have it do worse.
     Worse(String),
 }
@@ -114,6 +116,10 @@ impl fmt::Display for Halt {
                     "{poses} poses with the new policy where {wanted} are needed to judge it"
                 )
             }
+            Halt::NoneConverged(figures) => write!(
+                f,
+                "no pose converged, which tells nothing of the new policy; ask for verified or polished poses of what the robots see: {figures}"
+            ),
             Halt::Worse(why) => f.write_str(why),
         }
     }
@@ -191,7 +197,7 @@ impl Publisher {
                 }
                 let figures = Figures { old, new };
                 told(figures.to_string());
-                return Ok(figures.worse().map_or(Ok(()), |why| Err(Halt::Worse(why))));
+                return Ok(figures.judged());
             }
             match tokio::time::timeout_at(deadline, changes.recv_async()).await {
                 Ok(sample) => {
@@ -257,6 +263,14 @@ fn ms(tally: &Tally) -> f64 {
 }
 
 impl Figures {
+    /// Whether the roll-out may go on.
+    fn judged(&self) -> Result<(), Halt> {
+        if converged(&self.old) + converged(&self.new) == 0 {
+            return Err(Halt::NoneConverged(self.to_string()));
+        }
+        self.worse().map_or(Ok(()), |why| Err(Halt::Worse(why)))
+    }
+
     /// Why the new policy is worse, beyond chance.
     fn worse(&self) -> Option<String> {
         let Figures { old, new } = self;
@@ -349,6 +363,17 @@ mod tests {
         assert!(worse(tally(70, 30, 0.9, 5000)).starts_with("fewer poses converge"));
         assert!(worse(tally(90, 10, 0.7, 5000)).starts_with("poses are less probable"));
         assert!(worse(tally(90, 10, 0.9, 8000)).starts_with("poses take longer"));
+        let none = tally(0, 100, 0.1, 5000);
+        let [blind, first_blind] = [none, Tally::default()].map(|old| Figures { old, new: none });
+        for blind in [blind, first_blind] {
+            let halted = blind.judged().expect_err("nothing is known");
+            assert!(
+                halted.to_string().starts_with("no pose converged"),
+                "{halted}"
+            );
+        }
+        let known = Figures { old, new: none };
+        assert!(matches!(known.judged(), Err(Halt::Worse(_))));
         let nobody = Tally::default();
         let first = Figures {
             old: nobody,

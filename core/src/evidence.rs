@@ -37,9 +37,10 @@ pub struct Evidence {
 /// Distinct points below which no pose is called right.
 pub const FEWEST_DISTINCT: usize = 64;
 /// A source more times larger than the target is in another unit, unless such a share of its points is near the target, whose residual
-/// is below that: then it holds all of the target, and much else. In another unit it has a ninth of its points there at most.
+/// is below that, or of its points that may be the target's such a share is: then it holds the target, and much else. In another unit it has a
+/// ninth of its points there at most, and they look another way.
 pub const LARGEST_RATIO: f32 = 3.0;
-const HELD: [f32; 2] = [0.15, 0.5];
+const HELD: [f32; 3] = [0.15, 0.5, 0.75];
 /// A source smaller than this share of the target is in another unit, or too small a part to place.
 pub const SMALLEST_RATIO: f32 = 0.11;
 /// Residuals from which on a side has nothing in common with the other.
@@ -99,8 +100,9 @@ impl Evidence {
 
     /// Whether one cloud is several times as large as the other.
     pub fn sizes_differ(&self) -> bool {
-        let [share, residual] = HELD;
-        let holds_the_target = self.near > share && self.residual.target < residual;
+        let [share, residual, of_inside] = HELD;
+        let holds_the_target = self.near > share
+            && (self.residual.target < residual || self.near > of_inside * self.inside);
         let largest = if holds_the_target {
             f32::MAX
         } else {
@@ -232,6 +234,22 @@ mod tests {
             ..GOOD
         };
         assert!(!scene.sizes_differ());
+        // A single view of it leaves most of the target unseen.
+        let unseen = Residual {
+            source: 0.7,
+            target: 0.9,
+        };
+        let view = Evidence {
+            residual: unseen,
+            inside: 0.35,
+            ..scene
+        };
+        assert!(!view.sizes_differ());
+        let near_little = Evidence {
+            inside: 0.8,
+            ..view
+        };
+        assert!(near_little.sizes_differ());
         let in_inches = Evidence { near: 0.1, ..scene };
         assert!(in_inches.sizes_differ());
     }

@@ -8,6 +8,9 @@ use std::borrow::Cow;
 const MAX_RECORD_BYTES: u64 = 1 << 16;
 
 pub(super) fn parse(bytes: &[u8]) -> Result<CloudFile, String> {
+    if !bytes.windows(6).any(|word| word == b"FIELDS") {
+        return Err("it has no line FIELDS; is it of another format?".into());
+    }
     let bytes = &*without_empty_fields(bytes);
     let Some(after) = after_points(bytes)? else {
         return Ok(CloudFile::default());

@@ -98,6 +98,9 @@ impl PropertyAccess for Corners {
 }
 
 pub(super) fn parse(bytes: &[u8]) -> Result<CloudFile, String> {
+    if !bytes.starts_with(b"ply") {
+        return Err("it does not begin with \"ply\"; is it of another format?".into());
+    }
     let bytes = &*without_words(bytes);
     let mut reader = Reader::new(bytes);
     let vertices = Parser::<Vertex>::new();

@@ -371,3 +371,13 @@ fn what_follows_all_that_a_header_counts_is_told() {
         assert!(beyond(&[file.as_slice(), more].concat()), "{name}");
     }
 }
+
+#[test]
+fn what_is_of_another_format_is_told() {
+    let noise: Vec<u8> = (0..500u32).map(|i| (i * 167 % 251) as u8).collect();
+    for format in [".ply", ".pcd"] {
+        let refused = read(format, &noise).expect_err("no cloud");
+        let said = refused.to_string();
+        assert!(said.ends_with("is it of another format?"), "{said}");
+    }
+}

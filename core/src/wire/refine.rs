@@ -317,7 +317,7 @@ impl fmt::Display for Reason {
             ),
             Reason::NotFinite(cloud, index) => write!(
                 f,
-                "point {index} of the {cloud} cloud has a coordinate that was not measured: NaN, infinite or beyond 1e12; give the sensor's place in the source's frame, or none"
+                "point {index} of the {cloud} cloud has a coordinate that was not measured: NaN, infinite or beyond 1e12; leave such points out"
             ),
             Reason::BadCloud => write!(f, "all points of a cloud coincide, or nearly"),
             Reason::BadPose => write!(

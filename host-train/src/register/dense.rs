@@ -52,9 +52,9 @@ pub fn refine_densely(
     from: Pose,
 ) -> Result<Option<Densely>, Error> {
     // What lies far from all others was left out before.
-    let near = |cloud| {
-        let [near, _] = near_and_far(cloud);
-        thin(&near, DENSE_POINTS)
+    let near = |cloud| match near_and_far(cloud) {
+        Some([near, _]) => thin(&near, DENSE_POINTS),
+        None => thin(cloud, DENSE_POINTS),
     };
     let (source, target) = (near(source), near(target));
     let frame = Frame::of(&thin(&target, MAX_POINTS))?;

@@ -22,25 +22,27 @@ pub fn thin(points: &[Point], count: usize) -> Vec<Point> {
     if points.len() <= count {
         return points.to_vec();
     }
-    let [near, far] = near_and_far(points);
+    let Some([near, far]) = near_and_far(points) else {
+        return thin_near(points, count);
+    };
     let share = (far.len() as u64 * count as u64).div_ceil(points.len() as u64) as usize;
     let mut thinned = thin_near(&near, count - share);
     thinned.extend(spread_as_all(&far, share));
     thinned
 }
 
-/// The points without those that lie far from all others ([`Bulk`]), and these.
-pub fn near_and_far(points: &[Point]) -> [Vec<Point>; 2] {
+/// The points without those that lie far from all others ([`Bulk`]), and these; `None` where none does.
+pub fn near_and_far(points: &[Point]) -> Option<[Vec<Point>; 2]> {
     let of = |count: usize| Bulk::of(points, &mut vec![0; count]);
     let some = points.len().min(JUDGED);
     // Where some of the points have no gap, hardly any has.
     let bulk = match of(some) {
-        Bulk::ALL => return [points.to_vec(), Vec::new()],
+        Bulk::ALL => return None,
         bulk if some == points.len() => bulk,
         _ => of(points.len()),
     };
     let (near, far) = points.iter().partition(|&&point| bulk.holds(point));
-    [near, far]
+    Some([near, far])
 }
 
 fn thin_near(points: &[Point], count: usize) -> Vec<Point> {

@@ -53,15 +53,14 @@ impl Covariance {
         }
     }
 
-    /// Takes in that a turn about an axis is open, by an angle in either sense.
-    pub(crate) fn open_turn(&mut self, axis: Vec3, half_angle_rad: f32) {
-        self.open(0, axis, half_angle_rad * half_angle_rad / 3.0);
+    /// Takes in that a turn about an axis is open, between two angles, radians.
+    pub(crate) fn open_turn(&mut self, axis: Vec3, range_rad: [f32; 2]) {
+        self.open(0, axis, mean_square(range_rad));
     }
 
     /// Takes in that a shift along a direction is open, between two.
-    pub(crate) fn open_shift(&mut self, direction: Vec3, [least, most]: [f32; 2]) {
-        let squared = least * least + least * most + most * most;
-        self.open(3, direction, squared / 3.0);
+    pub(crate) fn open_shift(&mut self, direction: Vec3, range: [f32; 2]) {
+        self.open(3, direction, mean_square(range));
     }
 
     /// Makes a variance that large at least, of three rows from the first.
@@ -87,6 +86,11 @@ impl Covariance {
         let variances = variances.filter_map(|(i, row)| row.get(i));
         libm::sqrtf(variances.sum::<f32>()) / self.radius
     }
+}
+
+/// Of all between two numbers.
+fn mean_square([least, most]: [f32; 2]) -> f32 {
+    (least * least + least * most + most * most) / 3.0
 }
 
 #[cfg(test)]
@@ -136,7 +140,7 @@ mod tests {
             matrix: core::array::from_fn(|i| core::array::from_fn(|j| diagonal(i, j))),
         };
         let (along, across) = (Vec3::new(0.6, 0.8, 0.0), Vec3::new(-0.8, 0.6, 0.0));
-        covariance.open_turn(Vec3::Z, 0.3);
+        covariance.open_turn(Vec3::Z, [-0.3, 0.3]);
         covariance.open_shift(along, [-0.1, 0.5]);
         // Less than what is there changes nothing.
         covariance.open_shift(along, [0.0, 0.01]);

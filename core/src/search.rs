@@ -49,6 +49,11 @@ impl<const N: usize> Best<N> {
 
     /// Takes a hypothesis unless it is worse than all, or than one that is the same.
     pub(crate) fn offer(&mut self, score: f32, at: Rigid) {
+        let is_behind_all =
+            |worst: &Option<(f32, Rigid)>| worst.is_some_and(|(worst, _)| score >= worst);
+        if self.0.last().is_some_and(is_behind_all) {
+            return;
+        }
         let same = |held: &Option<(f32, Rigid)>| held.is_some_and(|(_, other)| is_same(at, other));
         let mut carried = Some((score, at));
         if let Some(twin) = self.0.iter_mut().find(|held| same(held)) {

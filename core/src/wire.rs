@@ -57,7 +57,7 @@ use crate::error::Error;
 use serde::{Deserialize, Serialize};
 
 /// Version of the frames; the first byte of each but a manifest.
-pub const VERSION: u8 = 8;
+pub const VERSION: u8 = 9;
 /// Version of manifests, signed or not; the first byte of each. Robots keep them over updates of themselves.
 pub const MANIFEST_VERSION: u8 = 4;
 /// Most bytes of one policy chunk.

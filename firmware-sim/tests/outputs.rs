@@ -126,7 +126,8 @@ async fn links_are_followed_modes_kept_and_devices_written_through() {
         let answer: serde_json::Value = serde_json::from_str(&text).expect("JSON");
         let fit = &answer["fit"];
         assert!(fit["overlap"].is_number(), "{mode}");
-        assert_eq!(fit["undetermined"].is_object(), is_looked_for, "{mode}");
+        let open = fit.get("undetermined").map(serde_json::Value::is_object);
+        assert_eq!(open, is_looked_for.then_some(true), "{mode}");
     }
     assert!(fs::read(&trace).expect("readable").len() > 2 * 900 * 12);
 

@@ -223,8 +223,9 @@ typedef struct {
   float axis_point[3];
   // Unit vector along it.
   float axis_direction[3];
-  // Largest angle that fits as well in both senses, radians.
-  float axis_half_angle_rad;
+  // Least and largest turn about it that fit as well, radians, by the right hand: the first is not positive, the second not
+  // negative.
+  float axis_range_rad[2];
   // Whether the clouds fit as well moved along a direction. Mode VERIFY alone looks: in the others it is false whatever the shape.
   bool slide_is_open;
   // Unit vector along it, in the target's frame.

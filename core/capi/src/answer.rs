@@ -79,8 +79,9 @@ pub struct ReagentAnswer {
     pub axis_point: [f32; 3],
     /// Unit vector along it.
     pub axis_direction: [f32; 3],
-    /// Largest angle that fits as well in both senses, radians.
-    pub axis_half_angle_rad: f32,
+    /// Least and largest turn about it that fit as well, radians, by the right hand: the first is not positive, the second not
+    /// negative.
+    pub axis_range_rad: [f32; 2],
     /// Whether the clouds fit as well moved along a direction. Mode VERIFY alone looks: in the others it is false whatever the shape.
     pub slide_is_open: bool,
     /// Unit vector along it, in the target's frame.
@@ -130,7 +131,7 @@ impl ReagentAnswer {
             self.axis_is_open = true;
             self.axis_point = axis.point.to_array();
             self.axis_direction = axis.direction.to_array();
-            self.axis_half_angle_rad = axis.half_angle_rad;
+            self.axis_range_rad = axis.range_rad;
         }
         if let Some(slide) = found.undetermined.slide {
             self.slide_is_open = true;

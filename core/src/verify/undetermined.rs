@@ -15,10 +15,12 @@ use glam::Vec3;
 /// Standard errors below which a difference of losses is what sampling explains: more than of independent points, since
 /// errors of neighbours are alike.
 const EXPLAINED: f32 = 4.0;
-/// Turns about an axis, in both senses, by which it is seen how well the shape fixes the angle, radians.
+/// Turns about an axis, in either sense, by which it is seen how well the shape fixes the angle, radians.
 const TURNS: [f32; 6] = [0.175, 0.35, 0.7, 1.3, 2.2, core::f32::consts::PI];
 /// Shifts along a direction, in either sense, by which it is seen how well the shape fixes the place, target radii.
 const SHIFTS: [f32; 9] = [0.1, 0.2, 0.3, 0.4, 0.55, 0.7, 0.9, 1.1, 1.4];
+/// How often the step between the last of these that fits and the next is halved, to see how far it fits.
+const HALVED: usize = 2;
 /// Places of the losses that are compared.
 const HERE: usize = CONTENDERS - 1;
 const THERE: usize = CONTENDERS - 2;
@@ -44,8 +46,9 @@ pub struct Axis {
     pub point: Vec3,
     /// Unit vector along it.
     pub direction: Vec3,
-    /// Largest angle that fits as well in both senses, radians: π where any does.
-    pub half_angle_rad: f32,
+    /// Least and largest turn about it that fit as well, radians, by the right hand: the first is not positive, the second not
+    /// negative; -π and π where any turn does.
+    pub range_rad: [f32; 2],
 }
 
 /// A direction in the target's frame, and how far the source may be moved along it: a piece of a bar on the whole bar.
@@ -68,7 +71,7 @@ impl Undetermined {
     /// A pose's covariance, with what is open in it.
     pub(crate) fn taken_into(&self, mut covariance: Covariance) -> Covariance {
         if let Some(axis) = self.axis {
-            covariance.open_turn(axis.direction, axis.half_angle_rad);
+            covariance.open_turn(axis.direction, axis.range_rad);
         }
         if let Some(slide) = self.slide {
             covariance.open_shift(slide.direction, slide.range);
@@ -129,7 +132,7 @@ impl Refiner<'_> {
         undetermined
     }
 
-    /// The axis about which the clouds may be turned in both senses and fit as well.
+    /// The axis about which the clouds may be turned and fit as well.
     fn free_axis(&mut self, found: &Candidate) -> Option<Axis> {
         if found.rotation_constraint >= SLIPPERY {
             return None;
@@ -142,18 +145,17 @@ impl Refiner<'_> {
             let turned = at.turned(Rotation::new(axis * sine, cosine));
             refiner.fits_as_well([axis, Vec3::ZERO], turned)
         };
-        let both = |&angle: &f32| {
-            fits(self, -angle)?;
-            Some((angle, fits(self, angle)?))
-        };
-        let (half_angle_rad, there) = TURNS.iter().map_while(both).last()?;
+        let [back, forth] =
+            [-1.0, 1.0].map(|sense| reach(&TURNS, |angle| fits(self, sense * angle)));
+        let [most_back, most_forth] = [back, forth].map(|end| end.map_or(0.0, |(angle, _)| angle));
+        let (_, there) = if most_back > most_forth { back } else { forth }?;
         // Not quite that of the least constraint: what else was drawn near moves it to where the shape's own one is.
         let turn = there.rotation.after(at.rotation.inverse());
         let (direction, point) = turn.line(there.shift - turn.matrix() * at.shift)?;
         Some(Axis {
             point: self.target_centre() + point * self.target_scale(),
-            direction,
-            half_angle_rad,
+            direction: direction * direction.dot(axis).signum(),
+            range_rad: [-most_back, most_forth],
         })
     }
 
@@ -172,10 +174,8 @@ impl Refiner<'_> {
             refiner.fits_as_well([Vec3::ZERO, direction], moved)
         };
         let range = [-1.0, 1.0].map(|sense| {
-            let shifts = SHIFTS.iter().map(|shift| sense * shift);
-            shifts
-                .take_while(|&shift| fits(self, shift).is_some())
-                .last()
+            let end = reach(&SHIFTS, |shift| fits(self, sense * shift));
+            end.map(|(shift, _)| sense * shift)
         });
         let scale = self.target_scale();
         (range != [None; 2]).then(|| Slide {
@@ -192,6 +192,27 @@ impl Refiner<'_> {
         let fits = self.losses().excess(THERE, HERE).score() < EXPLAINED;
         fits.then_some(there)
     }
+}
+
+/// The last of growing steps that fits, and the pose there: where the next does not, a little farther, since the step between is halved.
+fn reach(steps: &[f32], mut fits: impl FnMut(f32) -> Option<Rigid>) -> Option<(f32, Rigid)> {
+    let mut reached = None;
+    for &step in steps {
+        let Some(there) = fits(step) else {
+            let (mut last, mut there) = reached?;
+            let mut missed = step;
+            for _ in 0..HALVED {
+                let between = 0.5 * (last + missed);
+                match fits(between) {
+                    Some(at) => (last, there) = (between, at),
+                    None => missed = between,
+                }
+            }
+            return Some((last, there));
+        };
+        reached = Some((step, there));
+    }
+    reached
 }
 
 /// How much less probable the next pose is than the best, unless it differs from that by what is open.
@@ -254,7 +275,37 @@ mod tests {
         let found = verify(&source, &target, pose([0.0, 0.05, 0.4], [0.02, 0.0, 0.0]));
         let axis = found.undetermined.axis.expect("an axis");
         assert!(axis.direction.z.abs() > 0.99, "{axis:?}");
-        assert_eq!(axis.half_angle_rad, core::f32::consts::PI);
+        assert_eq!(
+            axis.range_rad,
+            [-core::f32::consts::PI, core::f32::consts::PI]
+        );
+    }
+
+    /// A piece of a vase's wall may be turned until it reaches the gap in that: farther in one sense than in the other.
+    #[test]
+    fn a_turn_may_be_open_farther_in_one_sense_than_in_the_other() {
+        let mut numbers = Numbers(13);
+        let mut wall = |from: f32, to: f32| -> Vec<[f32; 3]> {
+            let whole = revolved(&mut numbers, 3000, vase, 0.8).into_iter();
+            let is_between = |p: &[f32; 3]| {
+                (from..to).contains(&p[1].atan2(p[0]).rem_euclid(core::f32::consts::TAU))
+            };
+            whole.filter(is_between).collect()
+        };
+        let (piece, vase) = (wall(0.6, 3.4), wall(0.3, 6.0));
+        let found = verify(&piece, &vase, Pose::IDENTITY);
+        let axis = found.undetermined.axis.expect("an axis");
+        assert!(axis.direction.z.abs() > 0.99, "{axis:?}");
+        let given = found.best.target_from_source.rotation.x_axis;
+        let mut turns = axis
+            .range_rad
+            .map(|turn| given.y.atan2(given.x) + turn * axis.direction.z);
+        turns.sort_by(f32::total_cmp);
+        let [least, most] = turns;
+        assert!(
+            (-0.6..-0.1).contains(&least) && (2.3..2.9).contains(&most),
+            "{turns:?} {axis:?}"
+        );
     }
 
     /// A piece of a pin that stands beside a block's middle may be turned about the pin's axis, not about the whole's middle.

@@ -126,9 +126,9 @@ pub struct Fit {
     pub distinct_points: u16,
     /// Shares of the source's and of the target's points that were left out, since they lie far from all others.
     pub left_out: [f32; 2],
-    /// Axis about which a turn fits as well: a point on it, its direction, both in the target's frame and units, and the largest angle,
-    /// radians.
-    pub axis: Option<([f32; 3], [f32; 3], f32)>,
+    /// Turned about this axis they fit as well ([`crate::verify::Axis`]): a point on it, its direction, both in the target's frame and
+    /// units, and the least and largest turn, radians.
+    pub axis: Option<([f32; 3], [f32; 3], [f32; 2])>,
     /// Moved along this direction they fit as well ([`crate::verify::Slide`]): unit vector, and the least and largest shift.
     pub slide: Option<([f32; 3], [f32; 2])>,
     /// Other poses that fit as well.
@@ -171,7 +171,7 @@ impl Fit {
             left_out,
             axis: axis.map(|axis| {
                 let [point, direction] = [axis.point, axis.direction].map(|v| v.to_array());
-                (point, direction, axis.half_angle_rad)
+                (point, direction, axis.range_rad)
             }),
             slide: slide.map(|slide| (slide.direction.to_array(), slide.range)),
             others: poses.iter().flatten().count() as u8,

@@ -110,7 +110,7 @@ fn another_version_and_damage_are_told_apart() {
     assert_eq!(decode(&longer), Err(Error::Frame));
     // A cloud of 13 bytes is no whole number of points.
     let ragged = [
-        &[8, 2, 5, 0, 1, 0, 10, 0, 0, 0, 0, 0, 13][..],
+        &[VERSION, 2, 5, 0, 1, 0, 10, 0, 0, 0, 0, 0, 13][..],
         &[0; 13],
         &[0, 0, 0, 0],
     ]

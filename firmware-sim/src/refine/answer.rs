@@ -29,12 +29,12 @@ impl Answer {
                 std::array::from_fn(|j| triangle[i.max(j) * (i.max(j) + 1) / 2 + i.min(j)])
             };
             let matrix: [_; 6] = std::array::from_fn(row);
-            let axis = fit.axis.map(|(point, direction, angle)| {
-                json!({ "point": far(point), "direction": direction, "half_angle_deg": angle.to_degrees() })
+            let axis = fit.axis.map(|(point, direction, range)| {
+                json!({ "point": far(point), "direction": direction, "range_deg": range.map(f32::to_degrees) })
             });
             let slide = fit.slide.map(|(direction, range)| json!({ "direction": direction, "range": range }));
-            let open = json!({ "axis": axis, "slide": slide, "others": fit.others });
-            json!({
+            let open = without_null(json!({ "axis": axis, "slide": slide, "others": fit.others }));
+            without_null(json!({
                 "overlap": fit.overlap,
                 "inlier_rmse": fit.inlier_rmse,
                 "extents_ratio": fit.extents_ratio,
@@ -43,7 +43,7 @@ impl Answer {
                 // Only where poses are compared.
                 "undetermined": (self.reply.mode == Mode::Verify).then_some(open),
                 "covariance": { "about": far(about), "matrix": matrix },
-            })
+            }))
         });
         json!({
             "robot": self.robot,
@@ -68,6 +68,14 @@ impl Answer {
             target,
         )
     }
+}
+
+/// An object's entries that have a value: what is not known has no key, as in the documents of `register`.
+fn without_null(mut object: serde_json::Value) -> serde_json::Value {
+    if let Some(entries) = object.as_object_mut() {
+        entries.retain(|_, value| !value.is_null());
+    }
+    object
 }
 
 /// Asks one robot, or any, for one pose.

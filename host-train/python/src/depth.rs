@@ -3,8 +3,8 @@
 use crate::arguments;
 use crate::array::{numbers, without_mask};
 use crate::error::{Error, bad};
-use host_train::dataset::depth::image::Image;
-use host_train::dataset::depth::{DepthImage, Intrinsics, checked_scale};
+use host_train::dataset::depth::image::{Image, largest_integer};
+use host_train::dataset::depth::{DepthImage, Depths, Intrinsics, checked_scale};
 use numpy::ndarray::arr2;
 use numpy::{PyArray2, PyArrayDescrMethods, PyUntypedArray, PyUntypedArrayMethods};
 use pyo3::prelude::*;
@@ -12,8 +12,8 @@ use std::path::Path;
 
 /// The points that a depth camera saw, in its own frame (x right, y down, z ahead): (N, 3), float64. It stood at the origin.
 ///
-/// depth: (rows, columns) of float or of integers of 16 bits or more, along the camera's axis; 0, negative numbers and NaN are no
-///     depth, nor are masked elements.
+/// depth: (rows, columns) of float or of integers of 16 bits or more, along the camera's axis; 0, negative numbers, NaN and
+///     the largest integer of the array's type, such as 65535, are no depth, nor are masked elements.
 /// camera: fx, fy, cx, cy in pixels of an image without distortion, or the 3x3 matrix K.
 /// mask: (rows, columns), which pixels show the object: those above 0; all if not given.
 /// depth_scale: what a unit of depth is in the unit of the points, which should be the target's; for BOP's depth_scale that is
@@ -55,12 +55,16 @@ pub(crate) fn depth_image(
     depth_scale: f64,
 ) -> PyResult<DepthImage> {
     checked_scale(depth_scale).map_err(Error::new_err)?;
-    let has_bytes = |array: &Bound<'_, PyUntypedArray>| array.dtype().itemsize() == 1;
-    if depth.cast::<PyUntypedArray>().is_ok_and(has_bytes) {
+    let dtype = depth.cast::<PyUntypedArray>().ok().map(|array| {
+        let dtype = array.dtype();
+        (dtype.kind(), dtype.itemsize())
+    });
+    if dtype.is_some_and(|(_, bytes)| bytes == 1) {
         let what = "expected floats or integers of 16 bits or more, found 8 bits";
         return Err(bad("depth", what));
     }
-    let depth = image("depth", &without_mask(depth)?, |x| x as f32)?;
+    let largest = dtype.and_then(|(kind, bytes)| largest_integer(kind, bytes));
+    let depth = Depths::of(image("depth", &without_mask(depth)?, |x| x)?, largest).image;
     let mask = mask
         .map(|mask| image("mask", mask, |x| x > 0.0))
         .transpose()?;

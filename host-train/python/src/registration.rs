@@ -292,15 +292,16 @@ impl Axis {
         PyArray1::from_owned_array(py, arr1(&self.0.direction.map(f64::from)))
     }
 
-    /// How far the turn may be off either way, degrees.
+    /// Least and largest turn about it that fit as well, degrees, by the right hand: the first is not positive, the second not
+    /// negative.
     #[getter]
-    fn half_angle_deg(&self) -> f32 {
-        self.0.half_angle_deg
+    fn range_deg(&self) -> (f32, f32) {
+        self.0.range_deg.into()
     }
 
     fn __repr__(&self) -> String {
-        let ([x, y, z], angle) = (self.0.direction, self.0.half_angle_deg);
-        format!("Axis(direction=[{x:.3}, {y:.3}, {z:.3}], half_angle_deg={angle:.0})")
+        let ([x, y, z], [least, most]) = (self.0.direction, self.0.range_deg);
+        format!("Axis(direction=[{x:.3}, {y:.3}, {z:.3}], range_deg=({least:.0}, {most:.0}))")
     }
 }
 

@@ -54,6 +54,9 @@ def test_what_was_not_measured_is_left_out():
     depth = numpy.array([[1, numpy.nan, 0], [-1, numpy.inf, 2]])
     for given in [depth, depth.astype(numpy.float32), depth.T.copy().T]:
         assert reagent.points_of_depth(given, CAMERA)[:, 2].tolist() == [1, 2]
+    marked = numpy.array([[65535, 7, 0]], numpy.uint16)
+    assert reagent.points_of_depth(marked, CAMERA)[:, 2].tolist() == [7]
+    assert reagent.points_of_depth(marked.astype(float), CAMERA)[:, 2].tolist() == [65535, 7]
     hidden = numpy.ma.masked_array([[5, 6]], mask=[[True, False]])
     assert reagent.points_of_depth(hidden, CAMERA)[:, 2].tolist() == [6]
     for mask in [[[True, False]], numpy.uint8([[255, 0]])]:

@@ -129,12 +129,13 @@ fn is_right(truth: &GroundTruth<'_>, true_pose: Pose, found: &Refinement) -> boo
                 axis.direction,
                 true_pose.rotation * given.rotation.transpose(),
             );
+            let [least, most] = axis.range_rad;
             let rotation = Mat3::from_axis_angle(axis.direction, turn);
             let turned = Pose {
                 rotation: rotation * given.rotation,
                 translation: axis.point + rotation * (given.translation - axis.point),
             };
-            turn.abs() <= axis.half_angle_rad && is_right(turned)
+            (least..=most).contains(&turn) && is_right(turned)
         })
 }
 

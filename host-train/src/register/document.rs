@@ -107,8 +107,8 @@ pub struct OpenAxis {
     pub point: [f64; 3],
     /// Its unit vector.
     pub direction: [f32; 3],
-    /// How far the turn may be off, either way.
-    pub half_angle_deg: f32,
+    /// Least and largest turn about it that fit as well, by the right hand.
+    pub range_deg: [f32; 2],
 }
 
 /// A direction along which the place is open.
@@ -152,7 +152,7 @@ impl Open {
             axis: axis.map(|axis| OpenAxis {
                 point: far(axis.point, origin),
                 direction: axis.direction.to_array(),
-                half_angle_deg: axis.half_angle_rad.to_degrees(),
+                range_deg: axis.range_rad.map(f32::to_degrees),
             }),
             slide: slide.map(|slide| OpenSlide {
                 direction: slide.direction.to_array(),

@@ -58,9 +58,12 @@ impl Remark {
         match *self {
             Remark::OpenAxis(axis) => {
                 let [x, y, z] = axis.direction.to_array();
-                let angle = axis.half_angle_rad.to_degrees();
+                let turn = match axis.range_rad.map(f32::to_degrees) {
+                    [-180.0, 180.0] => "by any angle".into(),
+                    [least, most] => format!("from {least:.0} to {most:.0} degrees"),
+                };
                 format!(
-                    "undetermined: the turn about the {target}'s axis ({x:.3}, {y:.3}, {z:.3}), by up to {angle:.0} degrees"
+                    "undetermined: the turn about the {target}'s axis ({x:.3}, {y:.3}, {z:.3}), {turn}"
                 )
             }
             Remark::OpenSlide(slide) => {

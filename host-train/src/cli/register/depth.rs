@@ -19,7 +19,7 @@ pub(super) struct DepthArgs {
     #[arg(long, value_name = "FILE.png|.npy", requires = "camera", conflicts_with_all = ["pairs", "view"])]
     pub(super) depth: Option<PathBuf>,
     /// Camera of the depth image, a pinhole without distortion, pixels: fx,fy,cx,cy, or a file with these four, with the nine
-    /// numbers of K, or BOP's camera.json or scene_camera.json
+    /// numbers of K, or JSON of RealSense, Open3D or BOP (camera.json, scene_camera.json)
     #[arg(
         long,
         value_name = "FX,FY,CX,CY|FILE",

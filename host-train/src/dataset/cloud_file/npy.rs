@@ -6,7 +6,7 @@
 //! Python literals recurse and multiply without limits on corrupt ones.
 
 use super::{CloudFile, Note, Position};
-use crate::dataset::depth::image::{Image, MAX_PIXELS};
+use crate::dataset::depth::image::{self, Image, MAX_PIXELS};
 use half::f16;
 
 const MAGIC: &[u8] = b"\x93NUMPY";
@@ -144,19 +144,10 @@ pub(crate) fn grid(bytes: &[u8]) -> Result<Grid, String> {
             size: [columns, rows],
             values: (0..pixels).map(value).collect(),
         },
-        largest: largest(array.kind, array.width),
+        largest: (array.kind.bytes().nth(1))
+            .and_then(|kind| image::largest_integer(kind, array.width)),
         bytes: array.width,
     })
-}
-
-/// The largest integer of a type; none of floats.
-fn largest(kind: &str, bytes: usize) -> Option<f64> {
-    let bits = 8 * bytes as i32;
-    match kind.as_bytes().get(1) {
-        Some(b'u') => Some(2f64.powi(bits) - 1.0),
-        Some(b'i') => Some(2f64.powi(bits - 1) - 1.0),
-        _ => None,
-    }
 }
 
 /// A file whose header was read.

@@ -11,7 +11,7 @@ use std::str::FromStr;
 
 /// What a camera must be.
 const EXPECTED: &str = "fx,fy,cx,cy in pixels; a file of these four or of the nine numbers of K; or JSON with fx, fy, cx, cy, or cam_K, or the latter \
-     for each image (BOP's camera.json, scene_camera.json)";
+     for each image (BOP's camera.json, scene_camera.json), or as RealSense (ppx, ppy) and Open3D (intrinsic_matrix) write it";
 
 /// A pinhole camera without distortion, pixels: centres of pixels lie at whole numbers, as in OpenCV and BOP.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -26,16 +26,28 @@ pub struct Intrinsics {
     pub depth_scale: Option<f64>,
 }
 
-/// BOP's `camera.json`.
+/// BOP's `camera.json`, or a RealSense camera's intrinsics.
 #[derive(Deserialize)]
 struct Flat {
     fx: f64,
     fy: f64,
+    #[serde(alias = "ppx")]
     cx: f64,
+    #[serde(alias = "ppy")]
     cy: f64,
     width: Option<usize>,
     height: Option<usize>,
     depth_scale: Option<f64>,
+    #[serde(default, rename = "coeffs")]
+    distortion: Vec<f64>,
+}
+
+/// Open3D's `PinholeCameraIntrinsic`: the columns of K.
+#[derive(Deserialize)]
+struct Columns {
+    intrinsic_matrix: [f64; 9],
+    width: Option<usize>,
+    height: Option<usize>,
 }
 
 /// An entry of BOP's `scene_camera.json`.
@@ -152,14 +164,29 @@ fn of_json(text: &str, image: &Path) -> Result<Intrinsics, String> {
     let document: Value = serde_json::from_str(text).map_err(|e| e.to_string())?;
     if document.get("fx").is_some() {
         let flat: Flat = fields(document)?;
-        let camera = Intrinsics::new([flat.fx, flat.fy, flat.cx, flat.cy])?;
+        if flat
+            .distortion
+            .iter()
+            .any(|&coefficient| coefficient != 0.0)
+        {
+            return Err(
+                "its lens distorts (coeffs): rectify the image, and give the camera of that".into(),
+            );
+        }
         return Ok(Intrinsics {
-            size: flat
-                .width
-                .zip(flat.height)
-                .map(|(width, height)| [width, height]),
+            size: size(flat.width, flat.height),
             depth_scale: flat.depth_scale.map(checked_scale).transpose()?,
-            ..camera
+            ..Intrinsics::new([flat.fx, flat.fy, flat.cx, flat.cy])?
+        });
+    }
+    // Open3D writes it alone, or beside the camera's place.
+    let pinhole = document.get("intrinsic").unwrap_or(&document);
+    if pinhole.get("intrinsic_matrix").is_some() {
+        let columns: Columns = fields(pinhole.clone())?;
+        let [a, b, c, d, e, f, g, h, i] = columns.intrinsic_matrix;
+        return Ok(Intrinsics {
+            size: size(columns.width, columns.height),
+            ..Intrinsics::of_matrix([a, d, g, b, e, h, c, f, i])?
         });
     }
     let entry = if document.get("cam_K").is_some() {
@@ -179,6 +206,10 @@ fn of_json(text: &str, image: &Path) -> Result<Intrinsics, String> {
         depth_scale: depth_scale.map(checked_scale).transpose()?,
         ..Intrinsics::of_matrix(matrix)?
     })
+}
+
+fn size(width: Option<usize>, height: Option<usize>) -> Option<[usize; 2]> {
+    Some([width?, height?])
 }
 
 /// What a unit of depth is in another unit, as a file or an argument has it.

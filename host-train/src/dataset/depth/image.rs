@@ -12,6 +12,16 @@ pub const MAX_PIXELS: usize = 1 << 24;
 /// Of depths in 16 bits the number by which sensors and programs mark what was not measured, besides 0: the largest.
 pub const NOT_MEASURED: u16 = u16::MAX;
 
+/// The same of a type as NumPy names it, by a letter and its bytes; none of floats.
+pub fn largest_integer(kind: u8, bytes: usize) -> Option<f64> {
+    let bits = 8 * bytes as i32;
+    match kind {
+        b'u' => Some(2f64.powi(bits) - 1.0),
+        b'i' => Some(2f64.powi(bits - 1) - 1.0),
+        _ => None,
+    }
+}
+
 /// One value a pixel.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Image<T> {

@@ -178,7 +178,8 @@ pub struct Depths {
 }
 
 impl Depths {
-    fn of(image: Image<f64>, largest: Option<f64>) -> Depths {
+    /// Of numbers as they are, and the largest integer of their type; none of floats.
+    pub fn of(image: Image<f64>, largest: Option<f64>) -> Depths {
         let is_mark = |x: f64| Some(x) == largest;
         let pixels = image.values.iter().filter(|&&x| is_mark(x)).count();
         Depths {

@@ -117,6 +117,19 @@ fn cameras_are_four_numbers_or_files_of_several_kinds() {
     };
     assert_eq!(read(bop), Ok(known));
     let entry = r#"{"cam_K": [600, 0, 320, 0, 610, 240, 0, 0, 1], "depth_scale": 0.1}"#;
+    let sized = Intrinsics {
+        depth_scale: None,
+        ..known
+    };
+    let realsense = r#"{"coeffs": [0, 0, 0, 0, 0], "fx": 600, "fy": 610, "height": 480, "model": "inverse_brown_conrady", "ppx": 320, "ppy": 240, "width": 640}"#;
+    assert_eq!(read(realsense), Ok(sized));
+    let open3d =
+        r#"{"height": 480, "intrinsic_matrix": [600, 0, 0, 0, 610, 0, 320, 240, 1], "width": 640}"#;
+    assert_eq!(read(open3d), Ok(sized));
+    let placed = format!(
+        r#"{{"class_name": "PinholeCameraParameters", "extrinsic": [1], "intrinsic": {open3d}}}"#
+    );
+    assert_eq!(read(&placed), Ok(sized));
     let known = Intrinsics {
         size: None,
         ..known
@@ -141,6 +154,15 @@ fn cameras_are_four_numbers_or_files_of_several_kinds() {
             "depth_scale: expected a positive number, found -1",
         ),
         ("{\"cam_K\": [600]}", "invalid length 1"),
+        (
+            &realsense.replace("[0, ", "[0.1, "),
+            "its lens distorts (coeffs)",
+        ),
+        // By rows, not by columns.
+        (
+            &open3d.replace("0, 0, 0, 610, 0, 320, 240", "0, 320, 0, 610, 240, 0, 0"),
+            "K has the rows",
+        ),
         (&format!("{{\"3\": {entry}}}"), "no image 000007"),
         ("{", "EOF"),
         ("", "it has 0 numbers"),

@@ -144,8 +144,8 @@ pub(crate) fn grid(bytes: &[u8]) -> Result<Grid, String> {
             size: [columns, rows],
             values: (0..pixels).map(value).collect(),
         },
-        largest: (array.kind.bytes().nth(1))
-            .and_then(|kind| image::largest_integer(kind, array.width)),
+        largest: (array.kind.as_bytes().get(1))
+            .and_then(|&kind| image::largest_integer(kind, array.width)),
         bytes: array.width,
     })
 }

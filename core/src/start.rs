@@ -40,7 +40,7 @@ pub struct Uncertainty {
 }
 
 impl Uncertainty {
-    /// The default where none is stated: 35 degrees, a third of a target radius.
+    /// The default where none is stated: 0.6 rad (34 degrees), a third of a target radius.
     pub const DEFAULT: Uncertainty = Uncertainty {
         rotation_rad: 0.6,
         along: 0.35,

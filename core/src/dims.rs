@@ -41,7 +41,7 @@ pub const TILE: usize = if HOST { 48 } else { 4 };
 /// Panels of a head's layer applied at a time to several registrations: half a MiB in f32.
 pub(crate) const PANELS_TOGETHER: usize = 8;
 
-/// Panels of a layer of bytes for whose maxima rows are told at a time.
+/// Panels of an integer layer taken at a time when the rows of its maxima are recorded.
 pub(crate) const PANELS_MARKED: usize = if HOST { 8 } else { 2 };
 
 /// Points whose 8-bit codes are held at once.

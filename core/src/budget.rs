@@ -49,8 +49,8 @@ pub const CORTEX_M55_INSTRUCTION_BUDGET: f64 = 0.15;
 
 /// RAM of [`crate::polish::Workspace`], bytes; needed only for refinement.
 pub const WORKSPACE_BYTES: usize = core::mem::size_of::<crate::polish::Workspace>();
-/// Most RAM of a microcontroller that refines poses and compares them with others, with two clouds of 1024 points and the
-/// stack, bytes.
+/// Most RAM of a microcontroller that refines poses and compares them
+/// with others, with two clouds of 1024 points and the stack, bytes.
 pub const REFINEMENT_RAM_BUDGET: usize = 308 * 1024;
 /// Part of it that the stack may take, bytes; the simulated boards reserve it.
 pub const REFINEMENT_STACK_BUDGET: usize = 48 * 1024;

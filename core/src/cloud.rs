@@ -5,7 +5,7 @@ use crate::error::Error;
 use crate::grid::Grid;
 use core::ops::Range;
 
-/// Largest coordinate accepted. No sensor measures more in any unit; larger numbers mark what was not measured.
+/// Largest coordinate accepted: larger ones mark what was not measured, in any unit, and their squares may overflow.
 pub const LARGEST_COORDINATE: f32 = 1e12;
 
 /// A borrowed cloud.

@@ -1,5 +1,5 @@
-//! Sizes of the largest network and of the protocol, checked against each other at compile time. [`crate::budget`] adds them
-//! up.
+//! Sizes of the largest network and of the protocol, checked against
+//! each other at compile time; their sums are in [`crate::budget`].
 
 /// Widths of the pointwise embedding layers, 3 -> 64 -> 128 -> 1024 (paper, implementation details).
 pub const EMBED: [usize; 3] = [64, 128, 1024];
@@ -34,8 +34,7 @@ pub const PANEL: usize = 16;
 pub const CODES: usize = 64;
 /// Adjacent input codes of one output: one lane of a dot-product instruction.
 pub(crate) const QUAD: usize = 4;
-/// Points whose hidden activations are held at once: the tile fits the L1 cache of a host, and the few KiB of a
-/// microcontroller.
+/// Points whose hidden activations are held at once: the tile fits a host's L1 cache, and a microcontroller's few KiB.
 pub const TILE: usize = if HOST { 48 } else { 4 };
 
 /// Panels of a head's layer applied at a time to several registrations: half a MiB in f32.

@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-/// Why a call was refused. The refused call changed nothing.
+/// Why a call was refused. Unless its documentation says otherwise, the refused call changed nothing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Error {

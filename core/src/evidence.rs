@@ -35,17 +35,17 @@ pub struct Evidence {
 
 /// Distinct points below which no pose is called right.
 pub const FEWEST_DISTINCT: usize = 64;
-/// Size ratio above which a source is in another unit than the target, unless it holds the target and much else. It does if its
-/// share of points near the target exceeds the first of `HELD`, and either the target's residual is below the second or the
-/// near share of the points that may be the object's exceeds the third. In another unit, at most a ninth of its points lie
-/// there.
+/// Size ratio above which a source is in another unit than the target, unless it holds the target
+/// and much else. It does if its share of points near the target exceeds the first of `HELD`, and
+/// either the target's residual is below the second or the near share of the points that may be
+/// the object's exceeds the third. In another unit, at most a ninth of its points lie there.
 pub const LARGEST_RATIO: f32 = 3.0;
 const HELD: [f32; 3] = [0.15, 0.5, 0.75];
 /// Size ratio below which a source is in another unit, or too small a part to place.
 pub const SMALLEST_RATIO: f32 = 0.11;
 /// Residuals of source and target from which on that cloud has nothing in common with the other.
 const SATURATED: [f32; 2] = [0.95, 0.992];
-/// Highest probability of a pose that one of these speaks against.
+/// Highest probability of a pose if sizes, too few points, a mirror image or saturation speak against it.
 const IMPROBABLE: f32 = 0.1;
 
 /// Share of the source that may be the object's above which the rest counts as the object's too: its parts may reach beyond the

@@ -184,8 +184,7 @@ mod tests {
         }
     }
 
-    /// Half of the points nearest to a thin wall's points are of its far side; the seen points still get partners on the near
-    /// side.
+    /// Half of the points nearest to a thin wall's are of its far side; the seen points still get partners on the near side.
     #[test]
     fn of_a_wall_thinner_than_its_points_are_apart_none_is_missed() {
         for half in [0.001, 0.01] {

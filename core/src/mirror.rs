@@ -1,5 +1,4 @@
-//! Whether the source fits better as its mirror image: a left-hand part taken for a right-hand one, or a file with one axis
-//! reversed.
+//! Whether the source fits better as its mirror image: a left-hand part taken for a right-hand one, or one axis reversed.
 //!
 //! Few hypotheses are enough: a mirrored part lies about where a plane of symmetry would mirror it, or on the target's
 //! principal axes. The comparison is over the points that the pose at hand matches, since a mirrored part of a symmetric object

@@ -1,5 +1,4 @@
-//! A target prepared once for any number of registrations: its surface with normals, a lookup of near points, its frame and
-//! size.
+//! A target prepared once for many registrations: its surface with normals, a lookup of near points, its frame and size.
 
 use crate::dims::SURFACE_POINTS;
 use crate::error::Error;

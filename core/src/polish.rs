@@ -1,5 +1,5 @@
-//! Refinement of a pose by closest points: a few robust steps that reduce the distances between both surfaces, measured from
-//! either side.
+//! Refinement of a pose by closest points: a few robust steps that reduce
+//! the distances between both surfaces, measured from either side.
 //!
 //! | stage | what |
 //! |---|---|
@@ -62,8 +62,8 @@ pub struct Refined {
     pub inlier_rmse: f32,
     /// Distinct points of the cloud that has fewer of them.
     pub distinct_points: usize,
-    /// Size of the source over that of the target. A cloud's size is the median distance of its points from the medians of
-    /// their coordinates.
+    /// Size of the source over that of the target. A cloud's size is the
+    /// median distance of its points from the medians of their coordinates.
     pub extents_ratio: f32,
     /// Shares of the source's and of the target's points left out because they lie far from all others.
     pub left_out: [f32; 2],
@@ -329,8 +329,8 @@ impl<'w> Refiner<'w> {
     }
 
     /// As [`Self::seen_from`], with what else was seen: `background [B, 3]` in the source's frame, such as the other pixels of
-    /// a depth image. What would stand in front of it counts against a pose as well. Points farther from the source in the
-    /// image than its own width are ignored, and so are points that are not finite.
+    /// a depth image. What would stand in front of it counts against a pose as well. Only an image of twice the source's width
+    /// is looked at: points outside it are ignored, and so are points that are not finite.
     pub fn seen_before(&mut self, view_point: Vec3, background: &[[f32; 3]]) {
         let (centre, factor) = (self.source_centre, 1.0 / self.model.frame.scale);
         let inside = |point: Vec3| (point - centre) * factor;
@@ -339,10 +339,10 @@ impl<'w> Refiner<'w> {
         seen.fill(source, inside(view_point), around);
     }
 
-    /// States which way the target's surface faces: `outward [M, 3]` at its points, in their order. What faces away from the
-    /// sensor ([`Refiner::seen_from`]) was not seen, and the source is matched only with the rest, unless the sensor stands
-    /// within the target's radius. A point without a valid direction is unknown, as is all of a target of more than
-    /// [`crate::dims::SURFACE_POINTS`] points.
+    /// States which way the target's surface faces: `outward [M, 3]` at its points, in their order.
+    /// What faces away from the sensor ([`Refiner::seen_from`]) was not seen, and the source is matched
+    /// only with the rest, unless the sensor stands within the target's radius. A point without a valid
+    /// direction is unknown, as is all of a target of more than [`crate::dims::SURFACE_POINTS`] points.
     pub fn faces(&mut self, outward: &[[f32; 3]]) {
         self.work.facing.fill(self.model, outward);
     }

@@ -1,17 +1,17 @@
 //! Rigid transforms, and the disentangled form in which the policy accumulates them.
 //!
-//! This module alone fixes the order of composition. A disentangled pose rotates the source about its own centroid `μ`, `x' = R
-//! (x - μ) + μ + t`, so a rotation step does not shift the source and a translation step does not rotate it (paper, eqs. 8, 9
-//! and to-global).
+//! This module alone fixes the order of composition. A disentangled pose rotates the source
+//! about its own centroid `μ`, `x' = R (x - μ) + μ + t`, so a rotation step does not shift
+//! the source and a translation step does not rotate it (paper, eqs. 8, 9 and to-global).
 
 use crate::error::Error;
 use glam::{Mat3, Vec3};
 
-/// Largest translation accepted. Nothing measured is farther away, and larger squares may overflow.
+/// Largest translation accepted: nothing measured is farther away, and the squares of much larger ones overflow.
 const LARGEST_TRANSLATION: f32 = 1e12;
 
-/// A rotation and a translation. The name of the variable says whether they form a plain rigid transform (`x' = R x + t`) or a
-/// disentangled one.
+/// A rotation and a translation. The name of the variable says whether they
+/// form a plain rigid transform (`x' = R x + t`) or a disentangled one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pose {
     /// Rotation matrix, column vectors.

@@ -55,8 +55,8 @@ impl Policy<'static> {
 
 #[cfg(feature = "pretrained-compact")]
 impl Policy<'static> {
-    /// The bytes of the policy for small microcontrollers, in 8-bit integers, 64-byte aligned (feature `pretrained-compact`,
-    /// 251 KiB).
+    /// The bytes of the policy for small microcontrollers, in 8-bit
+    /// integers, 64-byte aligned (feature `pretrained-compact`, 251 KiB).
     pub const fn pretrained_compact_bytes() -> &'static [u8] {
         &COMPACT.0
     }

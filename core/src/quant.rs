@@ -1,9 +1,9 @@
 //! The network in 8-bit integers: number format 1 of the weight file, a specification.
 //!
-//! Given the same file and clouds, every implementation of this specification gives the same bits: the same features, logits,
-//! actions and poses on every kernel and target. All sums are of 32-bit integers that cannot overflow (`QuantNetwork::parse`
-//! checks it from the weights), so their order is free. The rest is a handful of IEEE single operations in a fixed order, never
-//! fused.
+//! Given the same file and clouds, every implementation of this specification gives the same bits:
+//! the same features, logits, actions and poses on every kernel and target. All sums are of 32-bit
+//! integers that cannot overflow (`QuantNetwork::parse` checks it from the weights), so their
+//! order is free. The rest is a handful of IEEE single operations in a fixed order, never fused.
 //!
 //! Weights are signed codes, symmetric, with a scale for each output; activations are unsigned codes
 //! with a scale for each channel. The scales of activations are folded into the weights that read

@@ -95,8 +95,8 @@ impl<'w, 's> Registrar<'w, 's> {
         Ok(registration)
     }
 
-    /// As [`Registrar::start`], in place, which saves moving four of a registration's kilobytes. A refused start leaves the
-    /// registration unchanged.
+    /// As [`Registrar::start`], in place, which saves moving four of a
+    /// registration's kilobytes. A refused start leaves the registration unchanged.
     ///
     /// # Errors
     /// As [`Registrar::start`].

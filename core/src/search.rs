@@ -145,8 +145,7 @@ pub(crate) fn aligned(source: Mat3, target: Mat3, shift: Vec3) -> impl Iterator<
     })
 }
 
-/// Poses of the source's mirror image (x negated) that mirror a pose, in planes through the target's centre and through the
-/// source's.
+/// Poses of the source's mirror image (x negated) that mirror a pose in planes through the target's or the source's centre.
 pub(crate) fn mirrored(seed: Rigid, axes: Mat3) -> impl Iterator<Item = Rigid> {
     // A reflection is a half turn and an inversion, and two reflections are a rotation.
     let half_turn = |normal| Rotation::new(normal, 0.0);

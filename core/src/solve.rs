@@ -140,8 +140,8 @@ impl Motion {
         [9, 14, 20, 13, 18, 19].map(|k| self.a[k] as f32)
     }
 
-    /// Inverse of `factor * A + diag(diagonal)` for a positive diagonal; of the diagonal alone if points too far away made `A`
-    /// too large.
+    /// Inverse of `factor * A + diag(diagonal)` for a positive diagonal;
+    /// of the diagonal alone if far points made `A` too large.
     pub(crate) fn inverse(&self, factor: f64, diagonal: [f64; 6]) -> [[f32; 6]; 6] {
         let mut motion = self.clone();
         // Thousands of pairs within a few units stay below this.
@@ -163,8 +163,7 @@ impl Motion {
         core::array::from_fn(|i| core::array::from_fn(|j| columns[i.max(j)][i.min(j)]))
     }
 
-    /// Solves for the rotation vector and the shift, damped by a share of the trace; both are zero if the trace is not
-    /// positive.
+    /// Solves for the rotation vector and the shift, damped by a share of the trace; zeros if the trace is not positive.
     pub(crate) fn solve(&self, damping: f64) -> (Vec3, Vec3) {
         let mut l = [[0.0f64; 6]; 6];
         let mut k = 0;

@@ -27,8 +27,8 @@ pub enum Verdict {
     SizesDiffer,
     /// One cloud has too few distinct points for any pose to be trusted.
     TooFewPoints,
-    /// The mirror image of the source fits better: a left-hand part for a right-hand one, a reversed axis, or a wrong pose of a
-    /// symmetric shape.
+    /// The mirror image of the source fits better: a left-hand part for a
+    /// right-hand one, a reversed axis, or a wrong pose of a symmetric shape.
     Mirrored,
 }
 

@@ -217,8 +217,7 @@ impl Refiner<'_> {
     }
 }
 
-/// Negative log-probability of a pose, from the summed loss of both clouds, the source's mean loss, and the surprise under the
-/// start.
+/// Negative log-probability, from both clouds' summed loss, the source's mean loss, and the surprise under the start.
 fn energy([loss, source]: [f32; 2], surprise: f32) -> f32 {
     let beyond = (source - HARDLY_EXPLAINED).max(0.0) * 2.0 * COMPARED as f32;
     EVIDENCE * (loss + (BEYOND - 1.0) * beyond) + surprise

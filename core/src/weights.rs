@@ -14,10 +14,10 @@
 //! | 192 | | payload; each array starts on a 64-byte boundary, gaps are zero |
 //! | length - 4 | u32 | CRC-32 (ISO-HDLC) of everything before |
 //!
-//! Layers: embedding 1, 2, 3; translation head 1, 2, policy; rotation head 1, 2, policy. A weight matrix is stored in panels of
-//! [`crate::dims::PANEL`] outputs, `[outputs / PANEL][inputs][PANEL]`, with the outputs padded with zeros to whole panels:
-//! every kernel reads it in order, one output to a lane. Biases are padded likewise. Number format 1 is described in
-//! [`crate::quant`].
+//! Layers: embedding 1, 2, 3; translation head 1, 2, policy; rotation head 1, 2, policy. A weight
+//! matrix is stored in panels of [`crate::dims::PANEL`] outputs, `[outputs / PANEL][inputs][PANEL]`,
+//! with the outputs padded with zeros to whole panels: every kernel reads it in order, one output to
+//! a lane. Biases are padded likewise. Number format 1 is described in [`crate::quant`].
 
 use crate::cut::Cut;
 use crate::decision::Decision;

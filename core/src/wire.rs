@@ -66,8 +66,8 @@ pub const CHUNK_BYTES: usize = 32 * 1024;
 pub const SMALL_FRAME_BYTES: usize = 512;
 /// Most bytes of a refine request besides the points: version, kind, numbers, pose, grids, lengths.
 pub const REQUEST_OVERHEAD_BYTES: usize = 160;
-/// Bytes before the policy file in a board's flash: length of the manifest's frame (u32, little-endian), the frame, then unused
-/// bytes.
+/// Bytes before the policy file in a board's flash: length of the
+/// manifest's frame (u32, little-endian), the frame, then unused bytes.
 pub const FLASH_HEADER_BYTES: usize = 512;
 /// Most bytes of a refine request that a robot can serve.
 pub const REQUEST_BYTES: usize = REQUEST_OVERHEAD_BYTES + 3 * MAX_POINTS * cloud::POINT_BYTES;

@@ -118,8 +118,8 @@ typedef enum {
   REAGENT_VERDICT_SIZES_DIFFER = 5,
   // One cloud has too few distinct points for any pose to be trusted.
   REAGENT_VERDICT_TOO_FEW_POINTS = 6,
-  // The mirror image of the source fits better: a left-hand part for a right-hand one, a reversed axis, or a wrong pose of a
-  // symmetric shape.
+  // The mirror image of the source fits better: a left-hand part for a
+  // right-hand one, a reversed axis, or a wrong pose of a symmetric shape.
   REAGENT_VERDICT_MIRRORED = 7,
 } ReagentVerdict;
 
@@ -161,8 +161,7 @@ typedef struct {
   uint64_t words[REAGENT_MODEL_WORDS];
 } ReagentModel;
 
-// Memory for reagent_register, reagent_refine and reagent_prepare, provided by the caller for the time of a call, with any
-// content.
+// Memory for one call of reagent_register, reagent_refine or reagent_prepare, provided by the caller, with any content.
 typedef struct {
   uint64_t words[REAGENT_WORKSPACE_WORDS];
 } ReagentWorkspace;
@@ -195,8 +194,7 @@ typedef struct {
   const ReagentModel *model;
 } ReagentTask;
 
-// The pose, and what can be said about it. All fields but pose, verdict and steps describe a refined pose; they are 0 in mode
-// FAST.
+// The pose, and what can be said about it. All but pose, verdict and steps describe a refined pose; in mode FAST they are 0.
 typedef struct {
   // The pose.
   ReagentPose target_from_source;
@@ -218,8 +216,7 @@ typedef struct {
   uint32_t distinct_points;
   // Shares of the source's and of the target's points left out because they lie far from all others.
   float left_out[2];
-  // Whether the clouds fit as well turned about an axis. Only mode VERIFY looks for it: in the other modes it is always
-  // false.
+  // Whether the clouds fit as well turned about an axis. Only mode VERIFY looks for it: in other modes it is always false.
   bool axis_is_open;
   // A point of the axis, in the target's frame and unit.
   float axis_point[3];
@@ -227,21 +224,20 @@ typedef struct {
   float axis_direction[3];
   // Largest angle, in both senses, at which they fit as well, in radians.
   float axis_half_angle_rad;
-  // Whether the clouds fit as well shifted along a direction. Only mode VERIFY looks for it: in the other modes it is always
-  // false.
+  // Whether the clouds fit as well shifted along a direction. Only
+  // mode VERIFY looks for it: in other modes it is always false.
   bool slide_is_open;
   // Unit vector along that direction, in the target's frame.
   float slide_direction[3];
-  // Smallest and largest shift along it that fit as well, in the target's unit; the first is not positive, the second not
-  // negative.
+  // Smallest (not positive) and largest (not negative) shift along it that fit as well, in the target's unit.
   float slide_range[2];
   // How many other poses fit as well. Only mode VERIFY looks for them: in the other modes it is always 0.
   uint32_t others;
   // The other poses.
   ReagentPose other_poses[REAGENT_OTHERS];
-  // Covariance of the pose's error if it is the right pose: of a rotation vector in radians, then of a translation in the
-  // clouds' unit, both along the target's axes. A point that the pose puts at x, the truth puts at c + exp(rotation) (x - c)
-  // + translation.
+  // Covariance of the pose's error if it is the right pose: of a rotation vector in radians,
+  // then of a translation in the clouds' unit, both along the target's axes. A point that
+  // the pose puts at x, the truth puts at c + exp(rotation) (x - c) + translation.
   float covariance[6][6];
   // The point c: the target's centroid.
   float covariance_about[3];
@@ -261,8 +257,8 @@ typedef struct {
   ReagentPose target_from_source;
   // Steps taken.
   uint32_t steps;
-  // Whether further steps would change nothing: the last was "stop" on every axis, in all the ways in which the policy
-  // looks.
+  // Whether further steps would change nothing: the last was "stop"
+  // on every axis, in all the ways in which the policy looks.
   bool converged;
 } ReagentResult;
 
@@ -435,9 +431,9 @@ ReagentStatus reagent_set_target_on_grid(ReagentMemory *memory,
                                          const int16_t *codes,
                                          size_t points);
 
-// Sets the source, the observed cloud, in the target's units, and starts a registration. This embeds the target, which takes
-// as long as one step over as many points; reagent_begin leaves that to slices. `initial` is an estimate of the pose, null for
-// none.
+// Sets the source, the observed cloud, in the target's units, and starts a registration.
+// This embeds the target, which takes as long as one step over as many points;
+// reagent_begin leaves that to slices. `initial` is an estimate of the pose, null for none.
 //
 // # Safety
 // As reagent_set_target, but `xyz` stays unchanged until the last step; `initial` is null or points to a pose.
@@ -488,8 +484,8 @@ ReagentStatus reagent_advance(ReagentMemory *memory,
                               ReagentStep *step,
                               bool *stepped);
 
-// Takes one step of the registration: looks at the source under the present pose and moves it. Writes what was done to `step`,
-// unless null.
+// Takes one step of the registration: looks at the source under the
+// present pose and moves it. Writes what was done to `step`, unless null.
 //
 // # Safety
 // `memory` is as reagent_set_source left it; `step` is null or points to a step.
@@ -504,8 +500,7 @@ ReagentStatus reagent_result(ReagentMemory *memory, ReagentResult *result);
 // An English sentence that says what a status means and what to do; it lives as long as the program.
 const char *reagent_status_text(int32_t status);
 
-// A task for the best pose within the paper's ten steps, from the identity, with the uncertainty of an estimator or an
-// operator.
+// A task for the best pose within the paper's ten steps, from the identity, with the default uncertainty.
 ReagentTask reagent_task(void);
 
 // Version of the linked library: REAGENT_VERSION of its own header.

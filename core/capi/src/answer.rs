@@ -24,8 +24,8 @@ pub enum ReagentVerdict {
     SizesDiffer = 5,
     /// One cloud has too few distinct points for any pose to be trusted.
     TooFewPoints = 6,
-    /// The mirror image of the source fits better: a left-hand part for a right-hand one, a reversed axis, or a wrong pose of a
-    /// symmetric shape.
+    /// The mirror image of the source fits better: a left-hand part for a
+    /// right-hand one, a reversed axis, or a wrong pose of a symmetric shape.
     Mirrored = 7,
 }
 
@@ -49,8 +49,7 @@ pub const REAGENT_OTHERS: usize = 5;
 
 const _: () = assert!(REAGENT_OTHERS == OTHERS);
 
-/// The pose, and what can be said about it. All fields but pose, verdict and steps describe a refined pose; they are 0 in mode
-/// FAST.
+/// The pose, and what can be said about it. All but pose, verdict and steps describe a refined pose; in mode FAST they are 0.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ReagentAnswer {
@@ -74,8 +73,7 @@ pub struct ReagentAnswer {
     pub distinct_points: u32,
     /// Shares of the source's and of the target's points left out because they lie far from all others.
     pub left_out: [f32; 2],
-    /// Whether the clouds fit as well turned about an axis. Only mode VERIFY looks for it: in the other modes it is always
-    /// false.
+    /// Whether the clouds fit as well turned about an axis. Only mode VERIFY looks for it: in other modes it is always false.
     pub axis_is_open: bool,
     /// A point of the axis, in the target's frame and unit.
     pub axis_point: [f32; 3],
@@ -83,21 +81,20 @@ pub struct ReagentAnswer {
     pub axis_direction: [f32; 3],
     /// Largest angle, in both senses, at which they fit as well, in radians.
     pub axis_half_angle_rad: f32,
-    /// Whether the clouds fit as well shifted along a direction. Only mode VERIFY looks for it: in the other modes it is always
-    /// false.
+    /// Whether the clouds fit as well shifted along a direction. Only
+    /// mode VERIFY looks for it: in other modes it is always false.
     pub slide_is_open: bool,
     /// Unit vector along that direction, in the target's frame.
     pub slide_direction: [f32; 3],
-    /// Smallest and largest shift along it that fit as well, in the target's unit; the first is not positive, the second not
-    /// negative.
+    /// Smallest (not positive) and largest (not negative) shift along it that fit as well, in the target's unit.
     pub slide_range: [f32; 2],
     /// How many other poses fit as well. Only mode VERIFY looks for them: in the other modes it is always 0.
     pub others: u32,
     /// The other poses.
     pub other_poses: [ReagentPose; REAGENT_OTHERS],
-    /// Covariance of the pose's error if it is the right pose: of a rotation vector in radians, then of a translation in the
-    /// clouds' unit, both along the target's axes. A point that the pose puts at x, the truth puts at c + exp(rotation) (x - c)
-    /// + translation.
+    /// Covariance of the pose's error if it is the right pose: of a rotation vector in radians,
+    /// then of a translation in the clouds' unit, both along the target's axes. A point that
+    /// the pose puts at x, the truth puts at c + exp(rotation) (x - c) + translation.
     pub covariance: [[f32; 6]; 6],
     /// The point c: the target's centroid.
     pub covariance_about: [f32; 3],

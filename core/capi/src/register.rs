@@ -49,8 +49,8 @@ pub struct ReagentResult {
     pub target_from_source: ReagentPose,
     /// Steps taken.
     pub steps: u32,
-    /// Whether further steps would change nothing: the last was "stop" on every axis, in all the ways in which the policy
-    /// looks.
+    /// Whether further steps would change nothing: the last was "stop"
+    /// on every axis, in all the ways in which the policy looks.
     pub converged: bool,
 }
 
@@ -101,9 +101,9 @@ unsafe fn set_target(
     Ok(())
 }
 
-/// Sets the source, the observed cloud, in the target's units, and starts a registration. This embeds the target, which takes
-/// as long as one step over as many points; reagent_begin leaves that to slices. `initial` is an estimate of the pose, null for
-/// none.
+/// Sets the source, the observed cloud, in the target's units, and starts a registration.
+/// This embeds the target, which takes as long as one step over as many points;
+/// reagent_begin leaves that to slices. `initial` is an estimate of the pose, null for none.
 ///
 /// # Safety
 /// As reagent_set_target, but `xyz` stays unchanged until the last step; `initial` is null or points to a pose.
@@ -241,8 +241,8 @@ pub unsafe extern "C" fn reagent_advance(
     })())
 }
 
-/// Takes one step of the registration: looks at the source under the present pose and moves it. Writes what was done to `step`,
-/// unless null.
+/// Takes one step of the registration: looks at the source under the
+/// present pose and moves it. Writes what was done to `step`, unless null.
 ///
 /// # Safety
 /// `memory` is as reagent_set_source left it; `step` is null or points to a step.

@@ -54,8 +54,7 @@ pub struct ReagentTask {
     pub model: *const ReagentModel,
 }
 
-/// A task for the best pose within the paper's ten steps, from the identity, with the uncertainty of an estimator or an
-/// operator.
+/// A task for the best pose within the paper's ten steps, from the identity, with the default uncertainty.
 #[unsafe(no_mangle)]
 pub extern "C" fn reagent_task() -> ReagentTask {
     let Uncertainty {

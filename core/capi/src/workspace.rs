@@ -8,8 +8,7 @@ use reagent_core::polish::Workspace;
 /// Words of a ReagentWorkspace.
 pub const REAGENT_WORKSPACE_WORDS: usize = 30_200;
 
-/// Memory for reagent_register, reagent_refine and reagent_prepare, provided by the caller for the time of a call, with any
-/// content.
+/// Memory for one call of reagent_register, reagent_refine or reagent_prepare, provided by the caller, with any content.
 #[repr(C)]
 pub struct ReagentWorkspace {
     pub(crate) words: [u64; REAGENT_WORKSPACE_WORDS],

@@ -33,8 +33,7 @@ impl Isa {
     /// First layer of an integer network: from points as seen to codes (step 1 of [`crate::quant`]).
     ///
     /// # Shapes
-    /// `points [N, 3]`, `codes [N, outputs]`; rows beyond either are left alone, and all rows if the layer does not have three
-    /// inputs.
+    /// `points [N, 3]`, `codes [N, outputs]`; rows beyond either are left alone, and all rows of a layer without three inputs.
     pub fn point_codes(self, layer: &Dense<'_>, points: &[[f32; 3]], codes: &mut [u8]) {
         if layer.inputs() != 3 {
             return;
@@ -120,8 +119,7 @@ impl Isa {
         }
     }
 
-    /// As [`Isa::dense_codes_max`], but faster if consecutive points lie close together: it skips sums that cannot raise a
-    /// maximum.
+    /// As [`Isa::dense_codes_max`], but faster if consecutive points are close: it skips sums that cannot raise a maximum.
     ///
     /// # Shapes
     /// `x [points, inputs]`, `max [outputs]`; another length of `max` leaves it as it is.

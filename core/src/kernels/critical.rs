@@ -41,9 +41,9 @@ impl Isa {
         }
     }
 
-    /// Finds, for each output, the point with the highest score in each of [`GROUPS`] groups of points (point `n` is in group
-    /// `n % GROUPS`): `score = scales[n] * Σ codes[n] weight`. The first of equals wins; the result is the same on every
-    /// kernel.
+    /// Finds, for each output, the point with the highest score in each of [`GROUPS`] groups of
+    /// points (point `n` is in group `n % GROUPS`): `score = scales[n] * Σ codes[n] weight`.
+    /// The first of equals wins; the result is the same on every kernel.
     ///
     /// # Shapes
     /// `codes [points, layer.inputs()]`, `scales [points]`, `best` and `winner [GROUPS, layer.outputs()]`,

@@ -112,8 +112,8 @@ impl Isa {
         }
     }
 
-    /// As [`Isa::dense_max`], and sets `argmax[o]` to the number of the row that last raised `max[o]`; rows are numbered from
-    /// `first`.
+    /// As [`Isa::dense_max`], and sets `argmax[o]` to the number of the
+    /// row that last raised `max[o]`; rows are numbered from `first`.
     ///
     /// # Shapes
     /// `x [points, inputs]`, `max` and `argmax [padded outputs]`.

@@ -16,8 +16,8 @@ pub type Row = [f32; LANES];
 /// Vectors by place, and one more at the end: loads read four numbers at a time.
 pub type Places = [[f32; 3]; SURFACE_POINTS + 1];
 
-/// Some of a row's lanes, as many as a register holds. Unless stated otherwise, a function does to each lane what its name
-/// says.
+/// Some of a row's lanes, as many as a register holds. Unless stated
+/// otherwise, a function does to each lane what its name says.
 ///
 /// A type for an instruction set may be named only after that was detected, in a function with its `target_feature`, into which
 /// all operations on it are inlined.

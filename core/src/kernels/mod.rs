@@ -12,10 +12,8 @@
 //! - **Network in integers** (`byte`): points to codes, and the same three on codes; [`crate::quant`] defines the numbers.
 //! - **Training** (`critical`): the search for critical points in bytes, and the gradient through them.
 //! - **Refinement** (on `lanes`): nearest points in boxes (`matching`), plane fits over neighbours (`neighbours`), normal
-//!   equations
-//!   of matched points (`equations`), their losses (`losses`), steps and losses on few points in a grid (`coarse`), similar
-//!   pairs
-//!   of points (`alike`).
+//!   equations of matched points (`equations`), their losses (`losses`), steps and losses on few points in a grid (`coarse`),
+//!   similar pairs of points (`alike`).
 //! - **Metrics**: distances to the nearest points (`nearest`).
 //! - **Measurement** (`peak`): multiply-adds on registers, at the core's peak.
 //!

@@ -1,10 +1,10 @@
 //! Maxima over points that lie close together, without most of the sums.
 //!
-//! For [`NEAR`] points at a time, the highest and the lowest value of each input bound what a channel can reach among them: `Σ
-//! w (w > 0 ? high : low)` (interval arithmetic), a sixteenth of the work. The points are summed only if the bound is above the
-//! channel's maximum so far: for a third of all pairs of channel and group, if points are in the order of [`crate::order`]. The
-//! maxima are the same to the bit in any order: integers are exact, and an f32 bound is summed as the points are, input by
-//! input, in steps that are monotonic despite rounding.
+//! For [`NEAR`] points at a time, the highest and the lowest value of each input bound what a channel can reach
+//! among them: `Σ w (w > 0 ? high : low)` (interval arithmetic), a sixteenth of the work. The points are summed only
+//! if the bound is above the channel's maximum so far: for a third of all pairs of channel and group, if points are
+//! in the order of [`crate::order`]. The maxima are the same to the bit in any order: integers are exact, and an f32
+//! bound is summed as the points are, input by input, in steps that are monotonic despite rounding.
 
 // Microcontrollers have their own kernels (`arm_m::near`), and NEON uses only part of it.
 #![cfg_attr(not(target_arch = "x86_64"), allow(dead_code))]

@@ -1,10 +1,10 @@
 //! Maxima in f32 over points that lie close together. Only the sums that 8-bit integers do not rule out are computed in f32: no
 //! maximum is lost, at little more than the cost of integers.
 //!
-//! With codes `q` of the weights and `a` of a group's activations, `w = u q + dw` and `h = s a + dh`, a channel's sum is `Σ w h
-//! = u s Σ q a + Σ dw s a + Σ w dh`. By Cauchy-Schwarz, the last two terms are at most `|dw| |s a| + |w| |dh|`, which are known
-//! norms. Rounding changes a sum in f32 by less than [`ROUNDING`] times `|b| + |w| |h|`. So a point whose integer sum is below
-//! the maximum by more than that is below it in f32, too.
+//! With codes `q` of the weights and `a` of a group's activations, `w = u q + dw` and `h = s a + dh`, a
+//! channel's sum is `Σ w h = u s Σ q a + Σ dw s a + Σ w dh`. By Cauchy-Schwarz, the last two terms are at most
+//! `|dw| |s a| + |w| |dh|`, which are known norms. Rounding changes a sum in f32 by less than [`ROUNDING`] times
+//! `|b| + |w| |h|`. So a point whose integer sum is below the maximum by more than that is below it in f32, too.
 
 #![allow(unsafe_code, clippy::indexing_slicing)]
 // Only x86-64 has a kernel.

@@ -106,8 +106,8 @@ impl<'a> QuantLayer<'a> {
     }
 }
 
-/// Quantises a row-major `[outputs, inputs]` matrix to codes, symmetric in ±127 of each row's largest magnitude; `panels` as in
-/// [`Codes`].
+/// Quantises a row-major `[outputs, inputs]` matrix to codes, symmetric
+/// in ±127 of each row's largest magnitude; `panels` as in [`Codes`].
 pub fn pack_codes(inputs: usize, row_major: &[f32], panels: &mut [i8]) {
     let stride = padded_codes(inputs);
     panels.fill(0);

@@ -5,8 +5,7 @@
 pub struct Requantise(pub u32);
 
 impl Requantise {
-    /// The nearest fixed-point factor of at most `bits` bits (up to 15) to a positive `value`, and the value that it stands
-    /// for.
+    /// The nearest fixed-point factor of at most `bits` bits (up to 15) to a positive `value`, and its exact value.
     pub fn nearest(value: f64, bits: u32) -> (Requantise, f64) {
         let mut shift = 1;
         let most = f64::from((1u32 << bits) - 1);

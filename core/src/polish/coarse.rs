@@ -72,8 +72,8 @@ impl Refiner<'_> {
         (loss, at)
     }
 
-    /// As [`Self::sifted_below`], but drops a hypothesis that is far behind after the first steps; `None` unless the loss is
-    /// below `most`.
+    /// As [`Self::sifted_below`], but drops a hypothesis far behind
+    /// after the first steps; `None` unless its loss is below `most`.
     pub(crate) fn sifted_early(&self, most: f32, at: Rigid) -> Option<(f32, Rigid)> {
         let ([points, compared], [_, few]) = (SIFT_POINTS, SCREEN_POINTS);
         let (early, late) = SIFT.split_at(EARLY);

@@ -19,8 +19,7 @@ impl Refiner<'_> {
         (if axis == Vec3::ZERO { Vec3::Z } else { axis }, constraint)
     }
 
-    /// The direction along which the planes matched under a pose constrain translation least, and how well, in the same
-    /// measure.
+    /// The direction along which the planes matched under a pose constrain translation least, and how well (same measure).
     pub(crate) fn least_held_shift(&mut self, at: Rigid) -> (Vec3, f32) {
         least(self.matched_equations(at, &NEAR).shifting())
     }

@@ -108,8 +108,7 @@ impl Refiner<'_> {
         [mean * 2.0 * loss::COMPARED as f32, all.source]
     }
 
-    /// Lowers the losses of source points beyond an edge of the target. For points without a match, the lookup gives a near
-    /// point.
+    /// Lowers the losses of source points beyond an edge of the target. Points without a match look up a near point.
     fn spare_beyond_edges(&mut self, at: Rigid) {
         let (there, model) = (at.pose(), self.model);
         let Work {

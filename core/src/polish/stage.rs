@@ -1,5 +1,4 @@
-//! Stages of a refinement: how many steps, on how many points, and with which gate (the distance from which on a match has no
-//! weight).
+//! Stages of a refinement: their steps, their points, and their gate, the distance from which on a match has no weight.
 
 /// The steps of one stage.
 #[derive(Clone, Copy, Debug)]

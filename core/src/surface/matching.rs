@@ -64,8 +64,7 @@ impl Matching {
         self.is_known |= every <= 1;
     }
 
-    /// After [`Self::find`] with the same limit: replaces each match that is not of use by the nearest point that is, or by
-    /// none.
+    /// After [`Self::find`] with the same limit: replaces each match of no use by the nearest point that is of use, or by none.
     pub(crate) fn find_of_use(
         &mut self,
         [surface, other]: [&Surface; 2],

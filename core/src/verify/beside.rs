@@ -9,9 +9,9 @@ use crate::start::Prior;
 
 /// Poses near the best that are polished.
 const NUDGED: usize = 3;
-/// Residual on both sides below which a pose explains both clouds so well that they have not slid over each other. `SLIDES` are
-/// the shifts tried otherwise, in target radii; results within `SLID_ALIKE` of the best loss count, and `SLID` of them are
-/// polished.
+/// Residual on both sides below which a pose explains both clouds so well that they have
+/// not slid over each other. `SLIDES` are the shifts tried otherwise, in target radii;
+/// results within `SLID_ALIKE` of the best loss count, and `SLID` of them are polished.
 const EXPLAINED_WELL: f32 = 0.5;
 const SLIDES: [f32; 14] = [
     0.05, 0.1, 0.2, 0.3, 0.4, 0.55, 0.7, -0.05, -0.1, -0.2, -0.3, -0.4, -0.55, -0.7,

@@ -16,14 +16,14 @@ use crate::surface::Surface;
 /// Hypotheses that are sifted in the first round, and in the second.
 const SIFTED: usize = 24;
 const SIFTED_AGAIN: usize = 6;
-/// Number of best ones whose symmetric copies are tried.
+/// Number of best hypotheses whose symmetric copies are tried.
 const AGAIN: usize = 2;
-/// Loss of the best of them above which pairs of points give further hypotheses, and more are polished.
+/// Loss of the best sifted hypothesis above which pairs of points give further hypotheses, and more are polished.
 const EXPLAINED: f32 = 0.25;
 /// Loss of the best pose above which poses near it are tried; typical if clouds overlap only in part.
 pub(super) const UNEXPLAINED: f32 = 0.4;
-/// Points that judge the hypotheses from pairs, first and last; how much loss the first may add by chance; and how many are
-/// sifted.
+/// Points that judge the hypotheses from pairs, first and last; how
+/// much loss the first may add by chance; and how many are sifted.
 const PAIR_POINTS: [usize; 2] = [32, 128];
 const PAIR_SLACK: f32 = 0.08;
 const MATCHED: usize = 160;
@@ -40,8 +40,7 @@ const MORE_PROBABLE: f32 = 1.0;
 const BETTER: f32 = 2.0;
 /// Standard errors by which a pose that explains both clouds must fit better than the most probable one to replace it.
 const FAR_BETTER: f32 = 10.0;
-/// How much more loss than the best a hypothesis may have and still be polished: normally, and with the pose at hand held on
-/// to.
+/// How much more loss than the best a polished hypothesis may have: normally, and with the pose at hand held on to.
 const FAR_BEHIND: f32 = 0.2;
 const BEHIND: f32 = 0.1;
 /// Hypotheses polished besides the start and the policy's pose: if the best explains the source, and if it does not.
@@ -62,7 +61,7 @@ pub(super) const SPARE: usize = CONTENDERS - 1;
 /// A search in progress.
 pub(super) struct Search<'r, 'w> {
     pub(super) refiner: &'r mut Refiner<'w>,
-    /// Whether the pose at hand, the first contender, is held on to.
+    /// Whether the pose at hand, the first contender, is held on to: something led to it, and it explains both clouds.
     pub(super) holds: bool,
     pub(super) hypotheses: usize,
     /// Where the sifted hypotheses ended.
@@ -76,9 +75,9 @@ pub(super) fn explains_both(Residual { source, target }: Residual) -> bool {
 }
 
 impl Search<'_, '_> {
-    /// Enters a polished pose into the comparison: in place of one of the same hypothesis, else in a free place, else in place
-    /// of the worst if it is more probable. The first place is the pose at hand's; only a better one of its own hypothesis
-    /// takes it.
+    /// Enters a polished pose into the comparison: in place of one of the same hypothesis,
+    /// else in a free place, else in place of the worst if it is more probable. The first
+    /// place is the pose at hand's; only a better one of its own hypothesis takes it.
     pub(super) fn enter(&mut self, at: Rigid, prior: Option<&Prior>) {
         if is_held(&self.contenders, at) {
             return;
@@ -157,8 +156,7 @@ impl Search<'_, '_> {
         Some(if holds { 0 } else { best })
     }
 
-    /// Given the most probable pose, returns one that explains both clouds and fits far better, if there is one, whatever the
-    /// start.
+    /// Given the most probable pose, returns one that explains both clouds and fits far better, if any, whatever the start.
     pub(super) fn far_better(&mut self, best: usize) -> usize {
         let score = |i: usize| self.refiner.losses().excess(best, i).score();
         let held = self.contenders.iter().enumerate();

@@ -168,8 +168,7 @@ panel! {
 }
 
 panel! {
-    /// Writes codes of a panel's outputs: `R(a)` clamped to 0..=255 ([`crate::quant`]), one byte each, at offsets `places` from
-    /// `out`.
+    /// Writes codes of a panel's outputs: `R(a)` clamped to 0..=255 ([`crate::quant`]), a byte each, at `places` from `out` on.
     ///
     /// As for [`panel_sums`]; `scales` of the block points to the bias and requantisation of the panel's outputs, and `places`
     /// to room for as many codes of each row.

@@ -1,6 +1,6 @@
-//! Points that lie close together share a bound, as in [`crate::kernels::pruned`]: a channel is not summed if the bound is
-//! below its maximum. Here the bound is `Σ w low + Σ max(w, 0) (high - low)`, one pass over a channel's weights for [`NEAR`]
-//! points.
+//! Points that lie close together share a bound, as in [`crate::kernels::pruned`]: a channel is
+//! not summed if the bound is below its maximum. Here the bound is
+//! `Σ w low + Σ max(w, 0) (high - low)`, one pass over a channel's weights for [`NEAR`] points.
 #![allow(clippy::indexing_slicing)]
 
 use crate::dims::{FEATURES, PANEL};

@@ -1,8 +1,8 @@
 //! Dense layers of codes: blocks of `P` panels by `N` points, whose sums stay in registers.
 //!
 //! # Safety
-//! For every function: as [`Sums`] requires; panels must be the layer's, and slices must have the lengths that
-//! [`crate::kernels::Isa`] checks.
+//! For every function: as [`Sums`] requires; panels must be the layer's,
+//! and slices must have the lengths that [`crate::kernels::Isa`] checks.
 #![allow(unsafe_code, clippy::indexing_slicing, clippy::needless_range_loop)]
 
 use super::vector::Sums;

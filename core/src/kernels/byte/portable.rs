@@ -85,8 +85,8 @@ pub(in crate::kernels) const ROWS: usize = 1 << ROW_BITS;
 /// Most inputs whose sums leave these bits free: `255 * 128 * INPUTS < 2^(31 - ROW_BITS)`.
 pub(in crate::kernels) const INPUTS: usize = 128;
 
-/// The mark of a row, in the low bits of its sums. Earlier rows have greater marks, so that one maximum finds the first of
-/// equals.
+/// The mark of a row, in the low bits of its sums. Earlier rows have
+/// greater marks, so that one maximum finds the first of equals.
 #[inline(always)]
 pub(in crate::kernels) const fn row_mark(row: usize) -> i32 {
     (ROWS - 1 - row % ROWS) as i32

@@ -13,8 +13,7 @@ use core::ops::Range;
 
 /// Sums that are comparable between rows of different scales.
 pub(in crate::kernels) trait Scores: Sums {
-    /// Raises `best`, sixteen values, to the scores of the point at `place` in its tile; the last bits of a score hold the
-    /// place.
+    /// Raises `best`, sixteen values, to the scores of the point at `place` in its tile, which the last bits of a score hold.
     ///
     /// # Safety
     /// As [`Sums`] requires.

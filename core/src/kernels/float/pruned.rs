@@ -1,5 +1,5 @@
-//! The last embedding layer over points that lie close together. Lanes are channels for bounds, and points for sums. See
-//! [`crate::kernels::pruned`].
+//! The last embedding layer over points that lie close together. Lanes are
+//! channels for bounds, and points for sums. See [`crate::kernels::pruned`].
 //!
 //! # Safety
 //! For every function: as [`Vector`] requires; the layer's arrays have their padded lengths and it has at most [`INPUTS`]

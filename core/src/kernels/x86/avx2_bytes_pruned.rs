@@ -1,6 +1,6 @@
-//! The last embedding layer of integers over points that lie close together, with AVX2. As in [`super::avx2_bytes_wide`], codes
-//! of points and weights are spread to 16 bits. Lanes are channels for bounds, and points for sums. See
-//! [`crate::kernels::pruned`].
+//! The last embedding layer of integers over points that lie close together, with AVX2.
+//! As in [`super::avx2_bytes_wide`], codes of points and weights are spread to 16 bits.
+//! Lanes are channels for bounds, and points for sums. See [`crate::kernels::pruned`].
 //!
 //! Every function requires that AVX2 was detected, that the layer's arrays have their padded lengths and at most [`INPUTS`]
 //! inputs, and that `max` is as long as its outputs; [`crate::kernels::Isa`] checks all of it.

@@ -1,5 +1,5 @@
-//! A control loop that follows a part in front of a depth camera: `cargo run --release -p reagent-core
-//! --features pretrained-compact --example depth_camera`.
+//! A control loop that follows a part in front of a depth camera:
+//! `cargo run --release -p reagent-core --features pretrained-compact --example depth_camera`.
 //!
 //! Every frame is an image of depths in millimetres, back-projected to points. Its registration starts from the pose of the
 //! frame before, and takes as many steps as the frame has time for. It is sliced, so that the loop's other work never waits for

@@ -5,9 +5,9 @@
 //! integers that cannot overflow (`QuantNetwork::parse` checks it from the weights), so their
 //! order is free. The rest is a handful of IEEE single operations in a fixed order, never fused.
 //!
-//! Weights are signed codes, symmetric, with a scale for each output; activations are unsigned codes
-//! with a scale for each channel. The scales of activations are folded into the weights that read
-//! them, those of weights into the requantisation that follows: none but the last is stored.
+//! Weights are signed codes, symmetric, with a scale for each output; activations are unsigned codes with a scale for each
+//! channel. The scales of activations are folded into the weights that read them, and those of weights into the requantisation
+//! that follows; only those of a head's last layer are stored.
 //!
 //! 1. **Point to hidden 1** (in f32, since 2/255 is coarser than the smallest step). A point is seen as in
 //!    the f32 network ([`View::see`]). With `W [64, 3]`, `b [64]` already in units of one code:
@@ -26,11 +26,10 @@
 //! `R(a) = floor((a * factor + 2^(shift - 1)) / 2^shift)` is [`Requantise`]: in exact arithmetic, which
 //! fits 32 bits in step 2.
 //!
-//! In the file, layer 1 is stored as in format 0. The others are: weights `i8`
-//! `[outputs / 16][inputs / 4][16][4]`, bias `i32 [outputs]`, then requantisation `u32 [outputs]`
-//! (`factor | shift << 16`) or, for the last layer of a head, scale `f32 [outputs]`; outputs are padded
-//! to multiples of 16 with zeros. The bias offset of the layer table points at the bias, and what comes
-//! after it starts where the padded bias ends.
+//! In the file, layer 1 is stored as in format 0. The others are: weights `i8` `[outputs / 16][inputs / 4][16][4]`, bias
+//! `i32 [outputs]`, then requantisation `u32 [outputs]` (`factor | shift << 16`) or, for the last layer of a head, scale
+//! `f32 [outputs]`; outputs are padded to multiples of 16 with zeros. The bias offset of the layer table points at the bias,
+//! and the array after it starts where the padded bias ends.
 //!
 //! # In floating point
 //!

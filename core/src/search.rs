@@ -4,7 +4,7 @@ use crate::rotation::Rotation;
 use crate::solve::Rigid;
 use glam::{Mat3, Vec3};
 
-/// Gates of a hypothesis' first steps, normalised units: wide, then narrow.
+/// Gates of a hypothesis' first steps, in normalised units: wide, then narrow.
 pub(crate) const SCREEN: [f32; 6] = [0.5, 0.4, 0.3, 0.2, 0.15, 0.12];
 /// Number of these steps after which a hypothesis far behind is dropped. `EARLY_POINTS` points judge that, and it may exceed
 /// the loss of the worst one kept by `EARLY_SLACK`.

@@ -7,7 +7,7 @@ use glam::Vec3;
 /// transformed copy of a cloud is ever stored.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct View {
-    /// Point that becomes the translation; the cloud's centroid in the disentangled form.
+    /// Point that maps to the translation; the cloud's centroid in the disentangled form.
     pub origin: Vec3,
     /// Rotation (times a scale) and translation.
     pub map: Pose,

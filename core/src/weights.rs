@@ -7,7 +7,7 @@
 //! | 0 | `[u8; 4]` | magic `RGNT` |
 //! | 4 | u16 | format version, 1 |
 //! | 6 | u16 | number format: 0 = f32, 1 = int8 |
-//! | 8 | u32 | length of the whole file, check sum included |
+//! | 8 | u32 | length of the whole file, checksum included |
 //! | 12 | u32 | layers, 9 |
 //! | 16 | `[u16; 8]` | network shape, in the paper 64, 128, 1024 (embedding), 512, 256 (head), 33 (logits); decision ([`Decision`]: 0 = most likely, 1 = nearest to the mean, 2 = both ways) in the low 4 bits of the low byte, steps from one choice of the target's points to the next ([`Sight::focus`]; 0 = all, always) in its high 4, in the high byte how far from the model points are looked at ([`Cut`], sixteenths of its radius; 0 = anywhere); steps from one look at all points to the next ([`Policy::rescan`]; 0 = 1) |
 //! | 32 | 9 x 16 bytes | layer table: inputs, outputs, weight offset, bias offset, u32 each |
@@ -149,7 +149,7 @@ impl<'a> Policy<'a> {
         self
     }
 
-    /// Checks every byte of a policy file once: header, layer table, check sum, finite weights.
+    /// Checks every byte of a policy file once: header, layer table, checksum, finite weights.
     ///
     /// # Errors
     /// The `Weights…` variants of [`Error`]; any flipped bit or cut gives one.

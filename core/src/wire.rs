@@ -12,7 +12,7 @@
 //! | 3 | [`RefineReply`] | its reply |
 //! | 4 | [`Refusal`] | its error reply |
 //! | 5 | [`Status`] | `…/robot/<id>/status`, published and answered |
-//! | 6 | [`Message::Ask`] | serial line: how is the board, answered by a status and a [`Board`] |
+//! | 6 | [`Message::Ask`] | serial line: asks how the board is, answered by a status and a [`Board`] |
 //! | 7 | [`Board`] | serial line: what the board has and uses |
 //! | 8 | [`StepTaken`] | serial line: after each step, before the reply |
 //! | 9 | [`Chunk`] | serial line: a part of the policy whose manifest came before, answered by a status |
@@ -21,12 +21,12 @@
 //!
 //! | version | requests have since | replies have since |
 //! |---|---|---|
-//! | 3 | time budgets, modes, clients, clouds on a grid ([`crate::grid`]) | what goes with them, as the status has |
-//! | 4 | view points, starts from anywhere | how the clouds fit, what their shape leaves open |
+//! | 3 | time budgets, modes, clients, clouds on a grid ([`crate::grid`]) | the fields that go with them, also in the status |
+//! | 4 | view points, starts from anywhere | how the clouds fit, what their shape leaves undetermined |
 //! | 5 | | the pose's covariance |
 //! | 6 | | shares of the points that were left out |
 //! | 7 | what was seen besides the source | |
-//! | 8 | | the direction along which the place is open |
+//! | 8 | | the direction along which the translation is undetermined |
 //!
 //! Manifests are stored under their signature and have a version of their own; its version 4 brought the epoch.
 //!

@@ -230,8 +230,8 @@ impl Isa {
         }
     }
 
-    /// `y += W[:, from..from + n] x` in integers, for codes of 13 bits in two planes of `n` bytes, `x =
-    /// 64 high + low`, `high` below 128 and `low` below 64 (step 4 of [`crate::quant`]).
+    /// `y += W[:, from..from + n] x` in integers, for codes of 13 bits in two planes of `n` bytes,
+    /// `x = 64 high + low`, `high` below 128 and `low` below 64 (step 4 of [`crate::quant`]).
     ///
     /// # Shapes
     /// `planes [n]` each, `from` and `n` multiples of 4 with `from + n <= inputs`, `y [outputs]`; others

@@ -104,9 +104,8 @@ impl Isa {
     /// Computes the outputs of [`Isa::search`]'s winners in f32, and keeps the best of each output's groups.
     ///
     /// # Shapes
-    /// `rows [outputs, width]`, `bias` and `feature [outputs]`, `hidden [points, width]`, `winner
-    /// [GROUPS, outputs]`, of which the first row becomes the result; other lengths leave both as
-    /// they are.
+    /// `rows [outputs, width]`, `bias` and `feature [outputs]`, `hidden [points, width]`,
+    /// `winner [GROUPS, outputs]`, whose first row becomes the result; other lengths leave both as they are.
     pub fn winners(
         self,
         width: usize,

@@ -1,5 +1,5 @@
-//! Each layer of the network by the fastest kernels of this machine: `cargo bench -p reagent-core`. Those
-//! of rows on one tile, whose activations lie in the cache, as in a registration.
+//! Each layer of the network on the fastest kernels of this machine: `cargo bench -p reagent-core`. Layers over rows run on one
+//! tile, whose activations are in the cache, as in a registration.
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use reagent_core::dims::{EMBED, FEATURES, HEAD, LOGITS, QUANT_TILE, STATE, TILE, padded};
@@ -35,7 +35,7 @@ fn in_f32(c: &mut Criterion) {
             group.bench_function(format!("dense_max {inputs} to {outputs}"), |b| {
                 b.iter(|| isa.dense_max(black_box(&layer), &x, &mut max));
             });
-            // Bounds are as good as this where rows are alike: at best.
+            // The best case: for identical rows, bounds are exact.
             let near = x[..inputs].repeat(TILE);
             group.bench_function(
                 format!("dense_max_near {inputs} to {outputs}, rows alike"),

@@ -1,11 +1,10 @@
-//! A control loop that follows a part in front of a depth camera: `cargo run --release -p reagent-core
-//! --features pretrained-compact --example depth_camera`.
+//! A control loop that follows a part in front of a depth camera:
+//! `cargo run --release -p reagent-core --features pretrained-compact --example depth_camera`.
 //!
-//! Every frame is a picture of depths in millimetres, back-projected to points. Its registration starts
-//! from the pose of the frame before, takes as many steps as the frame has time for, and is sliced so that
-//! the loop's other work never waits for more than 16 points. As in firmware the policy is the small one in 8-bit
-//! integers, read where it lies, and all memory is static; nothing here but `println!` and the camera needs an
-//! operating system.
+//! Every frame is an image of depths in millimetres, back-projected to points. Its registration starts from the pose of the
+//! frame before, and takes as many steps as the frame has time for. It is sliced, so that the loop's other work never waits for
+//! more than 16 points. As in firmware, the policy is the small one in 8-bit integers, read in place, and all memory is static;
+//! only `println!` and the camera need an operating system.
 
 use reagent_core::net::Scratch;
 use reagent_core::pose::rotation_from_euler;
@@ -14,13 +13,13 @@ use std::sync::Mutex;
 
 const WIDTH: usize = 96;
 const HEIGHT: usize = 72;
-/// Focal length, pixels.
+/// Focal length in pixels.
 const FOCAL: f32 = 200.0;
 /// Points of the model.
 const MODEL: usize = 40 * 30;
-/// Steps that one frame has time for.
+/// Steps for which one frame has time.
 const STEPS_A_FRAME: usize = 4;
-/// Points of one slice: the loop's period is longer than they take.
+/// Points in one slice: they take less than the loop's period.
 const SLICE: usize = 16;
 
 /// Memory of the whole loop.
@@ -31,7 +30,7 @@ struct Memory {
     cloud: [[f32; 3]; MODEL],
 }
 
-/// The lock takes the place of a microcontroller's `StaticCell`.
+/// The lock stands in for a microcontroller's `StaticCell`.
 static MEMORY: Mutex<Memory> = Mutex::new(Memory {
     scratch: Scratch::new(),
     model: [[0.0; 3]; MODEL],
@@ -39,7 +38,7 @@ static MEMORY: Mutex<Memory> = Mutex::new(Memory {
     cloud: [[0.0; 3]; MODEL],
 });
 
-/// A part of 80 x 60 mm as it was designed: a step with a ramp beside it.
+/// The part as designed, 80 x 60 mm: a step with a ramp beside it.
 fn design(model: &mut [[f32; 3]; MODEL]) {
     for (i, point) in model.iter_mut().enumerate() {
         let (x, y) = ((i % 40) as f32 * 2.0 - 39.0, (i / 40) as f32 * 2.0 - 29.0);
@@ -52,7 +51,7 @@ fn design(model: &mut [[f32; 3]; MODEL]) {
     }
 }
 
-/// Where the part is in the camera's frame: half a metre away, drifting and turning.
+/// Pose of the part in the camera's frame: half a metre away, drifting and turning.
 fn camera_from_model(frame: usize) -> Pose {
     let t = frame as f32 * 0.1;
     Pose {
@@ -61,7 +60,7 @@ fn camera_from_model(frame: usize) -> Pose {
     }
 }
 
-/// What the camera sees: the nearest surface at each pixel, whole millimetres, 0 where there is none.
+/// What the camera sees: the nearest surface at each pixel in whole millimetres, 0 where there is none.
 fn picture(model: &[[f32; 3]], pose: Pose, depths: &mut [[u16; WIDTH]; HEIGHT]) {
     depths.fill([0; WIDTH]);
     for &point in model {
@@ -75,7 +74,7 @@ fn picture(model: &[[f32; 3]], pose: Pose, depths: &mut [[u16; WIDTH]; HEIGHT]) 
     }
 }
 
-/// Points of a picture, and how many they are.
+/// Back-projects an image to points; returns their number.
 fn points(depths: &[[u16; WIDTH]; HEIGHT], cloud: &mut [[f32; 3]; MODEL]) -> usize {
     let pixels = depths.iter().enumerate().flat_map(|(row, depths)| {
         let columns = depths.iter().enumerate();
@@ -109,7 +108,7 @@ fn main() -> Result<(), Error> {
     design(model);
     let frame_of_model = Frame::of(model)?;
 
-    // The first guess is where the part is fed in.
+    // The first guess is the place where parts are fed in.
     let mut model_from_camera = camera_from_model(0).inverse();
     println!("frame  points  steps  verdict     turns  off by mm  deg");
     for frame in 0..20 {

@@ -1,10 +1,10 @@
-//! Points cut into cells: those side by side follow each other (a k-d tree, written down in a row).
+//! Points cut into cells that are neighbours in memory as in space (a k-d tree, stored as a flat array).
 
 use crate::select::select;
 use core::cmp::Ordering;
 use glam::Vec3;
 
-/// Cuts points in halves of whole cells until no cell has more than `most`, each across its longest side.
+/// Splits points into halves of whole cells, across the longest side, until no cell has more than `most`.
 pub(crate) fn cut<T: Copy>(points: &mut [T], most: usize, at: impl Fn(&T) -> Vec3 + Copy) {
     let half = points.len().div_ceil(most) / 2 * most;
     if half == 0 {
@@ -19,8 +19,8 @@ pub(crate) fn cut<T: Copy>(points: &mut [T], most: usize, at: impl Fn(&T) -> Vec
     }
 }
 
-/// By the coordinate on an axis, then by the others: no two points that differ are equal, so that every algorithm that selects
-/// or sorts by it comes to the same end.
+/// Compares by the coordinate on `axis`, then by the others. Only identical points are equal, so every algorithm that selects
+/// or sorts by it ends in the same order.
 pub(crate) fn compare(axis: usize, a: Vec3, b: Vec3) -> Ordering {
     let (a, b) = (a.to_array(), b.to_array());
     let by = |axis: usize| match (a.get(axis % 3), b.get(axis % 3)) {
@@ -32,7 +32,7 @@ pub(crate) fn compare(axis: usize, a: Vec3, b: Vec3) -> Ordering {
         .then_with(|| by(axis + 2))
 }
 
-/// Lowest and highest coordinates.
+/// The lowest and the highest coordinates.
 pub(crate) fn bounds<T>(points: &[T], at: impl Fn(&T) -> Vec3) -> [Vec3; 2] {
     let widen = |[low, high]: [Vec3; 2], at: Vec3| [low.min(at), high.max(at)];
     let start = [Vec3::INFINITY, Vec3::NEG_INFINITY];

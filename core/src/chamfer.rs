@@ -5,9 +5,9 @@ use crate::view::View;
 
 /// Mean over `points`, as seen, of the squared distance to the nearest point of `others`.
 ///
-/// The same bits on every kernel: the nearest distances are rounded alike, and the mean is taken in
-/// f64 in the order of the points. NaN where either cloud is empty, infinite where a point or all of
-/// `others` are not finite. Costs `N M` distances: 0.1 ms for 1024 x 1024 with AVX-512.
+/// All kernels give the same bits: they round the nearest distances alike, and the mean is taken in f64 in the order of the
+/// points. It is NaN if either cloud is empty, and infinite if a point or all of `others` are not finite. Costs `N M`
+/// distances: 0.1 ms for 1024 x 1024 with AVX-512.
 ///
 /// # Shapes
 /// `points [N, 3]`, `others [M, 3]`.

@@ -5,20 +5,20 @@ use crate::error::Error;
 use crate::grid::Grid;
 use core::ops::Range;
 
-/// No sensor measures more in any unit; larger numbers mark what was not measured, and their squares overflow.
+/// Largest coordinate accepted: larger ones mark what was not measured, in any unit, and their squares may overflow.
 pub const LARGEST_COORDINATE: f32 = 1e12;
 
-/// Points that somebody else holds.
+/// A borrowed cloud.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Cloud<'c> {
     /// Coordinates, 12 bytes a point.
     F32(&'c [[f32; 3]]),
-    /// Codes of 16 bits, 6 bytes a point: the points that they decode to.
+    /// Codes of 16 bits on a grid, 6 bytes a point.
     Grid(Grid, &'c [[i16; 3]]),
 }
 
 impl<'c> Cloud<'c> {
-    /// No points.
+    /// A cloud without points.
     pub const EMPTY: Cloud<'static> = Cloud::F32(&[]);
 
     /// Number of points.
@@ -39,8 +39,8 @@ impl<'c> Cloud<'c> {
         (0..self.len()).filter_map(move |i| self.point(i))
     }
 
-    /// One of them.
-    #[cfg_attr(target_os = "none", inline(never))] // code is scarcer than calls there
+    /// The point at an index.
+    #[cfg_attr(target_os = "none", inline(never))] // there, code size matters more than the cost of calls
     pub fn point(&self, index: usize) -> Option<[f32; 3]> {
         match self {
             Cloud::F32(points) => points.get(index).copied(),
@@ -48,7 +48,7 @@ impl<'c> Cloud<'c> {
         }
     }
 
-    /// Some of them; none where there are not that many.
+    /// The points of a range; no points if the range is out of bounds.
     pub fn part(self, range: Range<usize>) -> Cloud<'c> {
         match self {
             Cloud::F32(points) => Cloud::F32(points.get(range).unwrap_or(&[])),

@@ -1,21 +1,20 @@
-//! Critical points of a cloud: those through which its feature came about. Each channel of the feature is a maximum
-//! over the points; a point that reaches none of them could be left out (PointNet's critical set). For 1024 points
-//! they are about 280. While a cloud turns by a few degrees they hardly change, so that between looks at all points a
-//! registration may look at them alone ([`crate::Policy::rescan`]).
+//! Critical points of a cloud (PointNet's critical set): the points that reach the maximum of some channel of the feature. The
+//! others could be left out. A cloud of 1024 points has about 280. They hardly change while the cloud turns by a few degrees,
+//! so between full scans a registration may look at them alone ([`crate::Policy::rescan`]).
 
 use crate::dims::MAX_POINTS;
 
-/// Points that a word marks.
+/// Points marked by one word.
 const WORD: usize = u32::BITS as usize;
 
-/// Some points of a cloud, one bit each.
+/// A set of points of a cloud, one bit each.
 #[derive(Clone, Debug)]
 pub(crate) struct Critical([u32; MAX_POINTS / WORD]);
 
 const _: () = assert!(MAX_POINTS.is_multiple_of(WORD) && MAX_POINTS <= 1 << u16::BITS);
 
 impl Critical {
-    /// None.
+    /// The empty set.
     pub(crate) const NONE: Critical = Critical([0; MAX_POINTS / WORD]);
 
     pub(crate) fn clear(&mut self) {
@@ -28,7 +27,7 @@ impl Critical {
         }
     }
 
-    /// The first of them from `point` on.
+    /// The first marked point from `point` on.
     pub(crate) fn next(&self, point: usize) -> Option<usize> {
         let mut rest = u32::MAX << (point % WORD);
         for (i, word) in self.0.iter().enumerate().skip(point / WORD) {
@@ -41,7 +40,7 @@ impl Critical {
         None
     }
 
-    /// How many there are.
+    /// Number of marked points.
     pub(crate) fn len(&self) -> usize {
         self.0.iter().map(|word| word.count_ones() as usize).sum()
     }

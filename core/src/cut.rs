@@ -1,9 +1,9 @@
-//! What is too far from the model to be of it, and is left out.
+//! The cut: leaves out source points too far from the model to belong to it.
 //!
-//! A feature is a maximum over points: one that lies metres away rules it, and with it the centroid about which the
-//! source is turned. The segment of a depth image always has such points, where the mask reaches over the object's edge.
-//! A policy for views ([`Sight::cut`](crate::sight::Sight::cut)) therefore leaves out, in every look, what is seen farther from the model's centre
-//! than its radius and the start's error can explain. Nothing is stored: points are judged as they are read.
+//! A feature is a maximum over points, so one point metres away dominates it, and the centroid about which the source rotates.
+//! The segment of a depth image always has such points, where the mask reaches over the object's edge. A policy for views
+//! ([`Sight::cut`](crate::sight::Sight::cut)) therefore leaves out, in every look, points farther from the model's centre than
+//! its radius and the start's error can explain. Nothing is stored: points are judged as they are read.
 
 use crate::cloud::Cloud;
 use crate::dims::MIN_POINTS;
@@ -12,24 +12,24 @@ use crate::pose::{Pose, mean};
 use crate::view::View;
 use glam::Vec3;
 
-/// Parts of the model's radius in which [`Cut`] counts.
+/// Units of [`Cut`] in one radius of the model.
 const PARTS: f32 = 16.0;
 
-/// How far from the model's centre points are looked at.
+/// Distance from the model's centre up to which points are looked at.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct Cut(u8);
 
 impl Cut {
-    /// Everything is looked at.
+    /// No limit: everything is looked at.
     pub const NONE: Cut = Cut(0);
 
-    /// Within so many radii of the model, rounded to sixteenths: from 1/16 to 15.9. `None` for any other number.
+    /// A limit in radii of the model, rounded to sixteenths, from 1/16 to 15.9; `None` for any other number.
     pub fn within(radii: f32) -> Option<Cut> {
         let parts = libm::roundf(radii * PARTS);
         (1.0..=255.0).contains(&parts).then_some(Cut(parts as u8))
     }
 
-    /// Radii of the model within which points are looked at; infinite where all are.
+    /// The limit in radii of the model; infinite without a limit.
     pub fn radii(self) -> f32 {
         match self.0 {
             0 => f32::INFINITY,
@@ -37,18 +37,18 @@ impl Cut {
         }
     }
 
-    /// As a policy file stores it.
+    /// The limit as stored in a policy file.
     pub const fn header(self) -> u8 {
         self.0
     }
 
-    /// What a policy file announces.
+    /// The limit that a policy file states.
     pub const fn from_header(parts: u8) -> Cut {
         Cut(parts)
     }
 
-    /// What is looked at of a cloud that is seen so. Where fewer than [`MIN_POINTS`] would be left, the estimate says
-    /// nothing on what is of the model, and everything is.
+    /// The reach for a cloud under `view`. If it would keep fewer than [`MIN_POINTS`], the pose estimate tells nothing about
+    /// which points belong to the model, and all are kept.
     pub fn of(self, cloud: Cloud<'_>, view: &View) -> Reach {
         let radii = self.radii();
         let reach = Reach {
@@ -67,7 +67,7 @@ impl Cut {
         }
     }
 
-    /// The mean of what is looked at under a plain estimate: the point about which the source is turned.
+    /// Mean of the points kept under a plain pose estimate: the point about which the source rotates.
     pub fn centroid(self, source: Cloud<'_>, frame: &Frame, initial: &Pose) -> Vec3 {
         let view = frame.view(initial);
         let reach = self.of(source, &view);
@@ -75,19 +75,19 @@ impl Cut {
     }
 }
 
-/// How far points may be from the origin of the normalised frame.
+/// Distance from the origin of the normalised frame up to which points are kept.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reach {
     squared: f32,
 }
 
 impl Reach {
-    /// Anywhere.
+    /// No limit.
     pub const ALL: Reach = Reach {
         squared: f32::INFINITY,
     };
 
-    /// Whether a stored point, as it is seen, is within reach.
+    /// Whether a stored point is within reach under `view`.
     #[inline]
     pub fn keeps(&self, view: &View, point: [f32; 3]) -> bool {
         self.squared == f32::INFINITY
@@ -118,7 +118,7 @@ mod tests {
         );
         let centroid = cut.centroid(source, &Frame::IDENTITY, &Pose::IDENTITY);
         assert!(centroid.abs_diff_eq(Vec3::new(1.0, 1.4, -1.5) / 3.0, 1e-6));
-        // In the clouds' own units, under an estimate that brings the last two points to the model.
+        // In the clouds' own units, under a pose estimate that brings the last two points to the model.
         let frame = Frame {
             centre: Vec3::Z * 7.0,
             scale: 200.0,
@@ -153,8 +153,8 @@ mod tests {
         assert_eq!(Cut::NONE.radii(), f32::INFINITY);
     }
 
-    /// Far points between those of the object change neither a logit nor a pose, in either number format, however the
-    /// steps are sliced and whichever points they look at.
+    /// Far points among those of the object change neither a logit nor a pose, in either number format, however the steps are
+    /// sliced and whichever points they look at.
     #[cfg(all(feature = "pretrained", feature = "pretrained-int8"))]
     #[test]
     fn what_is_cut_off_takes_no_part() {

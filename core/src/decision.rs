@@ -3,25 +3,24 @@
 use crate::dims::{AXES, LOGITS, STEP_SIZES, STEPS_ONE_WAY};
 use crate::steps::STEPS;
 
-/// Which step of an axis is taken; the policy file says which.
+/// How the step of an axis follows from its logits; the policy file says which way.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Decision {
-    /// The most likely one, as in the paper; the first of equals.
+    /// The most likely step, as in the paper; the first of equals.
     MostLikely,
-    /// The one nearest to the mean step, which has the least expected squared error; the first of equals. Where steps
-    /// to both sides are about as likely, as around an axis of symmetry, it stands still: the most likely one
-    /// wanders there, in the same direction again and again.
+    /// The step nearest to the mean, which has the least expected squared error; the first of equals. If steps to both sides
+    /// are about as likely, as around an axis of symmetry, it stands still. The most likely step would wander there, in the
+    /// same direction again and again.
     NearestToMean,
-    /// The same; after the first [`STEPS_ONE_WAY`] steps the mean of two views: how to move the source onto the
-    /// target, and the opposite of how to move the target onto the source ([`both_ways`]). What the network prefers
-    /// for no reason cancels out between them. In the first steps clouds are farther apart than training ever
-    /// showed them that way round.
+    /// As `NearestToMean`, but after the first [`STEPS_ONE_WAY`] steps with the mean of two views: how to move the source onto
+    /// the target, and the opposite of how to move the target onto the source ([`both_ways`]). Preferences without a reason
+    /// cancel out between the views. In the first steps, clouds are farther apart than training showed them in the second view.
     #[default]
     BothWays,
 }
 
 impl Decision {
-    /// As the header of a policy file stores it.
+    /// The decision as stored in the header of a policy file.
     pub const fn header(self) -> u16 {
         match self {
             Decision::MostLikely => 0,
@@ -30,7 +29,7 @@ impl Decision {
         }
     }
 
-    /// The decision that a header announces.
+    /// The decision that a header states.
     pub fn from_header(word: u16) -> Option<Decision> {
         let all = [
             Decision::MostLikely,
@@ -40,7 +39,7 @@ impl Decision {
         all.into_iter().find(|decision| decision.header() == word)
     }
 
-    /// Ways in which the heads look at the clouds, after so many steps: 1, or 2 for [`both_ways`].
+    /// Ways in which the heads look at the clouds after `steps` steps: 1, or 2 for [`both_ways`].
     pub fn ways(self, steps: usize) -> usize {
         match self {
             Decision::BothWays if steps >= STEPS_ONE_WAY => 2,
@@ -69,7 +68,7 @@ impl Decision {
         }
     }
 
-    /// Whether every axis of a head has a clear step: logits that are all off by at most `error` give the same.
+    /// Whether every axis of a head has a clear step: logits that are each off by at most `error` give the same one.
     pub fn is_clear(self, logits: &[f32; LOGITS], error: f32) -> bool {
         let (axes, _) = logits.as_chunks();
         axes.iter().all(|axis| self.is_clear_step(axis, error))
@@ -100,8 +99,7 @@ impl Decision {
     }
 }
 
-/// Probabilities of an axis's steps. In f32 and in the order of the step table, with `expf` as in libm: the same bits
-/// everywhere.
+/// Softmax of an axis's logits. It runs in f32, in the order of the step table, with libm's `expf`: the same bits everywhere.
 fn probabilities(logits: &[f32; STEP_SIZES]) -> [f32; STEP_SIZES] {
     let most = logits.iter().copied().fold(f32::NEG_INFINITY, f32::max);
     let weights = logits.map(|logit| libm::expf(logit - most));
@@ -121,8 +119,8 @@ fn mean(probabilities: [f32; STEP_SIZES]) -> f32 {
     mean
 }
 
-/// Logits of a head whose probabilities are the means of those of moving the source onto the target, and of those of
-/// moving the target onto the source with each step turned round.
+/// Logits of a head with averaged probabilities: half from moving the source onto the target (`forth`), half from moving the
+/// target onto the source with each step reversed (`back`).
 pub fn both_ways(forth: &[f32; LOGITS], back: &[f32; LOGITS]) -> [f32; LOGITS] {
     let mut logits = [0.0; LOGITS];
     let (axes, _) = logits.as_chunks_mut::<STEP_SIZES>();
@@ -137,7 +135,7 @@ pub fn both_ways(forth: &[f32; LOGITS], back: &[f32; LOGITS]) -> [f32; LOGITS] {
     logits
 }
 
-/// Index of the least value, the first of equals.
+/// Index of the smallest value, the first of equals.
 fn first_least(values: [f32; STEP_SIZES]) -> u8 {
     let (mut least, mut id) = (f32::INFINITY, 0);
     for (i, &value) in values.iter().enumerate() {
@@ -169,11 +167,11 @@ mod tests {
             assert_eq!([likely, mean].map(|d| d.step(&certain)), [i as u8; 2]);
         }
         let torn = of(&[(0, 0.45), (10, 0.4), (5, 0.15)]);
-        // Mean -.0135.
+        // The mean is -.0135.
         assert_eq!([likely, mean].map(|d| d.step(&torn)), [0, 3]);
         let even = of(&[(0, 0.5), (10, 0.5)]);
         assert_eq!([likely, mean].map(|d| d.step(&even)), [0, STOP]);
-        // Half of .03 and half of .09.
+        // The mean is nearer to .03 than to .09.
         let between = of(&[(8, 0.55), (9, 0.45)]);
         assert_eq!([likely, mean].map(|d| d.step(&between)), [8, 8]);
         let flat = [3.0; STEP_SIZES];
@@ -185,10 +183,10 @@ mod tests {
         let [likely, mean] = [Decision::MostLikely, Decision::NearestToMean];
         let close = of(&[(3, 0.5), (4, 0.4999)]);
         assert!(!likely.is_clear_step(&close, 1e-3) && likely.is_clear_step(&close, 1e-5));
-        // The mean lies between the two, and it is clear which it is nearest to.
+        // The mean lies between the two steps and is clearly nearer to one of them.
         let third = of(&[(8, 0.7), (9, 0.3)]);
         assert!(mean.is_clear_step(&third, 1e-3));
-        // Its mean is .06, as far from .03 as from .09.
+        // The mean is .06, as far from .03 as from .09.
         let middle = of(&[(8, 0.5), (9, 0.5)]);
         assert!(!mean.is_clear_step(&middle, 1e-3));
         assert!(mean.is_clear_step(&of(&[(8, 1.0)]), 1e-3));
@@ -205,7 +203,7 @@ mod tests {
         ]);
         let mut back = forth;
         back.reverse();
-        // Axes in their order again, each turned round: the target sees the opposite of what the source sees.
+        // Axes in their own order again, each reversed: the target sees the opposite of what the source sees.
         let (axes, _) = back.as_chunks_mut::<STEP_SIZES>();
         axes.reverse();
         let agreed = both_ways(&forth, &back);
@@ -224,7 +222,7 @@ mod tests {
                     .all(|(f, e)| (f - e).abs() < 1e-6)
             );
         }
-        // A target that sees the same, not the opposite: nothing to do.
+        // The target sees the same, not the opposite: both views cancel out.
         let torn = both_ways(&forth, &forth);
         assert_eq!(Decision::BothWays.steps(&torn), [STOP; AXES]);
     }

@@ -1,5 +1,5 @@
-//! Every size of the largest network and of the protocol, checked against each other at compile time. What they add up
-//! to is in [`crate::budget`].
+//! Sizes of the largest network and of the protocol, checked against
+//! each other at compile time; their sums are in [`crate::budget`].
 
 /// Widths of the pointwise embedding layers, 3 -> 64 -> 128 -> 1024 (paper, implementation details).
 pub const EMBED: [usize; 3] = [64, 128, 1024];
@@ -17,7 +17,7 @@ pub const STEP_SIZES: usize = 11;
 pub const LOGITS: usize = AXES * STEP_SIZES;
 /// Refinement steps of one registration, `n` in the paper.
 pub const STEPS: usize = 10;
-/// Steps before those in which a policy that decides so looks both ways ([`crate::Decision::BothWays`]).
+/// First steps that look one way only, under a policy that later looks both ways ([`crate::Decision::BothWays`]).
 pub const STEPS_ONE_WAY: usize = 4;
 
 /// Fewest points that fix a rigid transform.
@@ -28,30 +28,28 @@ pub const MAX_POINTS: usize = 4096;
 /// Points of each cloud that polishing and verification use; larger clouds are thinned evenly.
 pub const SURFACE_POINTS: usize = 2048;
 
-/// Outputs that share one block of a weight matrix: the file stores `[outputs / PANEL][inputs][PANEL]`.
+/// Outputs in one block of a weight matrix; the file stores `[outputs / PANEL][inputs][PANEL]`.
 pub const PANEL: usize = 16;
-/// Rows of 8-bit codes are padded with zeros to multiples of this.
+/// Rows of 8-bit codes are padded with zeros to a multiple of this.
 pub const CODES: usize = 64;
-/// Inputs whose codes lie together for one output: one lane of a dot-product instruction.
+/// Adjacent input codes of one output: one lane of a dot-product instruction.
 pub(crate) const QUAD: usize = 4;
-/// Points whose hidden activations are held at once: the tile stays in the L1 cache of a host and in
-/// the few KiB of a microcontroller.
+/// Points whose hidden activations are held at once: the tile fits a host's L1 cache, and a microcontroller's few KiB.
 pub const TILE: usize = if HOST { 48 } else { 4 };
 
-/// Panels of a head's layer that several registrations in step take at a time: half a MiB in f32.
+/// Panels of a head's layer applied at a time to several registrations: half a MiB in f32.
 pub(crate) const PANELS_TOGETHER: usize = 8;
 
-/// Panels of a layer of bytes for whose maxima rows are told at a time.
+/// Panels of an integer layer taken at a time when the rows of its maxima are recorded.
 pub(crate) const PANELS_MARKED: usize = if HOST { 8 } else { 2 };
 
 /// Points whose 8-bit codes are held at once.
 pub const QUANT_TILE: usize = if HOST { 192 } else { 16 };
 
-/// Heads for which a registration keeps what its target adds to their first layer; where memory is short it is
-/// computed in every step.
+/// Heads for which a registration caches the target's share of the first layer; without the memory, every step computes it.
 pub(crate) const TARGETS_KEPT: usize = if HOST { 2 } else { 0 };
 
-/// Points for whose order there is room in a registration.
+/// Points for whose order a registration has room.
 pub(crate) const POINTS_ORDERED: usize = if HOST { MAX_POINTS } else { 0 };
 
 /// Whether there is memory for large tiles.

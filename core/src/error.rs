@@ -1,8 +1,8 @@
-//! Everything that can be refused, as one flat `Copy` enum.
+//! Every reason for a refusal, as one flat `Copy` enum.
 
 use core::fmt;
 
-/// Why a call was refused. Nothing was changed by the refused call.
+/// Why a call was refused. Unless its documentation says otherwise, the refused call changed nothing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Error {
@@ -25,14 +25,14 @@ pub enum Error {
         /// Index of the first such point.
         index: usize,
     },
-    /// A coordinate is beyond [`crate::cloud::LARGEST_COORDINATE`]: a mark for "not measured", not a measurement.
+    /// A coordinate is beyond [`crate::cloud::LARGEST_COORDINATE`]: a marker for "not measured", not a measurement.
     OutOfRange {
         /// Index of the first such point.
         index: usize,
     },
     /// All points of a cloud coincide: there is no scale to normalise by, and nothing to align.
     NoExtent,
-    /// The points of the target span less than 1e-12: squares of distances underflow.
+    /// The target's points span less than 1e-12: squared distances underflow.
     TooSmall,
     /// A pose holds a NaN, an infinity or a matrix that is not a rotation.
     BadPose,
@@ -42,7 +42,7 @@ pub enum Error {
     BadViewPoint,
     /// A standard deviation of the start is negative or NaN.
     BadUncertainty,
-    /// The registration was not started, or with another policy.
+    /// The registration was not started, or was started with another policy.
     NotStarted,
     /// The weight file ends early, or bytes follow its end.
     WeightsLength {
@@ -60,22 +60,22 @@ pub enum Error {
         /// Version that this build reads.
         expected: u16,
     },
-    /// The weight file stores numbers in a format that this build does not read.
+    /// The weight file uses a number format that this build does not read.
     WeightsFormat {
         /// Number format in the file.
         found: u16,
     },
-    /// The weight file decides in a way that this build does not know ([`crate::Decision`]).
+    /// The weight file asks for a way to decide that this build does not know ([`crate::Decision`]).
     WeightsDecision {
         /// Decision in the file.
         found: u16,
     },
-    /// A layer's shape or place in the file is not what this build expects.
+    /// A layer's shape or offset in the file is not what this build expects.
     WeightsShape {
         /// Index in the layer table.
         layer: usize,
     },
-    /// The weight file's check sum does not match: a bit was flipped.
+    /// The weight file's checksum does not match: its bytes have changed.
     WeightsCrc,
     /// The weight bytes do not start on a 4-byte boundary.
     WeightsAlignment,
@@ -84,7 +84,7 @@ pub enum Error {
         /// Index in the layer table.
         layer: usize,
     },
-    /// Sums of an integer layer could overflow, or a factor has no meaning.
+    /// Sums of an integer layer could overflow, or a requantisation factor is unusable.
     WeightsRange {
         /// Index in the layer table.
         layer: usize,

@@ -1,14 +1,13 @@
-//! How probably a refined pose is right, from how the clouds fit under it and under others.
+//! How probably a refined pose is right, judged by how the clouds fit under it and under other poses.
 
 use crate::mirror::MIRRORED;
 use crate::polish::{Refined, Residual};
 use crate::verify::Verified;
 
-/// What speaks for and against a refined pose. Nothing of the policy's is in it, so that it holds for any policy and
-/// without one.
+/// Evidence for and against a refined pose. None of it comes from the policy, so it holds for any policy and without one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Evidence {
-    /// How the clouds fit.
+    /// How well the clouds fit.
     pub residual: Residual,
     /// [`Refined::inlier_rmse`], in target radii.
     pub inlier_rmse: f32,
@@ -18,47 +17,48 @@ pub struct Evidence {
     pub within: f32,
     /// [`Refined::inside`].
     pub inside: f32,
-    /// Standard deviation of the translation, target radii ([`crate::covariance::Covariance::shift_deviation`]).
+    /// Standard deviation of the translation, in target radii ([`crate::covariance::Covariance::shift_deviation`]).
     pub shift_deviation: f32,
     /// [`Refined::distinct_points`].
     pub distinct_points: usize,
     /// [`Refined::extents_ratio`].
     pub extents_ratio: f32,
-    /// [`Verified::mirror_score`]; 0 where it was not looked for.
+    /// [`Verified::mirror_score`]; 0 if no mirror image was tried.
     pub mirror_score: f32,
     /// Whether other poses were tried.
     pub verified: bool,
-    /// [`Verified::support`]; 0 where no others were tried.
+    /// [`Verified::support`]; 0 if no others were tried.
     pub support: usize,
-    /// [`Verified::lead`]; infinite where no others were tried.
+    /// [`Verified::lead`]; infinite if no others were tried.
     pub lead: f32,
 }
 
 /// Distinct points below which no pose is called right.
 pub const FEWEST_DISTINCT: usize = 64;
-/// A source more times larger than the target is in another unit, unless such a share of its points is near the target, whose residual
-/// is below that, or of its points that may be the target's such a share is: then it holds the target, and much else. In another unit it has a
-/// ninth of its points there at most, and they look another way.
+/// Size ratio above which a source is in another unit than the target, unless it holds the target
+/// and much else. It does if its share of points near the target exceeds the first of `HELD`, and
+/// either the target's residual is below the second or the near share of the points that may be
+/// the object's exceeds the third. In another unit, at most a ninth of its points lie there.
 pub const LARGEST_RATIO: f32 = 3.0;
 const HELD: [f32; 3] = [0.15, 0.5, 0.75];
-/// A source smaller than this share of the target is in another unit, or too small a part to place.
+/// Size ratio below which a source is in another unit, or too small a part to place.
 pub const SMALLEST_RATIO: f32 = 0.11;
-/// Residuals from which on a side has nothing in common with the other.
+/// Residuals of source and target from which on that cloud has nothing in common with the other.
 const SATURATED: [f32; 2] = [0.95, 0.992];
-/// Most that is said of a pose against which one of these speaks.
+/// Highest probability of a pose if sizes, too few points, a mirror image or saturation speak against it.
 const IMPROBABLE: f32 = 0.1;
 
-/// Share of the source that may be the object's above which the rest is the object's too, where parts of it are longer than the target; and
-/// what it is taken for at least, since fewer points tell too little.
+/// Share of the source that may be the object's above which the rest counts as the object's too: its parts may reach beyond the
+/// target. `LEAST_INSIDE` is the smallest share used, since fewer points tell too little.
 const A_SCENE: f32 = 0.85;
 const LEAST_INSIDE: f32 = 0.2;
 
-/// Values that the logistic model weighs.
+/// Number of inputs of the logistic model.
 pub const FEATURES: usize = 8;
 
-/// Weights of [`Evidence::features`], of a pose that was polished alone and of one that was compared with others, fitted by
-/// `host-train calibrate --data DIR --meshes MESHES --count 1000 --seed 7` to pairs drawn and rendered from training meshes: whole clouds, parts,
-/// views from known points and others, few points, distorted sources and other objects.
+/// Weights of [`Evidence::features`] for a pose that was only polished, and for one that was compared with others. They were
+/// fitted by `host-train calibrate --data DIR --meshes MESHES --count 1000 --seed 7` to pairs drawn and rendered from training
+/// meshes: whole clouds, parts, views from known points and others, few points, distorted sources and other objects.
 const WEIGHTS: [[f32; FEATURES]; 2] = [
     [
         2.2416, 14.2063, -8.6733, -6.2773, -1.4459, -4.4270, 0.0, 0.0,
@@ -69,7 +69,7 @@ const WEIGHTS: [[f32; FEATURES]; 2] = [
 ];
 
 impl Evidence {
-    /// Of a pose that was polished alone.
+    /// Evidence on a pose that was only polished.
     pub fn polished(found: &Refined) -> Evidence {
         Evidence {
             residual: found.residual,
@@ -87,7 +87,7 @@ impl Evidence {
         }
     }
 
-    /// Of a pose that was compared with others.
+    /// Evidence on a pose that was compared with others.
     pub fn verified(found: &Verified) -> Evidence {
         Evidence {
             mirror_score: found.mirror_score,
@@ -121,19 +121,19 @@ impl Evidence {
         self.mirror_score > MIRRORED
     }
 
-    /// Whether one cloud has nothing in common with the other, or a residual is no number.
+    /// Whether one cloud has nothing in common with the other, or a residual is NaN.
     fn is_saturated(&self) -> bool {
         let Residual { source, target } = self.residual;
         let [most_source, most_target] = SATURATED;
         !(source < most_source && target < most_target)
     }
 
-    /// What the logistic model weighs, each of the order of 1:
-    /// 1; the share of the source's points near the target's surface, and the share in its neighbourhood, of those that may be the object's:
-    /// noise is near, another shape is not; how little of the target is explained; how uncertain the translation is, its logarithm; how far what lies on
-    /// the surface is off it; how many of the other poses ended in this one, and how probable the next one is beside it.
+    /// Inputs of the logistic model, each of the order of 1: the constant 1; the shares of the source's points near the
+    /// target's surface and in its neighbourhood, relative to those that may be the object's (noise is near, another shape is
+    /// not); the target's residual; the log of the translation's deviation; the RMS distance of inliers from the surface; the
+    /// log of 1 + support; the runner-up's probability relative to the pose's.
     pub fn features(&self) -> [f32; FEATURES] {
-        // What is no number stays none.
+        // Unlike `min` and `max`, these keep NaN.
         let most = |x: f32, most: f32| if x > most { most } else { x };
         let least = |x: f32, least: f32| if x < least { least } else { x };
         let inside = most(least(self.inside, LEAST_INSIDE) / A_SCENE, 1.0);
@@ -149,8 +149,8 @@ impl Evidence {
         ]
     }
 
-    /// Calibrated probability that the pose is within 5 degrees and .05 target radii of the truth, or of what is named
-    /// as fitting as well, or cannot be told from it (ADI below .02 diameters).
+    /// Calibrated probability that the pose is within 5 degrees and .05 target radii of the truth or of a pose reported as
+    /// fitting as well, or is indistinguishable from the truth (ADI below .02 diameters).
     pub fn probability(&self) -> f32 {
         let [alone, compared] = &WEIGHTS;
         let weights = if self.verified { compared } else { alone };
@@ -172,7 +172,7 @@ impl Evidence {
 mod tests {
     use super::*;
 
-    /// A pose of a whole cloud that fits well and has no rival.
+    /// Evidence on a pose of a whole cloud that fits well and has no rival.
     const GOOD: Evidence = Evidence {
         residual: Residual {
             source: 0.4,
@@ -234,7 +234,7 @@ mod tests {
             ..GOOD
         };
         assert!(!scene.sizes_differ());
-        // A single view of it leaves most of the target unseen.
+        // A single view leaves most of the target unseen.
         let unseen = Residual {
             source: 0.7,
             target: 0.9,

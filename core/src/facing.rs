@@ -1,5 +1,5 @@
-//! Which way a target's surface faces, where a mesh tells: what faces away from the sensor was not seen, so the far side of a wall is
-//! not taken for its near side.
+//! Which way a target's surface faces, if a mesh tells. Surfaces that face away from the sensor were not seen, so the far side
+//! of a wall is not taken for its near side.
 
 use crate::dims::SURFACE_POINTS;
 use crate::freespace::DepthGrid;
@@ -8,8 +8,8 @@ use crate::pose::Pose;
 use crate::surface::Surface;
 use glam::Vec3;
 
-/// A surface faces away where the cosine of the angle between the ways outward and to the sensor is below minus this: normals are
-/// estimated.
+/// A surface faces away if the cosine between its outward normal and the direction to the sensor is below minus this. The
+/// margin allows for estimated normals.
 const AWAY: f32 = 0.1;
 
 /// A bit for each place of a surface.
@@ -32,31 +32,31 @@ impl Bits {
     }
 }
 
-/// Of the points of a target, by their places, how the normals that were estimated point.
+/// For a target's points, by place, whether the estimated normal points outward or inward.
 #[derive(Clone, Debug)]
 pub(crate) struct Facing {
-    /// Whether any is known.
+    /// Whether it is known for any point.
     is_known: bool,
     outward: Bits,
     inward: Bits,
 }
 
 impl Facing {
-    /// Of a target of which nothing is known. All bits are zero.
+    /// Nothing is known. All bits are zero.
     pub(crate) const UNKNOWN: Facing = Facing {
         is_known: false,
         outward: Bits::NONE,
         inward: Bits::NONE,
     };
 
-    /// Takes in the ways outward at a model's points, in the order of the cloud that it was made of.
+    /// Takes in outward directions at a model's points, in the order of the cloud that the model was made of.
     pub(crate) fn fill(&mut self, model: &Model, outward: &[[f32; 3]]) {
         *self = Facing::UNKNOWN;
         for (point, &outward) in model.inside().zip(outward) {
             let here = model
                 .surface
                 .nearest_of_use(point.into(), f32::MIN_POSITIVE, &|_| true);
-            // Points that were left out as outliers are on no surface.
+            // Points left out as outliers lie on no surface.
             let Some((place, _)) = here else { continue };
             let (_, normal) = model.surface.at(place);
             let along = normal.dot(Vec3::from_array(outward));
@@ -69,8 +69,8 @@ impl Facing {
         }
     }
 
-    /// The target as it faces the sensor under a pose, if there is one. One that stands within the target's radius may stand inside, as
-    /// in a room, and see the other sides.
+    /// The target under a pose, as it faces the sensor, if there is one. A sensor within the target's radius may stand inside,
+    /// as in a room, and see the other sides; nothing is told then.
     pub(crate) fn seen_from<'f>(
         &'f self,
         seen: &DepthGrid,
@@ -94,12 +94,12 @@ pub(crate) struct Faced<'f> {
 }
 
 impl Faced<'_> {
-    /// Whether anything is known of it.
+    /// Whether anything is known about it.
     pub(crate) fn tells(&self) -> bool {
         self.seen.is_some()
     }
 
-    /// Whether the surface at a place faces away from the sensor; never where that is not known.
+    /// Whether the surface at a place faces away from the sensor; false if unknown.
     pub(crate) fn is_away(&self, place: usize) -> bool {
         let Some((facing, eye)) = self.seen else {
             return false;
@@ -126,7 +126,7 @@ mod tests {
     const HALF: f32 = 0.03;
     const ABOVE: Option<Vec3> = Some(Vec3::new(0.0, 0.0, 4.0));
 
-    /// Points of a plate's upper side, and of its lower one.
+    /// Points of a plate's upper or lower side.
     fn side(n: usize, numbers: &mut Numbers, z: f32) -> impl Iterator<Item = [f32; 3]> {
         (0..n).map(move |_| {
             let [x, y, _] = numbers.point();
@@ -134,12 +134,12 @@ mod tests {
         })
     }
 
-    /// The upper side as a sensor above sees it, registered from nearer the lower one.
+    /// The upper side as a sensor above sees it, registered from a start nearer the lower one.
     fn refined(outward: &[[f32; 3]], seen_from: Option<Vec3>) -> Refined {
         plate(HALF, outward, seen_from)
     }
 
-    /// The same of a plate of such half a thickness.
+    /// The same with a plate of this half-thickness.
     fn plate(half: f32, outward: &[[f32; 3]], seen_from: Option<Vec3>) -> Refined {
         let numbers = &mut Numbers(5);
         let target: Vec<_> = side(600, numbers, half).collect();
@@ -177,14 +177,14 @@ mod tests {
             refined(&[], ABOVE),
             refined(&outward(-1.0), ABOVE),
             refined(&outward(1.0), None),
-            // As from within a room.
+            // As if from inside a room.
             refined(&outward(1.0), Some(Vec3::new(0.0, 0.0, 0.5))),
         ] {
             assert!((height(wrong) - lower).abs() < 0.1 * HALF, "{wrong:?}");
         }
     }
 
-    /// Half of the nearest points of a thin wall are of its far side: what was seen keeps partners on the near one.
+    /// Half of the points nearest to a thin wall's are of its far side; the seen points still get partners on the near side.
     #[test]
     fn of_a_wall_thinner_than_its_points_are_apart_none_is_missed() {
         for half in [0.001, 0.01] {
@@ -200,7 +200,7 @@ mod tests {
         for unknown in [[0.0; 3], [f32::NAN; 3]] {
             assert_eq!(refined(&[unknown; 1200], ABOVE), told);
         }
-        // Neither do directions of points that there are not.
+        // Directions for points that do not exist tell nothing either.
         let late = [vec![[0.0; 3]; 1200], outward(1.0)].concat();
         assert_eq!(refined(&late, ABOVE), told);
     }

@@ -1,4 +1,4 @@
-//! The network in f32 (number format 0), written once over the kernels of the machine.
+//! The network in f32 (number format 0), written once on top of the machine's kernels.
 
 mod critical;
 mod heads;
@@ -11,29 +11,29 @@ use crate::view::View;
 pub use critical::{SearchLayer, SearchScratch, embed_argmax, embed_search};
 pub use heads::{Lane, TargetHalf, logits, target_half};
 
-/// The pointwise embedding, in the paper 3 -> 64 -> 128 -> 1024; ReLU after the first two layers only.
+/// The pointwise embedding, in the paper 3 -> 64 -> 128 -> 1024, with ReLU after the first two layers only.
 #[derive(Clone, Copy, Debug)]
 pub struct Embedding<'a> {
     /// The three layers.
     pub layers: [Dense<'a>; 3],
-    /// The last one packed, where somebody gave the memory for it ([`crate::Policy::with_packed`]).
+    /// The last layer packed, if the caller gave memory for it ([`crate::Policy::with_packed`]).
     pub packed: Option<PackedDense<'a>>,
 }
 
 impl<'a> Embedding<'a> {
-    /// The last layer packed, where that is faster.
+    /// The packed last layer, if it is faster on these kernels.
     pub(crate) fn packed_for(&self, isa: Isa) -> Option<PackedDense<'a>> {
         self.packed.filter(|packed| packed.is_fast(isa))
     }
 
-    /// Whether it gains from an order of points ([`Isa::dense_max_near`]).
+    /// Whether it runs faster on an ordered cloud ([`Isa::dense_max_near`]).
     pub(crate) fn prunes(&self, isa: Isa) -> bool {
         let split = matches!(self.packed_for(isa), Some(PackedDense::Split(_)));
         isa.prunes_floats() && !split
     }
 }
 
-/// One policy head, in the paper 2048 -> 512 -> 256 -> 33; ReLU after the first two layers.
+/// One policy head, in the paper 2048 -> 512 -> 256 -> 33, with ReLU after the first two layers only.
 #[derive(Clone, Copy, Debug)]
 pub struct Head<'a> {
     /// The three layers.
@@ -51,10 +51,10 @@ pub struct FloatNetwork<'a> {
     pub rotation: Head<'a>,
 }
 
-/// A global feature vector, one value a channel; as many as the network has features.
+/// A global feature vector, one value for each channel; a smaller network fills only the first channels.
 pub type Feature = [f32; FEATURES];
 
-/// Hidden activations of the points embedded together.
+/// Hidden activations of the points that are embedded together.
 #[derive(Clone, Debug)]
 pub struct Tiles {
     /// First hidden layer, `[TILE, 64]`.
@@ -76,7 +76,7 @@ pub struct FloatScratch {
     head2: [f32; HEAD[1]],
 }
 
-// The tiles are free while the heads run: the hidden layers of the second way have room there.
+// While the heads run, the tiles are free: they hold the hidden layers of the second way.
 const _: () = assert!(TILE * EMBED[1] >= HEAD[0] && TILE * EMBED[0] >= HEAD[1]);
 
 impl FloatScratch {
@@ -92,7 +92,7 @@ impl FloatScratch {
         }
     }
 
-    /// The source's feature, and a head's hidden layers for either way.
+    /// The source's feature, and a head's two hidden layers for each way.
     fn parts(&mut self) -> (&Feature, [[&mut [f32]; 2]; 2]) {
         let Tiles { hidden1, hidden2 } = &mut self.tiles;
         let ways = [
@@ -102,18 +102,18 @@ impl FloatScratch {
         (&self.feature, ways)
     }
 
-    /// The critical point of each channel, if [`embed`] has kept them: where the heads come later.
+    /// The critical point of each channel, if [`embed`] recorded them. They share memory with the heads' hidden layer.
     pub(crate) fn winners(&self) -> &[u16] {
         bytemuck::cast_slice(&self.head1)
     }
 }
 
-/// Takes points into the global feature: max over points of the pointwise embedding (no ReLU on the last
-/// layer). Before the first points of a cloud, the feature is -infinity everywhere. Where the points count from `first`,
-/// keeps the critical point of each channel ([`FloatScratch::winners`]).
+/// Folds points into the global feature: the maximum over points of the pointwise embedding (no ReLU on the last layer). Before
+/// a cloud's first points, the feature must be -infinity everywhere. With `first`, the index of the first point, records the
+/// critical point of each channel ([`FloatScratch::winners`]).
 ///
 /// # Shapes
-/// `points [N, 3]`, as many features as the embedding gives, the rest left alone.
+/// `points [N, 3]`; as many features as the embedding has, the rest is left alone.
 pub(crate) fn embed(
     isa: Isa,
     embedding: &Embedding<'_>,
@@ -148,7 +148,7 @@ pub(crate) fn embed(
     );
 }
 
-/// Takes rows, which count from `first`, into maxima, and keeps where they were raised.
+/// Folds rows, numbered from `first`, into the maxima, and records which row raised each.
 fn winners_of(
     isa: Isa,
     last: &Dense<'_>,
@@ -174,8 +174,8 @@ fn winners_of(
     }
 }
 
-/// Hidden layers tile by tile, ping-pong between two buffers; `last` gets the last layer, its inputs
-/// and the index of the tile's first point.
+/// Computes the hidden layers tile by tile, alternating between two buffers. `last` receives the last layer, its inputs and the
+/// index of the tile's first point.
 fn embed_tiles(
     isa: Isa,
     layers: &[Dense<'_>],

@@ -1,34 +1,34 @@
-//! Which points of the target are looked at: those that lie near the source, as it is seen.
+//! The focus: chooses the points of the target that lie near the source, as seen under the current pose.
 //!
-//! A view shows one side of an object. What the target has on its other sides makes its feature unlike the source's even
-//! where the pose is right. A policy for views ([`Sight::focus`](crate::sight::Sight::focus)) therefore chooses, every few
-//! steps, the points of the target that have some of the source near them. No view point is needed for it, and nothing is
-//! stored: as [`crate::cut`] does with the source, points are judged as they are read.
+//! A view shows one side of an object. The target's other sides make its feature unlike the source's even under the right pose.
+//! A policy for views ([`Sight::focus`](crate::sight::Sight::focus)) therefore chooses, every few steps, the points of the
+//! target that have some of the source near them. It needs no view point and stores no points: as [`crate::cut`] does with the
+//! source, it judges points as they are read.
 
 use crate::cloud::Cloud;
 use crate::cut::Reach;
 use crate::view::View;
 
-/// Cells along an edge of the cube about the target.
+/// Cells along an edge of the cube around the target.
 const SIDE: usize = 16;
-/// Fewer points than this say nothing of a shape.
+/// Fewer points than this tell nothing about a shape.
 const FEWEST: usize = 32;
-/// Half an edge of the cube, in radii of the target: all of it lies inside.
+/// Half an edge of the cube, in target radii; the whole target lies inside.
 const HALF: f32 = 1.28;
 
-/// The cells about the target that hold a point of the source, or touch one that does.
+/// Cells around the target that hold a point of the source, or touch a cell that does.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Focus {
-    /// A row of cells along x for each y and z; `None` where everything is looked at.
+    /// A bit for each cell along x, for each y and z; `None` to look at everything.
     rows: Option<[[u16; SIDE]; SIDE]>,
 }
 
 impl Focus {
-    /// Everything is looked at.
+    /// Looks at everything.
     pub const ALL: Focus = Focus { rows: None };
 
-    /// The cells near a source that is seen so. Where fewer than 32 of the target's points would be left, the
-    /// pose says nothing on what is seen of it, and everything is looked at.
+    /// The cells near a source under its view. If they would leave fewer than 32 of the target's points, the pose tells nothing
+    /// about what was seen of the target, and everything is looked at.
     #[inline(never)]
     pub fn on(
         (source, source_view, reach): (Cloud<'_>, &View, Reach),
@@ -52,7 +52,7 @@ impl Focus {
         }
     }
 
-    /// Whether a stored point of the target, as it is seen, is looked at.
+    /// Whether a stored point of the target is looked at under `view`.
     #[inline]
     pub fn keeps(&self, view: &View, point: [f32; 3]) -> bool {
         let Some(rows) = &self.rows else {
@@ -66,7 +66,7 @@ impl Focus {
     }
 }
 
-/// The cell in which a normalised point lies.
+/// The cell of a normalised point; `None` outside the cube.
 #[inline(never)]
 fn cell(point: [f32; 3]) -> Option<[usize; 3]> {
     let place = point.map(|x| libm::floorf((x + HALF) * (SIDE as f32 / (2.0 * HALF))));
@@ -77,14 +77,14 @@ fn cell(point: [f32; 3]) -> Option<[usize; 3]> {
         .then_some(place.map(|x| x as usize))
 }
 
-/// Cells that are filled, and all that touch one of them: spread along one axis after the other.
+/// Adds all cells that touch a filled one, by spreading along one axis after the other.
 fn grown(filled: &[[u16; SIDE]; SIDE]) -> [[u16; SIDE]; SIDE] {
     let mut grown = *filled;
     for along in [1, SIDE] {
         let before = grown;
         let rows = before.as_flattened();
         for (i, row) in grown.as_flattened_mut().iter_mut().enumerate() {
-            // The first and the last row of a plane have one neighbour in it.
+            // Rows at the border of a plane have one neighbour in it.
             let is_beside = |k: usize| along == SIDE || k / SIDE == i / SIDE;
             let beside = [i.wrapping_sub(along), i + along];
             for &near in beside
@@ -108,7 +108,7 @@ mod tests {
     use crate::pose::Pose;
     use glam::Vec3;
 
-    /// Points all over a sphere of radius 1.
+    /// Points all over the unit sphere.
     fn sphere() -> [[f32; 3]; 500] {
         core::array::from_fn(|i| {
             let z = (2 * i + 1) as f32 / 500.0 - 1.0;
@@ -149,7 +149,7 @@ mod tests {
             Focus::ALL
         );
         assert!(Focus::ALL.keeps(&view, [9.0; 3]));
-        // What is cut off of the source does not count.
+        // Points cut off from the source do not count.
         let none = crate::cut::Cut::within(0.0625).expect("a number of radii");
         let reach = none.of(Cloud::F32(&[[0.0; 3]; 3]), &view);
         assert_eq!(Focus::on((source, &view, reach), target_seen), Focus::ALL);
@@ -167,7 +167,7 @@ mod tests {
         assert_eq!(grown[8][6], 0b111 << 6);
     }
 
-    /// However steps are sliced, and in either number format, the same steps are taken, and the target is looked at anew.
+    /// In either number format, the steps are the same however they are sliced, and the focus is chosen anew.
     #[cfg(all(feature = "pretrained", feature = "pretrained-int8"))]
     #[test]
     fn slices_take_the_same_steps() {
@@ -214,7 +214,7 @@ mod tests {
                     assert_eq!(found, step, "{}", isa.name());
                 }
                 assert_eq!(sliced.target_from_source(), whole.target_from_source());
-                // A policy that looks at all of the target acts otherwise.
+                // A policy that looks at all of the target acts differently.
                 let mut registrar = Registrar::with_isa(isa, policy, &mut scratch);
                 let mut all = registrar
                     .start(part, &target, frame, Pose::IDENTITY)

@@ -6,7 +6,7 @@ use crate::pose::{Pose, mean};
 use crate::view::View;
 use glam::Vec3;
 
-/// Squares of smaller distances underflow.
+/// Smallest scale accepted: squares of smaller distances underflow.
 const SMALLEST_SCALE: f32 = 1e-12;
 
 /// The normalised frame in which the policy works: `x_n = (x - centre) / scale`.
@@ -19,7 +19,7 @@ pub struct Frame {
 }
 
 impl Frame {
-    /// Clouds are normalised already and used as they are.
+    /// The frame of clouds that are normalised already.
     pub const IDENTITY: Frame = Frame {
         centre: Vec3::ZERO,
         scale: 1.0,
@@ -33,7 +33,7 @@ impl Frame {
         Frame::of_cloud(Cloud::F32(target))
     }
 
-    /// As [`Frame::of`].
+    /// As [`Frame::of`], for a cloud in either format.
     ///
     /// # Errors
     /// As [`Frame::of`].
@@ -42,7 +42,7 @@ impl Frame {
         Frame::of_points(target.points())
     }
 
-    /// The same of points that were checked.
+    /// As [`Frame::of`], for points that were checked.
     ///
     /// # Errors
     /// [`Error::TooSmall`].
@@ -60,7 +60,7 @@ impl Frame {
         }
     }
 
-    /// Refuses one that no clouds have.
+    /// Refuses a frame that no clouds can have.
     ///
     /// # Errors
     /// [`Error::BadFrame`].
@@ -74,7 +74,7 @@ impl Frame {
         }
     }
 
-    /// How a source under a plain estimate, in the clouds' own units, appears in this frame.
+    /// How a source under a plain pose, in the clouds' own units, appears in this frame.
     pub fn view(&self, target_from_source: &Pose) -> View {
         let scale = 1.0 / self.scale;
         View {
@@ -87,7 +87,7 @@ impl Frame {
     }
 }
 
-/// As [`Cloud::check`].
+/// Checks a cloud, as [`Cloud::check`].
 ///
 /// # Errors
 /// As [`Cloud::check`].

@@ -1,27 +1,27 @@
-//! Free space: between the sensor and what it saw nothing stands, be it the object or what is behind.
+//! Free space: nothing stands between the sensor and what it saw, be that the object or the background.
 
 use crate::surface::Surface;
 use glam::{Mat3, Vec3};
 
-/// Cells along an axis of the grid.
+/// Cells along each axis of the image.
 const CELLS: usize = 48;
 
-/// Depths of a cloud, and of its background if that is known, as seen from one point: the nearest in each cell of a pinhole image.
+/// Nearest depths, seen from one point in the cells of a pinhole image, of a cloud and of its background if that is known.
 #[derive(Clone, Debug)]
 pub(crate) struct DepthGrid {
     known: bool,
     eye: Vec3,
-    /// Rows: right, down, forward.
+    /// Rotation into the camera's frame; its rows are right, down, forward.
     camera: Mat3,
     low: [f32; 2],
     cells_per_unit: f32,
-    /// Depth that stands before a cell's by less is noise or sampling.
+    /// A point in front of a cell's depth by less than this is noise or sampling.
     margin: f32,
     depth: [[f32; CELLS]; CELLS],
 }
 
 impl DepthGrid {
-    /// Nothing was seen. All bits are zero.
+    /// Nothing seen. All bits are zero.
     pub(crate) const EMPTY: DepthGrid = DepthGrid {
         known: false,
         eye: Vec3::ZERO,
@@ -42,13 +42,13 @@ impl DepthGrid {
         self.known.then_some(self.eye)
     }
 
-    /// Towards which the sensor looks.
+    /// Direction in which the sensor looks.
     pub(crate) fn ahead(&self) -> Option<Vec3> {
         self.known.then_some(self.camera.transpose().z_axis)
     }
 
-    /// Takes in what was seen from `eye`, and of what else was seen what lies around it in the image, all in the surface's
-    /// frame. A view point within the cloud says nothing.
+    /// Takes in a surface seen from `eye`, and the part of what else was seen that lies around it in the image, all in the
+    /// surface's frame. A view point within the cloud is ignored.
     pub(crate) fn fill(
         &mut self,
         surface: &Surface,
@@ -77,7 +77,7 @@ impl DepthGrid {
         let [x, y] = [0, 1].map(|a: usize| {
             high.get(a).copied().unwrap_or(0.0) - low.get(a).copied().unwrap_or(0.0)
         });
-        // A cell holds a point or two: holes between points are no background.
+        // A cell holds a point or two, so that gaps between points are no background.
         let cells = (libm::sqrtf(surface.points().len() as f32) * 0.7).clamp(4.0, CELLS as f32);
         let (wide, cells) = match around.len() {
             0 => (1.0, cells),
@@ -95,24 +95,24 @@ impl DepthGrid {
         self.known = true;
     }
 
-    /// Takes in a point that was seen.
+    /// Takes in one point that was seen.
     fn take(&mut self, point: Vec3) {
         if let Some((at, depth)) = self.project(point)
             && let Some((x, y)) = self.cell(at)
             && let Some(held) = self.depth.get_mut(y).and_then(|row| row.get_mut(x))
         {
-            // The nearer of a cell's points: an edge is no reason against a pose.
+            // A cell keeps its nearest depth, so that an edge does not count against a pose.
             *held = if *held > 0.0 { held.min(depth) } else { depth };
         }
     }
 
-    /// Takes the mirror image, x the other way around.
+    /// Negates x.
     pub(crate) fn mirror(&mut self) {
         self.eye.x = -self.eye.x;
         self.camera.x_axis = -self.camera.x_axis;
     }
 
-    /// Whether a point would have hidden what was seen.
+    /// Whether a point would have hidden something that was seen.
     pub(crate) fn hides(&self, point: Vec3) -> bool {
         let Some((at, depth)) = self.project(point) else {
             return false;
@@ -120,11 +120,11 @@ impl DepthGrid {
         let seen = self
             .cell(at)
             .and_then(|(x, y)| self.depth.get(y).and_then(|row| row.get(x)));
-        // No depth: nothing was seen there.
+        // No depth: nothing was seen in the cell.
         seen.is_some_and(|&seen| seen > 0.0 && depth < seen - self.margin)
     }
 
-    /// The cell of which a point that was seen is the nearest, if it is one's.
+    /// The cell of a point, by number, if the point is the nearest one seen there.
     pub(crate) fn nearest_in(&self, point: Vec3) -> Option<usize> {
         let (at, depth) = self.project(point)?;
         let (x, y) = self.cell(at)?;
@@ -147,7 +147,7 @@ impl DepthGrid {
     }
 }
 
-/// Width of the image that is looked at, in widths of the object, where more than the object is known.
+/// Width of the image in widths of the object, if the background is known.
 const WIDER: f32 = 2.0;
-/// See [`DepthGrid::margin`], in radii of a neighbourhood.
+/// See [`DepthGrid::margin`], in neighbourhood radii.
 const MARGIN: f32 = 0.6;

@@ -1,8 +1,8 @@
-//! The self-test of a policy: what it must do on two clouds that every build can make.
+//! The self-test of a policy: what it must do on two clouds that every build can generate.
 //!
-//! Whoever ships a policy records its actions ([`Registrar::golden_actions`]); whoever receives it
-//! compares ([`Registrar::passes`]) before it counts. A policy file may be whole and signed and still do
-//! something else on this machine: another build, a kernel that is wrong here, memory that fails.
+//! Whoever ships a policy records its actions ([`Registrar::golden_actions`]); whoever receives it compares them
+//! ([`Registrar::passes`]) before using it. An intact, signed policy file may still act differently on a machine: another
+//! build, a kernel that is wrong there, failing memory.
 
 use crate::dims::{LOGITS, STEPS};
 use crate::error::Error;
@@ -13,15 +13,15 @@ use crate::steps::Action;
 
 /// Points of each cloud.
 pub const POINTS: usize = 128;
-/// How far the logits of two f32 kernels may be apart, of the largest: more than they are.
+/// Bound on how far logits of two f32 kernels differ, relative to the largest; the true difference is smaller.
 const CLOSE: f32 = 1e-4;
-/// How the source of the self-test has been moved.
+/// The motion applied to the source of the self-test.
 const OFFSET: Action = Action {
     translation: [9, 2, 7],
     rotation: [10, 1, 8],
 };
 
-/// Actions of the first steps, up to the one that is no clear choice.
+/// Actions of the first steps, up to the first that is not a clear choice.
 pub type GoldenActions = heapless::Vec<Action, STEPS>;
 
 /// Source and target of the self-test: an L-shaped bracket, moved by a fixed offset.
@@ -48,11 +48,10 @@ pub fn clouds_in(source: &mut [[f32; 3]; POINTS], target: &mut [[f32; 3]; POINTS
 }
 
 impl Registrar<'_, '_> {
-    /// What this policy does on [`clouds`], up to the first step that is no clear choice: f32 kernels may
-    /// differ there.
+    /// What this policy does on [`clouds`], up to the first step that is not a clear choice: there, f32 kernels may differ.
     ///
     /// # Errors
-    /// None with the clouds as they are; see [`Registrar::start`].
+    /// None, since the clouds are valid; see [`Registrar::start`].
     pub fn golden_actions(&mut self) -> Result<GoldenActions, Error> {
         let [source, target] = clouds();
         let mut registration = self.start(&source, &target, Frame::IDENTITY, Pose::IDENTITY)?;
@@ -67,13 +66,13 @@ impl Registrar<'_, '_> {
             if !clear(&step.logits_t) || !clear(&step.logits_r) {
                 break;
             }
-            // There is room: checked above.
+            // The loop condition ensures room.
             actions.push(step.action).ok();
         }
         Ok(actions)
     }
 
-    /// Whether this policy does so here.
+    /// Whether this policy takes the `expected` actions here.
     ///
     /// # Errors
     /// As [`Registrar::golden_actions`].

@@ -1,17 +1,17 @@
 //! Clouds on a grid of 16-bit codes: half the bytes of f32, on the wire and in a robot's memory.
 //!
-//! A code `c` stands for the coordinate `origin + c * step`: one product and one sum, each rounded once, in this
-//! order and without fused multiply-add, so that every target decodes the same bits.
+//! A code `c` stands for the coordinate `origin + c * step`: one product and one sum, each rounded once, in this order and
+//! without fused multiply-add. So every target decodes the same bits.
 
 use crate::error::Error;
 
-/// Largest code; the smallest is its negative.
+/// Largest code; the smallest is `-LARGEST`.
 pub const LARGEST: i16 = i16::MAX;
 
 /// Where the codes of a cloud lie in space.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Grid {
-    /// Point of code `[0, 0, 0]`: the middle of the cloud's bounding box, in the cloud's units.
+    /// Point of code `[0, 0, 0]`: the centre of the cloud's bounding box, in the cloud's units.
     pub origin: [f32; 3],
     /// Distance between neighbouring codes, the same along every axis, in the cloud's units.
     pub step: f32,
@@ -22,10 +22,10 @@ impl Grid {
     ///
     /// A coordinate `x` of the cloud comes back from [`Grid::encode`] and [`Grid::decode`] within
     /// `0.51 * step + 2⁻²³ |x|`, where `step` is 1/65534 of the box's longest side (rounded up, and at least the
-    /// smallest normal number). Decoded coordinates within that of the largest f32 may become infinite.
+    /// smallest normal number). Decoded coordinates within that bound of the largest f32 may become infinite.
     ///
     /// # Errors
-    /// [`Error::EmptyCloud`]; [`Error::NotFinite`] with the first such point.
+    /// [`Error::EmptyCloud`]; [`Error::NotFinite`] with the index of the first such point.
     pub fn of(points: &[[f32; 3]]) -> Result<Grid, Error> {
         if points.is_empty() {
             return Err(Error::EmptyCloud);
@@ -40,12 +40,12 @@ impl Grid {
                 *high = high.max(x);
             }
         }
-        // In f64, where none of this overflows or rounds to matter.
+        // In f64, nothing here overflows, and rounding is negligible.
         let mut reach = 0.0f64;
         let mut origin = [0.0f32; 3];
         for ((low, high), origin) in low.into_iter().zip(high).zip(&mut origin) {
             let (low, high) = (f64::from(low), f64::from(high));
-            // A sum of zero, so that -0 does not tell where the cloud came from.
+            // Adding zero turns -0 into 0.
             *origin = (0.5 * (low + high)) as f32 + 0.0;
             let middle = f64::from(*origin);
             reach = reach.max(high - middle).max(middle - low);
@@ -61,7 +61,7 @@ impl Grid {
         })
     }
 
-    /// The nearest code of a point; the nearest that there is for points beyond the grid, 0 for NaN.
+    /// The nearest code to a point. Points beyond the grid get the nearest code on it; NaN gives 0.
     pub fn encode(&self, point: [f32; 3]) -> [i16; 3] {
         let mut codes = [0; 3];
         for ((code, x), origin) in codes.iter_mut().zip(point).zip(self.origin) {
@@ -72,8 +72,7 @@ impl Grid {
         codes
     }
 
-    /// The point of a code. Not finite where the grid is not: [`crate::cloud::Cloud::check`] refuses such
-    /// clouds.
+    /// The point of a code; not finite if the grid is not. [`crate::cloud::Cloud::check`] refuses such clouds.
     pub fn decode(&self, codes: [i16; 3]) -> [f32; 3] {
         let mut point = [0.0; 3];
         for ((x, code), origin) in point.iter_mut().zip(codes).zip(self.origin) {
@@ -97,7 +96,7 @@ mod tests {
         assert_eq!(grid.encode([-1.0, 2.5, 5.0]), [-32767, 4096, 0]);
         let bits = grid.decode([1, -2, 32767]).map(f32::to_bits);
         assert_eq!(bits, [0x3f80_0200, 0x400f_fe00, 0x40e0_0000]);
-        // Beyond the grid, and where there is no number.
+        // Beyond the grid, and NaN.
         let beyond = [f32::INFINITY, -1e30, f32::NAN];
         assert_eq!(grid.encode(beyond), [LARGEST, -LARGEST, 0]);
     }
@@ -119,7 +118,7 @@ mod tests {
         assert_eq!(Grid::of(&cloud), Err(Error::NotFinite { index: 1 }));
     }
 
-    /// Clouds of any size, anywhere, with flat ones among them.
+    /// Clouds of any size and place, flat ones among them.
     fn clouds() -> impl Strategy<Value = Vec<[f32; 3]>> {
         let unit = proptest::array::uniform3(-1.0f32..1.0);
         let points = proptest::collection::vec(unit, 1..40);
@@ -150,7 +149,7 @@ mod tests {
             step in 1e-9f32..1e3,
             codes in proptest::array::uniform3(any::<i16>()),
         ) {
-            // f64 holds the product of two f32 exactly, and rounding to f32 there rounds once.
+            // f64 holds the product of two f32 exactly, so the cast to f32 is the only rounding.
             let grid = Grid { origin, step };
             for ((x, code), origin) in grid.decode(codes).into_iter().zip(codes).zip(origin) {
                 let product = (f64::from(code) * f64::from(step)) as f32;

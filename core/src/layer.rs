@@ -1,5 +1,5 @@
-//! Layers of the network: views of their arrays, of lengths that were checked once. What [`crate::kernels`] read
-//! unchecked follows from these types alone.
+//! Layers of the network: views of arrays whose lengths were checked once. What [`crate::kernels`] read without bounds checks
+//! follows from these types alone.
 
 mod codes;
 mod requantise;
@@ -12,8 +12,8 @@ pub use requantise::Requantise;
 
 /// A view of one dense layer in f32, `y = W x + b`.
 ///
-/// Kernels rely on it: `outputs > 0`, `width` is that rounded up to whole panels, and the arrays are of exactly the lengths that
-/// [`Dense::panels`] and [`Dense::bias`] say. So no safe code makes one of other lengths:
+/// Kernels rely on these invariants: `outputs > 0`, `width` is `outputs` rounded up to whole panels, and the arrays have
+/// exactly the lengths that [`Dense::panels`] and [`Dense::bias`] state. So safe code cannot make one of other lengths:
 ///
 /// ```compile_fail,E0451
 /// let (panels, bias) = ([1.0; 16], [0.0; 16]);
@@ -28,7 +28,7 @@ pub struct Dense<'a> {
 }
 
 impl<'a> Dense<'a> {
-    /// A layer over arrays of exactly the padded lengths; `None` for any other length, and without outputs.
+    /// A layer over arrays of exactly the padded lengths; `None` for any other length, or for no outputs.
     pub fn new(inputs: usize, outputs: usize, panels: &'a [f32], bias: &'a [f32]) -> Option<Self> {
         let width = outputs.checked_next_multiple_of(PANEL)?;
         let fits = width > 0 && bias.len() == width && panels.len() == inputs.checked_mul(width)?;
@@ -70,7 +70,7 @@ impl<'a> Dense<'a> {
         self.bias
     }
 
-    /// Some panels of the layer at a time, each part with its first output.
+    /// The layer in parts of [`PANELS_TOGETHER`] panels, each with the index of its first output.
     pub(crate) fn parts(&self) -> impl Iterator<Item = (usize, Dense<'a>)> {
         let inputs = self.inputs;
         let outputs = PANELS_TOGETHER * PANEL;
@@ -88,7 +88,7 @@ impl<'a> Dense<'a> {
     }
 }
 
-/// Copies a row-major `[outputs, inputs]` matrix into panels; `panels` has the padded length.
+/// Copies a row-major `[outputs, inputs]` matrix into panels; `panels` must have the padded length.
 pub fn pack_panels(inputs: usize, outputs: usize, row_major: &[f32], panels: &mut [f32]) {
     for (p, panel) in panels.chunks_exact_mut(inputs * PANEL).enumerate() {
         for (k, lanes) in panel.chunks_exact_mut(PANEL).enumerate() {

@@ -5,16 +5,16 @@
 //!
 //! 1. [`weights`] checks a policy file once and views it in place; [`Policy::parse`].
 //! 2. [`Registrar::start`] checks two clouds and embeds the target, once.
-//! 3. Each [`Registrar::step`] sees the source under the accumulated [`Pose`] ([`view::View`]), embeds it
-//!    ([`float`] or [`quant`], on the [`kernels`] of the machine), has both heads decide on an
-//!    [`Action`] ([`decision`], [`steps`]) and accumulates it ([`Pose::accumulate`]).
+//! 3. Each [`Registrar::step`] sees the source under the accumulated [`Pose`] ([`view::View`]) and embeds it
+//!    ([`float`] or [`quant`], on the machine's [`kernels`]). Both heads decide on an [`Action`]
+//!    ([`decision`], [`steps`]), and the registration accumulates it ([`Pose::accumulate`]).
 //! 4. [`Registration::target_from_source`] is the pose, in the clouds' own units; [`Verdict`] says how
 //!    the steps ended.
-//! 5. [`polish`], for those who want more: a few robust steps of closest points; [`verify`] compares the
-//!    result with other poses, and [`verdict`] tells how probably it is right. Both have working memory of their own.
-//! 6. [`pipeline`] is all of that for one cloud; [`track`] follows an object through a stream of them.
+//! 5. [`polish`] refines the pose, if wanted, with a few robust steps of closest points. [`verify`] compares the result
+//!    with other poses, and [`verdict`] says how probably it is right. Polishing and verification share a workspace.
+//! 6. [`pipeline`] is all of that for one pair of clouds; [`track`] follows an object through a stream of clouds.
 //!
-//! Modules stand in layers, and import from layers before theirs only (`tests/tests/layers.rs`):
+//! Modules stand in layers and import only from the layers before their own (`tests/tests/layers.rs`):
 //!
 //! - layer: numbers, error, dims, rotation, select
 //! - layer: cells, shape, grid, critical, layer, pose, loss, outliers
@@ -36,7 +36,7 @@
 //! - layer: golden, pipeline
 //! - layer: wire, budget, track
 //!
-//! [`wire`] holds the frames in which robots and hosts speak of all this.
+//! [`wire`] defines the frames that robots and hosts exchange.
 #![cfg_attr(feature = "pretrained", doc = "\n", doc = include_str!("../README.md"))]
 #![cfg_attr(not(test), no_std)]
 #![cfg_attr(

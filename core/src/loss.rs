@@ -1,31 +1,31 @@
-//! What a pair of nearest points says of a fit, and how two poses compare point by point.
+//! Losses of pairs of nearest points, and the comparison of two poses point by point.
 
 use glam::Vec3;
 
-/// Distance along the surface that the sampling explains, in radii of a neighbourhood.
+/// Distance along the surface that sampling alone explains, in neighbourhood radii.
 pub(crate) const GAP: f32 = 0.3;
-/// Distance from a surface at which half of a point's loss is reached, in radii of a neighbourhood.
+/// Distance from a surface at which a point's loss is one half, in neighbourhood radii.
 pub(crate) const SURFACE: f32 = 0.1;
 /// The same for the distance between points.
 pub(crate) const POINT: f32 = 0.1;
-/// Share of the loss that is of the distance between points: small, but clouds that share points tell by it which turn
+/// Share of the loss that measures the distance between points. It is small, but where clouds share points it tells which turn
 /// of a surface of revolution is meant.
 pub(crate) const POINT_SHARE: f32 = 0.25;
-/// Loss of a point from which on it has no counterpart: half a neighbourhood's radius from it.
+/// Loss from which on a point counts as unmatched: that at half a neighbourhood's radius.
 const UNMATCHED: f32 = 0.96;
 
-/// Loss of a point beyond an edge of the other surface, and how far inward the neighbours of the nearest point lie, in radii, where
-/// that is within the surface and where it is at an edge: the middle of half a disc, weighed as a neighbourhood is, is at .34.
+/// Loss of a point beyond an edge of the other surface. `EDGE` says how far inward the nearest point's neighbours lie on
+/// average, in radii: inside the surface, and at an edge. The weighted mean of half a disc is at 0.34.
 pub(crate) const BEYOND_EDGE: f32 = 0.3;
 const EDGE: [f32; 2] = [0.1, 0.3];
 
-/// Points of a cloud by which poses are compared, at most.
+/// Most points of one cloud by which poses are compared.
 pub(crate) const COMPARED: usize = 1024;
-/// Poses that are compared, at most.
+/// Most poses that are compared.
 pub(crate) const CONTENDERS: usize = 8;
 
-/// Loss of a point `apart` from the nearest of a surface sampled with neighbourhoods of `radius`, whose normal
-/// there is given: 0 on the surface, half `scale` radii from it, 1 far away.
+/// Loss of a point that lies `apart` from its nearest point on a surface, whose `normal` is given there and whose
+/// neighbourhoods have this `radius`: 0 on the surface, 1/2 at a distance of `scale` radii, 1 far away.
 #[inline(always)]
 pub(crate) fn of_surface(apart: Vec3, normal: Vec3, radius: f32, scale: f32) -> f32 {
     let across = normal.dot(apart);
@@ -34,18 +34,18 @@ pub(crate) fn of_surface(apart: Vec3, normal: Vec3, radius: f32, scale: f32) -> 
     saturating(across * across + beyond * beyond, scale * radius)
 }
 
-/// Whether it is nearer to the surface than half of the loss.
+/// Whether the loss of such a point is below one half.
 pub(crate) fn is_on_surface(apart: Vec3, normal: Vec3, radius: f32) -> bool {
     of_surface(apart, normal, radius, SURFACE) < 0.5
 }
 
-/// Whether it is within three times that.
+/// Whether it is at most three times as far away as that.
 pub(crate) fn is_near_surface(apart: Vec3, normal: Vec3, radius: f32) -> bool {
     of_surface(apart, normal, radius, 3.0 * SURFACE) < 0.5
 }
 
-/// A loss of a point `apart` from the nearest of a surface, whose neighbours lie `inward` of that: less than 1 beyond an edge, past
-/// which the surface may go on unseen.
+/// Limits a loss below 1 beyond an edge, past which the surface may go on unseen. The point lies `apart` from its nearest point
+/// on the surface, whose neighbours lie `inward` of it on average, in radii.
 #[inline(always)]
 pub(crate) fn beyond_edge(loss: f32, apart: Vec3, inward: Vec3) -> f32 {
     let [within, at_edge] = EDGE;
@@ -60,7 +60,7 @@ fn saturating(squared: f32, half: f32) -> f32 {
     squared / (squared + (half * half).max(1e-12))
 }
 
-/// Losses of the points of both clouds under several poses, in 255ths.
+/// Losses of both clouds' points under several poses, in units of 1/255.
 #[derive(Clone, Debug)]
 pub(crate) struct Losses {
     of: [[u8; 2 * COMPARED]; CONTENDERS],
@@ -68,13 +68,13 @@ pub(crate) struct Losses {
 }
 
 impl Losses {
-    /// Of no pose. All bits are zero.
+    /// Losses of no pose. All bits are zero.
     pub(crate) const EMPTY: Losses = Losses {
         of: [[0; 2 * COMPARED]; CONTENDERS],
         len: [0; CONTENDERS],
     };
 
-    /// Keeps those of a pose: of the source's points, then of the target's, of each [`COMPARED`] at most, evenly.
+    /// Keeps the losses under one pose: the source's points, then the target's, each evenly thinned to at most [`COMPARED`].
     pub(crate) fn keep(
         &mut self,
         contender: usize,
@@ -97,7 +97,7 @@ impl Losses {
         }
     }
 
-    /// Keeps those of one pose as another's, too.
+    /// Copies the losses of one pose to another.
     pub(crate) fn copy(&mut self, from: usize, to: usize) {
         if from < CONTENDERS && to < CONTENDERS {
             self.of.copy_within(from..=from, to);
@@ -111,13 +111,13 @@ impl Losses {
         row.get(..usize::from(len)).unwrap_or(&[])
     }
 
-    /// Sum over all points of how much more one pose loses than another, and of the squares of that: their ratio
-    /// (the sum over the root) is a score in standard errors.
+    /// How much more pose `of` loses than pose `over`, summed over all points, and the sum of squares. The sum over the root of
+    /// the squares is a score in standard errors.
     pub(crate) fn excess(&self, of: usize, over: usize) -> Excess {
         self.excess_where(of, over, u8::MAX)
     }
 
-    /// The same over the points that are matched under the first pose: where it says that the clouds overlap.
+    /// The same over the points matched under pose `of`, where it claims that the clouds overlap.
     pub(crate) fn excess_where_matched(&self, of: usize, over: usize) -> Excess {
         self.excess_where(of, over, (255.0 * UNMATCHED) as u8)
     }
@@ -152,7 +152,7 @@ pub(crate) struct Excess {
 }
 
 impl Excess {
-    /// In standard errors of the sum.
+    /// The excess in standard errors of the sum.
     pub(crate) fn score(&self) -> f32 {
         self.sum / libm::sqrtf(self.squares.max(1.0))
     }

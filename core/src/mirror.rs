@@ -1,9 +1,8 @@
-//! Whether the source fits better as its mirror image: a left-hand part taken for a right-hand one, or a file with an axis the
-//! other way around.
+//! Whether the source fits better as its mirror image: a left-hand part taken for a right-hand one, or one axis reversed.
 //!
-//! Few hypotheses are enough: a mirrored part lies where its mirror image in a plane of symmetry would, or nearly, or on the
-//! target's principal axes. Points that the pose at hand matches are compared: a part of a symmetric thing, mirrored, may overlap
-//! with more of the target than it should. Where nearly all points are matched, all are compared, and count less.
+//! Few hypotheses are enough: a mirrored part lies about where a plane of symmetry would mirror it, or on the target's
+//! principal axes. The comparison is over the points that the pose at hand matches, since a mirrored part of a symmetric object
+//! may overlap more of the target than it should. If nearly all points are matched, all are compared as well, with less weight.
 
 use crate::loss::{COMPARED, CONTENDERS};
 use crate::polish::Refiner;
@@ -11,26 +10,26 @@ use crate::search::{Best, SIFT_POINTS, SIFT_SCALE, aligned, mirrored};
 use crate::solve::Rigid;
 use crate::surface::Surface;
 
-/// Mirror images that take further steps, and those that are polished.
+/// Mirror images that take further steps, and mirror images that are polished.
 const SIFTED: usize = 4;
 const POLISHED: usize = 2;
-/// How much more the best of them may lose after those steps to be polished at all.
+/// How much more than the pose at hand a mirror image may lose after those steps and still be polished.
 const ALIKE: f32 = 0.03;
-/// Share of points matched from which on clouds show about the same, and what a difference over all points counts then.
+/// Share of points matched from which on the clouds show about the same, and the weight of the score over all points then.
 const WHOLE: f32 = 0.75;
 const OF_ALL: f32 = 0.4;
 
-/// Standard errors from which on it is no chance that the mirror image fits better: more than of independent points, since
-/// errors of neighbours are alike. Of right poses of training models, none had as many.
+/// Standard errors from which on the mirror image's better fit is no chance. The limit is higher than for independent points,
+/// since errors of neighbours are correlated. No right pose of a training model reached it.
 pub(crate) const MIRRORED: f32 = 5.0;
-/// The same up to which another pose fits as well as the image.
+/// Standard errors below which another pose fits as well as the image.
 const OVER_OTHERS: f32 = 2.0;
-/// Place of the losses under a pose that is none of the mirror image's; those of the mirror image's are the first.
+/// Index of the losses under a pose of the source itself; those of the mirror images come first.
 const HERE: usize = CONTENDERS - 1;
 
 impl Refiner<'_> {
-    /// By how much better the source's mirror image fits than the source under its pose, in standard errors; where that is much, but one
-    /// of the poses that were compared with it fits about as well as the image, than under that.
+    /// How much better the source's mirror image fits than the source under its pose, in standard errors. If the score is high
+    /// but one of the `others` fits about as well as the image, the score over that pose instead.
     pub(crate) fn mirror_score(
         &mut self,
         found: Rigid,
@@ -75,7 +74,7 @@ impl Refiner<'_> {
         self.keep_matched_surface_losses(contender, at);
     }
 
-    /// By how much better the best of the mirror images fits than what was kept last, in standard errors; 0 if none does.
+    /// How much better the best mirror image fits than the pose kept last, in standard errors; 0 if none fits better.
     fn best_of_images(&self, images: usize) -> f32 {
         let losses = self.losses();
         let of = |image: usize| {

@@ -1,5 +1,4 @@
-//! A target made ready, once for any number of registrations: its surface with normals, what is near each place in it, its
-//! frame and size.
+//! A target prepared once for many registrations: its surface with normals, a lookup of near points, its frame and size.
 
 use crate::dims::SURFACE_POINTS;
 use crate::error::Error;
@@ -11,22 +10,22 @@ use crate::surface::keys::Keys;
 use core::fmt;
 use glam::Vec3;
 
-/// A target that is ready to be registered with ([`crate::polish::Workspace::prepare`]).
+/// A prepared target ([`crate::polish::Workspace::prepare`]).
 #[derive(Clone)]
 pub struct Model {
-    /// The cloud as it came, to tell it from others; none where it has more points than there is room for.
+    /// The cloud as given, to recognise it; empty if it has more points than fit.
     cloud: [[f32; 3]; SURFACE_POINTS],
     points: usize,
     pub(crate) surface: Surface,
     pub(crate) lookup: Lookup,
-    /// That of everything inside: the target's own.
+    /// Frame of everything in the model: the target's own.
     pub(crate) frame: Frame,
     /// [`Surface::extent`].
     pub(crate) extent: f32,
 }
 
 impl Model {
-    /// Of no target. All bits are zero, so that a static one takes no room in a program's file.
+    /// A model of no target. All bits are zero, so that a static one takes no room in a program's file.
     pub const fn new() -> Model {
         Model {
             cloud: [[0.0; 3]; SURFACE_POINTS],
@@ -41,14 +40,14 @@ impl Model {
         }
     }
 
-    /// Whether it was made of just this target, to the bit; never where that has more than [`SURFACE_POINTS`] points.
+    /// Whether the model was made of exactly this target, to the bit; never if that has more than [`SURFACE_POINTS`] points.
     pub fn is_of(&self, target: &[[f32; 3]]) -> bool {
         let bits = bytemuck::cast_slice::<[f32; 3], u32>;
         let cloud = self.cloud.get(..self.points).unwrap_or(&[]);
         self.points > 0 && self.points == target.len() && bits(cloud) == bits(target)
     }
 
-    /// The points that it was made of, in its frame.
+    /// The points as given, in the model's frame.
     pub(crate) fn inside(&self) -> impl ExactSizeIterator<Item = [f32; 3]> {
         let Frame { centre, scale } = self.frame;
         let cloud = self.cloud.get(..self.points).unwrap_or(&[]);
@@ -56,10 +55,10 @@ impl Model {
         cloud.iter().map(move |p| inside(p).to_array())
     }
 
-    /// Makes a target ready, unless it is already.
+    /// Prepares a target, unless it is prepared already.
     ///
     /// # Errors
-    /// As [`check_cloud`] and [`Frame::of`]; it is of no target then.
+    /// As [`check_cloud`] and [`Frame::of`]; the model then has no target.
     pub(crate) fn prepare(
         &mut self,
         isa: Isa,

@@ -1,20 +1,20 @@
-//! Which point of a surface is near a place, looked up in a grid: approximate, for searches that look at many poses.
+//! A grid in which to look up a surface's point near a place: approximate, for searches over many poses.
 
 use crate::kernels::{BATCH, Batch, CELLS, GRID, HALF, Isa, Near, cell_of};
 use crate::surface::Surface;
 use glam::Vec3;
 
-/// The point of a surface that is nearest to each cell's centre.
+/// For each cell, the surface's point nearest to its centre.
 #[derive(Clone, Debug)]
 pub(crate) struct Lookup {
     places: [u16; GRID],
 }
 
 impl Lookup {
-    /// Of no surface. All bits are zero.
+    /// A lookup of no surface. All bits are zero.
     pub(crate) const EMPTY: Lookup = Lookup { places: [0; GRID] };
 
-    /// Looks all cells up, once.
+    /// Fills all cells.
     pub(crate) fn fill(&mut self, isa: Isa, surface: &Surface) {
         for first in (0..self.places.len()).step_by(BATCH) {
             let mut batch = Batch::EMPTY;
@@ -22,7 +22,7 @@ impl Lookup {
             for (lane, ((x, y), z)) in xs.iter_mut().zip(ys).zip(zs).enumerate() {
                 [*x, *y, *z] = centre(first + lane);
             }
-            // What is nearest to the cells before these, one row up, is not far.
+            // What is nearest to the cells one row before is not far from these.
             let before = first.checked_sub(CELLS);
             let before = before.and_then(|before| self.places.get(before..first));
             show(&mut batch, surface, before.unwrap_or(&[0]));
@@ -34,13 +34,13 @@ impl Lookup {
         }
     }
 
-    /// Place of the point that is about nearest.
+    /// Place of a point that is about nearest to `p`.
     pub(crate) fn near(&self, p: Vec3) -> usize {
         let place = self.places.get(cell_of(p.to_array()));
         place.copied().unwrap_or(0).into()
     }
 
-    /// The surface whose points these are in the grid.
+    /// The grid, with the surface whose points it holds.
     pub(crate) fn of<'a>(&'a self, surface: &'a Surface) -> Near<'a> {
         Near {
             places: &self.places,
@@ -54,7 +54,7 @@ fn centre(cell: usize) -> [f32; 3] {
         .map(|k| (k as f32 + 0.5) * (2.0 * HALF / CELLS as f32) - HALF)
 }
 
-/// Shows each lane of a batch a point, those beyond the last the last.
+/// Gives each lane of a batch a point to start from; lanes beyond the last point get the last one.
 fn show(batch: &mut Batch, surface: &Surface, places: &[u16]) {
     let [xs, ys, zs] = batch.at;
     let lanes = xs

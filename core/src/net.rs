@@ -1,4 +1,4 @@
-//! Working memory of the network, in whichever number format it is.
+//! Working memory of the network, in either number format.
 
 use crate::float::FloatScratch;
 use crate::numbers::Numbers;
@@ -8,9 +8,9 @@ use crate::weights::Network;
 /// Working memory of one network evaluation; the caller owns it.
 #[derive(Clone, Debug)]
 pub struct Scratch {
-    /// One of the number formats at a time, in the same place.
+    /// Memory for one number format at a time; both share the same place.
     memory: Numbers<FloatScratch, QuantScratch>,
-    /// Counts the clouds whose embedding has begun here: the memory belongs to the last one.
+    /// Counts the clouds whose embedding began here. The memory belongs to the last one.
     generation: u32,
 }
 
@@ -23,7 +23,7 @@ impl Scratch {
         }
     }
 
-    /// Makes it ready for the first points of a cloud; the new generation.
+    /// Prepares for the first points of a cloud; returns the new generation.
     pub(crate) fn claim(&mut self, network: &Network<'_>) -> u32 {
         match network {
             Numbers::Int8(_) => self.integers().clear(),
@@ -38,12 +38,12 @@ impl Scratch {
         self.generation
     }
 
-    /// The memory of a network in f32; zeroed where it was that of another.
+    /// The memory of an f32 network, zeroed if it held the other format.
     pub(crate) fn floats(&mut self) -> &mut FloatScratch {
         self.memory.floats(FloatScratch::zero)
     }
 
-    /// The memory of a network in integers; zeroed where it was that of another.
+    /// The memory of an integer network, zeroed if it held the other format.
     pub(crate) fn integers(&mut self) -> &mut QuantScratch {
         self.memory.integers(|| QuantScratch::ZERO)
     }

@@ -1,16 +1,16 @@
-//! The number format of a policy, and of everything that goes with it.
+//! The two number formats, of a policy and of everything that goes with it.
 
 /// Something in one of the two number formats: a network, its working memory, the feature of a target.
 #[derive(Clone, Copy, Debug)]
 pub enum Numbers<F, I> {
-    /// In 8-bit integers: the first, so that zeroed memory of a microcontroller takes no flash.
+    /// In 8-bit integers. The first variant, so that zeroed memory of a microcontroller takes no flash.
     Int8(I),
     /// In 32-bit floating point.
     F32(F),
 }
 
 impl<F, I> Numbers<F, I> {
-    /// The content in floating point, which replaces one in integers by `zero`.
+    /// The content in floating point; integer content is first replaced by `zero`.
     pub(crate) fn floats(&mut self, zero: fn() -> F) -> &mut F {
         loop {
             match self {
@@ -20,7 +20,7 @@ impl<F, I> Numbers<F, I> {
         }
     }
 
-    /// The content in integers, which replaces one in floating point by `zero`.
+    /// The content in integers; floating-point content is first replaced by `zero`.
     pub(crate) fn integers(&mut self, zero: fn() -> I) -> &mut I {
         loop {
             match self {
@@ -30,7 +30,7 @@ impl<F, I> Numbers<F, I> {
         }
     }
 
-    // Out of line, so that only callers whose format changes have a copy on their stack.
+    // Out of line, so that only callers that change the format have a copy on their stack.
     #[cold]
     #[inline(never)]
     fn become_f32(&mut self, zero: fn() -> F) {

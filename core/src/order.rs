@@ -1,9 +1,9 @@
-//! In which order the points of a cloud are embedded, where that saves time: points that lie close together one after
-//! the other, so that a bound for all of them is tight ([`crate::kernels`]). Before them, some points far from the
-//! middle all over the cloud: their maxima come near those of all points, and what is below a maximum is left out.
-//! The feature is the same to the bit in any order.
+//! The order in which a cloud's points are embedded, chosen to save time. Neighbouring points follow each other, so that one
+//! bound for all of them is tight ([`crate::kernels`]). Ahead of them go some points far from the middle, from all over the
+//! cloud: their maxima come close to the final ones, and points below a maximum are skipped. The feature is the same to the bit
+//! in any order.
 //!
-//! Sixteen points share a bound. A cell of the cloud is cut across its longest side until it has no more (a k-d tree).
+//! Sixteen points share a bound. Cells are cut across their longest side until none has more points (a k-d tree).
 
 use crate::cells::{bounds, cut};
 use crate::cloud::Cloud;
@@ -11,16 +11,16 @@ use crate::dims::POINTS_ORDERED;
 use crate::kernels::NEAR;
 use glam::Vec3;
 
-/// Points of a cell that sends one ahead.
+/// Points in a cell that sends one point ahead.
 const SEEDED: usize = 2 * NEAR;
 
-/// An order of a cloud's points: that of the cloud itself, until another was found.
+/// An order of a cloud's points; the cloud's own until one is found.
 #[derive(Clone, Debug)]
 pub(crate) struct Order {
     points: [u16; POINTS_ORDERED],
-    /// Points that have a place in it: all of them, or none.
+    /// Points in the order: the whole cloud, or 0 for the cloud's own order.
     len: usize,
-    /// Of these, points sent ahead.
+    /// Number of points sent ahead.
     ahead: usize,
 }
 
@@ -32,19 +32,19 @@ struct Place {
 }
 
 impl Order {
-    /// As they come.
+    /// The cloud's own order.
     pub(crate) const NONE: Order = Order {
         points: [0; POINTS_ORDERED],
         len: 0,
         ahead: 0,
     };
 
-    /// Back to the order in which they come.
+    /// Returns to the cloud's own order.
     pub(crate) fn clear(&mut self) {
         self.len = 0;
     }
 
-    /// Finds it; a cloud of more points than there is room for is left as it comes.
+    /// Finds an order for a cloud; a cloud too large for the array keeps its own.
     pub(crate) fn find(&mut self, cloud: Cloud<'_>) {
         self.clear();
         let mut places = [Place {
@@ -67,7 +67,7 @@ impl Order {
         (self.len, self.ahead) = (cloud.len(), ahead);
     }
 
-    /// The point at a place.
+    /// The index of the point at a place in the order.
     pub(crate) fn point(&self, place: usize) -> usize {
         match self.points.get(..self.len).and_then(|p| p.get(place)) {
             Some(&point) => point.into(),
@@ -75,7 +75,7 @@ impl Order {
         }
     }
 
-    /// How many places from one on may be embedded together: points sent ahead are not, with others.
+    /// How many points from `place` on may be embedded together; points sent ahead do not mix with others.
     pub(crate) fn together(&self, place: usize) -> usize {
         match self.ahead.checked_sub(place) {
             Some(ahead) if ahead > 0 && self.len > 0 => ahead,
@@ -84,13 +84,13 @@ impl Order {
     }
 }
 
-/// Puts a cloud's points in this order in place: for where it is registered without memory for an order, as on a
-/// microcontroller. Poses may differ in their last bits, since the centroid is summed up in the order of the points.
+/// Reorders a cloud in place, for a device without memory for an order, such as a microcontroller. Poses may differ in their
+/// last bits, since the centroid is summed in the order of the points.
 pub fn put_in_order(cloud: &mut [[f32; 3]]) {
     arrange(cloud, |&point| point.into());
 }
 
-/// Puts points in order; how many of them are sent ahead.
+/// Reorders points in place; returns how many go ahead.
 fn arrange<T: Copy>(points: &mut [T], at: impl Fn(&T) -> Vec3 + Copy) -> usize {
     let [low, high] = bounds(points, at);
     let middle = (low + high) / 2.0;
@@ -105,7 +105,7 @@ fn arrange<T: Copy>(points: &mut [T], at: impl Fn(&T) -> Vec3 + Copy) -> usize {
             ahead += 1;
         }
     }
-    // Whole groups of neighbours follow whole groups of those.
+    // Groups stay whole: the count is rounded up to a multiple of the group size.
     ahead = ahead.next_multiple_of(NEAR).min(points.len());
     if let Some(rest) = points.get_mut(ahead..) {
         cut(rest, NEAR, at);
@@ -135,7 +135,7 @@ mod tests {
 
     #[test]
     fn neighbours_follow_each_other() {
-        // 32 x 32 points of a square, in an order that leaps from one end to the other.
+        // 32 x 32 points of a square, in an order that jumps from one end to the other.
         let at = |i: usize| [(i * 13 % 32) as f32, (i / 32 * 7 % 32) as f32, 0.0];
         let points: Vec<[f32; 3]> = (0..1024).map(at).collect();
         let order = order_of(&points);
@@ -148,7 +148,7 @@ mod tests {
             let [low, high] = bounds(&places.collect::<Vec<_>>(), |place| place.at);
             assert!((high - low).max_element() <= 8.0);
         }
-        // Of each cell the point that is farthest from the middle.
+        // Each cell sends its point farthest from the middle.
         let corners = ahead.iter().filter(|&&point| {
             let [x, y, _] = points[point];
             (x == 0.0 || x == 31.0) && (y == 0.0 || y == 31.0)

@@ -1,17 +1,17 @@
-//! Points that no surface explains: marks of "invalid" such as -9999, pixels that fly, another thing far away. However often a mark is
-//! repeated, it is one point: what is equally far from the middle of the cloud counts once.
+//! Points that no surface explains: markers of invalid measurements such as -9999, flying pixels, another object far away. A
+//! marker counts as one point however often it repeats: points equally far from the cloud's centre count once.
 
 use crate::select::{select, sort};
 use glam::Vec3;
 
-/// Share of the points that are believed, each counted once: others are left out where a gap lies between them.
+/// Share of the distinct distances that is believed; points beyond it are left out if a gap separates them.
 const BELIEVED: f32 = 0.75;
-/// How much farther than the farthest of those kept the nearest left out is.
+/// Ratio that makes a gap: distance of the nearest point left out over that of the farthest kept.
 const GAP: f32 = 3.0;
-/// Below so many points a gap is chance.
+/// With fewer points, a gap may be chance.
 const FEWEST: usize = 48;
 
-/// Where a cloud's points are kept.
+/// The ball in which a cloud's points are kept.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bulk {
     centre: Vec3,
@@ -19,13 +19,13 @@ pub struct Bulk {
 }
 
 impl Bulk {
-    /// Everywhere.
+    /// All of space.
     pub const ALL: Bulk = Bulk {
         centre: Vec3::ZERO,
         squared: f32::INFINITY,
     };
 
-    /// Of a cloud `[N, 3]`, of which at most as many points are looked at as there are `keys`.
+    /// The bulk of a cloud `[N, 3]`, judged by at most as many of its points as there are `keys`.
     pub fn of(cloud: &[[f32; 3]], keys: &mut [u32]) -> Bulk {
         let n = cloud.len().min(keys.len());
         let Some(keys) = keys.get_mut(..n).filter(|_| n >= FEWEST) else {
@@ -41,7 +41,7 @@ impl Bulk {
         let centre = Vec3::from_array(centre);
         for (i, key) in keys.iter_mut().enumerate() {
             let squared = (Vec3::from_array(seen(i)) - centre).length_squared();
-            *key = squared.to_bits(); // in the order of the distances: they are not negative
+            *key = squared.to_bits(); // non-negative floats order as their bits do
         }
         sort(keys, u32::cmp);
         let distances = || {
@@ -70,13 +70,13 @@ impl Bulk {
         (Vec3::from_array(point) - self.centre).length_squared() <= self.squared
     }
 
-    /// The points kept.
+    /// The points of a cloud that are kept.
     pub(crate) fn kept(&self, cloud: &[[f32; 3]]) -> impl Iterator<Item = [f32; 3]> + Clone {
         cloud.iter().copied().filter(|&point| self.holds(point))
     }
 }
 
-/// A key in the order of numbers.
+/// An integer key that orders as the float does.
 pub(crate) fn ordered(x: f32) -> u32 {
     let bits = x.to_bits();
     if bits >> 31 == 1 {
@@ -86,7 +86,7 @@ pub(crate) fn ordered(x: f32) -> u32 {
     }
 }
 
-/// The number of a key.
+/// The float of a key: the inverse of [`ordered`].
 pub(crate) fn unordered(key: u32) -> f32 {
     f32::from_bits(if key >> 31 == 1 {
         key & !(1 << 31)
@@ -118,7 +118,7 @@ mod tests {
             cloud[..count].fill(mark);
             assert_eq!(left_out(&cloud), count, "{mark:?}");
         }
-        // Half of them: the mark is one point.
+        // Nearly half of the points: the marker counts once.
         let mut half = whole.clone();
         half[..190].fill([50.0; 3]);
         assert_eq!(left_out(&half), 190);

@@ -1,8 +1,8 @@
-//! Poses that lay two points of the source, with their normals, on two of the target: what is left where the clouds overlap
-//! in part and nothing else tells how one lies on the other.
+//! Poses that lay two oriented points of the source on two of the target. They find the pose where clouds overlap only in part
+//! and nothing else tells it.
 //!
-//! Two points with normals have a distance and three angles, whatever the pose (Drost et al. 2010). Normals have no sign, and
-//! so two poses lay one pair on another.
+//! Two points with normals have a distance and three angles that no pose changes (Drost et al. 2010). Normals have no sign
+//! here, so two poses lay one pair on another.
 
 use crate::kernels::{Isa, LANES};
 use crate::rotation::Rotation;
@@ -10,20 +10,20 @@ use crate::solve::Rigid;
 use crate::surface::Surface;
 use glam::{Mat3, Vec3};
 
-/// Pairs of the source that are held against pairs of the target.
+/// Pairs of the source, each compared with every pair of the target.
 const SOURCE_PAIRS: usize = 256;
-/// Pairs of the target that are tried.
+/// Pairs of the target.
 const TARGET_PAIRS: usize = 2048;
-/// Distances between the points of a pair, target radii.
+/// Distance between the points of a pair, in target radii.
 const APART: core::ops::Range<f32> = 0.4..1.4;
-/// Differences up to which pairs are alike: of the distance, and of the cosines.
+/// Tolerances within which pairs are alike: of the distance, and of the three cosines.
 const ALIKE: [f32; 4] = [0.05, 0.15, 0.15, 0.15];
 
-/// Two points with normals: what no pose changes, and a frame that any does.
+/// Two points with normals: invariants, and a frame that moves with them.
 #[derive(Clone, Copy)]
 struct Pair {
     distance: f32,
-    /// Sizes of the cosines between both normals and the line between the points, and between the normals.
+    /// Magnitudes of the cosines: of each normal with the line between the points, and between the normals.
     cosines: [f32; 3],
     middle: Vec3,
     along: Vec3,
@@ -31,8 +31,8 @@ struct Pair {
 }
 
 impl Pair {
-    /// Two points, each with its normal, unless they are too near or too far apart, or the first normal tells no turn about
-    /// the line.
+    /// A pair of two points with normals. `None` if they are too near or too far apart, or if the first normal is too close to
+    /// their line to fix a turn about it.
     fn of((p, m): (Vec3, Vec3), (q, n): (Vec3, Vec3)) -> Option<Pair> {
         let distance = (q - p).length_squared();
         if !(APART.start * APART.start..APART.end * APART.end).contains(&distance) {
@@ -54,13 +54,13 @@ impl Pair {
         })
     }
 
-    /// By what pairs are like each other.
+    /// The invariants by which pairs are compared.
     fn features(&self) -> [f32; 4] {
         let [a, b, c] = self.cosines;
         [self.distance, a, b, c]
     }
 
-    /// The poses that lay this pair on another.
+    /// The two poses that lay this pair on another.
     fn onto(&self, other: &Pair) -> [Rigid; 2] {
         let frame = |pair: &Pair, sign: f32| {
             let normal = pair.normal * sign;
@@ -77,7 +77,7 @@ impl Pair {
     }
 }
 
-/// Tells the poses that lay pairs of the source on pairs of the target that are like them.
+/// Passes to `tell` each pose that lays a pair of the source on a similar pair of the target.
 pub(crate) fn matching_pairs(
     isa: Isa,
     source: &Surface,
@@ -85,7 +85,7 @@ pub(crate) fn matching_pairs(
     mut tell: impl FnMut(Rigid),
 ) {
     let mut pairs = [[None; LANES]; SOURCE_PAIRS / LANES];
-    // No pair is like what is infinite.
+    // Infinite features match no pair.
     let mut rows = [[[f32::INFINITY; LANES]; 4]; SOURCE_PAIRS / LANES];
     let mut drawn_of_source = drawn(source, 1);
     for (pairs, rows) in pairs.iter_mut().zip(&mut rows) {
@@ -110,13 +110,13 @@ pub(crate) fn matching_pairs(
     }
 }
 
-/// Pairs of points drawn at random, the same ones every time.
+/// Pairs of points drawn at random, the same on every call.
 fn drawn(surface: &Surface, seed: u32) -> impl Iterator<Item = Pair> {
     const TRIED: usize = 4 * TARGET_PAIRS;
     let count = surface.points().len() as u64;
     let mut state = seed;
     let mut place = move || {
-        // A linear congruential generator (Numerical Recipes), of which the high bits are used.
+        // A linear congruential generator (Numerical Recipes); the high bits are used.
         state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
         ((u64::from(state) * count) >> 32) as usize
     };

@@ -1,5 +1,5 @@
-//! A whole registration: the policy's steps, refinement, comparison with other poses, verdict. Every front end calls it: what
-//! a robot did can be done again elsewhere to the bit.
+//! A whole registration: the policy's steps, refinement, comparison with other poses, verdict. Every front end calls it, so
+//! what a robot did can be repeated elsewhere to the bit.
 
 use crate::cloud::LARGEST_COORDINATE;
 use crate::error::Error;
@@ -17,24 +17,24 @@ use core::str::FromStr;
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
-/// What is done with the start.
+/// How much work a registration does.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Mode {
     /// The policy's steps alone, as the paper has it.
     Fast,
     /// The policy's steps, then a few robust steps of closest points.
     Polish,
-    /// The same, compared with other poses.
+    /// As `Polish`, then a comparison with other poses.
     Verify,
-    /// The last of these that the machine has memory for.
+    /// The most thorough of the above that the machine has memory for.
     #[default]
     Best,
-    /// A few robust steps of closest points from the start, without the policy: for tracking.
+    /// A few robust steps of closest points from the start, without the policy; for tracking.
     Refine,
 }
 
 impl Mode {
-    /// All of them, in the order in which they take more time.
+    /// All modes, from the fastest to the slowest.
     pub const ALL: [Mode; 5] = [
         Mode::Refine,
         Mode::Fast,
@@ -43,7 +43,7 @@ impl Mode {
         Mode::Best,
     ];
 
-    /// As command lines and JSON name it.
+    /// The name on command lines and in JSON.
     pub const fn name(self) -> &'static str {
         match self {
             Mode::Fast => "fast",
@@ -59,7 +59,7 @@ impl Mode {
         self != Mode::Refine
     }
 
-    /// What [`Mode::Best`] stands for where there is memory for everything.
+    /// The mode that [`Mode::Best`] stands for where there is memory for everything.
     pub fn resolved(self) -> Mode {
         if self == Mode::Best {
             Mode::Verify
@@ -78,27 +78,27 @@ impl fmt::Display for Mode {
 /// What to do with two clouds.
 #[derive(Clone, Copy, Debug)]
 pub struct Task<'b> {
-    /// What is done.
+    /// How much work to do.
     pub mode: Mode,
-    /// Where it starts.
+    /// Where to start.
     pub start: Start,
-    /// The policy's steps at most; where there are none, the policy is left out.
+    /// Most steps of the policy; 0 leaves the policy out.
     pub steps: usize,
-    /// In which frame the policy sees the clouds; the target's own, unless they are normalised already.
+    /// Frame in which the policy sees the clouds; `None` for the target's own. Normalised clouds take [`Frame::IDENTITY`].
     pub frame: Option<Frame>,
-    /// Where the sensor stood, in the source's units, if the source is a view from one point.
+    /// Where the sensor stood, in the source's frame and units, if the source is a view from one point.
     pub view_point: Option<Vec3>,
-    /// What it saw besides the source, in its frame and units ([`Refiner::seen_before`]); nothing without a view point.
+    /// What else the sensor saw, in the source's frame and units ([`Refiner::seen_before`]); ignored without a view point.
     pub background: &'b [[f32; 3]],
-    /// Which way the target's surface faces at its points, in their order ([`Refiner::faces`]), as a mesh tells; nothing without a
+    /// Outward normals of the target's points, in their order, as a mesh gives them ([`Refiner::faces`]); ignored without a
     /// view point.
     pub outward: &'b [[f32; 3]],
-    /// The target, made ready before ([`Workspace::prepare`]); one of another target is left aside.
+    /// The target, prepared beforehand ([`Workspace::prepare`]); a model of another target is ignored.
     pub model: Option<&'b Model>,
 }
 
 impl<'b> Task<'b> {
-    /// The best pose within the paper's ten steps.
+    /// A task in mode [`Mode::Best`] with the paper's ten steps.
     pub const fn new(start: Start) -> Task<'b> {
         Task {
             mode: Mode::Best,
@@ -112,7 +112,7 @@ impl<'b> Task<'b> {
         }
     }
 
-    /// Says to a refiner what the sensor tells.
+    /// Passes on to a refiner what the sensor tells.
     pub fn look(&self, refiner: &mut Refiner<'_>) {
         if let Some(view_point) = self.view_point {
             refiner.seen_before(view_point, self.background);
@@ -134,35 +134,35 @@ impl<'b> Task<'b> {
     }
 }
 
-/// What happened, while it goes on.
+/// What a registration reports while it runs.
 #[derive(Debug)]
 pub enum Progress<'p, 'c> {
-    /// The policy took a step; the registration is where it led.
+    /// The policy took a step; the registration is at the pose that it led to.
     Step(&'p Step, &'p Registration<'c>),
-    /// Another piece of work begins: a step, or a hypothesis.
+    /// Another piece of work is about to begin: a step, or a hypothesis.
     Next,
 }
 
-/// The pose, and what can be said about it.
+/// The pose, and what is known about it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Answer {
     /// Rigid transform in the clouds' units.
     pub target_from_source: Pose,
-    /// Of a refined pose by its probability, else how the policy's steps ended.
+    /// From the probability if the pose was refined, else from how the policy's steps ended.
     pub verdict: Verdict,
-    /// Of a refined pose: that it is right, up to what is undetermined.
+    /// Probability that a refined pose is right, up to what is undetermined; `None` without refinement.
     pub probability: Option<f32>,
-    /// How the policy's steps ended, unless it was left out.
+    /// How the policy's steps ended; `None` if the policy was left out.
     pub policy: Option<Outcome>,
-    /// What followed, unless nothing did.
+    /// The refinement, if the mode has one.
     pub refinement: Option<Refinement>,
 }
 
 impl Answer {
-    /// Of a refined pose, which something may have led to.
+    /// The answer for a refined pose, after the policy's steps if it took any.
     ///
     /// # Errors
-    /// [`Error::BadPose`] for one that is not rigid.
+    /// [`Error::BadPose`] if the refined pose is not rigid.
     pub fn refined(found: Refinement, policy: Option<Outcome>) -> Result<Answer, Error> {
         Ok(Answer {
             target_from_source: found.refined.target_from_source.checked()?,
@@ -174,28 +174,28 @@ impl Answer {
     }
 }
 
-/// What followed the policy's steps.
+/// Result of the refinement that follows the policy's steps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Refinement {
-    /// The pose given out, and how the clouds fit under it.
+    /// The pose returned, and how the clouds fit under it.
     pub refined: Refined,
     /// The policy's pose, polished.
     pub polished: Refined,
-    /// Other poses that were tried, if the mode tries any.
+    /// Number of other poses tried; `None` if the mode tries none.
     pub hypotheses: Option<usize>,
-    /// What the shape leaves open, as far as it was looked for.
+    /// What the shape leaves undetermined, as far as it was examined.
     pub undetermined: Undetermined,
-    /// What speaks for the pose and against it.
+    /// The evidence for and against the pose.
     pub evidence: Evidence,
-    /// The poses that were compared, the most probable first; none where there was no comparison.
+    /// The poses compared, the most probable first; all `None` without a comparison.
     pub ranked: [Option<Ranked>; RANKED],
 }
 
-/// Registers `source [N, 3]` to `target [M, 3]`, both in one unit. `progress` is asked before every piece of work whether to go
-/// on, and told every step.
+/// Registers `source [N, 3]` to `target [M, 3]`, both in the same unit. Calls `progress` before every piece of work and after
+/// every step of the policy; an error from it ends the registration.
 ///
 /// # Errors
-/// Clouds or a start that are refused ([`Error`]), and whatever `progress` returns.
+/// [`Error`] for refused clouds, a refused task or start, and whatever `progress` returns.
 pub fn register<'c, E: From<Error>>(
     registrar: &mut Registrar<'_, '_>,
     workspace: &mut Workspace,
@@ -234,7 +234,7 @@ pub fn register<'c, E: From<Error>>(
     })
 }
 
-/// What the mode does with a pose that was reached.
+/// Refines the pose `reached`, as far as the mode asks for it.
 ///
 /// # Errors
 /// As [`register`].
@@ -282,7 +282,7 @@ pub fn refine<E: From<Error>>(
     }))
 }
 
-/// A name that is no [`Mode`].
+/// A name that names no [`Mode`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct UnknownMode;
 

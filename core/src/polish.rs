@@ -1,5 +1,5 @@
-//! Refinement of a pose by closest points: a few robust steps that make the distances between both surfaces
-//! small, seen from both.
+//! Refinement of a pose by closest points: a few robust steps that reduce
+//! the distances between both surfaces, measured from either side.
 //!
 //! | stage | what |
 //! |---|---|
@@ -9,8 +9,8 @@
 //! | step | one Gauss-Newton step of the symmetric point-to-plane distance (Rusinkiewicz 2019), along the sum of both normals |
 //! | finish | the same with a share of the distance between the points themselves: it fixes what planes leave free, and finds points that both clouds share |
 //!
-//! Everything is f32 in a fixed order (normal equations and their solution in f64), without fused multiply-add,
-//! without the system's mathematics: the same bits on every kernel and target.
+//! Everything is f32 in a fixed order (the normal equations and their solution in f64), without fused multiply-add or the
+//! system's maths library: the same bits on every kernel and target.
 
 use crate::covariance::Covariance;
 use crate::error::Error;
@@ -45,31 +45,31 @@ pub use workspace::Workspace;
 pub struct Refined {
     /// Plain rigid transform, in the clouds' own units.
     pub target_from_source: Pose,
-    /// Distance between the clouds under it. A view point changes nothing in it: what it tells chooses between poses.
+    /// Distance between the clouds under the pose. The view point does not enter; it only helps to choose between poses.
     pub residual: Residual,
-    /// How well the planes matched fix a turn about the axis about which they fix it least, as a share of all axes:
-    /// up to a third, near 0 for a surface of revolution.
+    /// How well the matched planes fix a rotation about their weakest axis, as a share of all axes: up to 1/3, near 0 for a
+    /// surface of revolution.
     pub rotation_constraint: f32,
     /// Share of the source's points that lie on the target's surface.
     pub overlap: f32,
-    /// Share of them that lie near it, three times as far at most: low where there is something else, not only noise.
+    /// Share of them that lie at most three times as far from it; low if another object is in the cloud, not only noise.
     pub near: f32,
     /// Share of them that lie within a neighbourhood's radius of it.
     pub within: f32,
-    /// Share of them that lie so near its centre that they may be the object's.
+    /// Share of them near enough to the target's centre to be the object's.
     pub inside: f32,
-    /// Root of the mean squared distance of those on the surface from it, in the clouds' own units.
+    /// RMS distance from the surface of those that lie on it, in the clouds' own units.
     pub inlier_rmse: f32,
-    /// Points that differ from all others, in the cloud with fewer of them.
+    /// Distinct points of the cloud that has fewer of them.
     pub distinct_points: usize,
-    /// Size of the source over that of the target, each the distance from the medians of the coordinates that half of the points
-    /// keep.
+    /// Size of the source over that of the target. A cloud's size is the
+    /// median distance of its points from the medians of their coordinates.
     pub extents_ratio: f32,
-    /// Shares of the source's and of the target's points that were left out, since they lie far from all others.
+    /// Shares of the source's and of the target's points left out because they lie far from all others.
     pub left_out: [f32; 2],
-    /// Steps made.
+    /// Number of steps made.
     pub iterations: usize,
-    /// How uncertain the pose is, if it is right.
+    /// Covariance of the pose, if it is the right one.
     pub covariance: Covariance,
 }
 
@@ -84,17 +84,17 @@ pub(crate) struct Candidate {
 }
 
 impl Candidate {
-    /// Whether its steps ended because they moved nothing any more.
+    /// Whether the steps converged before their limit.
     pub(crate) fn is_settled(&self) -> bool {
         self.iterations < NEAR.iterations + FINE.iterations
     }
 }
 
-/// Two clouds, prepared to be refined and compared.
+/// Two clouds, prepared for refinement and comparison.
 #[derive(Debug)]
 pub struct Refiner<'w> {
     isa: Isa,
-    /// Its frame is that of everything inside.
+    /// The target; its frame is that of everything inside.
     model: &'w Model,
     work: &'w mut Work,
     /// Centroid of the source.
@@ -102,10 +102,10 @@ pub struct Refiner<'w> {
 }
 
 impl<'w> Refiner<'w> {
-    /// Prepares two clouds on the workspace's kernels; a target that is the same as that of the last refiner in it is ready.
+    /// Prepares two clouds on the workspace's kernels. The target of the last refiner in the workspace is not prepared again.
     ///
     /// # Shapes
-    /// `source [N, 3]`, `target [M, 3]`; of more than [`crate::dims::SURFACE_POINTS`] so many are used.
+    /// `source [N, 3]`, `target [M, 3]`; larger clouds are thinned to [`crate::dims::SURFACE_POINTS`].
     ///
     /// # Errors
     /// As [`check_cloud`] and [`Frame::of`].
@@ -117,10 +117,10 @@ impl<'w> Refiner<'w> {
         Self::with_isa(workspace.isa(), source, target, workspace)
     }
 
-    /// The same of a target that was made ready before.
+    /// As [`Self::new`], for a target prepared before.
     ///
     /// # Errors
-    /// As [`check_cloud`]; [`Error::EmptyCloud`] for a model of no target.
+    /// As [`check_cloud`]; [`Error::EmptyCloud`] for a model without a target.
     pub fn on(
         model: &'w Model,
         source: &[[f32; 3]],
@@ -175,17 +175,17 @@ impl<'w> Refiner<'w> {
         }
     }
 
-    /// How a pose fits.
+    /// How well a pose fits.
     ///
     /// # Errors
-    /// [`Error::BadPose`] for one that is not rigid.
+    /// [`Error::BadPose`] for a pose that is not rigid.
     pub fn residual(&mut self, target_from_source: Pose) -> Result<Residual, Error> {
         let at = self.inside(target_from_source.checked()?);
         self.match_all(at);
         Ok(self.matched_residual(at))
     }
 
-    /// Refines a pose; the result fits no worse. At most 22 steps.
+    /// Refines a pose in at most 22 steps; the result fits no worse.
     ///
     /// # Errors
     /// [`Error::BadPose`] for an initial pose that is not rigid.
@@ -195,7 +195,7 @@ impl<'w> Refiner<'w> {
         Ok(self.refined(&found, initial))
     }
 
-    /// A few steps on some of the points, to compare with others; none where the first of them lead to a pose that is known.
+    /// A few steps on some of the points, to compare hypotheses; `None` if the first stage leads to a known pose.
     pub(crate) fn polish_briefly(
         &mut self,
         initial: Rigid,
@@ -205,7 +205,7 @@ impl<'w> Refiner<'w> {
         (!is_known(near)).then(|| self.run(near, &BRIEF_FINE).0)
     }
 
-    /// The first of these steps, in all motions but one: a turn and a shift.
+    /// The first of these stages, with one motion (a turn and a shift) suppressed.
     pub(crate) fn drawn_near_but(&mut self, held: [Vec3; 2], initial: Rigid) -> Rigid {
         let mut at = initial;
         for _ in 0..BRIEF_NEAR.iterations {
@@ -217,7 +217,7 @@ impl<'w> Refiner<'w> {
         at
     }
 
-    /// [`Self::polish`] in this frame.
+    /// [`Self::polish`] in the refiner's frame.
     pub(crate) fn polish_inside(&mut self, initial: Rigid) -> Candidate {
         self.match_all(initial);
         let before = self.matched_residual(initial);
@@ -243,7 +243,7 @@ impl<'w> Refiner<'w> {
         }
     }
 
-    /// The candidate in the user's frame; exactly `initial` where it is that.
+    /// The candidate in the user's frame; exactly `initial` if no step moved it.
     pub(crate) fn refined(&mut self, candidate: &Candidate, initial: Pose) -> Refined {
         let unmoved = candidate.at == self.inside(initial);
         Refined {
@@ -267,7 +267,7 @@ impl<'w> Refiner<'w> {
         }
     }
 
-    /// Steps of a stage, and how many.
+    /// Makes the steps of a stage; returns how many.
     pub(crate) fn run(&mut self, initial: Rigid, stage: &Stage) -> (Rigid, usize) {
         let mut at = initial;
         for i in 0..stage.iterations {
@@ -282,7 +282,7 @@ impl<'w> Refiner<'w> {
         (at, stage.iterations)
     }
 
-    /// A plain pose between the user's clouds as one between those inside.
+    /// Converts a plain pose from the user's frame to the refiner's.
     pub(crate) fn inside(&self, pose: Pose) -> Rigid {
         let Frame { centre, scale } = self.model.frame;
         let centre = pose.apply(self.source_centre) - centre;
@@ -298,7 +298,7 @@ impl<'w> Refiner<'w> {
         }
     }
 
-    /// How many points differ from all others, in the cloud with fewer.
+    /// Distinct points of the cloud that has fewer of them.
     fn distinct_points(&self) -> usize {
         let [source, target] = self.surfaces().map(|surface| surface.points().len());
         source.min(target)
@@ -317,20 +317,20 @@ impl<'w> Refiner<'w> {
         self.model.frame.centre
     }
 
-    /// What its frame's unit is in the target's.
+    /// Length of the refiner's unit, in the target's units.
     pub(crate) fn target_scale(&self) -> f32 {
         self.model.frame.scale
     }
 
-    /// Says from where the source was seen, in its own frame: what would stand before what was seen counts against a
-    /// pose, and what is hidden does not.
+    /// States from where the source was seen, in the source's frame. What would stand in front of what was seen then counts
+    /// against a pose; what is hidden does not.
     pub fn seen_from(&mut self, view_point: Vec3) {
         self.seen_before(view_point, &[]);
     }
 
-    /// The same with what was seen besides the source, `background [B, 3]` in its frame, such as the other pixels of a depth
-    /// image: what would stand before that counts against a pose, too. What lies in the image farther from the source than its
-    /// own width, or is no number, is not looked at.
+    /// As [`Self::seen_from`], with what else was seen: `background [B, 3]` in the source's frame, such as the other pixels of
+    /// a depth image. What would stand in front of it counts against a pose as well. Only an image of twice the source's width
+    /// is looked at: points outside it are ignored, and so are points that are not finite.
     pub fn seen_before(&mut self, view_point: Vec3, background: &[[f32; 3]]) {
         let (centre, factor) = (self.source_centre, 1.0 / self.model.frame.scale);
         let inside = |point: Vec3| (point - centre) * factor;
@@ -339,45 +339,45 @@ impl<'w> Refiner<'w> {
         seen.fill(source, inside(view_point), around);
     }
 
-    /// Says which way the target's surface faces, `outward [M, 3]` at its points in their order: what faces away from the sensor
-    /// ([`Refiner::seen_from`]) was not seen, and the source is matched with what does not, unless the sensor stands within the
-    /// target's radius. Of a point without one, or with one that is no direction, and of a target of more than
-    /// [`crate::dims::SURFACE_POINTS`], it is not known.
+    /// States which way the target's surface faces: `outward [M, 3]` at its points, in their order.
+    /// What faces away from the sensor ([`Refiner::seen_from`]) was not seen, and the source is matched
+    /// only with the rest, unless the sensor stands within the target's radius. A point without a valid
+    /// direction is unknown, as is all of a target of more than [`crate::dims::SURFACE_POINTS`] points.
     pub fn faces(&mut self, outward: &[[f32; 3]]) {
         self.work.facing.fill(self.model, outward);
     }
 
-    /// The cell of the image of what was seen, by its number, of which a point of the background is the nearest, if it is one's:
-    /// one such point a cell says all that the whole background does.
+    /// The cell of the image, by number, if a background point is the nearest one seen there. One such point for each cell
+    /// tells as much as the whole background.
     pub fn nearest_in_cell(&self, of_background: Vec3) -> Option<usize> {
         let factor = 1.0 / self.model.frame.scale;
         let point = (of_background - self.source_centre) * factor;
         self.work.seen.nearest_in(point)
     }
 
-    /// Takes the source's mirror image in its place; twice is the same again.
+    /// Replaces the source by its mirror image; doing it twice restores it.
     pub(crate) fn mirror_source(&mut self) {
         self.work.source.mirror();
         self.work.sample.fill(&self.work.source);
         self.work.seen.mirror();
     }
 
-    /// Towards which the sensor looks, in the source's frame.
+    /// Direction in which the sensor looks, in the source's frame.
     pub(crate) fn ahead(&self) -> Option<Vec3> {
         self.work.seen.ahead()
     }
 
-    /// Its kernels.
+    /// The kernels in use.
     pub(crate) fn isa(&self) -> Isa {
         self.isa
     }
 
-    /// Losses that were kept.
+    /// The losses kept.
     pub(crate) fn losses(&self) -> &Losses {
         &self.work.losses
     }
 
-    /// The losses kept, to change.
+    /// The losses kept, mutable.
     pub(crate) fn losses_mut(&mut self) -> &mut Losses {
         &mut self.work.losses
     }

@@ -1,17 +1,17 @@
 //! Rigid transforms, and the disentangled form in which the policy accumulates them.
 //!
-//! This is the one place that fixes the order of composition. A disentangled pose turns the source
-//! about its own centroid `μ`, `x' = R (x - μ) + μ + t`, so that a rotation step moves nothing
-//! and a translation step turns nothing (paper, eqs. 8, 9 and to-global).
+//! This module alone fixes the order of composition. A disentangled pose rotates the source
+//! about its own centroid `μ`, `x' = R (x - μ) + μ + t`, so a rotation step does not shift
+//! the source and a translation step does not rotate it (paper, eqs. 8, 9 and to-global).
 
 use crate::error::Error;
 use glam::{Mat3, Vec3};
 
-/// What is farther is no pose of anything measured, and its squares overflow.
+/// Largest translation accepted: nothing measured is farther away, and the squares of much larger ones overflow.
 const LARGEST_TRANSLATION: f32 = 1e12;
 
-/// A rotation and a translation. Whether they are a plain rigid transform (`x' = R x + t`) or a
-/// disentangled one is said by the name of the variable that holds them.
+/// A rotation and a translation. The name of the variable says whether they
+/// form a plain rigid transform (`x' = R x + t`) or a disentangled one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pose {
     /// Rotation matrix, column vectors.
@@ -21,7 +21,7 @@ pub struct Pose {
 }
 
 impl Pose {
-    /// The transform that changes nothing.
+    /// The identity transform.
     pub const IDENTITY: Pose = Pose {
         rotation: Mat3::IDENTITY,
         translation: Vec3::ZERO,
@@ -37,7 +37,7 @@ impl Pose {
         self.rotation * (point - centroid) + (centroid + self.translation)
     }
 
-    /// The accumulator's update, equations 8 and 9: `R_i = R̂_i R_{i-1}`, `t_i = t̂_i + t_{i-1}` (global disentangled).
+    /// Accumulates one step, equations 8 and 9: `R_i = R̂_i R_{i-1}`, `t_i = t̂_i + t_{i-1}` (global disentangled).
     pub fn accumulate(&self, update: Pose) -> Pose {
         Pose {
             rotation: update.rotation * self.rotation,
@@ -45,7 +45,7 @@ impl Pose {
         }
     }
 
-    /// Plain product: `self` after `first`.
+    /// Plain composition: `self` after `first`.
     pub fn after(&self, first: Pose) -> Pose {
         Pose {
             rotation: self.rotation * first.rotation,
@@ -62,7 +62,7 @@ impl Pose {
         }
     }
 
-    /// Plain to disentangled about `centroid`: `t_d = t - μ + R μ`.
+    /// Converts a plain pose to one disentangled about `centroid`: `t_d = t - μ + R μ`.
     pub fn to_disentangled(&self, centroid: Vec3) -> Pose {
         Pose {
             rotation: self.rotation,
@@ -70,7 +70,7 @@ impl Pose {
         }
     }
 
-    /// Disentangled about `centroid` to plain: `t = t_d + μ - R μ`.
+    /// Converts a pose disentangled about `centroid` to a plain one: `t = t_d + μ - R μ`.
     pub fn to_global(&self, centroid: Vec3) -> Pose {
         Pose {
             rotation: self.rotation,
@@ -88,7 +88,7 @@ impl Pose {
         ]
     }
 
-    /// From the rows of a 3x4 matrix `[R | t]`; the values are taken as they are.
+    /// The pose with these rows of a 3x4 matrix `[R | t]`, unchecked.
     pub fn from_rows(rows: [[f32; 4]; 3]) -> Pose {
         let [a, b, c] = rows;
         Pose {
@@ -123,7 +123,7 @@ pub fn centroid(points: &[[f32; 3]]) -> Vec3 {
     mean(points.iter().copied())
 }
 
-/// As [`centroid`].
+/// As [`centroid`], over an iterator.
 pub(crate) fn mean(points: impl Iterator<Item = [f32; 3]>) -> Vec3 {
     let (mut sum, mut count) = ([0.0f64; 3], 0u32);
     for point in points {

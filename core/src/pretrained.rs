@@ -1,9 +1,9 @@
-//! The policies that ship with this crate, linked in by a feature each.
+//! The policies that ship with this crate, each linked in by a feature.
 
 use crate::error::Error;
 use crate::weights::Policy;
 
-/// Places a file where its arrays are aligned as they are in the file.
+/// Aligns a linked file as its arrays are aligned within it.
 #[repr(C, align(64))]
 struct Aligned<T: ?Sized>(T);
 
@@ -39,7 +39,7 @@ impl Policy<'static> {
 
 #[cfg(feature = "pretrained-int8")]
 impl Policy<'static> {
-    /// The same policy in 8-bit integers, 64-byte aligned (feature `pretrained-int8`, 2.5 MB).
+    /// The bytes of the same policy in 8-bit integers, 64-byte aligned (feature `pretrained-int8`, 2.5 MB).
     pub const fn pretrained_int8_bytes() -> &'static [u8] {
         &INT8.0
     }
@@ -55,8 +55,8 @@ impl Policy<'static> {
 
 #[cfg(feature = "pretrained-compact")]
 impl Policy<'static> {
-    /// The policy for small microcontrollers, in 8-bit integers, 64-byte aligned (feature
-    /// `pretrained-compact`, 251 KiB).
+    /// The bytes of the policy for small microcontrollers, in 8-bit
+    /// integers, 64-byte aligned (feature `pretrained-compact`, 251 KiB).
     pub const fn pretrained_compact_bytes() -> &'static [u8] {
         &COMPACT.0
     }
@@ -78,8 +78,8 @@ impl Policy<'static> {
         &VIEWS.0
     }
 
-    /// The policy for a source that is one depth view of the target, with a start near it: it looks at what may belong
-    /// together ([`Sight`](crate::sight::Sight)) (feature `pretrained-views`).
+    /// The policy for a source that is one depth view of the target, with a start near the true pose. It looks only at what may
+    /// belong together ([`Sight`](crate::sight::Sight)) (feature `pretrained-views`).
     ///
     /// # Errors
     /// As [`Policy::parse`]; none as long as the linked image is intact.

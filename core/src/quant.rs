@@ -1,13 +1,13 @@
 //! The network in 8-bit integers: number format 1 of the weight file, a specification.
 //!
-//! Given the same file and clouds, every implementation of what follows gives the same bits: the same
-//! features, logits, actions and poses on every kernel and target. All sums are of 32-bit integers that
-//! cannot overflow (`QuantNetwork::parse` checks it from the weights), so their order is free; what is
-//! not integer is a handful of IEEE single operations in a fixed order, never fused.
+//! Given the same file and clouds, every implementation of this specification gives the same bits:
+//! the same features, logits, actions and poses on every kernel and target. All sums are of 32-bit
+//! integers that cannot overflow (`QuantNetwork::parse` checks it from the weights), so their
+//! order is free. The rest is a handful of IEEE single operations in a fixed order, never fused.
 //!
-//! Weights are signed codes, symmetric, with a scale for each output; activations are unsigned codes
-//! with a scale for each channel. The scales of activations are folded into the weights that read
-//! them, those of weights into the requantisation that follows: none but the last is stored.
+//! Weights are signed codes, symmetric, with a scale for each output; activations are unsigned codes with a scale for each
+//! channel. The scales of activations are folded into the weights that read them, and those of weights into the requantisation
+//! that follows; only those of a head's last layer are stored.
 //!
 //! 1. **Point to hidden 1** (in f32, since 2/255 is coarser than the smallest step). A point is seen as in
 //!    the f32 network ([`View::see`]). With `W [64, 3]`, `b [64]` already in units of one code:
@@ -26,11 +26,10 @@
 //! `R(a) = floor((a * factor + 2^(shift - 1)) / 2^shift)` is [`Requantise`]: in exact arithmetic, which
 //! fits 32 bits in step 2.
 //!
-//! In the file, layer 1 is stored as in format 0. The others are: weights `i8`
-//! `[outputs / 16][inputs / 4][16][4]`, bias `i32 [outputs]`, then requantisation `u32 [outputs]`
-//! (`factor | shift << 16`) or, for the last layer of a head, scale `f32 [outputs]`; outputs are padded
-//! to multiples of 16 with zeros. The bias offset of the layer table points at the bias, and what comes
-//! after it starts where the padded bias ends.
+//! In the file, layer 1 is stored as in format 0. The others are: weights `i8` `[outputs / 16][inputs / 4][16][4]`, bias
+//! `i32 [outputs]`, then requantisation `u32 [outputs]` (`factor | shift << 16`) or, for the last layer of a head, scale
+//! `f32 [outputs]`; outputs are padded to multiples of 16 with zeros. The bias offset of the layer table points at the bias,
+//! and the array after it starts where the padded bias ends.
 //!
 //! # In floating point
 //!
@@ -59,10 +58,9 @@
 //! - `exp` and `log` are those of FreeBSD's msun (`e_expf.c`, `e_logf.c`), which the crate `libm` ports; a square root
 //!   is correctly rounded.
 //!
-//! Why so plain: metrics stay those of f32, whose table is in tests/MEASURED.md. The same
-//! actions are another matter: where the source is in place, "stop" and the smallest step are nearly as likely, and the
-//! two formats choose differently without loss. More of f32's actions would be kept by a search in 8 bits with the
-//! winners computed anew in higher precision, which no metric asked for.
+//! Why so plain: metrics stay those of f32 (table in tests/MEASURED.md). Actions do not always: where the source is in place,
+//! "stop" and the smallest step are nearly as likely, and the two formats choose differently without loss. A search in 8 bits
+//! with the winners computed anew in higher precision would keep more of f32's actions, but no metric asked for it.
 
 mod heads;
 mod wide;
@@ -76,7 +74,7 @@ use crate::view::View;
 pub use heads::{Lane, TargetSums, logits, target_sums};
 pub use wide::Wide;
 
-/// Zero of a feature code.
+/// The feature code that stands for 0.
 const FEATURE_ZERO: i64 = 4096;
 /// Largest code of features and of the heads' hidden layers.
 pub const WIDE_MAX: i32 = 8191;
@@ -94,11 +92,11 @@ pub struct QuantNetwork<'a> {
     pub heads: [[QuantLayer<'a>; 3]; 2],
 }
 
-/// Bytes of the arrays after the bias, for one output.
+/// Bytes for each output in the arrays after the bias.
 pub(crate) const BYTES_AFTER_BIAS: usize = 4;
 
 impl<'a> QuantNetwork<'a> {
-    /// Views the arrays at the given offsets (weights, bias) of each layer.
+    /// Views the layers' arrays at the given offsets (weights, bias).
     ///
     /// # Errors
     /// [`Error::WeightsShape`], [`Error::WeightsAlignment`], [`Error::WeightsNotFinite`], and
@@ -138,7 +136,7 @@ impl<'a> QuantNetwork<'a> {
     }
 }
 
-/// Refuses weights whose sums, or in layer 1 whose products too, could overflow 32 bits.
+/// Refuses weights whose sums could overflow 32 bits; in layer 1, requantisation's products as well.
 fn check(weights: &QuantLayer<'_>, layer: usize) -> Result<(), Error> {
     let codes = if layer <= 2 { CODE_MAX } else { WIDE_MAX };
     let most = i64::from(i32::MAX);
@@ -182,12 +180,12 @@ pub struct QuantScratch {
     max: [i32; FEATURES],
     /// Feature of the cloud embedded last.
     pub(crate) feature: Feature,
-    /// Hidden layers of a head, for the features in one order and in the other.
+    /// Hidden layers of a head, for (source, target) and for (target, source).
     head1: [Wide<{ HEAD[0] }>; 2],
     head2: [Wide<{ HEAD[1] }>; 2],
 }
 
-/// A global feature vector in codes, one a channel; as many as the network has features.
+/// A global feature vector in codes, one for each channel; a smaller network fills only the first channels.
 pub type Feature = Wide<FEATURES>;
 
 impl QuantScratch {
@@ -202,18 +200,18 @@ impl QuantScratch {
 }
 
 impl QuantScratch {
-    /// Forgets the points of the cloud before.
+    /// Forgets the points of the previous cloud.
     pub(crate) fn clear(&mut self) {
         self.max.fill(i32::MIN);
     }
 
-    /// The critical point of each channel, if [`embed`] has kept them: where [`finish`] puts the feature.
+    /// The critical point of each channel, if [`embed`] recorded them. They share memory with the feature of [`finish`].
     pub(crate) fn winners(&self) -> impl Iterator<Item = usize> {
         self.feature.numbers()
     }
 }
 
-/// Takes points into the maxima of the cloud under way; where they count from `first`, keeps the critical point of
+/// Folds points into the maxima of the current cloud. With `first`, the index of the first point, records the critical point of
 /// each channel ([`QuantScratch::winners`]).
 pub(crate) fn embed(
     isa: Isa,
@@ -253,7 +251,7 @@ pub(crate) fn embed(
     }
 }
 
-/// Makes the maxima the feature of the cloud, once all its points are in.
+/// Turns the maxima into the feature, once all points of the cloud are in.
 pub fn finish(network: &QuantNetwork<'_>, scratch: &mut QuantScratch) {
     let [_, l3] = &network.embedding;
     let sums = scratch.max.iter().zip(l3.bias()).zip(l3.requantise());

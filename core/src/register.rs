@@ -1,8 +1,8 @@
-//! One registration: observe, embed, decide, accumulate, verdict.
+//! A registration, step by step: observe, embed, decide, accumulate, verdict.
 //!
 //! - [`Registration`] is the state: the pose so far, and how its clouds are seen under it.
-//! - [`Registrar`] takes its steps: `look` embeds points, `heads` makes features logits, `phase` cuts a step in slices.
-//! - [`Team`] takes the steps of several at a time.
+//! - [`Registrar`] takes its steps: `look` embeds points, `heads` turns features into logits, `phase` slices a step.
+//! - [`Team`] steps several registrations together.
 
 use crate::cloud::Cloud;
 use crate::dims::LOGITS;
@@ -79,7 +79,7 @@ impl<'w, 's> Registrar<'w, 's> {
 
     /// Checks both clouds and embeds the target, once for the whole registration.
     ///
-    /// `initial` is a plain estimate of target_from_source in the clouds' own units.
+    /// `initial` is a plain estimate of `target_from_source` in the clouds' own units.
     ///
     /// # Errors
     /// As [`Cloud::check`], [`Frame::checked`]; [`Error::BadPose`] for an `initial` that is not rigid.
@@ -95,8 +95,8 @@ impl<'w, 's> Registrar<'w, 's> {
         Ok(registration)
     }
 
-    /// As [`Registrar::start`], in place: four of a registration's kilobytes need not be moved. A
-    /// registration whose start was refused is as it was.
+    /// As [`Registrar::start`], in place, which saves moving four of a
+    /// registration's kilobytes. A refused start leaves the registration unchanged.
     ///
     /// # Errors
     /// As [`Registrar::start`].
@@ -116,10 +116,10 @@ impl<'w, 's> Registrar<'w, 's> {
         Ok(())
     }
 
-    /// One step: observe the source under the current pose, decide, accumulate.
+    /// Takes one step: observes the source under the current pose, decides, accumulates.
     ///
     /// # Errors
-    /// [`Error::NotStarted`] for a registration that was not started, or with another policy.
+    /// [`Error::NotStarted`] for a registration that was not started, or was started with another policy.
     pub fn step(&mut self, registration: &mut Registration<'_>) -> Result<Step, Error> {
         loop {
             if let Some(step) = self.advance(registration, usize::MAX)? {
@@ -128,7 +128,7 @@ impl<'w, 's> Registrar<'w, 's> {
         }
     }
 
-    /// A whole registration of `steps` steps.
+    /// Runs a whole registration of `steps` steps.
     ///
     /// # Errors
     /// As [`Registrar::start`].

@@ -1,5 +1,5 @@
-//! Rotations as unit quaternions, in scalar arithmetic: glam's have another order of sums where they use SIMD, and
-//! so other bits from target to target.
+//! Rotations as unit quaternions, in scalar arithmetic. Where glam uses SIMD it sums in another order, so its bits differ from
+//! target to target.
 
 use glam::{Mat3, Quat, Vec3};
 
@@ -13,7 +13,7 @@ pub(crate) struct Rotation {
 }
 
 impl Rotation {
-    /// The rotation with a multiple of these parts; none for zeros.
+    /// Normalises a quaternion; the identity if it is zero or NaN.
     pub(crate) fn new(vector: Vec3, scalar: f32) -> Rotation {
         let squared = vector.length_squared() + scalar * scalar;
         if squared.is_nan() || squared <= 0.0 {
@@ -29,7 +29,7 @@ impl Rotation {
         }
     }
 
-    /// Of a rotation matrix.
+    /// The rotation of a rotation matrix.
     pub(crate) fn of(rotation: &Mat3) -> Rotation {
         let [x, y, z, w] = Quat::from_mat3(rotation).to_array();
         Rotation::new(Vec3::new(x, y, z), w)
@@ -48,7 +48,7 @@ impl Rotation {
         Rotation::new(vector, self.scalar * first.scalar - a.dot(b))
     }
 
-    /// The rotation that takes it back.
+    /// The inverse rotation.
     pub(crate) fn inverse(self) -> Rotation {
         Rotation {
             vector: -self.vector,
@@ -56,8 +56,8 @@ impl Rotation {
         }
     }
 
-    /// The line about which this rotation, followed by a shift, turns, along which it may shift as well (Chasles): a unit vector along it,
-    /// and the point on it that is nearest to the origin. None of no rotation.
+    /// The screw axis (Chasles) of this rotation followed by `shift`: its unit direction, and its point nearest to the origin.
+    /// `None` for the identity rotation.
     pub(crate) fn line(self, shift: Vec3) -> Option<(Vec3, Vec3)> {
         let along = self.vector.try_normalize()?;
         let across = shift - along * along.dot(shift);

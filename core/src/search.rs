@@ -1,30 +1,30 @@
-//! Hypotheses: poses that might be right where the one at hand is not, and the best of them.
+//! Hypotheses: other poses that might be the right one, and the best of them.
 
 use crate::rotation::Rotation;
 use crate::solve::Rigid;
 use glam::{Mat3, Vec3};
 
-/// Gates of a hypothesis' first steps, normalised units: wide, then narrow.
+/// Gates of a hypothesis' first steps, in normalised units: wide, then narrow.
 pub(crate) const SCREEN: [f32; 6] = [0.5, 0.4, 0.3, 0.2, 0.15, 0.12];
-/// First of these after which a hypothesis that is far behind is given up, by how many points that is judged, and how much more
-/// loss it may have then than the worst that is kept.
+/// Number of these steps after which a hypothesis far behind is dropped. `EARLY_POINTS` points judge that, and it may exceed
+/// the loss of the worst one kept by `EARLY_SLACK`.
 pub(crate) const EARLY: usize = 2;
 pub(crate) const EARLY_POINTS: usize = 96;
 pub(crate) const EARLY_SLACK: f32 = 0.1;
-/// The same of further steps.
+/// Gates of a hypothesis' further steps.
 pub(crate) const SIFT: [f32; 6] = [0.2, 0.15, 0.12, 0.1, 0.08, 0.08];
-/// Points of the source in each of the stages' steps, and those by which their results are compared.
+/// Points of the source in the steps of each stage, and points by which its results are compared.
 pub(crate) const SCREEN_POINTS: [usize; 2] = [96, 128];
 pub(crate) const SIFT_POINTS: [usize; 2] = [256, 512];
-/// Scale of the loss by which their results are compared, radii of a neighbourhood.
+/// Scale of the loss by which results are compared, in neighbourhood radii.
 pub(crate) const SCREEN_SCALE: f32 = 0.3;
 pub(crate) const SIFT_SCALE: f32 = 0.15;
-/// Cosine of half the angle below which two rotations are one hypothesis: 8 degrees.
+/// Cosine of half of 8 degrees: two rotations closer than that are one hypothesis.
 pub(crate) const SAME: f32 = 0.997_564;
-/// Distance below which two poses of the same rotation are one hypothesis, target radii.
+/// Distance below which two poses of the same rotation are one hypothesis, in target radii.
 const SAME_PLACE: f32 = 0.15;
 
-/// The same for one result of refinement: 1 degree.
+/// The same for one result of refinement: 1 degree, and a distance in target radii.
 const EQUAL: f32 = 0.999_962;
 const EQUAL_PLACE: f32 = 0.01;
 
@@ -47,7 +47,7 @@ pub(crate) struct Best<const N: usize>([Option<(f32, Rigid)>; N]);
 impl<const N: usize> Best<N> {
     pub(crate) const NONE: Best<N> = Best([None; N]);
 
-    /// Takes a hypothesis unless it is worse than all, or than one that is the same.
+    /// Takes a hypothesis, unless it is worse than all those held, or than one that is the same.
     pub(crate) fn offer(&mut self, score: f32, at: Rigid) {
         let is_behind_all =
             |worst: &Option<(f32, Rigid)>| worst.is_some_and(|(worst, _)| score >= worst);
@@ -74,25 +74,25 @@ impl<const N: usize> Best<N> {
         }
     }
 
-    /// Score from which on a hypothesis is not taken.
+    /// Score from which on a hypothesis is refused.
     pub(crate) fn most(&self) -> f32 {
         let worst = self.0.last().copied().flatten();
         worst.map_or(f32::INFINITY, |(worst, _)| worst)
     }
 
-    /// Score of the best.
+    /// Score of the best hypothesis.
     pub(crate) fn least(&self) -> Option<f32> {
         self.0.first().copied().flatten().map(|(score, _)| score)
     }
 
-    /// Those held, with their scores.
+    /// The hypotheses held, with their scores.
     pub(crate) fn held(self) -> impl Iterator<Item = (f32, Rigid)> {
         self.0.into_iter().flatten()
     }
 }
 
-/// A pose and its neighbours: moved along the axes, and turned about the target's centre by 35 and 65 degrees about the
-/// axes of an icosahedron.
+/// A pose and its neighbours: shifted along the axes, and turned by 34 and 63 degrees about the target's centre, about the axes
+/// of an icosahedron.
 pub(crate) fn around(seed: Rigid) -> impl Iterator<Item = Rigid> {
     const STEP: f32 = 0.2;
     const ANGLES: [f32; 2] = [0.6, 1.1];
@@ -104,20 +104,20 @@ pub(crate) fn around(seed: Rigid) -> impl Iterator<Item = Rigid> {
         .chain(turned)
 }
 
-/// A pose turned by 14 degrees about the target's centre and moved, in every direction.
+/// Close neighbours of a pose: turned by 14 degrees about the target's centre, or shifted, in all directions.
 pub(crate) fn nudged(seed: Rigid) -> impl Iterator<Item = Rigid> {
     const ANGLE: f32 = 0.25;
     const STEP: f32 = 0.15;
     turned(seed, ANGLE).chain(moved(seed, STEP))
 }
 
-/// Turned about the target's centre about the axes of an icosahedron, in both senses.
+/// A pose turned about the target's centre, in both senses about the axes of an icosahedron.
 fn turned(seed: Rigid, angle: f32) -> impl Iterator<Item = Rigid> {
     let (sine, cosine) = libm::sincosf(0.5 * angle);
     icosahedron().map(move |axis| seed.turned(Rotation::new(axis * sine, cosine)))
 }
 
-/// Moved along the axes, in both senses.
+/// A pose shifted along the axes, in both senses.
 fn moved(seed: Rigid, step: f32) -> impl Iterator<Item = Rigid> {
     AXES.into_iter().map(move |axis| Rigid {
         shift: seed.shift + axis * step,
@@ -125,8 +125,8 @@ fn moved(seed: Rigid, step: f32) -> impl Iterator<Item = Rigid> {
     })
 }
 
-/// Poses that a symmetry of the target would confuse with this one: turned about axes through the target's centre, and
-/// about the same through the source's.
+/// Poses that a symmetry of the target would confuse with this one: turned about axes through the target's centre, and about
+/// parallel axes through the source's.
 pub(crate) fn confused(seed: Rigid, axes: Mat3) -> impl Iterator<Item = Rigid> {
     turns(axes).flat_map(move |by| {
         let rotation = by.after(seed.rotation);
@@ -134,7 +134,7 @@ pub(crate) fn confused(seed: Rigid, axes: Mat3) -> impl Iterator<Item = Rigid> {
     })
 }
 
-/// A pose turned as a cube's symmetries would about its centre, in the frame of the axes given and of x, y, z.
+/// A pose under the 24 rotations of a cube about the target's centre, in the frame of `axes` and in that of x, y, z.
 pub(crate) fn copies(seed: Rigid, axes: Mat3) -> impl Iterator<Item = Rigid> {
     [axes, Mat3::IDENTITY].into_iter().flat_map(move |frame| {
         alignments()
@@ -142,7 +142,7 @@ pub(crate) fn copies(seed: Rigid, axes: Mat3) -> impl Iterator<Item = Rigid> {
     })
 }
 
-/// Principal axes of the source on those of the target, in every way.
+/// Poses with the source's principal axes on the target's, in each of the 24 ways.
 pub(crate) fn aligned(source: Mat3, target: Mat3, shift: Vec3) -> impl Iterator<Item = Rigid> {
     alignments().map(move |signed| Rigid {
         rotation: Rotation::of(&(target * signed * source.transpose())),
@@ -150,10 +150,9 @@ pub(crate) fn aligned(source: Mat3, target: Mat3, shift: Vec3) -> impl Iterator<
     })
 }
 
-/// Poses of the source's mirror image, x the other way around, that are mirror images of a pose: in planes through the target's
-/// centre and through the source's.
+/// Poses of the source's mirror image (x negated) that mirror a pose in planes through the target's or the source's centre.
 pub(crate) fn mirrored(seed: Rigid, axes: Mat3) -> impl Iterator<Item = Rigid> {
-    // A reflection is a half turn and an inversion; two of them are a rotation.
+    // A reflection is a half turn and an inversion, and two reflections are a rotation.
     let half_turn = |normal| Rotation::new(normal, 0.0);
     let normals = [axes.x_axis, axes.y_axis, axes.z_axis];
     normals.into_iter().flat_map(move |normal| {
@@ -165,8 +164,8 @@ pub(crate) fn mirrored(seed: Rigid, axes: Mat3) -> impl Iterator<Item = Rigid> {
     })
 }
 
-/// Rotations that leave no other farther than about 35 degrees away, with both clouds' centres in one place and, about
-/// the target's centre, as far apart as they are.
+/// Poses whose rotations leave none farther than about 35 degrees away: with both clouds' centres together, and with the start
+/// turned about the target's centre.
 pub(crate) fn anywhere(from: Rigid) -> impl Iterator<Item = Rigid> {
     let between = Rotation::new(Vec3::new(0.2, 0.25, 0.15), 1.0);
     icosahedral().flat_map(move |by| {
@@ -209,7 +208,7 @@ fn icosahedron() -> impl Iterator<Item = Vec3> {
 
 /// The 60 rotations that map an icosahedron onto itself.
 fn icosahedral() -> impl Iterator<Item = Rotation> {
-    // As quaternions, up to sign: axes, halves with even signs of three, and even places of (LONG, 1/2, SHORT, 0).
+    // Quaternions up to sign: 4 units, 8 halves, and 48 even permutations of (LONG, 1/2, SHORT, 0).
     let axes = [
         ([0.0, 0.0, 0.0], 1.0),
         ([1.0, 0.0, 0.0], 0.0),
@@ -228,7 +227,7 @@ fn icosahedral() -> impl Iterator<Item = Rotation> {
         .map(|(vector, scalar)| Rotation::new(Vec3::from_array(vector), scalar))
 }
 
-/// Even permutations of (w, x, y, z) = (LONG, 1/2, SHORT, 0) whose zero stands at a place; the first of the others is positive.
+/// Even permutations of (w, x, y, z) = (LONG, 1/2, SHORT, 0) with the zero at place `zero`; the other signs are `+`, `a`, `b`.
 fn places(zero: usize, a: f32, b: f32) -> impl Iterator<Item = ([f32; 3], f32)> {
     let (l, h, s) = (LONG, 0.5, SHORT);
     // Rows of w, x, y, z.
@@ -257,9 +256,9 @@ fn places(zero: usize, a: f32, b: f32) -> impl Iterator<Item = ([f32; 3], f32)> 
     rows.into_iter().map(|[w, x, y, z]| ([x, y, z], w))
 }
 
-/// Turns by 45, 90 and 180 degrees about the axes given and about x, y, z.
+/// Rotations by 45, 90 and 180 degrees about the given axes and about x, y, z.
 fn turns(axes: Mat3) -> impl Iterator<Item = Rotation> {
-    // Sine and cosine of half the angle.
+    // Sine and cosine of half of each angle.
     const HALVES: [(f32, f32); 5] = [
         (1.0, 0.0),
         (
@@ -286,7 +285,7 @@ fn turns(axes: Mat3) -> impl Iterator<Item = Rotation> {
         .flat_map(move |(sine, cosine)| about.map(|axis| Rotation::new(axis * sine, cosine)))
 }
 
-/// The 24 rotations that map axes to axes.
+/// The 24 rotations that map axes to axes (of a cube).
 fn alignments() -> impl Iterator<Item = Mat3> {
     AXES.into_iter().flat_map(move |first| {
         AXES.into_iter()
@@ -317,7 +316,7 @@ mod tests {
         let rotations: Vec<Rotation> = icosahedral().collect();
         assert_eq!(rotations.len(), 60);
         for (i, a) in rotations.iter().enumerate() {
-            // A group: no two alike, and neighbours 72 degrees apart.
+            // They form a group: all differ, by 72 degrees at least.
             for b in &rotations[..i] {
                 assert!(a.likeness(*b) < 0.81, "{a:?} {b:?}");
             }

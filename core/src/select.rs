@@ -1,13 +1,13 @@
-//! Order among items: the k-th smallest, or all of them sorted. Where those that compare as equal are the same to the bit, so is
-//! what comes of it everywhere.
+//! Selection of the k-th smallest item, and sorting. If items that compare as equal are identical to the bit, the results are
+//! the same on every target.
 //!
-//! The standard library's algorithms are faster on hosts, but the compiler leaves ways to panic in them.
+//! The standard library's algorithms are faster on hosts, but the compiler leaves panics in them.
 
 use core::cmp::Ordering;
 use core::mem::swap;
 
-/// Puts the `k`-th smallest at its place, what is not larger before it and what is not smaller behind it, and gives it; none
-/// where there are not that many.
+/// Moves the `k`-th smallest item to index `k`, with no larger item before it and no smaller one after it, and returns it.
+/// `None` if there are too few items.
 pub(crate) fn select<T: Copy>(
     items: &mut [T],
     k: usize,
@@ -33,7 +33,7 @@ pub(crate) fn sort<T: Copy>(items: &mut [T], compare: impl Fn(&T, &T) -> Orderin
     }
 }
 
-/// Quicksort about the median: as deep as there are halves.
+/// Quicksort with the median as pivot, so its depth is logarithmic.
 fn by_halves<T: Copy>(items: &mut [T], compare: impl Fn(&T, &T) -> Ordering + Copy) {
     let half = items.len() / 2;
     if half == 0 {
@@ -46,7 +46,7 @@ fn by_halves<T: Copy>(items: &mut [T], compare: impl Fn(&T, &T) -> Ordering + Co
     }
 }
 
-/// Quickselect (Hoare 1961) about the median of three.
+/// Quickselect (Hoare 1961) with the median of three as pivot.
 fn by_parts<T: Copy>(
     mut items: &mut [T],
     mut k: usize,
@@ -71,7 +71,7 @@ fn by_parts<T: Copy>(
     }
 }
 
-/// The median of the first, the middle and the last; none of nothing.
+/// The median of the first, the middle and the last item; `None` if there are none.
 fn median_of_three<T: Copy>(items: &[T], compare: impl Fn(&T, &T) -> Ordering) -> Option<T> {
     let (first, last) = (items.first()?, items.last()?);
     let middle = items.get(items.len() / 2)?;
@@ -89,7 +89,7 @@ fn median_of_three<T: Copy>(items: &[T], compare: impl Fn(&T, &T) -> Ordering) -
     })
 }
 
-/// Puts those items first that belong there; how many they are.
+/// Moves the items that satisfy `is_first` to the front; returns how many there are.
 fn part<T>(items: &mut [T], is_first: impl Fn(&T) -> bool) -> usize {
     let mut count = 0;
     let mut rest = items.iter_mut();

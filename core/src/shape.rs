@@ -1,7 +1,6 @@
-//! Widths of a network: what a policy file says about itself, and what follows from it.
+//! Widths of a network: what a policy file states, and what follows from it.
 //!
-//! One build runs every [runnable](Shape::is_runnable) shape: working memory is that of the largest,
-//! [`Shape::FULL`].
+//! One build runs every [runnable](Shape::is_runnable) shape: working memory is sized for the largest, [`Shape::FULL`].
 
 use crate::dims::{CODES, EMBED, HEAD, LAYERS, LOGITS, STEPS_ONE_WAY, padded};
 
@@ -53,8 +52,8 @@ impl Shape {
         ]
     }
 
-    /// Whether this build runs it: no width above the paper's, each layer's inputs but the first's a
-    /// multiple of 64, as rows of 8-bit codes are, and features whole in both halves of the state.
+    /// Whether this build can run the shape: no width exceeds the paper's, and the inputs of every layer but the first are a
+    /// multiple of 64, as rows of 8-bit codes are.
     pub fn is_runnable(&self) -> bool {
         let widths = |s: &Shape| {
             let ([e1, e2, features], [h1, h2]) = (s.embed, s.head);
@@ -66,7 +65,7 @@ impl Shape {
         widths(self).into_iter().zip(widths(&Shape::FULL)).all(fits)
     }
 
-    /// As the header of a policy file stores it.
+    /// The shape as stored in the header of a policy file.
     pub const fn header(&self) -> [u16; 8] {
         let ([e1, e2, features], [h1, h2]) = (self.embed, self.head);
         [
@@ -81,7 +80,7 @@ impl Shape {
         ]
     }
 
-    /// The shape that a header announces, where this build runs it.
+    /// The shape that a header states, if this build can run it.
     pub fn from_header(header: [u16; 8]) -> Option<Shape> {
         let [e1, e2, features, h1, h2, ..] = header.map(usize::from);
         let shape = Shape {
@@ -97,21 +96,19 @@ impl Shape {
         3 * e1 + e1 * e2 + e2 * features
     }
 
-    /// Multiply-adds of the heads' first layers that see one cloud's feature.
+    /// Multiply-adds in the half of the heads' first layers that reads one cloud's feature.
     pub const fn macs_half(&self) -> usize {
         2 * self.features() * self.head[0]
     }
 
-    /// Multiply-adds of both heads that look one way, the target's half of their first layers not counted: hosts
-    /// keep it.
+    /// Multiply-adds of both heads looking one way, without the target's half of their first layers, which hosts cache.
     pub const fn macs_step(&self) -> usize {
         let [h1, h2] = self.head;
         self.macs_half() + 2 * (h1 * h2 + h2 * LOGITS)
     }
 
-    /// Multiply-adds of a whole registration of two clouds of `points` points in `steps` steps on a microcontroller,
-    /// which keeps nothing of the target but its feature, by a policy that looks both ways, and at all points in every
-    /// step ([`crate::Policy::rescan`]).
+    /// Multiply-adds of a registration on a microcontroller: two clouds of `points` points, `steps` steps, and only the
+    /// target's feature cached. The policy looks both ways, and at all points in every step ([`crate::Policy::rescan`]).
     pub const fn macs_registration(&self, points: usize, steps: usize) -> u64 {
         let embedding = (points * self.macs_per_point()) as u64;
         let way = (self.macs_half() + self.macs_step()) as u64;

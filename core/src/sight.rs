@@ -1,29 +1,29 @@
-//! What a policy looks at: all of both clouds, as in the paper, or what may belong together.
+//! What a policy looks at: all of both clouds, as in the paper, or only what may belong together.
 
 use crate::cut::Cut;
 use serde::{Deserialize, Serialize};
 
-/// What is looked at of both clouds.
+/// Which points of both clouds a policy looks at.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Sight {
-    /// Points of the source that are seen farther from the target's centre are left out in every look at all points: for
-    /// views, whose masks reach over the object. [`Cut::NONE`], as in the paper: everything is looked at.
+    /// Every look at all points leaves out those of the source farther than this from the target's centre: masks of views reach
+    /// over the object. [`Cut::NONE`], as in the paper, looks at everything.
     #[serde(default)]
     pub cut: Cut,
-    /// Steps from one choice of the target's points to the next: those that have some of the source near them are looked at
-    /// ([`Focus`](crate::focus::Focus)). 0, as in the paper: all are, always.
+    /// Steps between choices of the target's points ([`Focus`](crate::focus::Focus)): those that have some of the source near
+    /// them. 0, as in the paper, always looks at all.
     #[serde(default)]
     pub focus: u8,
 }
 
 impl Sight {
-    /// Everything, as in the paper.
+    /// Looks at everything, as in the paper.
     pub const ALL: Sight = Sight {
         cut: Cut::NONE,
         focus: 0,
     };
 
-    /// Whether the target's points are chosen anew after so many steps.
+    /// Whether the target's points are chosen anew after `steps` steps.
     pub fn refocuses(self, steps: usize) -> bool {
         self.focus != 0 && steps.is_multiple_of(usize::from(self.focus))
     }

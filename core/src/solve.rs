@@ -1,4 +1,4 @@
-//! Small solvers: normal equations of a rigid motion, and the axes along which points spread.
+//! Small solvers: the normal equations of a rigid motion, and principal axes.
 
 #![allow(clippy::indexing_slicing, reason = "loops over six unknowns")]
 
@@ -10,12 +10,12 @@ use glam::{Mat3, Vec3};
 /// Second moments `[xx, yy, zz, xy, xz, yz]`.
 pub(crate) type Spread = [f32; 6];
 
-/// Unit vector along which a positive semidefinite spread is smallest, zero where there is no single one.
+/// Unit eigenvector of the smallest eigenvalue of a positive semidefinite spread; zero if it is not unique.
 pub(crate) fn smallest_direction(spread: Spread) -> Vec3 {
     least(spread).0
 }
 
-/// [`smallest_direction`], and the spread along it as a share of the spread along all axes.
+/// [`smallest_direction`], and its eigenvalue as a share of the trace.
 pub(crate) fn least([xx, yy, zz, xy, xz, yz]: Spread) -> (Vec3, f32) {
     let trace = xx + yy + zz;
     if trace.is_nan() || trace <= 1e-30 {
@@ -23,7 +23,7 @@ pub(crate) fn least([xx, yy, zz, xy, xz, yz]: Spread) -> (Vec3, f32) {
     }
     let f = 1.0 / trace;
     let [xx, yy, zz, xy, xz, yz] = [xx, yy, zz, xy, xz, yz].map(|x| x * f);
-    // p(λ) = λ³ - λ² + c λ - d has three roots in [0, 1]; Newton's method climbs to the lowest from 0.
+    // p(λ) = λ³ - λ² + c λ - d has three roots in [0, 1]; from 0, Newton's method climbs to the lowest.
     let c = xx * yy + xx * zz + yy * zz - xy * xy - xz * xz - yz * yz;
     let d = xx * (yy * zz - yz * yz) - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz);
     let mut root = 0.0f32;
@@ -31,7 +31,7 @@ pub(crate) fn least([xx, yy, zz, xy, xz, yz]: Spread) -> (Vec3, f32) {
         let value = ((root - 1.0) * root + c) * root - d;
         let slope = (3.0 * root - 2.0) * root + c;
         if slope > 1e-9 && value < 0.0 {
-            // The lowest is at most a third; where all three are about equal, rounding may lead beyond.
+            // The lowest root is at most 1/3; if all three are about equal, rounding may lead beyond.
             root = (root - value / slope).min(1.0 / 3.0);
         }
     }
@@ -49,12 +49,12 @@ pub(crate) fn least([xx, yy, zz, xy, xz, yz]: Spread) -> (Vec3, f32) {
     (best.1, root)
 }
 
-/// Principal axes of a spread as the columns of a rotation, the last along the smallest spread.
+/// Principal axes of a spread as the columns of a rotation; the last is that of the smallest spread.
 pub(crate) fn principal_axes(spread: Spread) -> Mat3 {
     let last = smallest_direction(spread);
     let last = if last == Vec3::ZERO { Vec3::Z } else { last };
     let (u, v) = last.any_orthonormal_pair();
-    // Within the plane of the other two the axes are found in closed form.
+    // The other two axes follow in closed form within their plane.
     let [xx, yy, zz, xy, xz, yz] = spread;
     let rows = Mat3::from_cols(
         Vec3::new(xx, xy, xz),
@@ -67,30 +67,30 @@ pub(crate) fn principal_axes(spread: Spread) -> Mat3 {
     Mat3::from_cols(first, last.cross(first), last)
 }
 
-/// Damping that keeps what rounding leaves of a singular matrix positive.
+/// Damping that keeps a singular matrix positive despite rounding.
 const ROUNDING: f64 = 1e-15;
 
-/// Normal equations of a small rigid motion `x -> x + ω × x + v`, unknowns `ω` then `v`.
+/// Normal equations of a small rigid motion `x -> x + ω × x + v`; unknowns `ω`, then `v`.
 #[derive(Clone, Debug)]
 pub(crate) struct Motion {
-    /// Lower triangle by rows.
+    /// Lower triangle of the matrix, by rows.
     a: [f64; 21],
     b: [f64; 6],
 }
 
 impl Motion {
-    /// Of nothing.
+    /// Empty equations.
     pub(crate) const ZERO: Motion = Motion {
         a: [0.0; 21],
         b: [0.0; 6],
     };
 
-    /// Adds to the matrix what asks that the point `at` move along `direction`.
+    /// Adds a residual's term to the matrix: the motion of the point `at` along `direction`.
     pub(crate) fn add(&mut self, at: Vec3, direction: Vec3, weight: f32) {
         self.add_row([at.cross(direction), direction], f64::from(weight));
     }
 
-    /// Asks that nothing of a motion, a turn and a shift, be made.
+    /// Suppresses a motion, given as a turn and a shift: adds it to the matrix, weighted with the trace.
     pub(crate) fn hold(&mut self, motion: [Vec3; 2]) {
         let trace: f64 = [0, 2, 5, 9, 14, 20]
             .iter()
@@ -114,7 +114,7 @@ impl Motion {
         }
     }
 
-    /// Of sums over lanes.
+    /// The equations of sums over lanes.
     pub(crate) fn of(sums: &Sums) -> Motion {
         let mut totals = sums.0.iter().map(|row| {
             let (mut even, mut odd) = (0.0f64, 0.0f64);
@@ -130,21 +130,21 @@ impl Motion {
         }
     }
 
-    /// What the equations say of turns alone.
+    /// The matrix's rotation block.
     pub(crate) fn turning(&self) -> Spread {
         [0, 2, 5, 1, 3, 4].map(|k| self.a[k] as f32)
     }
 
-    /// What they say of shifts alone.
+    /// The matrix's translation block.
     pub(crate) fn shifting(&self) -> Spread {
         [9, 14, 20, 13, 18, 19].map(|k| self.a[k] as f32)
     }
 
-    /// Inverse of `factor` times the equations' matrix plus a diagonal, which must be positive; of that alone where the
-    /// equations are of points too far away.
+    /// Inverse of `factor * A + diag(diagonal)` for a positive diagonal;
+    /// of the diagonal alone if far points made `A` too large.
     pub(crate) fn inverse(&self, factor: f64, diagonal: [f64; 6]) -> [[f32; 6]; 6] {
         let mut motion = self.clone();
-        // Thousands of pairs within a few units make less.
+        // Thousands of pairs within a few units stay below this.
         let sound = motion.a.iter().all(|x| x.abs() < 1e6);
         motion.a = motion.a.map(|x| if sound { x * factor } else { 0.0 });
         let mut k = 0;
@@ -159,12 +159,11 @@ impl Motion {
             let ([a, b, c], [d, e, f]) = (rotation_vector.to_array(), shift.to_array());
             [a, b, c, d, e, f]
         });
-        // Symmetric to the bit.
+        // Makes the inverse symmetric to the bit.
         core::array::from_fn(|i| core::array::from_fn(|j| columns[i.max(j)][i.min(j)]))
     }
 
-    /// Rotation vector and shift that solve the equations, damped by a share of their trace: none where nothing asks
-    /// for any.
+    /// Solves for the rotation vector and the shift, damped by a share of the trace; zeros if the trace is not positive.
     pub(crate) fn solve(&self, damping: f64) -> (Vec3, Vec3) {
         let mut l = [[0.0f64; 6]; 6];
         let mut k = 0;
@@ -177,7 +176,7 @@ impl Motion {
             return (Vec3::ZERO, Vec3::ZERO);
         }
         let ridge = trace * damping;
-        // Cholesky's factor in place, then both substitutions.
+        // Cholesky factorisation in place, then both substitutions.
         for i in 0..6 {
             for j in 0..=i {
                 let done: f64 = (0..j).map(|k| l[i][k] * l[j][k]).sum();
@@ -203,7 +202,7 @@ impl Motion {
     }
 }
 
-/// A rotation in a form that stays one, and a translation: `x' = R x + t`.
+/// A rigid transform `x' = R x + t` whose rotation stays one under rounding.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Rigid {
     pub(crate) rotation: Rotation,
@@ -225,7 +224,7 @@ impl Rigid {
         }
     }
 
-    /// Turned about the target's centre.
+    /// The transform followed by a rotation about the target's centre, which is the origin.
     pub(crate) fn turned(&self, by: Rotation) -> Rigid {
         Rigid {
             rotation: by.after(self.rotation),
@@ -238,7 +237,7 @@ impl Rigid {
         -(self.rotation.matrix().transpose() * self.shift)
     }
 
-    /// After a small rotation (by that vector to first order, at most half a radian) and shift (at most half a unit).
+    /// The transform followed by a small rotation (first order, at most half a radian) and shift (at most half a unit).
     pub(crate) fn moved(&self, rotation_vector: Vec3, shift: Vec3) -> Rigid {
         let half = rotation_vector.clamp_length_max(0.5) * 0.5;
         let by = Rotation::new(half, 1.0);

@@ -1,20 +1,20 @@
-//! Where a registration starts, and how far from the truth that may be.
+//! Where a registration starts, and how far from the truth the start may be.
 
 use crate::pose::Pose;
 use crate::solve::Rigid;
 use glam::Vec3;
 
-/// An estimate of target_from_source that somebody had before.
+/// A prior estimate of `target_from_source`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Start {
-    /// This pose, and how far from the truth it may be.
+    /// This pose, and its uncertainty.
     Pose(Pose, Uncertainty),
-    /// None: any rotation is as probable as any other.
+    /// No estimate: every rotation is equally probable.
     Anywhere,
 }
 
 impl Start {
-    /// The pose, uncertain as an estimator's or an operator's.
+    /// The pose, with the default uncertainty of an estimator or an operator.
     pub const fn at(pose: Pose) -> Start {
         Start::Pose(pose, Uncertainty::DEFAULT)
     }
@@ -31,23 +31,23 @@ impl Start {
 /// Standard deviations of a start.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Uncertainty {
-    /// Of the rotation about the object's centre, radians.
+    /// Of the rotation about the object's centre, in radians.
     pub rotation_rad: f32,
-    /// Of the object's centre along the viewing axis, target radii.
+    /// Of the object's centre along the viewing axis, in target radii.
     pub along: f32,
-    /// The same across it, target radii. Where no view point is known the larger of both holds everywhere.
+    /// Of the centre across that axis, in target radii. Without a view point, the larger of the two holds in all directions.
     pub across: f32,
 }
 
 impl Uncertainty {
-    /// What nobody stated: 35 degrees, a third of a target radius.
+    /// The default where none is stated: 0.6 rad (34 degrees), a third of a target radius.
     pub const DEFAULT: Uncertainty = Uncertainty {
         rotation_rad: 0.6,
         along: 0.35,
         across: 0.35,
     };
 
-    /// Whether these are standard deviations; infinite where nothing is known.
+    /// Whether these are standard deviations: not negative, infinite for the unknown.
     pub(crate) fn is_sound(&self) -> bool {
         [self.rotation_rad, self.along, self.across]
             .into_iter()
@@ -55,16 +55,16 @@ impl Uncertainty {
     }
 }
 
-/// A start as evidence for one pose or another, in a refiner's frame.
+/// A start as evidence for or against a pose, in a refiner's frame.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Prior {
     start: Rigid,
-    /// Towards which the sensor looks, in the source's frame.
+    /// Direction in which the sensor looks, in the source's frame.
     ahead: Option<Vec3>,
     uncertainty: Uncertainty,
 }
 
-/// A far start is not held on to: poses beyond four standard deviations are as improbable as any.
+/// Cap on the squared distance from the start: poses beyond four standard deviations are equally improbable.
 const CAP: f32 = 16.0;
 
 impl Prior {
@@ -76,7 +76,7 @@ impl Prior {
         }
     }
 
-    /// Squared distance of a pose from the start in standard deviations, halved: a negative logarithm of probability.
+    /// Half the squared distance of a pose from the start, in standard deviations and capped: a negative log-probability.
     pub(crate) fn surprise(&self, at: Rigid) -> f32 {
         let half = libm::acosf(at.rotation.likeness(self.start.rotation).min(1.0));
         let turned = 2.0 * half / self.uncertainty.rotation_rad.max(1e-6);

@@ -4,7 +4,7 @@ use crate::dims::{AXES, STEP_SIZES};
 use crate::pose::{Pose, rotation_xyz};
 use glam::Vec3;
 
-/// Signed steps by action id: radians about an axis, normalised units along it. Index 5 is "stop".
+/// Signed steps by action id, in radians about an axis or normalised units along it. Id 5 is "stop".
 pub const STEPS: [f32; STEP_SIZES] = [
     -0.27, -0.09, -0.03, -0.01, -0.0033, 0.0, 0.0033, 0.01, 0.03, 0.09, 0.27,
 ];
@@ -31,7 +31,7 @@ const COS: [f32; STEP_SIZES] = [
     0.9959527, 0.96377087,
 ];
 
-/// One step: an id of the step table for each axis, translation first (as the network's outputs are).
+/// One step: ids into the step table for each axis, translation first as in the network's outputs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct Action {
     /// Step ids along x, y, z; each below 11.
@@ -47,7 +47,7 @@ impl Action {
         rotation: [STOP; AXES],
     };
 
-    /// The signed steps: along the axes in normalised units, and about them in radians. Ids beyond the table count as stop.
+    /// The signed steps: translations in normalised units, then rotations in radians. Ids beyond the table count as stop.
     pub fn signed(self) -> [[f32; AXES]; 2] {
         [self.translation, self.rotation].map(|ids| ids.map(|id| step(id, &STEPS, 0.0)))
     }

@@ -1,5 +1,5 @@
-//! A cloud as a sampled surface: points in spatial order, boxes around runs of them, and normals. It does not change while others
-//! are matched with it: what [`matching`] finds is kept apart.
+//! A cloud as a sampled surface: points in spatial order, boxes around runs of them, and normals. Matching leaves it unchanged:
+//! [`matching`] keeps its results apart.
 
 use crate::dims::SURFACE_POINTS;
 use crate::kernels::{Bare, Boxes, Corners, Isa, Places, RUNS};
@@ -16,28 +16,28 @@ mod order;
 
 use order::put_in_order;
 
-/// Of one radius in [`Surface::inward`], as it is kept.
+/// One radius in the stored form of [`Surface::inward`].
 const INWARD: f32 = 127.0;
 
-/// See the module. Lengths are in a frame of the caller's.
+/// A sampled surface, in a frame of the caller's.
 #[derive(Clone, Debug)]
 pub(crate) struct Surface {
     len: usize,
     points: Places,
     normals: Places,
-    /// See [`Self::inward()`], in [`INWARD`]ths of a radius.
+    /// See [`Self::inward()`], in units of a radius / [`INWARD`].
     inward: [[i8; 3]; SURFACE_POINTS],
     blocks: Boxes,
-    /// The boxes of runs of points within the blocks.
+    /// Boxes around the runs of points within the blocks.
     runs: [Corners; RUNS],
     /// Share of the cloud's points that were left out as outliers.
     pub(crate) left_out: f32,
-    /// Radius of a neighbourhood: about a point it holds 24 others in the median, more where that is all noise.
+    /// Radius of a neighbourhood: the median one has 24 points besides its centre; more where 24 are all noise.
     pub(crate) radius: f32,
 }
 
 impl Surface {
-    /// Without points. All bits are zero, so that a static one takes no room in a program's file.
+    /// A surface without points. All bits are zero, so that a static one takes no room in a program's file.
     pub(crate) const EMPTY: Surface = Surface {
         len: 0,
         points: [[0.0; 3]; SURFACE_POINTS + 1],
@@ -54,7 +54,7 @@ impl Surface {
         self.points.get(..self.len).unwrap_or(&[])
     }
 
-    /// Point and normal at a place, zero where there is none.
+    /// Point and normal at a place; zero beyond the last.
     pub(crate) fn at(&self, place: usize) -> (Vec3, Vec3) {
         match (self.points.get(place), self.normals.get(place)) {
             (Some(&point), Some(&normal)) => (Vec3::from_array(point), Vec3::from_array(normal)),
@@ -62,7 +62,7 @@ impl Surface {
         }
     }
 
-    /// Points and normals as kernels take them; places beyond the last hold what was there before.
+    /// Points and normals in the form that kernels take. Places beyond the last hold leftovers.
     pub(crate) fn bare(&self) -> Bare<'_> {
         Bare {
             points: &self.points,
@@ -70,15 +70,15 @@ impl Surface {
         }
     }
 
-    /// From the point at a place to the middle of the neighbours by which its normal was estimated, along the surface, in radii of
-    /// theirs: about 0 within a surface, and .34 where it ends.
+    /// Offset from a point to the mean of the neighbours that gave its normal, along the surface, in units of those
+    /// neighbourhoods' radius: about 0 inside a surface, and .34 at its edge.
     pub(crate) fn inward(&self, place: usize) -> Vec3 {
         let parts = self.inward.get(place).copied().unwrap_or_default();
         Vec3::from_array(parts.map(f32::from)) * (1.0 / INWARD)
     }
 
-    /// Takes the distinct points of the bulk of a cloud, `(point - centre) * factor`, evenly thinned to the capacity, and
-    /// estimates normals.
+    /// Takes the distinct points of a cloud's bulk as `(point - centre) * factor`, evenly thinned to the capacity, and
+    /// estimates their normals.
     pub(crate) fn fill(
         &mut self,
         isa: Isa,
@@ -105,7 +105,7 @@ impl Surface {
         self.estimate_normals(isa, keys);
     }
 
-    /// Takes the mirror image, x the other way around; twice is the same again, to the bit.
+    /// Negates x; doing it twice restores the surface to the bit.
     pub(crate) fn mirror(&mut self) {
         let vectors = self.points.iter_mut().chain(&mut self.normals);
         vectors.for_each(|[x, _, _]| *x = -*x);
@@ -113,7 +113,7 @@ impl Surface {
         self.mirror_boxes();
     }
 
-    /// Principal axes of the points.
+    /// Principal axes of the points about the origin.
     pub(crate) fn axes(&self) -> Mat3 {
         let mut sums = [0.0f32; 6];
         for &[x, y, z] in self.points() {
@@ -125,8 +125,8 @@ impl Surface {
         principal_axes(sums)
     }
 
-    /// Distance from the middle, the median of each coordinate, that half of the points keep: where some are of something else
-    /// far away, this is still the size of the rest.
+    /// Median distance of the points from their middle, the median of each coordinate. Some points of another object far away
+    /// do not change this size.
     pub(crate) fn extent(&self, keys: &mut Keys) -> f32 {
         let middle = [0, 1, 2].map(|axis: usize| {
             for (key, p) in keys.0.iter_mut().zip(self.points()) {

@@ -1,16 +1,16 @@
-//! Tracking: where an object is from one cloud of a stream to the next, for work that is known beforehand.
+//! Tracking: follows an object through a stream of clouds, with a bounded amount of work for each.
 //!
-//! | the object is | first | where that gives no pose that is probably right |
+//! | the object is | first | if that gives no pose that is probably right |
 //! |---|---|---|
-//! | tracked | closest points from the last pose ([`Mode::Refine`]) | the task's mode from there, else it is lost |
-//! | tracked, every thirtieth cloud | the task's mode from the last pose: closest points stay in a minimum beside the right one | it is lost |
-//! | lost | the task's mode: alternately from the last pose with far more uncertainty and from anywhere | it is still lost |
+//! | tracked | closest points from the last pose ([`Mode::Refine`]) | the task's mode from the last pose; if that fails, it is lost |
+//! | tracked, every thirtieth cloud | the task's mode from the last pose, since closest points may stay in a neighbouring minimum | it is lost |
+//! | lost | the task's mode, alternately from the last pose with far more uncertainty and from anywhere | it is still lost |
 //!
-//! So a cloud costs a refinement and a whole registration at most.
+//! So a cloud costs at most one refinement and one whole registration.
 //!
-//! A pose is probably right where its verdict is [`Verdict::Converged`]. One that does not continue a track, since the object was lost or
-//! has turned or moved by far, must be more probable than that: each cloud without the object is another chance for a ghost. Of poses
-//! that fit as well, such an object's is the one that is turned least from the last.
+//! A pose is probably right if its verdict is [`Verdict::Converged`]. A pose that continues no track, because the object was
+//! lost or has moved far, needs a higher probability: each cloud without the object is another chance for a ghost. Of poses
+//! that fit equally well, the one rotated least from the last is taken.
 
 use crate::covariance::Covariance;
 use crate::error::Error;
@@ -23,40 +23,40 @@ use crate::verdict::Verdict;
 use core::fmt;
 use glam::Mat3;
 
-/// Of so many clouds in a row, the pose of one is more than refined: once a second at a camera's rate.
+/// Of this many clouds in a row, one gets a whole registration: once a second at a camera's rate.
 const WHOLE_EVERY: u32 = 30;
-/// Of the last pose of a lost object: it may have turned by a right angle and moved by its own size meanwhile.
+/// Uncertainty of a lost object's last pose: it may have turned by a right angle and moved by its own size since.
 const LOST: Uncertainty = Uncertainty {
     rotation_rad: 1.5,
     along: 2.0,
     across: 2.0,
 };
 
-/// From one cloud to the next an object turns and moves by no more, radians and target radii: at a camera's rate, 900 degrees and 18 radii
-/// a second.
+/// Most by which an object turns (radians) and moves (target radii) from one cloud to the next. At a camera's rate that is 900
+/// degrees and 18 radii a second.
 const CONTINUES: [f32; 2] = [0.524, 0.6];
-/// Least probability of a pose that continues no track: on 154 rendered sequences no ghost had more than .77.
+/// Least probability of a pose that continues no track. On 154 rendered sequences, no ghost had more than .77.
 const PROBABLE: f32 = 0.8;
 
-/// What is known of an object from the clouds so far.
+/// What the clouds so far tell about an object.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Tracker {
-    /// target_from_source where it was seen last. Whoever changes the frame of the clouds to come changes it, too.
+    /// `target_from_source` when the object was last seen. Callers who change the frame of the clouds must change this as well.
     pub last: Option<Pose>,
-    /// Clouds without it since then, or so far.
+    /// Clouds without the object since then, or since the start.
     missed: u32,
-    /// Clouds in a row whose pose was refined alone.
+    /// Clouds in a row that were only refined.
     refined: u32,
 }
 
-/// What a cloud says of the object.
+/// What a cloud tells about the object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sight {
     /// It is in this cloud, as in the one before.
     Tracked,
-    /// It is in this cloud; so far no cloud had shown it, or it was lost.
+    /// It is in this cloud, but was lost or never seen before.
     Found,
-    /// It is not in this cloud, as far as one can tell.
+    /// It is not in this cloud, as far as can be told.
     Lost,
 }
 
@@ -70,19 +70,19 @@ impl fmt::Display for Sight {
     }
 }
 
-/// A cloud, registered.
+/// A registered cloud.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sighting {
-    /// What it says of the object.
+    /// What it tells about the object.
     pub sight: Sight,
-    /// Of the last registration; its pose is not to be relied on where the object is lost.
+    /// Answer of the last registration. If the object is lost, its pose is unreliable.
     pub answer: Answer,
-    /// What was done last.
+    /// Mode of the last registration.
     pub mode: Mode,
 }
 
 impl Tracker {
-    /// Of an object that no cloud has shown.
+    /// A tracker for an object that no cloud has shown.
     pub const fn new() -> Tracker {
         Tracker {
             last: None,
@@ -91,21 +91,21 @@ impl Tracker {
         }
     }
 
-    /// Where the object is, unless it is lost.
+    /// The object's pose, unless it is lost.
     fn pose(&self) -> Option<Pose> {
         self.last.filter(|_| self.missed == 0)
     }
 
-    /// Takes in a cloud that has nothing to register, such as an empty one.
+    /// Takes in a cloud with nothing to register, such as an empty one.
     pub fn miss(&mut self) {
         self.missed = self.missed.saturating_add(1);
     }
 
-    /// Registers the next cloud `[source, target]`, as [`register`] does. The task's mode is for where refinement is not enough,
-    /// its start for an object that no cloud has shown.
+    /// Registers the next cloud, `[source, target]`, as [`register`] does. The task's mode applies when refinement is not
+    /// enough, its start while no cloud has shown the object.
     ///
     /// # Errors
-    /// As [`register`]; a cloud that is refused or given up counts as one without the object.
+    /// As [`register`]; a cloud that is refused or abandoned counts as one without the object.
     pub fn follow<'c, E: From<Error>>(
         &mut self,
         registrar: &mut Registrar<'_, '_>,
@@ -157,14 +157,14 @@ impl Tracker {
         })
     }
 
-    /// Whether a pose is taken for the object's.
+    /// Whether the answer's pose is accepted as the object's.
     fn takes(&self, answer: &Answer) -> bool {
         let is_probable = |p: f32| p >= PROBABLE;
         let is_certain = answer.probability.is_none_or(is_probable);
         answer.verdict == Verdict::Converged && (is_certain || self.is_continued_by(answer))
     }
 
-    /// Whether the object is tracked, and a pose is near enough to its last one.
+    /// Whether the object is tracked and the pose is near enough to its last one.
     fn is_continued_by(&self, answer: &Answer) -> bool {
         let (Some(last), Some(found)) = (self.pose(), answer.refinement) else {
             return false;
@@ -176,7 +176,7 @@ impl Tracker {
         angle(moved.rotation) <= turn && distance <= shift * radius
     }
 
-    /// The answer with the one of the poses that fit as well that is turned least from the object's last one.
+    /// The answer, with the pose replaced by the one rotated least from the last, among those that fit as well.
     fn nearest_to_last(&self, mut answer: Answer) -> Answer {
         let (Some(last), Some(found)) = (self.last, &mut answer.refinement) else {
             return answer;
@@ -192,7 +192,7 @@ impl Tracker {
         answer
     }
 
-    /// Where the object is looked for when refinement is not enough.
+    /// Where to start when refinement is not enough.
     fn search_from(&self, first: Start) -> Start {
         match (self.last.map_or(first, Start::at), self.missed) {
             (Start::Anywhere, _) => Start::Anywhere,
@@ -217,7 +217,7 @@ mod tests {
     use crate::weights::Policy;
     use glam::Vec3;
 
-    /// A tracker at work, and the model of what it follows.
+    /// A tracker, and the model of what it follows.
     struct Following {
         tracker: Tracker,
         model: Vec<[f32; 3]>,
@@ -235,7 +235,7 @@ mod tests {
             }
         }
 
-        /// What the next cloud says.
+        /// What the next cloud tells.
         fn see(&mut self, source: &[[f32; 3]]) -> Result<Sighting, Error> {
             let policy = Policy::pretrained_compact().expect("sound");
             let mut registrar = Registrar::new(policy, &mut self.scratch);
@@ -247,7 +247,7 @@ mod tests {
             tracker.follow(&mut registrar, workspace, clouds, &task, |_| Ok(()))
         }
 
-        /// The same of the object where it is after `t`; the pose must be right.
+        /// The same for the object at time `t`; the pose must be right.
         fn see_part(&mut self, t: f32) -> (Sight, Mode) {
             let truth = pose([0.4 * t, -0.3 * t, 0.5 * t], [0.2 * t, 0.3, -0.1 * t]);
             let source = moved(&part(500, 1), truth.inverse());
@@ -258,7 +258,7 @@ mod tests {
         }
     }
 
-    /// Another thing.
+    /// Another object.
     fn ball() -> Vec<[f32; 3]> {
         let points = part(500, 7).into_iter();
         points
@@ -276,7 +276,7 @@ mod tests {
         }
         assert_eq!(following.see_part(0.6), (Sight::Tracked, Mode::Best));
         assert_eq!(following.see_part(0.7), (Sight::Tracked, Mode::Refine));
-        // Too far for closest points, in one step.
+        // Too far for closest points, in one jump.
         assert_eq!(following.see_part(4.0), (Sight::Tracked, Mode::Best));
         for _ in 0..3 {
             let seen = following.see(&ball()).expect("a cloud");
@@ -310,7 +310,7 @@ mod tests {
             lost.miss();
             assert_eq!(takes(lost), [false, true], "{last:?}");
         }
-        // Where the policy alone was asked, nothing is known but how it ended.
+        // With the policy alone, only how its steps ended is known.
         let alone = Answer {
             probability: None,
             ..seen.answer

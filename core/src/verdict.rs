@@ -1,34 +1,34 @@
-//! What can be said about a pose: from the steps that led to it, and from how the clouds fit under it.
+//! What can be said about a pose, from the steps that led to it and from how the clouds fit under it.
 
 use crate::dims::STEP_SIZES;
 use crate::evidence::Evidence;
 use crate::steps::{Action, STOP};
 use core::fmt;
 
-/// How many kinds of [`Verdict`] there are.
+/// Number of kinds of [`Verdict`].
 pub const VERDICTS: usize = Verdict::Mirrored as usize + 1;
 
 /// What can be said about a pose.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum Verdict {
-    /// The last step was "stop" on every axis: the policy sees nothing left to correct. Of a refined pose: it
-    /// fits so well that it is probably right.
+    /// The last step was "stop" on every axis: the policy sees nothing left to correct. For a refined pose: it fits so well
+    /// that it is probably right.
     Converged,
     /// The steps ran out while the policy still moved.
     StepLimit,
     /// The steps ran out while the policy went back and forth: the last step undid the one before.
     Oscillating,
-    /// The steps ran out while the policy still took the largest: the pose is farther than the steps reach.
+    /// The steps ran out while the policy still took the largest steps: the pose is farther away than the steps reach.
     OutOfRange,
     /// The clouds do not fit under the refined pose: it is probably wrong.
     PoorFit,
-    /// One cloud is several times as large as the other: inches against millimetres, perhaps. The factor is
+    /// One cloud is several times as large as the other, perhaps inches against millimetres. The factor is
     /// [`crate::polish::Refined::extents_ratio`].
     SizesDiffer,
     /// One cloud has too few distinct points for any pose to be trusted.
     TooFewPoints,
-    /// The mirror image of the source fits better: a left-hand part for a right-hand one, an axis the other way around, or a wrong
-    /// pose of a symmetric shape.
+    /// The mirror image of the source fits better: a left-hand part for a
+    /// right-hand one, a reversed axis, or a wrong pose of a symmetric shape.
     Mirrored,
 }
 
@@ -48,7 +48,7 @@ impl fmt::Display for Verdict {
 }
 
 impl Verdict {
-    /// Every one, in the order of [`crate::wire::Status::verdicts`].
+    /// All verdicts, in the order of [`crate::wire::Status::verdicts`].
     pub const ALL: [Verdict; VERDICTS] = [
         Verdict::Converged,
         Verdict::StepLimit,
@@ -60,7 +60,7 @@ impl Verdict {
         Verdict::Mirrored,
     ];
 
-    /// Of a policy, from its last two actions.
+    /// Verdict on a policy's steps, from its last two actions.
     pub(crate) fn of_actions(before: Action, last: Action) -> Verdict {
         let ids = |a: Action| a.translation.into_iter().chain(a.rotation);
         let largest = STEP_SIZES as u8 - 1;
@@ -75,7 +75,7 @@ impl Verdict {
         }
     }
 
-    /// Verdict for a refined pose, from what speaks for and against it.
+    /// Verdict on a refined pose, from the evidence for and against it.
     pub fn of_evidence(evidence: &Evidence) -> Verdict {
         if evidence.sizes_differ() {
             Verdict::SizesDiffer
@@ -91,7 +91,7 @@ impl Verdict {
     }
 }
 
-/// A probability as people read it, in percent: never rounded to certainty.
+/// A probability shown in percent, never rounded to certainty.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Percent(pub f32);
 

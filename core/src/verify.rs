@@ -1,16 +1,17 @@
-//! Comparison of a pose with others that might be right instead, and what stays open where several are.
+//! Compares a pose with others that might be right instead, and says what stays undetermined if several are.
 //!
 //! | stage | hypotheses | what |
 //! |---|---|---|
-//! | screen | the policy's pose, and around it: moved, turned; turned as symmetries of the target would; principal axes on principal axes; where that pose does not explain both clouds, also around the start, and rotations anywhere | few coarse steps on few points |
+//! | screen | around the pose at hand: shifted, turned, turned as symmetries of the target would; principal axes on principal axes; unless that pose is held on to, also around the start, and rotations anywhere | few coarse steps on few points |
 //! | sift | the best of those | more steps on more points |
-//! | pairs | where neither that nor any of these explains the source: pairs of its points with normals on pairs of the target's like them | more steps on more points |
-//! | again | the best of those, where that does not explain both, turned as symmetries of the target would | both stages |
-//! | polish | the best that differ, and the start, which is compared as it is, too | [`Refiner::polish`], briefly |
-//! | copies | the best, turned as a cube's symmetries would | the same, where they fit about as well |
-//! | nudge | the best, turned and moved a little, where it explains little | sifted, the best of them polished |
-//! | slide | the best, moved along the axes by which planes hold its place, where it does not explain both clouds well | the same |
-//! | decide | the same | loss point by point, less where the source lies beyond an edge of the target, and how probable each is under the start's uncertainty |
+//! | pairs | unless one of these explains the source or the pose at hand is held on to: pairs of its oriented points on similar pairs of the target's | more steps on more points |
+//! | again | the best of those, unless the pose at hand is held on to, turned as symmetries of the target would | both stages |
+//! | polish | the best that differ, and the start, which is also compared as it is | [`Refiner::polish`], briefly |
+//! | spin | the best, if planes leave a rotation free, turned about that axis and upside down | compared on few points, the best of them polished |
+//! | copies | the best, turned as a cube's symmetries would | the same, if they fit about as well |
+//! | nudge | the best, turned or shifted a little, if it explains little | sifted, the best of them polished |
+//! | slide | the best, shifted along the axes by which planes hold its place, if it does not explain both clouds well | the same |
+//! | decide | all polished poses | loss point by point, less where the source lies beyond an edge of the target, and the probability under the start's uncertainty |
 
 use crate::error::Error;
 use crate::loss::{COMPARED, CONTENDERS};
@@ -29,49 +30,49 @@ use search::{ENDED, Search, explains_both};
 use undetermined::lead;
 pub use undetermined::{Axis, OTHERS, Slide, Undetermined};
 
-/// Logarithm of probability that a whole point's loss stands for: far less than a point's own, since errors of neighbours
-/// are alike, and sensors, models and masks have faults that no sampling explains.
+/// Log-probability that the loss of one whole point stands for. It is far less than an independent point's, since errors of
+/// neighbours are correlated, and sensors, models and masks have faults that no sampling explains.
 const EVIDENCE: f32 = 0.014;
-/// The same of all points' loss.
+/// The same for the loss of all points.
 const ALL_LOST: f32 = EVIDENCE * 2.0 * COMPARED as f32;
-/// Mean loss of the source under a pose that explains so little of it that a start does not speak for it, and how many times a
-/// loss above that counts: where clouds overlap by a third, only what lies far from the start may explain them.
+/// Mean loss of the source above which a pose explains so little of it that a start should not favour the pose; loss above it
+/// counts `BEYOND` times. If clouds overlap by a third, only a pose far from the start may explain them.
 const HARDLY_EXPLAINED: f32 = 0.7;
 const BEYOND: f32 = 5.0;
 
-/// Poses that are compared at last, at most: the last two places for losses are for comparisons of another kind.
+/// Most poses in the final comparison. The last two places for losses serve other comparisons.
 pub const RANKED: usize = CONTENDERS - 2;
 
-/// A pose that was compared with others.
+/// Result of comparing a pose with others.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Verified {
     /// The best pose.
     pub best: Refined,
-    /// The pose at hand, polished without looking at others.
+    /// The pose at hand, polished without regard to others.
     pub polished: Refined,
-    /// Hypotheses that were tried besides.
+    /// Number of other hypotheses tried.
     pub hypotheses: usize,
-    /// How many of those that were looked at closely ended in the best pose.
+    /// How many of the sifted hypotheses ended in the best pose.
     pub support: usize,
-    /// How much less probable the next of the poses compared is, the same turned about an open axis left out: a difference of
-    /// [`Ranked::energy`]; infinite where there is none.
+    /// How much less probable the runner-up is, copies turned about an undetermined axis left out: a difference of
+    /// [`Ranked::energy`]; infinite without a runner-up.
     pub lead: f32,
-    /// What the shape leaves open.
+    /// What the shape leaves undetermined.
     pub undetermined: Undetermined,
-    /// By how much better the source's mirror image fits where the best pose matches points, in standard errors; 0 if it
-    /// does not.
+    /// How much better the source's mirror image fits, over the points that the best pose matches, in standard errors; 0 if it
+    /// does not fit better.
     pub mirror_score: f32,
-    /// The pose given out and those that it was compared with, the most probable of these first.
+    /// The pose returned, then those it was compared with, the most probable first.
     pub ranked: [Option<Ranked>; RANKED],
 }
 
-/// A pose among others.
+/// A pose in the comparison.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ranked {
     /// Plain rigid transform.
     pub target_from_source: Pose,
-    /// How improbable it is by how the clouds fit and under the start, a negative logarithm: comparable between poses of the same
-    /// clouds, from whatever start.
+    /// Negative log-probability, from how the clouds fit and from the start: comparable between poses of the same clouds,
+    /// whatever the start.
     pub energy: f32,
 }
 
@@ -79,12 +80,12 @@ pub struct Ranked {
 #[derive(Clone, Copy)]
 struct Contender {
     at: Rigid,
-    /// Less is better: loss, and how improbable it is under the start.
+    /// Negative log-probability, from the losses and under the start; lower is better.
     energy: f32,
 }
 
 impl Refiner<'_> {
-    /// Compares a pose with others and takes the most probable, by fit and by the start.
+    /// Compares a pose with others and returns the most probable, by fit and by the start.
     ///
     /// # Errors
     /// [`Error::BadPose`] for a pose that is not rigid.
@@ -92,7 +93,7 @@ impl Refiner<'_> {
         self.verify_while(pose, start, || Ok(()))
     }
 
-    /// As [`Self::verify`], asking before every hypothesis whether to go on.
+    /// As [`Self::verify`], but asks `go_on` before every hypothesis.
     ///
     /// # Errors
     /// As [`Self::verify`], and whatever `go_on` returns.
@@ -152,7 +153,7 @@ impl Refiner<'_> {
         })
     }
 
-    /// How improbable a pose is ([`Ranked::energy`]).
+    /// Negative log-probability of a pose ([`Ranked::energy`]).
     ///
     /// # Errors
     /// [`Error::BadPose`] for a pose or a start that is not rigid.
@@ -179,7 +180,7 @@ impl Refiner<'_> {
         })
     }
 
-    /// The contenders as poses: the best, as it was found, and the others, the most probable first.
+    /// The contenders as poses: the best, in its final form, then the others, the most probable first.
     fn ranked(
         &self,
         best: usize,
@@ -198,7 +199,7 @@ impl Refiner<'_> {
             ranked.swap(0, best);
         }
         if let Some(others) = ranked.get_mut(1..) {
-            // Few of them: those of the same energy stay in their order.
+            // A bubble sort, as there are few: those of equal energy keep their order.
             let others = Cell::from_mut(others).as_slice_of_cells();
             for [a, b] in others.iter().flat_map(|_| others.array_windows()) {
                 if energy(&a.get()).total_cmp(&energy(&b.get())).is_gt() {
@@ -209,14 +210,14 @@ impl Refiner<'_> {
         ranked
     }
 
-    /// Keeps the losses under a pose, point by point; their sum, and the mean of the source's.
+    /// Keeps the losses under a pose, point by point; returns their sum and the source's mean loss.
     fn keep_losses(&mut self, contender: usize, at: Rigid) -> [f32; 2] {
         self.match_both(at, COMPARED);
         self.keep_matched_losses(contender, at)
     }
 }
 
-/// How improbable a pose is by the loss of the points of both clouds and the mean loss of the source's, and under the start.
+/// Negative log-probability, from both clouds' summed loss, the source's mean loss, and the surprise under the start.
 fn energy([loss, source]: [f32; 2], surprise: f32) -> f32 {
     let beyond = (source - HARDLY_EXPLAINED).max(0.0) * 2.0 * COMPARED as f32;
     EVIDENCE * (loss + (BEYOND - 1.0) * beyond) + surprise

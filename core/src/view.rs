@@ -3,11 +3,11 @@
 use crate::pose::Pose;
 use glam::Vec3;
 
-/// How a stored cloud is seen: `x' = R (x - origin) + t`. A pose and a normalisation are one such
-/// map, so no transformed copy of a cloud is ever stored.
+/// An affine map `x' = R (x - origin) + t` under which a stored cloud is seen. It covers both a pose and a normalisation, so no
+/// transformed copy of a cloud is ever stored.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct View {
-    /// Point that becomes the translation; the cloud's centroid in the disentangled form.
+    /// Point that maps to the translation; the cloud's centroid in the disentangled form.
     pub origin: Vec3,
     /// Rotation (times a scale) and translation.
     pub map: Pose,

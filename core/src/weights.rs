@@ -7,7 +7,7 @@
 //! | 0 | `[u8; 4]` | magic `RGNT` |
 //! | 4 | u16 | format version, 1 |
 //! | 6 | u16 | number format: 0 = f32, 1 = int8 |
-//! | 8 | u32 | length of the whole file, check sum included |
+//! | 8 | u32 | length of the whole file, checksum included |
 //! | 12 | u32 | layers, 9 |
 //! | 16 | `[u16; 8]` | network shape, in the paper 64, 128, 1024 (embedding), 512, 256 (head), 33 (logits); decision ([`Decision`]: 0 = most likely, 1 = nearest to the mean, 2 = both ways) in the low 4 bits of the low byte, steps from one choice of the target's points to the next ([`Sight::focus`]; 0 = all, always) in its high 4, in the high byte how far from the model points are looked at ([`Cut`], sixteenths of its radius; 0 = anywhere); steps from one look at all points to the next ([`Policy::rescan`]; 0 = 1) |
 //! | 32 | 9 x 16 bytes | layer table: inputs, outputs, weight offset, bias offset, u32 each |
@@ -15,9 +15,9 @@
 //! | length - 4 | u32 | CRC-32 (ISO-HDLC) of everything before |
 //!
 //! Layers: embedding 1, 2, 3; translation head 1, 2, policy; rotation head 1, 2, policy. A weight
-//! matrix is stored in panels of [`crate::dims::PANEL`] outputs, `[outputs / PANEL][inputs][PANEL]`, outputs
-//! padded with zeros to whole panels: every kernel reads it in order, and lanes are outputs.
-//! Biases are padded likewise. Number format 1 is described in [`crate::quant`].
+//! matrix is stored in panels of [`crate::dims::PANEL`] outputs, `[outputs / PANEL][inputs][PANEL]`,
+//! with the outputs padded with zeros to whole panels: every kernel reads it in order, one output to
+//! a lane. Biases are padded likewise. Number format 1 is described in [`crate::quant`].
 
 use crate::cut::Cut;
 use crate::decision::Decision;
@@ -39,13 +39,13 @@ pub const VERSION: u16 = 1;
 pub const FORMAT_F32: u16 = 0;
 /// Number format of 8-bit integer payloads ([`crate::quant`]).
 pub const FORMAT_INT8: u16 = 1;
-/// Where the header says how to decide.
+/// Offset of the decision in the header.
 pub const DECISION_AT: usize = 28;
-/// Above the decision, in the same byte, stands how often the target's points are chosen: from this bit on.
+/// First bit of [`Sight::focus`] in the byte of the decision.
 pub const FOCUS_SHIFT: u32 = 4;
-/// Where the header says how far from the model points are looked at.
+/// Offset of the [`Cut`] in the header.
 pub const CUT_AT: usize = 29;
-/// Where the header says how often to look at all points.
+/// Offset of [`Policy::rescan`] in the header.
 pub const RESCAN_AT: usize = 30;
 /// Bytes before the layer table.
 pub const HEADER: usize = 32;
@@ -53,10 +53,10 @@ pub const HEADER: usize = 32;
 pub const TABLE_ROW: usize = 16;
 /// Boundary on which every array starts.
 pub const ARRAY_ALIGN: usize = 64;
-/// Where the arrays of each layer start, `(weight offset, bias offset)` in bytes.
+/// Where each layer's arrays start: `(weight offset, bias offset)` in bytes.
 pub type Offsets = [(usize, usize); LAYERS];
 
-/// Where the arrays of each layer of a file start, in either number format.
+/// Where each layer's arrays start in a file of a number format.
 pub const fn offsets(shape: &Shape, format: u16) -> Offsets {
     layout(shape, format).0
 }
@@ -95,23 +95,23 @@ pub type Network<'a> = Numbers<FloatNetwork<'a>, QuantNetwork<'a>>;
 /// A checked view of a policy file.
 #[derive(Clone, Copy, Debug)]
 pub struct Policy<'a> {
-    /// The file's check sum: a registration goes on only with the policy that it was started with.
+    /// The file's checksum. A registration goes on only with the policy that it was started with.
     pub checksum: u32,
-    /// Its widths.
+    /// Widths of the network.
     pub shape: Shape,
-    /// How steps follow from its logits.
+    /// How steps follow from logits.
     pub decision: Decision,
-    /// Steps from one look at all points of the source to the next; the steps in between look at its critical points
-    /// only, those by which the feature of the last look came about. 1, as in the paper: every step looks at all.
+    /// Steps from one look at all points of the source to the next. Steps in between look only at the critical points, which
+    /// made the feature of the last full look. With 1, as in the paper, every step looks at all.
     pub rescan: u16,
-    /// What is looked at of both clouds. Who knows the start's error better than the file may state it here.
+    /// Which points of both clouds are looked at. Callers who know the start's error better than the file may set it here.
     pub sight: Sight,
     /// The network.
     pub network: Network<'a>,
 }
 
 impl<'a> Policy<'a> {
-    /// The network where its numbers are f32.
+    /// The network, if its numbers are f32.
     pub fn f32(&self) -> Option<&FloatNetwork<'a>> {
         match &self.network {
             Numbers::F32(network) => Some(network),
@@ -119,13 +119,13 @@ impl<'a> Policy<'a> {
         }
     }
 
-    /// Whether the step after so many looks at all points of the source.
+    /// Whether the step after `steps` steps looks at all points of the source.
     pub fn sees_all(&self, steps: usize) -> bool {
         steps.is_multiple_of(usize::from(self.rescan.max(1)))
     }
 
-    /// Tiles of memory with which the last layer of the embedding in f32 takes about 60 % of its time on this machine: see
-    /// [`Policy::with_packed`]. `None` where nothing would be gained.
+    /// Tiles of memory that cut the time of the embedding's last layer in f32 to about 60 % on this machine (see
+    /// [`Policy::with_packed`]); `None` if packing gains nothing.
     pub fn packed_tiles(&self) -> Option<usize> {
         let [_, _, last] = &self.f32()?.embedding.layers;
         PackedDense::tiles(Isa::best(), last)
@@ -139,8 +139,8 @@ impl<'a> Policy<'a> {
         }
     }
 
-    /// The policy with the memory that [`Policy::pack`] has filled; as it was where that has another
-    /// length. Results differ by rounding only, as between any two kernels of f32.
+    /// The policy with memory that [`Policy::pack`] has filled; unchanged if the memory has another length. Results differ by
+    /// rounding only, as between any two kernels of f32.
     pub fn with_packed(mut self, packed: &'a [Tile]) -> Self {
         if let Numbers::F32(FloatNetwork { embedding, .. }) = &mut self.network {
             let [_, _, last] = &embedding.layers;
@@ -149,7 +149,7 @@ impl<'a> Policy<'a> {
         self
     }
 
-    /// Checks every byte of a policy file once: header, layer table, check sum, finite weights.
+    /// Checks every byte of a policy file once: header, layer table, checksum, finite weights.
     ///
     /// # Errors
     /// The `Weights…` variants of [`Error`]; any flipped bit or cut gives one.
@@ -157,7 +157,7 @@ impl<'a> Policy<'a> {
         Self::parse_and::<true>(bytes)
     }
 
-    /// The same of bytes that it accepted before: neither the check sum nor the weights are looked at again.
+    /// As [`Policy::parse`], for bytes that it accepted before: checks neither the checksum nor the weights again.
     ///
     /// # Errors
     /// As [`Policy::parse`], for bytes of another length or layout.
@@ -165,7 +165,7 @@ impl<'a> Policy<'a> {
         Self::parse_and::<false>(bytes)
     }
 
-    // A function of its own costs microcontrollers 640 bytes.
+    // One function for both: a second one would cost microcontrollers 640 bytes.
     #[inline(always)]
     fn parse_and<const CHECK: bool>(bytes: &'a [u8]) -> Result<Self, Error> {
         let field = |at: usize| -> Option<u32> {
@@ -273,9 +273,9 @@ impl<'a> Policy<'a> {
     }
 }
 
-/// The file's CRC-32 (ISO-HDLC, the one of zip and Ethernet).
+/// CRC-32 of a file's body (ISO-HDLC, as in zip and Ethernet).
 pub fn checksum(body: &[u8]) -> u32 {
-    /// Sixteen bytes at a time where 16 KiB of tables are no matter.
+    /// Sixteen bytes at a time where there is room for 16 KiB of tables.
     #[cfg(not(target_os = "none"))]
     type Tables = crc::Table<16>;
     #[cfg(target_os = "none")]

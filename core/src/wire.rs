@@ -12,7 +12,7 @@
 //! | 3 | [`RefineReply`] | its reply |
 //! | 4 | [`Refusal`] | its error reply |
 //! | 5 | [`Status`] | `…/robot/<id>/status`, published and answered |
-//! | 6 | [`Message::Ask`] | serial line: how is the board, answered by a status and a [`Board`] |
+//! | 6 | [`Message::Ask`] | serial line: asks how the board is, answered by a status and a [`Board`] |
 //! | 7 | [`Board`] | serial line: what the board has and uses |
 //! | 8 | [`StepTaken`] | serial line: after each step, before the reply |
 //! | 9 | [`Chunk`] | serial line: a part of the policy whose manifest came before, answered by a status |
@@ -21,14 +21,14 @@
 //!
 //! | version | requests have since | replies have since |
 //! |---|---|---|
-//! | 3 | time budgets, modes, clients, clouds on a grid ([`crate::grid`]) | what goes with them, as the status has |
-//! | 4 | view points, starts from anywhere | how the clouds fit, what their shape leaves open |
+//! | 3 | time budgets, modes, clients, clouds on a grid ([`crate::grid`]) | the fields that go with them, also in the status |
+//! | 4 | view points, starts from anywhere | how the clouds fit, what their shape leaves undetermined |
 //! | 5 | | the pose's covariance |
 //! | 6 | | shares of the points that were left out |
 //! | 7 | what was seen besides the source | |
-//! | 8 | | the direction along which the place is open |
+//! | 8 | | the direction along which the translation is undetermined |
 //!
-//! Manifests, which are kept under their signature, have a version of their own; its version 4 brought the epoch.
+//! Manifests are stored under their signature and have a version of their own; its version 4 brought the epoch.
 //!
 //! The signature itself is checked by whoever holds the keys, not here.
 
@@ -56,23 +56,23 @@ use crate::dims::MAX_POINTS;
 use crate::error::Error;
 use serde::{Deserialize, Serialize};
 
-/// Version of the frames; the first byte of each but a manifest.
+/// Version of the frames: the first byte of each frame but a manifest.
 pub const VERSION: u8 = 9;
-/// Version of manifests, signed or not; the first byte of each. Robots keep them over updates of themselves.
+/// Version of manifests, signed or not: the first byte of each. Robots keep manifests when they themselves are updated.
 pub const MANIFEST_VERSION: u8 = 4;
-/// Most bytes of one policy chunk.
+/// Most bytes in one [`Chunk`] of a policy file.
 pub const CHUNK_BYTES: usize = 32 * 1024;
-/// Most bytes of every frame but a refine request, a chunk and a trace.
+/// Most bytes of any frame but a refine request, a chunk and a trace.
 pub const SMALL_FRAME_BYTES: usize = 512;
-/// Bytes of a refine request beside the points' own: version, kind, numbers, pose, grids, lengths.
+/// Most bytes of a refine request besides the points: version, kind, numbers, pose, grids, lengths.
 pub const REQUEST_OVERHEAD_BYTES: usize = 160;
-/// Bytes before the policy file in a board's flash: length of the manifest's frame (u32, little-endian),
-/// the frame, and whatever is left.
+/// Bytes before the policy file in a board's flash: length of the
+/// manifest's frame (u32, little-endian), the frame, then unused bytes.
 pub const FLASH_HEADER_BYTES: usize = 512;
-/// Most bytes of a refine request that can be served.
+/// Most bytes of a refine request that a robot can serve.
 pub const REQUEST_BYTES: usize = REQUEST_OVERHEAD_BYTES + 3 * MAX_POINTS * cloud::POINT_BYTES;
 
-/// Everything that can be in a frame.
+/// The content of a frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Message<'a> {
     /// What a policy file is; signed as these bytes.
@@ -88,7 +88,7 @@ pub enum Message<'a> {
     Refusal(Refusal),
     /// How a robot is doing.
     Status(Status),
-    /// How is the board?
+    /// Asks how the board is.
     Ask,
     /// What a board has and uses.
     Board(Board),
@@ -98,16 +98,15 @@ pub enum Message<'a> {
     Chunk(Chunk<'a>),
     /// What a registration did.
     Trace(Trace<'a>),
-    /// Nobody waits for an answer any more.
+    /// Nobody waits for the answer any more.
     Cancel(Cancel),
 }
 
 /// Writes a frame to the front of `buffer` and returns it.
 ///
-/// # Errors
-/// [`Error::FrameBuffer`] if it does not fit: [`SMALL_FRAME_BYTES`] hold every message but a request,
-/// which takes [`REQUEST_OVERHEAD_BYTES`] and 12 bytes a point (6 on a grid), a chunk, and a trace, which takes
-/// [`SMALL_FRAME_BYTES`], its request and [`STEP_BYTES`] a step.
+/// [`Error::FrameBuffer`] if it does not fit. [`SMALL_FRAME_BYTES`] hold every message except: a request, which takes
+/// [`REQUEST_OVERHEAD_BYTES`] and 12 bytes a point (6 on a grid); a chunk; and a trace, which takes [`SMALL_FRAME_BYTES`], its
+/// request and [`STEP_BYTES`] a step.
 pub fn encode<'b>(message: &Message<'_>, buffer: &'b mut [u8]) -> Result<&'b [u8], Error> {
     let [version, body @ ..] = &mut *buffer else {
         return Err(Error::FrameBuffer);
@@ -122,7 +121,7 @@ pub fn encode<'b>(message: &Message<'_>, buffer: &'b mut [u8]) -> Result<&'b [u8
     buffer.get(..=length).ok_or(Error::FrameBuffer)
 }
 
-/// Reads the frame that `bytes` are; clouds and signed bytes stay where they are.
+/// Decodes `bytes` as one frame; clouds and signed bytes are borrowed from it.
 ///
 /// # Errors
 /// [`Error::FrameVersion`] for another version, [`Error::Frame`] for anything else that is not

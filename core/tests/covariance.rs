@@ -1,5 +1,5 @@
-//! The covariance of a refined pose: errors are as large as it says. The mean of the normalised error squared is 6 where it
-//! is right; 1.5 to 8 is asked for, of the same points seen twice and of independent samples.
+//! The covariance of a refined pose: errors are as large as it says. The mean of the normalised squared error would be 6 for an
+//! exact covariance; 1.5 to 8 is required, for the same points seen twice and for independent samples.
 
 use glam::Quat;
 use nalgebra::{Matrix6, Vector6};
@@ -10,7 +10,7 @@ use reagent_core::pose::rotation_from_euler;
 
 type Points = Vec<[f32; 3]>;
 
-/// Squared error in units of the covariance: the number of dimensions, 6, in the mean where it is right.
+/// Squared error in units of the covariance; its mean is the number of dimensions, 6, for an exact covariance.
 fn normalised_error_squared(truth: Pose, estimate: Pose, covariance: &Covariance) -> f64 {
     let error = truth.after(estimate.inverse());
     let turn = Quat::from_mat3(&error.rotation).to_scaled_axis();
@@ -22,7 +22,7 @@ fn normalised_error_squared(truth: Pose, estimate: Pose, covariance: &Covariance
     (e.transpose() * inverse * e)[0]
 }
 
-/// Numbers from -1 to 1.
+/// Pseudo-random numbers from -1 to 1.
 struct Numbers(u32);
 
 impl Numbers {
@@ -31,7 +31,7 @@ impl Numbers {
         (self.0 >> 8) as f32 / (1 << 23) as f32 - 1.0
     }
 
-    /// Nearly Gaussian, of standard deviation 1.
+    /// Nearly Gaussian, with standard deviation 1.
     fn noise(&mut self) -> f32 {
         (0..12).map(|_| 0.5 * self.next()).sum()
     }
@@ -41,7 +41,7 @@ impl Numbers {
     }
 }
 
-/// A point of one of three shapes, within about a radius: a box with a knob, an ellipsoid with a flat side, a bracket.
+/// A point on one of three shapes with a radius of about 1: a box with a knob, an ellipsoid with a flat side, a bracket.
 fn on(shape: u32, numbers: &mut Numbers, i: usize) -> [f32; 3] {
     let [x, y, z] = numbers.point();
     match shape {
@@ -73,7 +73,7 @@ fn on(shape: u32, numbers: &mut Numbers, i: usize) -> [f32; 3] {
     }
 }
 
-/// The mean over pairs of a thousand points, in a unit, with noise of a standard deviation in that of a radius.
+/// Mean over pairs of clouds of a thousand points, in some unit, with noise of this standard deviation in radii.
 fn mean(unit: f32, deviation: f32, same_points: bool) -> f64 {
     const PAIRS: u32 = 60;
     let mut workspace = Box::new(Workspace::new());

@@ -14,7 +14,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-// Most poses that are named as fitting equally well.
+// Most poses that an answer lists as fitting equally well.
 #define REAGENT_OTHERS 5
 
 #if !defined(__arm__)
@@ -30,13 +30,13 @@
 // Words of a ReagentModel.
 #define REAGENT_MODEL_WORDS 14500
 
-// Version of this header: changes with incompatible calls.
+// Major version of this header: changes with incompatible calls.
 #define REAGENT_VERSION_MAJOR 0
 
-// Version of this header: changes with new calls (with incompatible ones, too, before 1.0.0).
+// Minor version of this header: changes with new calls, and before 1.0.0 with incompatible ones.
 #define REAGENT_VERSION_MINOR 1
 
-// Version of this header: changes with nothing that a caller sees.
+// Patch version of this header: changes with nothing that a caller sees.
 #define REAGENT_VERSION_PATCH 0
 
 // Version of this header as one number, to compare with reagent_version.
@@ -45,8 +45,8 @@
 // Words of a ReagentWorkspace.
 #define REAGENT_WORKSPACE_WORDS 30200
 
-// What came of a call; reagent_status_text has a sentence for each. Whatever is not OK has changed nothing but, of reagent_prepare,
-// the model, which is not prepared then.
+// Outcome of a call; reagent_status_text has a sentence for each. A call that is not OK changed nothing, except that
+// reagent_prepare leaves the model unprepared.
 typedef enum {
   // Done.
   REAGENT_STATUS_OK = 0,
@@ -64,21 +64,21 @@ typedef enum {
   REAGENT_STATUS_TOO_MANY_POINTS = 6,
   // A coordinate of the source, of the only cloud of the call, of a grid or of an origin is NaN, infinite or beyond 1e12.
   REAGENT_STATUS_NOT_FINITE = 7,
-  // All points of a cloud coincide, or those of the target nearly.
+  // All points of a cloud coincide, or the target's points nearly do.
   REAGENT_STATUS_NO_EXTENT = 8,
   // The initial pose is not a rigid transform, or its translation is beyond 1e12.
   REAGENT_STATUS_BAD_POSE = 9,
-  // The weights are cut, or bytes follow their end.
+  // The weights are cut short, or bytes follow their end.
   REAGENT_STATUS_WEIGHTS_LENGTH = 10,
-  // The bytes are no weight file.
+  // The bytes are not a weight file.
   REAGENT_STATUS_WEIGHTS_MAGIC = 11,
-  // The weight file is of a version, number format or shape that this library does not run.
+  // The weight file has a version, number format or shape that this library does not run.
   REAGENT_STATUS_WEIGHTS_FORMAT = 12,
   // The weights are damaged.
   REAGENT_STATUS_WEIGHTS_DAMAGED = 13,
   // The weights do not start on a 4-byte boundary.
   REAGENT_STATUS_WEIGHTS_ALIGNMENT = 14,
-  // Anything else.
+  // Any other error.
   REAGENT_STATUS_OTHER = 15,
   // The target has no points.
   REAGENT_STATUS_TARGET_EMPTY = 16,
@@ -104,42 +104,42 @@ typedef enum {
 
 // What can be said about a pose.
 typedef enum {
-  // It fits so well that it is probably right; of the policy's steps alone: the policy saw nothing left to correct.
+  // The clouds fit so well that the pose is probably right; without refinement: the policy saw nothing left to correct.
   REAGENT_VERDICT_CONVERGED = 0,
   // The steps ran out while the policy still moved, or nothing was done.
   REAGENT_VERDICT_STEP_LIMIT = 1,
   // The steps ran out while the policy went back and forth.
   REAGENT_VERDICT_OSCILLATING = 2,
-  // The steps ran out while the policy still took the largest: the pose is farther than the steps reach.
+  // The steps ran out while the policy still took the largest steps: the pose is farther away than the steps reach.
   REAGENT_VERDICT_OUT_OF_RANGE = 3,
   // The clouds do not fit: the pose is probably wrong.
   REAGENT_VERDICT_POOR_FIT = 4,
-  // One cloud is several times as large as the other, by extents_ratio: inches against millimetres, perhaps.
+  // One cloud is several times as large as the other, by extents_ratio; perhaps inches against millimetres.
   REAGENT_VERDICT_SIZES_DIFFER = 5,
   // One cloud has too few distinct points for any pose to be trusted.
   REAGENT_VERDICT_TOO_FEW_POINTS = 6,
-  // The mirror image of the source fits better: a left-hand part for a right-hand one, an axis the other way around, or a
-  // wrong pose of a symmetric shape.
+  // The mirror image of the source fits better: a left-hand part for a
+  // right-hand one, a reversed axis, or a wrong pose of a symmetric shape.
   REAGENT_VERDICT_MIRRORED = 7,
 } ReagentVerdict;
 
-// What is done with a start.
+// How much work a registration does.
 typedef enum {
   // The policy's steps alone, as the paper has it.
   REAGENT_MODE_FAST = 0,
   // The policy's steps, then a few robust steps of closest points.
   REAGENT_MODE_POLISH = 1,
-  // The same, compared with some four hundred other poses: the best is taken, by how it fits and by how near to the start it is.
-  // That takes some six times as long.
+  // As POLISH, then a comparison with some four hundred other poses. The best is taken, judged by its fit and its distance
+  // from the start. This takes some six times as long.
   REAGENT_MODE_VERIFY = 2,
   // A few robust steps of closest points from the start, without the policy: for tracking.
   REAGENT_MODE_REFINE = 3,
 } ReagentMode;
 
-// Where the codes of a cloud lie in space: code c of an axis stands for the coordinate origin + c * step.
-// A cloud of codes takes half the memory of one of floats.
+// Where the codes of a cloud lie in space: code c on an axis stands for the coordinate origin + c * step. A cloud of codes
+// takes half the memory of a cloud of floats.
 typedef struct {
-  // Point of the codes 0, 0, 0.
+  // Point of the codes (0, 0, 0).
   float origin[3];
   // Distance between neighbouring codes, the same along every axis.
   float step;
@@ -151,114 +151,114 @@ typedef struct {
   float rows[3][4];
 } ReagentPose;
 
-// Memory of one registrar: the caller's, of any content, where it likes. It must not be moved or
-// copied between calls.
+// Memory of one registrar, provided by the caller, with any content. It must not be moved or copied between calls.
 typedef struct {
   uint64_t words[REAGENT_MEMORY_WORDS];
 } ReagentMemory;
 
-// A target made ready by reagent_prepare. It may be moved and copied, and any number of registrations may use it at a time.
+// A target prepared by reagent_prepare. It may be moved and copied, and any number of registrations may use it at a time.
 typedef struct {
   uint64_t words[REAGENT_MODEL_WORDS];
 } ReagentModel;
 
-// Memory of reagent_register, reagent_refine and reagent_prepare: the caller's, of any content, for as long as the call.
+// Memory for one call of reagent_register, reagent_refine or reagent_prepare, provided by the caller, with any content.
 typedef struct {
   uint64_t words[REAGENT_WORKSPACE_WORDS];
 } ReagentWorkspace;
 
-// What to do with two clouds: reagent_task makes one, and what is to be different is set in it.
+// What to do with two clouds: reagent_task makes a default one, in which fields may be changed.
 typedef struct {
   // A ReagentMode.
   int32_t mode;
-  // The policy's steps at most; 10 in the paper.
+  // Most steps of the policy; 10 in the paper.
   uint32_t steps;
-  // An estimate of the pose to find.
+  // An estimate of the pose.
   ReagentPose start;
-  // Unless 0: any rotation is as probable as that of the estimate.
+  // If not 0, all rotations are as probable as the estimate's.
   uint32_t anywhere;
-  // Standard deviation of the estimate's rotation about the object's centre, radians.
+  // Standard deviation of the estimate's rotation about the object's centre, in radians.
   float rotation_rad;
-  // Standard deviation of the object's centre along the viewing axis, target radii.
+  // Standard deviation of the object's centre along the viewing axis, in target radii.
   float along;
-  // The same across it. Where no view point is known the larger of both holds everywhere.
+  // The same across the axis. Without a view point, the larger of the two holds in all directions.
   float across;
-  // Where the sensor stood, x, y and z in the source's frame and unit, if the source is a view from one point; else null.
+  // Where the sensor stood: x, y and z in the source's frame and unit, if the source is a view from one point; else null.
   const float *view_point;
-  // What it saw besides the source, such as the other pixels of a depth image: x, y and z of each point, in the source's frame
-  // and unit. What would stand before that counts against a pose, too. Points that are NaN or infinite are left out. Null if it is not
-  // known; left aside without a view point.
+  // What the sensor saw besides the source, such as the other pixels of a depth image: x, y and z of each point, in the
+  // source's frame and unit. What would stand in front of it counts against a pose as well. NaN and infinite points are
+  // ignored. Null if unknown; ignored without a view point.
   const float *background;
-  // How many points that are, at most 4096: pixels spread around the object are enough.
+  // Number of these points, at most 4096: pixels spread around the object are enough.
   size_t background_points;
-  // The target, made ready by reagent_prepare; null if it is not. One of another target is left aside.
+  // The target, prepared by reagent_prepare; null if it is not. A model of another target is ignored.
   const ReagentModel *model;
 } ReagentTask;
 
-// The pose, and what can be said about it. All but pose, verdict and steps is of a refined pose, and 0 in mode FAST.
+// The pose, and what can be said about it. All but pose, verdict and steps describe a refined pose; in mode FAST they are 0.
 typedef struct {
   // The pose.
   ReagentPose target_from_source;
   // What can be said about it.
   ReagentVerdict verdict;
-  // The policy's steps that were taken.
+  // Number of steps that the policy took.
   uint32_t steps;
   // Whether the pose was refined.
   bool refined;
-  // How likely the pose is within 5 degrees and .05 target radii of the right one, up to what is undetermined.
+  // Probability that the pose is within 5 degrees and .05 target radii of the right one, up to what is undetermined.
   float probability;
   // Share of the source's points that lie on the target's surface.
   float overlap;
-  // Root of the mean squared distance of those from it, in the clouds' unit.
+  // RMS distance of those points from it, in the clouds' unit.
   float inlier_rmse;
   // Size of the source over that of the target.
   float extents_ratio;
-  // Points that differ from all others, in the cloud with fewer of them.
+  // Distinct points of the cloud that has fewer of them.
   uint32_t distinct_points;
-  // Shares of the source's and of the target's points that were left out, since they lie far from all others.
+  // Shares of the source's and of the target's points left out because they lie far from all others.
   float left_out[2];
-  // Whether the clouds fit as well turned about an axis. Mode VERIFY alone looks: in the others it is false whatever the shape.
+  // Whether the clouds fit as well turned about an axis. Only mode VERIFY looks for it: in other modes it is always false.
   bool axis_is_open;
   // A point of the axis, in the target's frame and unit.
   float axis_point[3];
-  // Unit vector along it.
+  // Unit vector along the axis.
   float axis_direction[3];
-  // Least and largest turn about it that fit as well, radians, by the right hand: the first is not positive, the second not
-  // negative.
+  // Smallest (not positive) and largest (not negative) right-handed turn about it at which they fit as well, in radians.
   float axis_range_rad[2];
-  // Whether the clouds fit as well moved along a direction. Mode VERIFY alone looks: in the others it is false whatever the shape.
+  // Whether the clouds fit as well shifted along a direction. Only
+  // mode VERIFY looks for it: in other modes it is always false.
   bool slide_is_open;
-  // Unit vector along it, in the target's frame.
+  // Unit vector along that direction, in the target's frame.
   float slide_direction[3];
-  // Least and largest shift along it that fit as well, in the target's unit: the first is not positive, the second not negative.
+  // Smallest (not positive) and largest (not negative) shift along it that fit as well, in the target's unit.
   float slide_range[2];
-  // How many other poses fit as well. Mode VERIFY alone looks: in the others there are 0 whatever the shape.
+  // How many other poses fit as well. Only mode VERIFY looks for them: in the other modes it is always 0.
   uint32_t others;
-  // Those.
+  // The other poses.
   ReagentPose other_poses[REAGENT_OTHERS];
-  // Covariance of the pose's error if it is right: of a rotation vector in radians, then of a translation in the clouds' unit,
-  // both along the target's axes. Where x is where the pose puts a point, the truth puts it at
-  // c + exp(rotation) (x - c) + translation.
+  // Covariance of the pose's error if it is the right pose: of a rotation vector in radians,
+  // then of a translation in the clouds' unit, both along the target's axes. A point that
+  // the pose puts at x, the truth puts at c + exp(rotation) (x - c) + translation.
   float covariance[6][6];
   // The point c: the target's centroid.
   float covariance_about[3];
 } ReagentAnswer;
 
-// One step of a registration: ids 0 to 10 of the step table for x, y and z; 5 is "stop".
+// One step of a registration: ids into the step table, 0 to 10, for x, y and z; 5 is "stop".
 typedef struct {
-  // Along the axes.
+  // Ids along the axes.
   uint8_t translation[3];
-  // About the axes.
+  // Ids about the axes.
   uint8_t rotation[3];
 } ReagentStep;
 
-// Where a registration is.
+// State of a registration.
 typedef struct {
   // The pose so far.
   ReagentPose target_from_source;
   // Steps taken.
   uint32_t steps;
-  // Further steps change nothing: the last was "stop" on every axis, in all the ways in which the policy looks.
+  // Whether further steps would change nothing: the last was "stop"
+  // on every axis, in all the ways in which the policy looks.
   bool converged;
 } ReagentResult;
 
@@ -266,74 +266,73 @@ typedef struct {
 extern "C" {
 #endif // __cplusplus
 
-// Puts a cloud's points in order in place, neighbours one after the other: on a microcontroller a registration of clouds in order
-// takes half of the instructions. The model once is enough; a cloud on a grid before it is encoded.
-// At most 4096 points. NaN stays in the cloud, which is refused later.
+// Reorders a cloud in place so that neighbours follow each other: on a microcontroller, registering ordered clouds takes half
+// the instructions. Order the model once, and a cloud on a grid before it is encoded. At most 4096 points. NaN stays in the
+// cloud, which is refused later.
 //
 // # Safety
 // `xyz` points to 3 * `points` floats.
 ReagentStatus reagent_put_in_order(float *xyz,
                                    size_t points);
 
-// The finest grid whose codes cover the cloud: each coordinate comes back within about half of its step, which
-// is 1/65534 of the longest side of the cloud's box.
+// Finds the finest grid whose codes cover the cloud. Each coordinate comes back within about half its step, which is 1/65534
+// of the longest side of the cloud's box.
 //
 // # Safety
-// `xyz` points to 3 * `points` floats, `grid` to where the grid is to be put.
+// `xyz` points to 3 * `points` floats, `grid` to room for a grid.
 ReagentStatus reagent_grid_of(const float *xyz,
                               size_t points,
                               ReagentGrid *grid);
 
-// Puts a cloud on a grid: the nearest codes of each point, `points` times three; beyond the grid its edge. The grid's
-// step is positive.
+// Puts a cloud on a grid: writes the nearest codes of each point, `points` times three; points beyond the grid get its edge.
+// The grid's step must be positive.
 //
 // # Safety
-// `grid` points to a grid; `xyz` to 3 * `points` floats; `codes` to where as many codes are to be put, elsewhere.
+// `grid` points to a grid, `xyz` to 3 * `points` floats, and `codes` to room for as many codes, elsewhere.
 ReagentStatus reagent_encode(const ReagentGrid *grid,
                              const float *xyz,
                              size_t points,
                              int16_t *codes);
 
-// Takes an origin off a cloud of doubles, so that floats keep its digits: the origin is the median of some points, `near`
-// becomes `points` times x, y and z relative to it, at most 4096. Each cloud has its own; poses between such clouds are brought back by
-// reagent_far_pose.
+// Subtracts an origin from a cloud of doubles, so that floats keep its digits. The origin is the median of some points; `near`
+// receives `points` times x, y and z relative to it, at most 4096 points. Each cloud has its own origin; reagent_far_pose
+// converts poses between such clouds back.
 //
 // # Safety
-// `xyz` points to 3 * `points` doubles, `origin` to where three are to be put, `near` to where 3 * `points` floats are.
+// `xyz` points to 3 * `points` doubles, `origin` to room for three, `near` to room for 3 * `points` floats.
 ReagentStatus reagent_take_origin_off(const double *xyz,
                                       size_t points,
                                       double *origin,
                                       float *near);
 
-// The pose between the doubles' own coordinates, rows of [R | t], from that between clouds whose origins were taken off.
+// Converts a pose between clouds whose origins were subtracted to one between the original doubles, as rows of [R | t].
 //
 // # Safety
-// `near` points to a pose, each origin to three doubles, `rows` to where twelve are to be put.
+// `near` points to a pose, each origin to three doubles, `rows` to room for twelve.
 ReagentStatus reagent_far_pose(const ReagentPose *near,
                                const double *source_origin,
                                const double *target_origin,
                                double *rows);
 
-// The other way around: a start for ReagentTask from a pose between the doubles' own coordinates.
+// The inverse of reagent_far_pose: gives a start for ReagentTask from a pose between the original doubles.
 //
 // # Safety
-// `rows` points to twelve doubles, each origin to three, `near` to where the pose is to be put.
+// `rows` points to twelve doubles, each origin to three, `near` to room for a pose.
 ReagentStatus reagent_near_pose(const double *rows,
                                 const double *source_origin,
                                 const double *target_origin,
                                 ReagentPose *near);
 
-// Checks a policy file (.rgw), which is read in place from then on, and makes the memory ready.
+// Checks a policy file (.rgw), which is read in place from then on, and prepares the memory.
 //
 // # Safety
-// `memory` points to a whole ReagentMemory; `weights` to `length` bytes that stay as they are for as
-// long as the memory is used.
+// `memory` points to a whole ReagentMemory, and `weights` to `length` bytes that stay unchanged as long as the memory is used.
 ReagentStatus reagent_init(ReagentMemory *memory,
                            const uint8_t *weights,
                            size_t length);
 
-// Makes a target ready, once for any number of registrations: a ReagentTask may name it. A target of more than 2048 points is
-// made ready by every registration all the same.
+// Prepares a target once for any number of registrations: a ReagentTask may refer to the model. A target of more than 2048
+// points is prepared by every registration nevertheless.
 //
 // # Safety
 // `model` and `workspace` point to a whole ReagentModel and ReagentWorkspace, of any content; `target` to 3 * `target_points` floats.
@@ -343,8 +342,8 @@ ReagentStatus reagent_prepare(ReagentModel *model,
                               size_t target_points);
 
 #if defined(REAGENT_PRETRAINED)
-// The policy that ships with ReAgent in f32, for reagent_init; its bytes into `length`. Of a library built with
-// the feature pretrained: define REAGENT_PRETRAINED.
+// The policy that ships with ReAgent in f32, for reagent_init; writes its length in bytes to `length`. Needs a library built
+// with the feature pretrained: define REAGENT_PRETRAINED.
 //
 // # Safety
 // `length` points to a size, or is null.
@@ -352,7 +351,7 @@ const uint8_t *reagent_pretrained(size_t *length);
 #endif
 
 #if defined(REAGENT_PRETRAINED_INT8)
-// The policy that ships with ReAgent in 8-bit integers, for reagent_init; its bytes into `length`. Of a
+// The policy that ships with ReAgent in 8-bit integers, for reagent_init; writes its length in bytes to `length`. Needs a
 // library built with the feature pretrained-int8: define REAGENT_PRETRAINED_INT8.
 //
 // # Safety
@@ -361,7 +360,7 @@ const uint8_t *reagent_pretrained_int8(size_t *length);
 #endif
 
 #if defined(REAGENT_PRETRAINED_COMPACT)
-// The policy for small microcontrollers, for reagent_init; its bytes into `length`. Of a library built with
+// The policy for small microcontrollers, for reagent_init; writes its length in bytes to `length`. Needs a library built with
 // the feature pretrained-compact: define REAGENT_PRETRAINED_COMPACT.
 //
 // # Safety
@@ -370,8 +369,8 @@ const uint8_t *reagent_pretrained_compact(size_t *length);
 #endif
 
 #if defined(REAGENT_PRETRAINED_VIEWS)
-// The policy for single depth views in 8-bit integers, for reagent_init; its bytes into `length`. Of a library built
-// with the feature pretrained-views: define REAGENT_PRETRAINED_VIEWS.
+// The policy for single depth views in 8-bit integers, for reagent_init; writes its length in bytes to `length`. Needs a
+// library built with the feature pretrained-views: define REAGENT_PRETRAINED_VIEWS.
 //
 // # Safety
 // `length` points to a size, or is null.
@@ -379,20 +378,20 @@ const uint8_t *reagent_pretrained_views_int8(size_t *length);
 #endif
 
 #if defined(REAGENT_PRETRAINED_VIEWS_COMPACT)
-// The policy for single depth views on small microcontrollers, for reagent_init; its bytes into `length`. Of a library
-// built with the feature pretrained-views-compact: define REAGENT_PRETRAINED_VIEWS_COMPACT.
+// The policy for single depth views on small microcontrollers, for reagent_init; writes its length in bytes to `length`. Needs
+// a library built with the feature pretrained-views-compact: define REAGENT_PRETRAINED_VIEWS_COMPACT.
 //
 // # Safety
 // `length` points to a size, or is null.
 const uint8_t *reagent_pretrained_views_compact(size_t *length);
 #endif
 
-// A whole registration: the policy's steps and what the task's mode does with the pose that they reach. Of more than
-// 2048 points of a cloud the refinement uses so many. A registration under way in the memory ends.
+// Runs a whole registration: the policy's steps, then the refinement of the task's mode. The refinement uses at most 2048
+// points of each cloud. A registration in progress in the memory ends.
 //
 // # Safety
-// `memory` is as reagent_init left it; `workspace` points to a whole ReagentWorkspace; `source` and `target` to 3 * as many
-// floats as they have points; `task` to a task; `answer` to where the answer is put.
+// `memory` is as reagent_init left it; `workspace` points to a whole ReagentWorkspace; `source` and `target` to 3 floats for
+// each of their points; `task` to a task; `answer` to room for an answer.
 ReagentStatus reagent_register(ReagentMemory *memory,
                                ReagentWorkspace *workspace,
                                const float *source,
@@ -402,8 +401,8 @@ ReagentStatus reagent_register(ReagentMemory *memory,
                                const ReagentTask *task,
                                ReagentAnswer *answer);
 
-// What the task's mode does with a pose that was reached, by reagent_step perhaps: no policy is needed. The start counts as
-// evidence, but begins nothing.
+// Refines a pose, perhaps reached by reagent_step, as the task's mode says: no policy is needed. The start counts as evidence,
+// but the refinement does not begin there.
 //
 // # Safety
 // As reagent_register; `reached` points to a pose.
@@ -416,15 +415,14 @@ ReagentStatus reagent_refine(ReagentWorkspace *workspace,
                              const ReagentTask *task,
                              ReagentAnswer *answer);
 
-// Sets the target, the model or reference cloud: `points` times x, y, z. It is read again when a
-// source is set, and not after. A registration under way ends.
+// Sets the target, the model or reference cloud: `points` times x, y, z. It is read again when a source is set, but not later.
+// A registration in progress ends.
 //
 // # Safety
-// `memory` is as reagent_init left it; `xyz` points to 3 * `points` floats that stay as they are
-// until the last source is set.
+// `memory` is as reagent_init left it; `xyz` points to 3 * `points` floats that stay unchanged until the last source is set.
 ReagentStatus reagent_set_target(ReagentMemory *memory, const float *xyz, size_t points);
 
-// As reagent_set_target, of a cloud on a grid: `points` times three codes.
+// As reagent_set_target, for a cloud on a grid: `points` times three codes.
 //
 // # Safety
 // As reagent_set_target; `grid` points to a grid, which is copied, and `codes` to 3 * `points` codes.
@@ -433,19 +431,18 @@ ReagentStatus reagent_set_target_on_grid(ReagentMemory *memory,
                                          const int16_t *codes,
                                          size_t points);
 
-// Sets the source, the observed cloud, in the target's units, and begins a registration: embeds the
-// target, which takes as long as one step of as many points; reagent_begin leaves that to slices. `initial`
-// is an estimate of the pose to find, null for none.
+// Sets the source, the observed cloud, in the target's units, and starts a registration.
+// This embeds the target, which takes as long as one step over as many points;
+// reagent_begin leaves that to slices. `initial` is an estimate of the pose, null for none.
 //
 // # Safety
-// As reagent_set_target, with `xyz` staying as it is until the last step; `initial` is null or points
-// to a pose.
+// As reagent_set_target, but `xyz` stays unchanged until the last step; `initial` is null or points to a pose.
 ReagentStatus reagent_set_source(ReagentMemory *memory,
                                  const float *xyz,
                                  size_t points,
                                  const ReagentPose *initial);
 
-// As reagent_set_source, of a cloud on a grid; the target may be on another, or of floats.
+// As reagent_set_source, for a cloud on a grid; the target may be on another grid, or of floats.
 //
 // # Safety
 // As reagent_set_source; `grid` points to a grid, which is copied, and `codes` to 3 * `points` codes.
@@ -455,16 +452,16 @@ ReagentStatus reagent_set_source_on_grid(ReagentMemory *memory,
                                          size_t points,
                                          const ReagentPose *initial);
 
-// As reagent_set_source, but only looks through the clouds: the slices of reagent_advance embed the target.
+// As reagent_set_source, but only checks the clouds; the slices of reagent_advance embed the target.
 //
 // # Safety
-// As reagent_set_source; the target, too, stays as it is until the last step.
+// As reagent_set_source; the target, too, stays unchanged until the last step.
 ReagentStatus reagent_begin(ReagentMemory *memory,
                             const float *xyz,
                             size_t points,
                             const ReagentPose *initial);
 
-// As reagent_begin, of a cloud on a grid.
+// As reagent_begin, for a cloud on a grid.
 //
 // # Safety
 // As reagent_begin; `grid` points to a grid, which is copied, and `codes` to 3 * `points` codes.
@@ -474,40 +471,39 @@ ReagentStatus reagent_begin_on_grid(ReagentMemory *memory,
                                     size_t points,
                                     const ReagentPose *initial);
 
-// Does the next slice of the registration's work: looks at no more than `points` points (but at least one) of
-// either cloud, or takes what was seen in, which is at most as many multiply-adds as 9 points are, or 17 where the
-// policy looks both ways. `step` is where it is told what was done when that was a step, or null; `stepped` is where
-// it is told whether it was one, or null.
-// Steps and poses are the same to the bit, however they are sliced.
+// Does the next slice of the registration's work: looks at `points` points at most (but at least one) of either cloud; or runs
+// a head on what was seen, which costs at most as many multiply-adds as 9 points, or 17 if the policy looks both ways. If that
+// completes a step, writes what was done to `step`, unless null; writes whether it does to `stepped`, unless null. Steps and
+// poses are the same to the bit, however they are sliced.
 //
 // # Safety
-// `memory` is as reagent_begin or reagent_set_source left it; `step` is null or points to a step, `stepped` is
-// null or points to a bool.
+// `memory` is as reagent_begin or reagent_set_source left it; `step` is null or points to a step, `stepped` is null or points
+// to a bool.
 ReagentStatus reagent_advance(ReagentMemory *memory,
                               size_t points,
                               ReagentStep *step,
                               bool *stepped);
 
-// Takes one step of the registration: looks at the source under the pose so far and moves it.
-// `step` is where it is told what was done, or null.
+// Takes one step of the registration: looks at the source under the
+// present pose and moves it. Writes what was done to `step`, unless null.
 //
 // # Safety
 // `memory` is as reagent_set_source left it; `step` is null or points to a step.
 ReagentStatus reagent_step(ReagentMemory *memory, ReagentStep *step);
 
-// Where the registration is.
+// Writes the state of the registration to `result`.
 //
 // # Safety
 // `memory` is as reagent_set_source left it; `result` points to a result.
 ReagentStatus reagent_result(ReagentMemory *memory, ReagentResult *result);
 
-// A sentence that says what a status means and what to do, in English; it lives as long as the program.
+// An English sentence that says what a status means and what to do; it lives as long as the program.
 const char *reagent_status_text(int32_t status);
 
-// The best pose within the paper's ten steps, from the identity, as uncertain as an estimator's or an operator's pose.
+// A task for the best pose within the paper's ten steps, from the identity, with the default uncertainty.
 ReagentTask reagent_task(void);
 
-// Version of the library that is linked: REAGENT_VERSION of its own header.
+// Version of the linked library: REAGENT_VERSION of its own header.
 uint32_t reagent_version(void);
 
 #ifdef __cplusplus

@@ -9,23 +9,23 @@ use reagent_core::{Pose, Verdict};
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ReagentVerdict {
-    /// It fits so well that it is probably right; of the policy's steps alone: the policy saw nothing left to correct.
+    /// The clouds fit so well that the pose is probably right; without refinement: the policy saw nothing left to correct.
     Converged = 0,
     /// The steps ran out while the policy still moved, or nothing was done.
     #[default]
     StepLimit = 1,
     /// The steps ran out while the policy went back and forth.
     Oscillating = 2,
-    /// The steps ran out while the policy still took the largest: the pose is farther than the steps reach.
+    /// The steps ran out while the policy still took the largest steps: the pose is farther away than the steps reach.
     OutOfRange = 3,
     /// The clouds do not fit: the pose is probably wrong.
     PoorFit = 4,
-    /// One cloud is several times as large as the other, by extents_ratio: inches against millimetres, perhaps.
+    /// One cloud is several times as large as the other, by extents_ratio; perhaps inches against millimetres.
     SizesDiffer = 5,
     /// One cloud has too few distinct points for any pose to be trusted.
     TooFewPoints = 6,
-    /// The mirror image of the source fits better: a left-hand part for a right-hand one, an axis the other way around, or a
-    /// wrong pose of a symmetric shape.
+    /// The mirror image of the source fits better: a left-hand part for a
+    /// right-hand one, a reversed axis, or a wrong pose of a symmetric shape.
     Mirrored = 7,
 }
 
@@ -44,12 +44,12 @@ impl From<Verdict> for ReagentVerdict {
     }
 }
 
-/// Most poses that are named as fitting equally well.
+/// Most poses that an answer lists as fitting equally well.
 pub const REAGENT_OTHERS: usize = 5;
 
 const _: () = assert!(REAGENT_OTHERS == OTHERS);
 
-/// The pose, and what can be said about it. All but pose, verdict and steps is of a refined pose, and 0 in mode FAST.
+/// The pose, and what can be said about it. All but pose, verdict and steps describe a refined pose; in mode FAST they are 0.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ReagentAnswer {
@@ -57,44 +57,44 @@ pub struct ReagentAnswer {
     pub target_from_source: ReagentPose,
     /// What can be said about it.
     pub verdict: ReagentVerdict,
-    /// The policy's steps that were taken.
+    /// Number of steps that the policy took.
     pub steps: u32,
     /// Whether the pose was refined.
     pub refined: bool,
-    /// How likely the pose is within 5 degrees and .05 target radii of the right one, up to what is undetermined.
+    /// Probability that the pose is within 5 degrees and .05 target radii of the right one, up to what is undetermined.
     pub probability: f32,
     /// Share of the source's points that lie on the target's surface.
     pub overlap: f32,
-    /// Root of the mean squared distance of those from it, in the clouds' unit.
+    /// RMS distance of those points from it, in the clouds' unit.
     pub inlier_rmse: f32,
     /// Size of the source over that of the target.
     pub extents_ratio: f32,
-    /// Points that differ from all others, in the cloud with fewer of them.
+    /// Distinct points of the cloud that has fewer of them.
     pub distinct_points: u32,
-    /// Shares of the source's and of the target's points that were left out, since they lie far from all others.
+    /// Shares of the source's and of the target's points left out because they lie far from all others.
     pub left_out: [f32; 2],
-    /// Whether the clouds fit as well turned about an axis. Mode VERIFY alone looks: in the others it is false whatever the shape.
+    /// Whether the clouds fit as well turned about an axis. Only mode VERIFY looks for it: in other modes it is always false.
     pub axis_is_open: bool,
     /// A point of the axis, in the target's frame and unit.
     pub axis_point: [f32; 3],
-    /// Unit vector along it.
+    /// Unit vector along the axis.
     pub axis_direction: [f32; 3],
-    /// Least and largest turn about it that fit as well, radians, by the right hand: the first is not positive, the second not
-    /// negative.
+    /// Smallest (not positive) and largest (not negative) right-handed turn about it at which they fit as well, in radians.
     pub axis_range_rad: [f32; 2],
-    /// Whether the clouds fit as well moved along a direction. Mode VERIFY alone looks: in the others it is false whatever the shape.
+    /// Whether the clouds fit as well shifted along a direction. Only
+    /// mode VERIFY looks for it: in other modes it is always false.
     pub slide_is_open: bool,
-    /// Unit vector along it, in the target's frame.
+    /// Unit vector along that direction, in the target's frame.
     pub slide_direction: [f32; 3],
-    /// Least and largest shift along it that fit as well, in the target's unit: the first is not positive, the second not negative.
+    /// Smallest (not positive) and largest (not negative) shift along it that fit as well, in the target's unit.
     pub slide_range: [f32; 2],
-    /// How many other poses fit as well. Mode VERIFY alone looks: in the others there are 0 whatever the shape.
+    /// How many other poses fit as well. Only mode VERIFY looks for them: in the other modes it is always 0.
     pub others: u32,
-    /// Those.
+    /// The other poses.
     pub other_poses: [ReagentPose; REAGENT_OTHERS],
-    /// Covariance of the pose's error if it is right: of a rotation vector in radians, then of a translation in the clouds' unit,
-    /// both along the target's axes. Where x is where the pose puts a point, the truth puts it at
-    /// c + exp(rotation) (x - c) + translation.
+    /// Covariance of the pose's error if it is the right pose: of a rotation vector in radians,
+    /// then of a translation in the clouds' unit, both along the target's axes. A point that
+    /// the pose puts at x, the truth puts at c + exp(rotation) (x - c) + translation.
     pub covariance: [[f32; 6]; 6],
     /// The point c: the target's centroid.
     pub covariance_about: [f32; 3],

@@ -8,12 +8,12 @@ use reagent_core::cloud::Cloud;
 use reagent_core::grid::Grid;
 use reagent_core::order;
 
-/// Where the codes of a cloud lie in space: code c of an axis stands for the coordinate origin + c * step.
-/// A cloud of codes takes half the memory of one of floats.
+/// Where the codes of a cloud lie in space: code c on an axis stands for the coordinate origin + c * step. A cloud of codes
+/// takes half the memory of a cloud of floats.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ReagentGrid {
-    /// Point of the codes 0, 0, 0.
+    /// Point of the codes (0, 0, 0).
     pub origin: [f32; 3],
     /// Distance between neighbouring codes, the same along every axis.
     pub step: f32,
@@ -60,10 +60,10 @@ impl Held {
         Ok(Held::Grid(grid.into(), codes, points))
     }
 
-    /// Its points.
+    /// The points of the cloud.
     ///
     /// # Safety
-    /// The pointer of a cloud that has points points to as many, which live while the cloud does.
+    /// The pointer of a cloud that is not empty must point to as many points, which live as long as the cloud.
     pub(crate) unsafe fn cloud<'c>(self) -> Cloud<'c> {
         // SAFETY: the caller's promise; three numbers are aligned as one is, and the count was checked to be no
         // more than the most points of a cloud.
@@ -79,9 +79,9 @@ impl Held {
     }
 }
 
-/// Puts a cloud's points in order in place, neighbours one after the other: on a microcontroller a registration of clouds in order
-/// takes half of the instructions. The model once is enough; a cloud on a grid before it is encoded.
-/// At most 4096 points. NaN stays in the cloud, which is refused later.
+/// Reorders a cloud in place so that neighbours follow each other: on a microcontroller, registering ordered clouds takes half
+/// the instructions. Order the model once, and a cloud on a grid before it is encoded. At most 4096 points. NaN stays in the
+/// cloud, which is refused later.
 ///
 /// # Safety
 /// `xyz` points to 3 * `points` floats.
@@ -98,11 +98,11 @@ pub unsafe extern "C" fn reagent_put_in_order(xyz: *mut f32, points: usize) -> R
     status(put_in_order())
 }
 
-/// The finest grid whose codes cover the cloud: each coordinate comes back within about half of its step, which
-/// is 1/65534 of the longest side of the cloud's box.
+/// Finds the finest grid whose codes cover the cloud. Each coordinate comes back within about half its step, which is 1/65534
+/// of the longest side of the cloud's box.
 ///
 /// # Safety
-/// `xyz` points to 3 * `points` floats, `grid` to where the grid is to be put.
+/// `xyz` points to 3 * `points` floats, `grid` to room for a grid.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn reagent_grid_of(
     xyz: *const f32,
@@ -121,11 +121,11 @@ pub unsafe extern "C" fn reagent_grid_of(
     })())
 }
 
-/// Puts a cloud on a grid: the nearest codes of each point, `points` times three; beyond the grid its edge. The grid's
-/// step is positive.
+/// Puts a cloud on a grid: writes the nearest codes of each point, `points` times three; points beyond the grid get its edge.
+/// The grid's step must be positive.
 ///
 /// # Safety
-/// `grid` points to a grid; `xyz` to 3 * `points` floats; `codes` to where as many codes are to be put, elsewhere.
+/// `grid` points to a grid, `xyz` to 3 * `points` floats, and `codes` to room for as many codes, elsewhere.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn reagent_encode(
     grid: *const ReagentGrid,

@@ -1,4 +1,4 @@
-//! Coordinates far from the origin, of a country's grid for instance: floats near an origin, and poses in doubles.
+//! Coordinates far from the origin, such as those of a national grid: floats near an origin, and poses in doubles.
 
 use crate::pointer::{aligned, check_pointer, value};
 use crate::register::ReagentPose;
@@ -6,18 +6,18 @@ use crate::status::{ReagentStatus, status};
 use reagent_core::Pose;
 use reagent_core::cloud::LARGEST_COORDINATE;
 
-/// Points of which the median is taken.
+/// Points of which the median is taken, at most.
 const LOOKED_AT: usize = 63;
 
 type Rows = [[f64; 4]; 3];
 type Position = [f64; 3];
 
-/// Takes an origin off a cloud of doubles, so that floats keep its digits: the origin is the median of some points, `near`
-/// becomes `points` times x, y and z relative to it, at most 4096. Each cloud has its own; poses between such clouds are brought back by
-/// reagent_far_pose.
+/// Subtracts an origin from a cloud of doubles, so that floats keep its digits. The origin is the median of some points; `near`
+/// receives `points` times x, y and z relative to it, at most 4096 points. Each cloud has its own origin; reagent_far_pose
+/// converts poses between such clouds back.
 ///
 /// # Safety
-/// `xyz` points to 3 * `points` doubles, `origin` to where three are to be put, `near` to where 3 * `points` floats are.
+/// `xyz` points to 3 * `points` doubles, `origin` to room for three, `near` to room for 3 * `points` floats.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn reagent_take_origin_off(
     xyz: *const f64,
@@ -43,7 +43,7 @@ pub unsafe extern "C" fn reagent_take_origin_off(
             for (k, place) in some.iter_mut().take(count).enumerate() {
                 *place = at(k * points / count).get(axis).copied().unwrap_or(0.0);
             }
-            some.sort_unstable_by(f64::total_cmp); // what is not set comes last
+            some.sort_unstable_by(f64::total_cmp); // unset places come last
             some.get(count / 2).copied().unwrap_or(0.0)
         });
         for i in 0..points {
@@ -59,10 +59,10 @@ pub unsafe extern "C" fn reagent_take_origin_off(
     })())
 }
 
-/// The pose between the doubles' own coordinates, rows of [R | t], from that between clouds whose origins were taken off.
+/// Converts a pose between clouds whose origins were subtracted to one between the original doubles, as rows of [R | t].
 ///
 /// # Safety
-/// `near` points to a pose, each origin to three doubles, `rows` to where twelve are to be put.
+/// `near` points to a pose, each origin to three doubles, `rows` to room for twelve.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn reagent_far_pose(
     near: *const ReagentPose,
@@ -86,10 +86,10 @@ pub unsafe extern "C" fn reagent_far_pose(
     })())
 }
 
-/// The other way around: a start for ReagentTask from a pose between the doubles' own coordinates.
+/// The inverse of reagent_far_pose: gives a start for ReagentTask from a pose between the original doubles.
 ///
 /// # Safety
-/// `rows` points to twelve doubles, each origin to three, `near` to where the pose is to be put.
+/// `rows` points to twelve doubles, each origin to three, `near` to room for a pose.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn reagent_near_pose(
     rows: *const f64,
@@ -123,7 +123,7 @@ unsafe fn origins(source: *const f64, target: *const f64) -> Result<[Position; 2
     Ok(origins)
 }
 
-/// Refuses what no sensor measures.
+/// Refuses positions that no sensor measures.
 fn check_position(position: Position) -> Result<(), ReagentStatus> {
     let is_measured = |x: &f64| x.abs() <= f64::from(LARGEST_COORDINATE);
     match position.iter().all(is_measured) {
@@ -147,7 +147,8 @@ fn moved(rows: Rows, [source, target]: [Position; 2]) -> Rows {
     moved
 }
 
-/// A rotation in f32 is one to seven digits; a step of Newton's method towards the nearest, `R (3 - RᵀR) / 2`, gives all.
+/// An f32 rotation is orthonormal to seven digits; one step of Newton's method towards the nearest one, `R (3 - RᵀR) / 2`,
+/// gives all digits.
 fn orthonormal([a, b, c]: Rows) -> Rows {
     let rows = [a, b, c];
     let column = |j: usize| rows.map(|row| row.get(j).copied().unwrap_or(0.0));

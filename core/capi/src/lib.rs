@@ -1,8 +1,7 @@
 //! ReAgent from C. The header is `include/reagent.h`; [`reagent_init`] comes first.
 //!
-//! All of its `unsafe` is for pointers: those from C are checked for null and alignment, and
-//! trusted to point to as much memory as they are said to. Every function is bounded in time and allocates
-//! nothing. Of the system it asks at most what the processor can do.
+//! All its `unsafe` is for pointers: those from C are checked for null and alignment, and trusted to point to as much memory as
+//! stated. Every function takes bounded time and allocates nothing. It asks the system at most what the processor can do.
 #![doc = "\n"]
 #![doc = include_str!("../README.md")]
 #![cfg_attr(target_os = "none", no_std)]

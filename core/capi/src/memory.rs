@@ -1,4 +1,4 @@
-//! The caller's memory, and what is in it.
+//! The caller's memory, and its content.
 
 use crate::ReagentStatus;
 use crate::cloud::Held;
@@ -9,7 +9,7 @@ use core::slice::from_raw_parts;
 use reagent_core::net::Scratch;
 use reagent_core::{Frame, Policy, Registrar, Registration};
 
-// Large unless a compiler is known to be one for microcontrollers: each names its processor in its own way.
+// Large unless the compiler is known to be for microcontrollers: each compiler names its processor differently.
 /// Words of a ReagentMemory.
 #[cfg(not(target_arch = "arm"))]
 pub const REAGENT_MEMORY_WORDS: usize = 8128;
@@ -17,18 +17,17 @@ pub const REAGENT_MEMORY_WORDS: usize = 8128;
 #[cfg(target_arch = "arm")]
 pub const REAGENT_MEMORY_WORDS: usize = 2240;
 
-/// Memory of one registrar: the caller's, of any content, where it likes. It must not be moved or
-/// copied between calls.
+/// Memory of one registrar, provided by the caller, with any content. It must not be moved or copied between calls.
 #[repr(C)]
 pub struct ReagentMemory {
     pub(crate) words: [u64; REAGENT_MEMORY_WORDS],
 }
 
-/// What is in a [`ReagentMemory`].
+/// The content of a [`ReagentMemory`].
 pub(crate) struct State {
-    /// [`INITIALISED`] once the rest has been.
+    /// [`INITIALISED`] once the other fields are.
     mark: u32,
-    /// The target whose embedding is due, if one has been set.
+    /// The target, to be embedded when a source is set; `None` before one is set.
     pub(crate) target: Option<Held>,
     pub(crate) frame: Frame,
     pub(crate) started: bool,
@@ -41,11 +40,11 @@ const INITIALISED: u32 = 0x5265_4167;
 
 const _: () = assert!(size_of::<State>() <= size_of::<ReagentMemory>());
 const _: () = assert!(align_of::<State>() <= align_of::<ReagentMemory>());
-// No more than a tenth too large.
+// At most a tenth too large.
 #[cfg(any(target_arch = "x86_64", target_arch = "aarch64", target_arch = "arm"))]
 const _: () = assert!(size_of::<State>() * 10 >= size_of::<ReagentMemory>() * 9);
 
-/// What is in a memory.
+/// The content of a memory.
 ///
 /// # Safety
 /// `memory` points to a [`ReagentMemory`], of any content, that nobody else uses meanwhile.
@@ -65,7 +64,7 @@ pub(crate) unsafe fn state<'m>(memory: *mut ReagentMemory) -> Result<&'m mut Sta
 /// The registrar and its registration.
 ///
 /// # Safety
-/// `state` has been initialised, as its mark says.
+/// `state` was initialised, as its mark says.
 pub(crate) unsafe fn work(
     state: &mut State,
 ) -> (Registrar<'static, '_>, &mut Registration<'static>) {
@@ -81,11 +80,10 @@ pub(crate) unsafe fn work(
     }
 }
 
-/// Checks a policy file (.rgw), which is read in place from then on, and makes the memory ready.
+/// Checks a policy file (.rgw), which is read in place from then on, and prepares the memory.
 ///
 /// # Safety
-/// `memory` points to a whole ReagentMemory; `weights` to `length` bytes that stay as they are for as
-/// long as the memory is used.
+/// `memory` points to a whole ReagentMemory, and `weights` to `length` bytes that stay unchanged as long as the memory is used.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn reagent_init(
     memory: *mut ReagentMemory,

@@ -1,4 +1,4 @@
-//! Targets made ready once: `reagent_core::model`.
+//! Prepared targets: `reagent_core::model`.
 
 use crate::pointer::{aligned, floats};
 use crate::status::{ReagentStatus, status};
@@ -10,15 +10,15 @@ use reagent_core::model::Model;
 /// Words of a ReagentModel.
 pub const REAGENT_MODEL_WORDS: usize = 14_500;
 
-/// A target made ready by reagent_prepare. It may be moved and copied, and any number of registrations may use it at a time.
+/// A target prepared by reagent_prepare. It may be moved and copied, and any number of registrations may use it at a time.
 #[repr(C)]
 pub struct ReagentModel {
     pub(crate) words: [u64; REAGENT_MODEL_WORDS],
 }
 
-/// What is in a [`ReagentModel`].
+/// The content of a [`ReagentModel`].
 struct State {
-    /// [`PREPARED`] once the rest has been.
+    /// [`PREPARED`] once the model is.
     mark: u32,
     model: Model,
 }
@@ -27,11 +27,11 @@ const PREPARED: u32 = 0x5265_4d64;
 
 const _: () = assert!(size_of::<State>() <= size_of::<ReagentModel>());
 const _: () = assert!(align_of::<State>() <= align_of::<ReagentModel>());
-// No more than a tenth too large.
+// At most a tenth too large.
 const _: () = assert!(size_of::<State>() * 10 >= size_of::<ReagentModel>() * 9);
 
-/// Makes a target ready, once for any number of registrations: a ReagentTask may name it. A target of more than 2048 points is
-/// made ready by every registration all the same.
+/// Prepares a target once for any number of registrations: a ReagentTask may refer to the model. A target of more than 2048
+/// points is prepared by every registration nevertheless.
 ///
 /// # Safety
 /// `model` and `workspace` point to a whole ReagentModel and ReagentWorkspace, of any content; `target` to 3 * `target_points` floats.
@@ -65,7 +65,7 @@ pub unsafe extern "C" fn reagent_prepare(
     status(prepare().map_err(ReagentStatus::of_target))
 }
 
-/// The model that a task names, if it names one.
+/// The model that a task refers to, if any.
 ///
 /// # Safety
 /// `model` is null, not aligned, or points to a [`ReagentModel`] of any content that nobody writes to meanwhile.
@@ -79,8 +79,8 @@ pub(crate) unsafe fn named<'m>(
         return Err(ReagentStatus::Pointer);
     }
     let state = model.cast::<State>();
-    // SAFETY: aligned and large enough, as asserted above; any bits are a u32, and those of the mark stand where
-    // `reagent_prepare` has written all of it.
+    // SAFETY: aligned and large enough, as asserted above; any bits are a u32, and the mark is set only after `reagent_prepare`
+    // has written the rest.
     unsafe {
         match (&raw const (*state).mark).read() {
             PREPARED => Ok(Some(&(*state).model)),

@@ -4,7 +4,7 @@ use crate::ReagentStatus;
 use core::slice::from_raw_parts;
 use reagent_core::dims::MAX_POINTS;
 
-/// What a pointer that must not be null points to.
+/// The value behind a pointer that must not be null.
 ///
 /// # Safety
 /// `pointer` is null, not aligned, or points to a value.
@@ -16,12 +16,12 @@ pub(crate) unsafe fn value<T: Copy>(pointer: *const T) -> Result<T, ReagentStatu
     Ok(unsafe { pointer.read() })
 }
 
-/// Whether it can be read through.
+/// Whether a pointer can be read through.
 pub(crate) fn aligned<T>(pointer: *const T) -> bool {
     !pointer.is_null() && pointer.is_aligned()
 }
 
-/// Whether a cloud of so many points can be read through it.
+/// Whether a cloud of `points` points can be read through a pointer.
 pub(crate) fn check_pointer<T>(numbers: *const T, points: usize) -> Result<(), ReagentStatus> {
     if points > MAX_POINTS {
         return Err(ReagentStatus::TooManyPoints);

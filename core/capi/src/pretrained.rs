@@ -1,11 +1,11 @@
-//! The policies that ship with ReAgent, linked in by a feature each.
+//! The policies that ship with ReAgent, each linked in by a feature.
 #![allow(dead_code, unused_imports, reason = "without a feature there is none")]
 
 use crate::pointer::aligned;
 use reagent_core::Policy;
 
-/// The policy that ships with ReAgent in f32, for reagent_init; its bytes into `length`. Of a library built with
-/// the feature pretrained: define REAGENT_PRETRAINED.
+/// The policy that ships with ReAgent in f32, for reagent_init; writes its length in bytes to `length`. Needs a library built
+/// with the feature pretrained: define REAGENT_PRETRAINED.
 ///
 /// # Safety
 /// `length` points to a size, or is null.
@@ -16,7 +16,7 @@ pub unsafe extern "C" fn reagent_pretrained(length: *mut usize) -> *const u8 {
     unsafe { linked(Policy::pretrained_bytes(), length) }
 }
 
-/// The policy that ships with ReAgent in 8-bit integers, for reagent_init; its bytes into `length`. Of a
+/// The policy that ships with ReAgent in 8-bit integers, for reagent_init; writes its length in bytes to `length`. Needs a
 /// library built with the feature pretrained-int8: define REAGENT_PRETRAINED_INT8.
 ///
 /// # Safety
@@ -28,7 +28,7 @@ pub unsafe extern "C" fn reagent_pretrained_int8(length: *mut usize) -> *const u
     unsafe { linked(Policy::pretrained_int8_bytes(), length) }
 }
 
-/// The policy for small microcontrollers, for reagent_init; its bytes into `length`. Of a library built with
+/// The policy for small microcontrollers, for reagent_init; writes its length in bytes to `length`. Needs a library built with
 /// the feature pretrained-compact: define REAGENT_PRETRAINED_COMPACT.
 ///
 /// # Safety
@@ -40,8 +40,8 @@ pub unsafe extern "C" fn reagent_pretrained_compact(length: *mut usize) -> *cons
     unsafe { linked(Policy::pretrained_compact_bytes(), length) }
 }
 
-/// The policy for single depth views in 8-bit integers, for reagent_init; its bytes into `length`. Of a library built
-/// with the feature pretrained-views: define REAGENT_PRETRAINED_VIEWS.
+/// The policy for single depth views in 8-bit integers, for reagent_init; writes its length in bytes to `length`. Needs a
+/// library built with the feature pretrained-views: define REAGENT_PRETRAINED_VIEWS.
 ///
 /// # Safety
 /// `length` points to a size, or is null.
@@ -52,8 +52,8 @@ pub unsafe extern "C" fn reagent_pretrained_views_int8(length: *mut usize) -> *c
     unsafe { linked(Policy::pretrained_views_int8_bytes(), length) }
 }
 
-/// The policy for single depth views on small microcontrollers, for reagent_init; its bytes into `length`. Of a library
-/// built with the feature pretrained-views-compact: define REAGENT_PRETRAINED_VIEWS_COMPACT.
+/// The policy for single depth views on small microcontrollers, for reagent_init; writes its length in bytes to `length`. Needs
+/// a library built with the feature pretrained-views-compact: define REAGENT_PRETRAINED_VIEWS_COMPACT.
 ///
 /// # Safety
 /// `length` points to a size, or is null.

@@ -1,4 +1,4 @@
-//! Whole registrations, and what follows the policy's steps: `reagent_core::pipeline`.
+//! Whole registrations, and refinement after the policy's steps: `reagent_core::pipeline`.
 
 use crate::answer::ReagentAnswer;
 use crate::memory::{ReagentMemory, state, work};
@@ -11,12 +11,12 @@ use reagent_core::pipeline::{self, Progress, Task};
 use reagent_core::polish::Workspace;
 use reagent_core::{Cloud, Error, Pose, Verdict};
 
-/// A whole registration: the policy's steps and what the task's mode does with the pose that they reach. Of more than
-/// 2048 points of a cloud the refinement uses so many. A registration under way in the memory ends.
+/// Runs a whole registration: the policy's steps, then the refinement of the task's mode. The refinement uses at most 2048
+/// points of each cloud. A registration in progress in the memory ends.
 ///
 /// # Safety
-/// `memory` is as reagent_init left it; `workspace` points to a whole ReagentWorkspace; `source` and `target` to 3 * as many
-/// floats as they have points; `task` to a task; `answer` to where the answer is put.
+/// `memory` is as reagent_init left it; `workspace` points to a whole ReagentWorkspace; `source` and `target` to 3 floats for
+/// each of their points; `task` to a task; `answer` to room for an answer.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn reagent_register(
     memory: *mut ReagentMemory,
@@ -40,7 +40,7 @@ pub unsafe extern "C" fn reagent_register(
             stepped |= matches!(progress, Progress::Step(..));
             Ok::<_, Error>(())
         });
-        // What is refused before the first step leaves a registration under way as it is.
+        // A refusal before the first step leaves a registration in progress as it is.
         state.started &= found.is_err() && !stepped;
         let found = found?;
         Ok(ReagentAnswer::of(
@@ -54,8 +54,8 @@ pub unsafe extern "C" fn reagent_register(
     status(unsafe { answered(workspace, clouds, task, answer, register) })
 }
 
-/// What the task's mode does with a pose that was reached, by reagent_step perhaps: no policy is needed. The start counts as
-/// evidence, but begins nothing.
+/// Refines a pose, perhaps reached by reagent_step, as the task's mode says: no policy is needed. The start counts as evidence,
+/// but the refinement does not begin there.
 ///
 /// # Safety
 /// As reagent_register; `reached` points to a pose.

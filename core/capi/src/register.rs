@@ -22,13 +22,13 @@ impl From<Pose> for ReagentPose {
     }
 }
 
-/// One step of a registration: ids 0 to 10 of the step table for x, y and z; 5 is "stop".
+/// One step of a registration: ids into the step table, 0 to 10, for x, y and z; 5 is "stop".
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ReagentStep {
-    /// Along the axes.
+    /// Ids along the axes.
     pub translation: [u8; 3],
-    /// About the axes.
+    /// Ids about the axes.
     pub rotation: [u8; 3],
 }
 
@@ -41,7 +41,7 @@ impl From<Action> for ReagentStep {
     }
 }
 
-/// Where a registration is.
+/// State of a registration.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ReagentResult {
@@ -49,16 +49,16 @@ pub struct ReagentResult {
     pub target_from_source: ReagentPose,
     /// Steps taken.
     pub steps: u32,
-    /// Further steps change nothing: the last was "stop" on every axis, in all the ways in which the policy looks.
+    /// Whether further steps would change nothing: the last was "stop"
+    /// on every axis, in all the ways in which the policy looks.
     pub converged: bool,
 }
 
-/// Sets the target, the model or reference cloud: `points` times x, y, z. It is read again when a
-/// source is set, and not after. A registration under way ends.
+/// Sets the target, the model or reference cloud: `points` times x, y, z. It is read again when a source is set, but not later.
+/// A registration in progress ends.
 ///
 /// # Safety
-/// `memory` is as reagent_init left it; `xyz` points to 3 * `points` floats that stay as they are
-/// until the last source is set.
+/// `memory` is as reagent_init left it; `xyz` points to 3 * `points` floats that stay unchanged until the last source is set.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn reagent_set_target(
     memory: *mut ReagentMemory,
@@ -69,7 +69,7 @@ pub unsafe extern "C" fn reagent_set_target(
     status(unsafe { set_target(memory, Held::floats(xyz, points)) })
 }
 
-/// As reagent_set_target, of a cloud on a grid: `points` times three codes.
+/// As reagent_set_target, for a cloud on a grid: `points` times three codes.
 ///
 /// # Safety
 /// As reagent_set_target; `grid` points to a grid, which is copied, and `codes` to 3 * `points` codes.
@@ -101,13 +101,12 @@ unsafe fn set_target(
     Ok(())
 }
 
-/// Sets the source, the observed cloud, in the target's units, and begins a registration: embeds the
-/// target, which takes as long as one step of as many points; reagent_begin leaves that to slices. `initial`
-/// is an estimate of the pose to find, null for none.
+/// Sets the source, the observed cloud, in the target's units, and starts a registration.
+/// This embeds the target, which takes as long as one step over as many points;
+/// reagent_begin leaves that to slices. `initial` is an estimate of the pose, null for none.
 ///
 /// # Safety
-/// As reagent_set_target, with `xyz` staying as it is until the last step; `initial` is null or points
-/// to a pose.
+/// As reagent_set_target, but `xyz` stays unchanged until the last step; `initial` is null or points to a pose.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn reagent_set_source(
     memory: *mut ReagentMemory,
@@ -122,7 +121,7 @@ pub unsafe extern "C" fn reagent_set_source(
     )
 }
 
-/// As reagent_set_source, of a cloud on a grid; the target may be on another, or of floats.
+/// As reagent_set_source, for a cloud on a grid; the target may be on another grid, or of floats.
 ///
 /// # Safety
 /// As reagent_set_source; `grid` points to a grid, which is copied, and `codes` to 3 * `points` codes.
@@ -140,10 +139,10 @@ pub unsafe extern "C" fn reagent_set_source_on_grid(
     status(source.and_then(|source| unsafe { start(memory, source, initial, false) }))
 }
 
-/// As reagent_set_source, but only looks through the clouds: the slices of reagent_advance embed the target.
+/// As reagent_set_source, but only checks the clouds; the slices of reagent_advance embed the target.
 ///
 /// # Safety
-/// As reagent_set_source; the target, too, stays as it is until the last step.
+/// As reagent_set_source; the target, too, stays unchanged until the last step.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn reagent_begin(
     memory: *mut ReagentMemory,
@@ -158,7 +157,7 @@ pub unsafe extern "C" fn reagent_begin(
     )
 }
 
-/// As reagent_begin, of a cloud on a grid.
+/// As reagent_begin, for a cloud on a grid.
 ///
 /// # Safety
 /// As reagent_begin; `grid` points to a grid, which is copied, and `codes` to 3 * `points` codes.
@@ -177,7 +176,7 @@ pub unsafe extern "C" fn reagent_begin_on_grid(
 }
 
 /// # Safety
-/// As reagent_set_source, or where `sliced` as reagent_begin.
+/// As reagent_set_source, or if `sliced`, as reagent_begin.
 unsafe fn start(
     memory: *mut ReagentMemory,
     source: Held,
@@ -206,15 +205,14 @@ unsafe fn start(
     Ok(())
 }
 
-/// Does the next slice of the registration's work: looks at no more than `points` points (but at least one) of
-/// either cloud, or takes what was seen in, which is at most as many multiply-adds as 9 points are, or 17 where the
-/// policy looks both ways. `step` is where it is told what was done when that was a step, or null; `stepped` is where
-/// it is told whether it was one, or null.
-/// Steps and poses are the same to the bit, however they are sliced.
+/// Does the next slice of the registration's work: looks at `points` points at most (but at least one) of either cloud; or runs
+/// a head on what was seen, which costs at most as many multiply-adds as 9 points, or 17 if the policy looks both ways. If that
+/// completes a step, writes what was done to `step`, unless null; writes whether it does to `stepped`, unless null. Steps and
+/// poses are the same to the bit, however they are sliced.
 ///
 /// # Safety
-/// `memory` is as reagent_begin or reagent_set_source left it; `step` is null or points to a step, `stepped` is
-/// null or points to a bool.
+/// `memory` is as reagent_begin or reagent_set_source left it; `step` is null or points to a step, `stepped` is null or points
+/// to a bool.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn reagent_advance(
     memory: *mut ReagentMemory,
@@ -243,8 +241,8 @@ pub unsafe extern "C" fn reagent_advance(
     })())
 }
 
-/// Takes one step of the registration: looks at the source under the pose so far and moves it.
-/// `step` is where it is told what was done, or null.
+/// Takes one step of the registration: looks at the source under the
+/// present pose and moves it. Writes what was done to `step`, unless null.
 ///
 /// # Safety
 /// `memory` is as reagent_set_source left it; `step` is null or points to a step.
@@ -270,7 +268,7 @@ pub unsafe extern "C" fn reagent_step(
     })())
 }
 
-/// Where the registration is.
+/// Writes the state of the registration to `result`.
 ///
 /// # Safety
 /// `memory` is as reagent_set_source left it; `result` points to a result.

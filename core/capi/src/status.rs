@@ -3,8 +3,8 @@
 use core::ffi::{CStr, c_char};
 use reagent_core::Error;
 
-/// What came of a call; reagent_status_text has a sentence for each. Whatever is not OK has changed nothing but, of reagent_prepare,
-/// the model, which is not prepared then.
+/// Outcome of a call; reagent_status_text has a sentence for each. A call that is not OK changed nothing, except that
+/// reagent_prepare leaves the model unprepared.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ReagentStatus {
@@ -24,21 +24,21 @@ pub enum ReagentStatus {
     TooManyPoints = 6,
     /// A coordinate of the source, of the only cloud of the call, of a grid or of an origin is NaN, infinite or beyond 1e12.
     NotFinite = 7,
-    /// All points of a cloud coincide, or those of the target nearly.
+    /// All points of a cloud coincide, or the target's points nearly do.
     NoExtent = 8,
     /// The initial pose is not a rigid transform, or its translation is beyond 1e12.
     BadPose = 9,
-    /// The weights are cut, or bytes follow their end.
+    /// The weights are cut short, or bytes follow their end.
     WeightsLength = 10,
-    /// The bytes are no weight file.
+    /// The bytes are not a weight file.
     WeightsMagic = 11,
-    /// The weight file is of a version, number format or shape that this library does not run.
+    /// The weight file has a version, number format or shape that this library does not run.
     WeightsFormat = 12,
     /// The weights are damaged.
     WeightsDamaged = 13,
     /// The weights do not start on a 4-byte boundary.
     WeightsAlignment = 14,
-    /// Anything else.
+    /// Any other error.
     Other = 15,
     /// The target has no points.
     TargetEmpty = 16,
@@ -63,7 +63,7 @@ pub enum ReagentStatus {
 }
 
 impl ReagentStatus {
-    /// The same, said of the target.
+    /// The same status, for the target.
     pub(crate) fn of_target(self) -> Self {
         match self {
             ReagentStatus::EmptyCloud => ReagentStatus::TargetEmpty,
@@ -105,7 +105,7 @@ const TEXTS: [&CStr; 26] = [
     c"the grid's step is 0 or negative: reagent_grid_of makes a grid",
 ];
 
-/// A sentence that says what a status means and what to do, in English; it lives as long as the program.
+/// An English sentence that says what a status means and what to do; it lives as long as the program.
 #[unsafe(no_mangle)]
 pub extern "C" fn reagent_status_text(status: i32) -> *const c_char {
     let text = usize::try_from(status).ok().and_then(|at| TEXTS.get(at));
@@ -139,7 +139,7 @@ impl From<Error> for ReagentStatus {
     }
 }
 
-/// What a call returns.
+/// The status that a call returns.
 pub(crate) fn status(outcome: Result<(), ReagentStatus>) -> ReagentStatus {
     outcome.err().unwrap_or(ReagentStatus::Ok)
 }

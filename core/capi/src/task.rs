@@ -9,7 +9,7 @@ use reagent_core::Pose;
 use reagent_core::pipeline::{Mode, Task};
 use reagent_core::start::{Start, Uncertainty};
 
-/// What is done with a start.
+/// How much work a registration does.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ReagentMode {
@@ -17,44 +17,44 @@ pub enum ReagentMode {
     Fast = 0,
     /// The policy's steps, then a few robust steps of closest points.
     Polish = 1,
-    /// The same, compared with some four hundred other poses: the best is taken, by how it fits and by how near to the start it is.
-    /// That takes some six times as long.
+    /// As POLISH, then a comparison with some four hundred other poses. The best is taken, judged by its fit and its distance
+    /// from the start. This takes some six times as long.
     Verify = 2,
     /// A few robust steps of closest points from the start, without the policy: for tracking.
     Refine = 3,
 }
 
-/// What to do with two clouds: reagent_task makes one, and what is to be different is set in it.
+/// What to do with two clouds: reagent_task makes a default one, in which fields may be changed.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReagentTask {
     /// A ReagentMode.
     pub mode: i32,
-    /// The policy's steps at most; 10 in the paper.
+    /// Most steps of the policy; 10 in the paper.
     pub steps: u32,
-    /// An estimate of the pose to find.
+    /// An estimate of the pose.
     pub start: ReagentPose,
-    /// Unless 0: any rotation is as probable as that of the estimate.
+    /// If not 0, all rotations are as probable as the estimate's.
     pub anywhere: u32,
-    /// Standard deviation of the estimate's rotation about the object's centre, radians.
+    /// Standard deviation of the estimate's rotation about the object's centre, in radians.
     pub rotation_rad: f32,
-    /// Standard deviation of the object's centre along the viewing axis, target radii.
+    /// Standard deviation of the object's centre along the viewing axis, in target radii.
     pub along: f32,
-    /// The same across it. Where no view point is known the larger of both holds everywhere.
+    /// The same across the axis. Without a view point, the larger of the two holds in all directions.
     pub across: f32,
-    /// Where the sensor stood, x, y and z in the source's frame and unit, if the source is a view from one point; else null.
+    /// Where the sensor stood: x, y and z in the source's frame and unit, if the source is a view from one point; else null.
     pub view_point: *const f32,
-    /// What it saw besides the source, such as the other pixels of a depth image: x, y and z of each point, in the source's frame
-    /// and unit. What would stand before that counts against a pose, too. Points that are NaN or infinite are left out. Null if it is not
-    /// known; left aside without a view point.
+    /// What the sensor saw besides the source, such as the other pixels of a depth image: x, y and z of each point, in the
+    /// source's frame and unit. What would stand in front of it counts against a pose as well. NaN and infinite points are
+    /// ignored. Null if unknown; ignored without a view point.
     pub background: *const f32,
-    /// How many points that are, at most 4096: pixels spread around the object are enough.
+    /// Number of these points, at most 4096: pixels spread around the object are enough.
     pub background_points: usize,
-    /// The target, made ready by reagent_prepare; null if it is not. One of another target is left aside.
+    /// The target, prepared by reagent_prepare; null if it is not. A model of another target is ignored.
     pub model: *const ReagentModel,
 }
 
-/// The best pose within the paper's ten steps, from the identity, as uncertain as an estimator's or an operator's pose.
+/// A task for the best pose within the paper's ten steps, from the identity, with the default uncertainty.
 #[unsafe(no_mangle)]
 pub extern "C" fn reagent_task() -> ReagentTask {
     let Uncertainty {
@@ -78,11 +78,11 @@ pub extern "C" fn reagent_task() -> ReagentTask {
 }
 
 impl ReagentTask {
-    /// The same in Rust.
+    /// The task in Rust.
     ///
     /// # Safety
-    /// The view point is null, not aligned, or points to three floats; the background to as many points as it says; the model is null,
-    /// not aligned, or points to a whole ReagentModel.
+    /// The view point is null, not aligned, or points to three floats; the background, to as many points as it states; the
+    /// model is null, not aligned, or points to a whole ReagentModel.
     pub(crate) unsafe fn read<'c>(&self) -> Result<Task<'c>, ReagentStatus> {
         let mode = [Mode::Fast, Mode::Polish, Mode::Verify, Mode::Refine];
         let mode = usize::try_from(self.mode).ok().and_then(|i| mode.get(i));

@@ -35,7 +35,7 @@ fn compact() -> &'static [u8] {
     reagent_core::Policy::pretrained_compact_bytes()
 }
 
-/// Points of a bracket's surface, in the order of a lattice: two of another offset share none.
+/// Points on a bracket's surface, in the order of a lattice; lattices with different offsets share no points.
 fn bracket(offset: f32) -> Vec<[f32; 3]> {
     let point = |i: u16| {
         let [a, b] = [0.754_877_7, 0.569_840_3].map(|step| (f32::from(i) * step + offset).fract());

@@ -1,4 +1,4 @@
-//! Memory of what follows the policy's steps.
+//! Memory for the refinement after the policy's steps.
 
 use crate::pointer::aligned;
 use crate::status::ReagentStatus;
@@ -8,7 +8,7 @@ use reagent_core::polish::Workspace;
 /// Words of a ReagentWorkspace.
 pub const REAGENT_WORKSPACE_WORDS: usize = 30_200;
 
-/// Memory of reagent_register, reagent_refine and reagent_prepare: the caller's, of any content, for as long as the call.
+/// Memory for one call of reagent_register, reagent_refine or reagent_prepare, provided by the caller, with any content.
 #[repr(C)]
 pub struct ReagentWorkspace {
     pub(crate) words: [u64; REAGENT_WORKSPACE_WORDS],
@@ -16,10 +16,10 @@ pub struct ReagentWorkspace {
 
 const _: () = assert!(size_of::<Workspace>() <= size_of::<ReagentWorkspace>());
 const _: () = assert!(align_of::<Workspace>() <= align_of::<ReagentWorkspace>());
-// No more than a tenth too large.
+// At most a tenth too large.
 const _: () = assert!(size_of::<Workspace>() * 10 >= size_of::<ReagentWorkspace>() * 9);
 
-/// An empty workspace in the caller's.
+/// Puts an empty workspace into the caller's memory.
 ///
 /// # Safety
 /// `workspace` is null, not aligned, or points to a whole [`ReagentWorkspace`] that nobody else uses meanwhile.

@@ -1,19 +1,19 @@
-//! The embedding as a trainer needs it: with the critical point of each channel, through which gradients flow.
+//! The embedding for a trainer, with the critical point of each channel, through which gradients flow.
 
 use super::embed_tiles;
 use crate::kernels::Isa;
 use crate::layer::{Codes, Dense};
 use crate::view::View;
 
-/// Takes all points of a cloud into the global feature, and keeps for each channel the index of the first point
-/// that reaches the maximum (the critical point): the only one through which a gradient flows.
+/// Embeds all points of a cloud into the global feature, and gives for each channel the index of the first point that reaches
+/// the maximum (the critical point): the only one through which a gradient flows.
 ///
-/// Any stack of two or more layers, so that a trainer may use other shapes than the deployed one;
-/// fewer give the feature of an empty cloud.
+/// Takes any stack of two or more layers, so that a trainer may use other shapes than the deployed one. Fewer layers give the
+/// feature of an empty cloud.
 ///
 /// # Shapes
-/// `points [N, 3]`, `hidden` twice at least `[TILE, widest hidden layer]` (padded), `feature` and
-/// `argmax [F]`, with `F` a multiple of [`crate::dims::PANEL`].
+/// `points [N, 3]`; each `hidden` at least `[TILE, widest hidden layer]` (padded); `feature` and `argmax [F]`, with `F` a
+/// multiple of [`crate::dims::PANEL`].
 pub fn embed_argmax(
     isa: Isa,
     layers: &[Dense<'_>],
@@ -30,12 +30,12 @@ pub fn embed_argmax(
     });
 }
 
-/// The last layer as the search for critical points takes it.
+/// The last layer in the form that the search for critical points needs.
 #[derive(Clone, Copy, Debug)]
 pub struct SearchLayer<'a> {
-    /// Its weights in 8 bits, in which the search is made.
+    /// The weights in 8 bits, for the search.
     pub codes: Codes<'a>,
-    /// Its weights, row-major `[outputs, inputs]`, for the winners.
+    /// The weights in f32, row-major `[outputs, inputs]`, for the winners.
     pub rows: &'a [f32],
 }
 
@@ -53,15 +53,15 @@ pub struct SearchScratch<'a> {
     pub scales: &'a mut [f32],
     /// Highest scores, `[GROUPS, F]`.
     pub best: &'a mut [f32],
-    /// The points that reach them, `[GROUPS, F]`.
+    /// The points that reach these scores, `[GROUPS, F]`.
     pub winner: &'a mut [u32],
 }
 
-/// As [`embed_argmax`], with the critical points searched for in 8 bits and the features of the points
-/// found computed in f32: exact features of almost always the right points (see
-/// [`Isa::search`]). Features and critical points from the hidden layer on are the same on every kernel.
+/// As [`embed_argmax`], but searches for the critical points in 8 bits and computes the features of the points found in f32:
+/// exact features of almost always the right points (see [`Isa::search`]). From the hidden layer on, features and critical
+/// points are the same on every kernel.
 ///
-/// Arrays of other lengths than in [`SearchScratch`] give the feature of an empty cloud.
+/// Arrays of other lengths than [`SearchScratch`] states give the feature of an empty cloud.
 #[allow(clippy::too_many_arguments)]
 pub fn embed_search(
     isa: Isa,

@@ -4,10 +4,10 @@ use super::{Feature, FloatScratch, Head};
 use crate::dims::{HEAD, LOGITS, PANEL, PANELS_TOGETHER, padded};
 use crate::kernels::Isa;
 
-/// What a target adds to the first layer of a head, bias included; as much of it as the layer has outputs.
+/// A target's share of a head's first layer, bias included; a smaller network fills only its outputs.
 pub type TargetHalf = [f32; HEAD[0]];
 
-/// What a target adds to the first layer of a head: `b + W[:, 1024..] φ(Y)`.
+/// Computes a target's share of a head's first layer: `b + W[:, F..] φ(Y)`, with `F` features (1024 in the paper).
 pub fn target_half(isa: Isa, head: &Head<'_>, target: &Feature, half: &mut TargetHalf) {
     let [fc1, _, _] = &head.layers;
     let features = fc1.inputs() / 2;
@@ -16,20 +16,20 @@ pub fn target_half(isa: Isa, head: &Head<'_>, target: &Feature, half: &mut Targe
     }
 }
 
-/// One registration in a pass over the weights of a head.
+/// One registration of several that share a pass over a head's weights.
 #[derive(Debug)]
 pub struct Lane<'a> {
-    /// Feature of its target.
+    /// Feature of the registration's target.
     pub target: &'a Feature,
-    /// What the target adds to this head, if it is known.
+    /// The target's share of this head's first layer, if it is cached.
     pub half: Option<&'a TargetHalf>,
-    /// Where its source has been embedded.
+    /// Scratch in which the source was embedded.
     pub scratch: &'a mut FloatScratch,
-    /// What comes out, axis-major: of (source, target), and of (target, source) if there is a second place.
+    /// Receives logits, axis-major: of (source, target), then of (target, source) if there is a second place.
     pub ways: &'a mut [[f32; LOGITS]],
 }
 
-/// Logits of one head for the sources embedded last. Some panels of a layer are taken at a time: their weights come
+/// Computes one head's logits for the sources embedded last. It applies some panels of a layer at a time: their weights come
 /// from memory for the first lane and way, and from the cache for the others.
 pub fn logits(isa: Isa, head: &Head<'_>, lanes: &mut [Lane<'_>]) {
     let [fc1, fc2, out] = &head.layers;

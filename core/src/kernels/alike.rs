@@ -1,4 +1,4 @@
-//! Which of many are like one, in lanes.
+//! Finds which of many feature vectors are close to one, in lanes.
 //!
 //! As in [`super::lanes`]: the same on every kernel.
 
@@ -10,7 +10,7 @@ use super::Kind;
 use super::lanes::{LANES, Lanes, Row};
 use super::on_lanes::on_lanes;
 
-/// What is compared.
+/// A vector of four features.
 type Four = [f32; 4];
 
 /// See [`Isa::alike`].
@@ -33,7 +33,7 @@ fn alike<L: Lanes>(rows: &[[Row; 4]], of: &Four, most: &Four, bits: &mut [u32]) 
 }
 
 impl Isa {
-    /// Sets a bit for each of the lanes all of whose four numbers differ from one's by less than `most`.
+    /// Sets a bit for each lane whose four features all differ from those of `of` by less than `most`.
     pub fn alike(self, rows: &[[Row; 4]], of: &Four, most: &Four, bits: &mut [u32]) {
         on_lanes!(
             self,
@@ -54,7 +54,7 @@ mod tests {
         for x in rows.as_flattened_mut().as_flattened_mut() {
             *x = numbers.next();
         }
-        // At the limit, which is not below it, and without a number.
+        // At the limit, which is not below it, and at infinity.
         (rows[0][1][3], rows[2][0][15]) = (0.1 + 0.75, f32::INFINITY);
         let (of, most) = ([0.3, 0.1, -0.2, 0.0], [0.5, 0.75, 0.5, 0.75]);
         let is_alike =

@@ -1,22 +1,22 @@
-//! Boxes around runs and blocks of points that follow each other in space.
+//! Boxes around runs and blocks of points that are in spatial order.
 
 use super::lanes::{LANES, Lanes, Places, Row, Vectors};
 use crate::dims::SURFACE_POINTS;
 use core::ops::Range;
 
-/// Points of a run of neighbours.
+/// Points in a run of neighbours.
 pub const RUN: usize = 8;
-/// Points of a block of runs.
+/// Points in a block of runs.
 pub const BLOCK: usize = 32;
-/// Blocks and runs of a surface, at most.
+/// Most blocks of a surface.
 pub const BLOCKS: usize = SURFACE_POINTS / BLOCK;
-/// See [`BLOCKS`].
+/// Most runs of a surface.
 pub const RUNS: usize = SURFACE_POINTS / RUN;
 
-/// An axis-parallel box: its lowest and highest corner.
+/// An axis-aligned box: its lowest and its highest corner.
 pub type Corners = [[f32; 3]; 2];
 
-/// The boxes of all blocks, one row an axis: distances to all of them are found in lanes.
+/// The boxes of all blocks, one row for each axis, so that distances to all of them are computed in lanes.
 #[derive(Clone, Debug)]
 pub struct Boxes {
     /// Lowest coordinates.
@@ -26,13 +26,13 @@ pub struct Boxes {
 }
 
 impl Boxes {
-    /// Of no blocks. All bits are zero.
+    /// No blocks. All bits are zero.
     pub const ZERO: Boxes = Boxes {
         low: [[[0.0; LANES]; BLOCKS / LANES]; 3],
         high: [[[0.0; LANES]; BLOCKS / LANES]; 3],
     };
 
-    /// Squared distances of all boxes from a point.
+    /// Squared distances from a point to all boxes.
     pub fn gaps(&self, [x, y, z]: [f32; 3]) -> [f32; BLOCKS] {
         let mut gaps = [0.0; BLOCKS];
         for ((low, high), x) in self.low.iter().zip(&self.high).zip([x, y, z]) {
@@ -46,10 +46,10 @@ impl Boxes {
     }
 }
 
-/// A surface's points in boxes.
+/// A surface's points with their boxes.
 #[derive(Clone, Copy, Debug)]
 pub struct Boxed<'a> {
-    /// The points in spatial order, and how many there are.
+    /// The points in spatial order, and their number.
     pub points: (&'a Places, usize),
     /// Boxes of the runs.
     pub runs: &'a [Corners; RUNS],
@@ -58,19 +58,19 @@ pub struct Boxed<'a> {
 }
 
 impl Boxed<'_> {
-    /// How many blocks there are.
+    /// Number of blocks.
     #[inline(always)]
     pub(super) fn count(&self) -> usize {
         self.points.1.div_ceil(BLOCK).min(BLOCKS)
     }
 
-    /// Places of a block's points.
+    /// Places of the points in a block.
     #[inline(always)]
     pub(super) fn places(&self, block: usize) -> Range<usize> {
         block * BLOCK..self.points.1.min((block + 1) * BLOCK)
     }
 
-    /// Squared distances of the blocks' boxes from one.
+    /// Squared distances from a box to the boxes of all blocks.
     #[inline(always)]
     pub(super) fn gaps<L: Lanes>(&self, &[low, high]: &Corners) -> [f32; BLOCKS] {
         let (low, high) = (Vectors::<L>::all(low), Vectors::all(high));
@@ -92,7 +92,7 @@ impl Boxed<'_> {
         flat
     }
 
-    /// A bit for each of sixteen blocks from one on whose gap is below a limit.
+    /// A bit for each of the sixteen blocks from `first` on whose gap is below `limit`.
     #[inline(always)]
     pub(super) fn below<L: Lanes>(&self, gaps: &[f32; BLOCKS], first: usize, limit: f32) -> u32 {
         let row = &gaps.as_chunks::<LANES>().0[first / LANES];
@@ -109,21 +109,21 @@ impl Boxed<'_> {
     }
 }
 
-/// Squared distance from a box of what lies so far below it and above it, axis by axis: negative on the other side.
+/// Squared distance to a box, from the distance below it and above it along each axis (negative on the other side).
 #[inline(always)]
 pub(super) fn squared_gap<L: Lanes>(below: Vectors<L>, above: Vectors<L>) -> L {
     let gap = below.max(above).max(Vectors::all([0.0; 3]));
     gap.dot(gap)
 }
 
-/// The box about some points, one row an axis.
+/// The bounding box of points, given one row for each axis.
 #[inline(always)]
 pub(super) fn bounds<L: Lanes>([x, y, z]: &[Row; 3]) -> Corners {
     let low = [smallest::<L>(x), smallest::<L>(y), smallest::<L>(z)];
     [low, [largest::<L>(x), largest::<L>(y), largest::<L>(z)]]
 }
 
-/// The largest of a row.
+/// The largest value in a row.
 #[inline(always)]
 pub(super) fn largest<L: Lanes>(row: &Row) -> f32 {
     let mut most = L::load(row, 0);

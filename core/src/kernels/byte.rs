@@ -1,4 +1,4 @@
-//! Layers in 8-bit integers, dispatched to the kernels of the machine. All give the same bits.
+//! Layers in 8-bit integers, dispatched to the machine's kernels. All give the same bits.
 
 #![allow(unsafe_code)]
 
@@ -30,11 +30,10 @@ use crate::layer::{Codes, Dense, QuantLayer};
 use portable::{INPUTS, ROW_BITS, ROWS, row_of};
 
 impl Isa {
-    /// First layer of an integer network: points as seen to codes (step 1 of [`crate::quant`]).
+    /// First layer of an integer network: from points as seen to codes (step 1 of [`crate::quant`]).
     ///
     /// # Shapes
-    /// `points [N, 3]`, `codes [N, outputs]`; rows beyond either are left alone, and all of them where
-    /// the layer does not have three inputs.
+    /// `points [N, 3]`, `codes [N, outputs]`; rows beyond either are left alone, and all rows of a layer without three inputs.
     pub fn point_codes(self, layer: &Dense<'_>, points: &[[f32; 3]], codes: &mut [u8]) {
         if layer.inputs() != 3 {
             return;
@@ -111,7 +110,7 @@ impl Isa {
         self.raise::<false>(layer, x, max);
     }
 
-    /// Whether [`Isa::dense_codes_max_near`] gains from an order of points.
+    /// Whether [`Isa::dense_codes_max_near`] runs faster on points in spatial order.
     pub(crate) fn prunes_codes(self) -> bool {
         match self.0 {
             #[cfg(target_arch = "x86_64")]
@@ -120,8 +119,7 @@ impl Isa {
         }
     }
 
-    /// As [`Isa::dense_codes_max`], faster where points that follow each other lie close together: what cannot raise a
-    /// maximum is left out.
+    /// As [`Isa::dense_codes_max`], but faster if consecutive points are close: it skips sums that cannot raise a maximum.
     ///
     /// # Shapes
     /// `x [points, inputs]`, `max [outputs]`; another length of `max` leaves it as it is.
@@ -150,8 +148,7 @@ impl Isa {
         }
     }
 
-    /// As [`Isa::dense_codes_max`], and says where a maximum was raised: `won(o, row)`, with the first row that
-    /// reaches it.
+    /// As [`Isa::dense_codes_max`], and calls `won(o, row)` for each raised maximum, with the first row that reaches it.
     ///
     /// # Shapes
     /// `x [points, inputs]`, `max [outputs]`; another length of `max`, or more than 128 inputs, leaves it as it is.
@@ -184,7 +181,7 @@ impl Isa {
         }
     }
 
-    /// Raises maxima to sums, or to [`portable::marked`] ones.
+    /// Raises maxima to sums, or to marked sums ([`portable::marked`]).
     #[inline]
     fn raise<const MARK: bool>(self, layer: &Codes<'_>, x: &[u8], max: &mut [i32]) {
         if max.len() != layer.outputs() {
@@ -233,8 +230,8 @@ impl Isa {
         }
     }
 
-    /// `y += W[:, from..from + n] x` in integers, for codes of 13 bits in two planes of `n` bytes, `x =
-    /// 64 high + low`, `high` below 128 and `low` below 64 (step 4 of [`crate::quant`]).
+    /// `y += W[:, from..from + n] x` in integers, for codes of 13 bits in two planes of `n` bytes,
+    /// `x = 64 high + low`, `high` below 128 and `low` below 64 (step 4 of [`crate::quant`]).
     ///
     /// # Shapes
     /// `planes [n]` each, `from` and `n` multiples of 4 with `from + n <= inputs`, `y [outputs]`; others

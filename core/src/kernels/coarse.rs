@@ -1,7 +1,7 @@
-//! Steps and losses of searches that look at many poses: few points, and points of a surface that are about nearest to them by
-//! a grid about it.
+//! Steps and losses for searches over many poses: few points, matched with approximately nearest points of a surface, which a
+//! grid looks up.
 //!
-//! As in [`super::lanes`]: the same bits on every kernel.
+//! As in [`super::lanes`], the bits are the same on every kernel.
 
 #![allow(unsafe_code)]
 
@@ -16,43 +16,43 @@ use super::oriented::{Bare, Oriented};
 use super::{Sums, Weighing};
 use crate::pose::Pose;
 
-/// Cells along an axis of a grid about a surface.
+/// Cells along each axis of a grid around a surface.
 pub const CELLS: usize = 24;
-/// Half of the grid's side: a normalised surface is within 1.
+/// Half of the grid's side length; a normalised surface lies within 1.
 pub const HALF: f32 = 1.2;
-/// All cells.
+/// Number of cells.
 pub const GRID: usize = CELLS * CELLS * CELLS;
 
-/// A surface in a grid, cells along x first.
+/// A surface in a grid; cells are stored along x first.
 #[derive(Clone, Copy, Debug)]
 pub struct Near<'a> {
-    /// Of each cell: the place of the point that is nearest to its centre.
+    /// For each cell, the place of the point nearest to its centre.
     pub places: &'a [u16; GRID],
     /// The surface.
     pub surface: Bare<'a>,
 }
 
 impl Near<'_> {
-    /// Points of the surface that are near such points, and their normals.
+    /// Points of the surface near the given ones, and their normals.
     #[inline(always)]
     fn to<L: Lanes>(&self, p: Vectors<L>) -> [Vectors<L>; 2] {
         let cells = cells_of(p);
         let mut places = [0; LANES];
         for (place, &cell) in places.iter_mut().zip(&cells).take(L::COUNT) {
-            // SAFETY: a cell of the grid.
+            // SAFETY: the cell is one of the grid's.
             *place = unsafe { *self.places.get_unchecked(cell as usize) };
         }
         self.surface.gather(&places, 0)
     }
 }
 
-/// The cell of the grid whose centre is nearest to a point: the one that the kernels look up.
+/// The cell of the grid whose centre is nearest to a point, as the kernels look it up.
 pub fn cell_of(p: [f32; 3]) -> usize {
     let [cell, ..] = cells_of(Vectors::<Four>::all(p));
     cell as usize
 }
 
-/// The same of each of the lanes, those first.
+/// The same for each lane; the lanes' cells come first.
 #[inline(always)]
 fn cells_of<L: Lanes>(p: Vectors<L>) -> [u32; LANES] {
     let (x, y, z) = (cell(p.x), cell(p.y), cell(p.z));
@@ -62,11 +62,11 @@ fn cells_of<L: Lanes>(p: Vectors<L>) -> [u32; LANES] {
     cells
 }
 
-/// Which cell along an axis is nearest: one of the grid's in any case.
+/// The nearest cell along an axis, clamped to the grid.
 #[inline(always)]
 fn cell<L: Lanes>(x: L) -> L::Counts {
     const FACTOR: f32 = CELLS as f32 / (2.0 * HALF);
-    // From here on the last bit of an f32 stands for 1: faster than a conversion, which looks for what is out of range.
+    // Above this, the last bit of an f32 stands for 1. Adding it is faster than a conversion, which checks the range.
     const UNIT: f32 = 8_388_608.0;
     let along = (x + L::all(HALF)) * L::all(FACTOR) - L::all(0.5);
     let within = along.max(L::all(0.0)).min(L::all(CELLS as f32 - 1.0));
@@ -127,7 +127,7 @@ fn loss<L: Lanes>(
 }
 
 impl Isa {
-    /// Adds the equations of the first `count` points of a sample, seen under a pose, and of what is near them in the grid. The same
+    /// Adds the equations of the first `count` points of a sample under a pose, matched with near points of the grid. The same
     /// bits on every kernel.
     pub fn coarse_equations(
         self,
@@ -151,8 +151,8 @@ impl Isa {
         );
     }
 
-    /// Sum of the losses, by such a radius and scale, of the same points; where it reaches `most`, any from there on. The same bits on
-    /// every kernel.
+    /// Sum of the losses of these points, for a radius and a scale. Once the sum reaches `most`, it may stop there. The same
+    /// bits on every kernel.
     pub fn coarse_loss(
         self,
         sample: &[Oriented],
@@ -185,7 +185,7 @@ mod tests {
     use crate::polish::tests::pose;
     use glam::Vec3;
 
-    /// Places of points that are in no way near.
+    /// Places of points that need not be near.
     fn places() -> Box<[u16; GRID]> {
         let mut places = Box::new([0; GRID]);
         for (cell, place) in places.iter_mut().enumerate() {
@@ -205,7 +205,7 @@ mod tests {
             gate: 2.5,
             tangential: 0.1,
         };
-        // Within the grid, across its border, and beyond.
+        // Inside the grid, across its border, and outside.
         for shift in [[0.1, 0.2, -0.3], [0.9, -0.8, 0.4], [9.0, -1e9, 3.0]] {
             let pose = pose([0.3, -0.2, 0.9], shift);
             for count in [0, 5, 16, 37, 96] {
@@ -251,7 +251,7 @@ mod tests {
         for isa in Isa::all() {
             let loss = |most| isa.coarse_loss(&sample, 96, &pose, &near, [0.2, 0.3], most);
             assert_eq!(loss(f32::INFINITY), expected, "{}", isa.name());
-            // What can reach no less than `most` is not looked at to the end.
+            // A sum that reaches `most` ends early.
             let most = 0.5 * expected;
             assert!(loss(most) >= most && loss(most) < expected);
         }

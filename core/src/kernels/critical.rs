@@ -1,5 +1,5 @@
-//! What a trainer needs beside the layers, dispatched to the kernels of the machine: the search for
-//! critical points and the gradient through them.
+//! What a trainer needs besides the layers, dispatched to the machine's kernels: the search for critical points and the
+//! gradient through them.
 
 #![allow(unsafe_code)]
 
@@ -15,8 +15,8 @@ use crate::dims::PANEL;
 use crate::layer::{Codes, padded_codes};
 
 impl Isa {
-    /// Codes 0..=255 of non-negative rows with one scale each, `x ≈ code * scale`, for
-    /// [`Isa::search`]. The same bits on every kernel.
+    /// Quantises non-negative rows to codes 0..=255 with one scale for each row, `x ≈ code * scale`, for [`Isa::search`]. The
+    /// same bits on every kernel.
     ///
     /// # Shapes
     /// `x [points, width]`, `codes [points, padded_codes(width)]`, `scales [points]`; rows beyond the
@@ -41,9 +41,9 @@ impl Isa {
         }
     }
 
-    /// Finds the point with the highest score of each output in each of [`GROUPS`] groups of points
-    /// (point `n` is of group `n % GROUPS`): `score = scales[n] * Σ codes[n] weight`. The first of
-    /// equals; the same on every kernel.
+    /// Finds, for each output, the point with the highest score in each of [`GROUPS`] groups of
+    /// points (point `n` is in group `n % GROUPS`): `score = scales[n] * Σ codes[n] weight`.
+    /// The first of equals wins; the result is the same on every kernel.
     ///
     /// # Shapes
     /// `codes [points, layer.inputs()]`, `scales [points]`, `best` and `winner [GROUPS, layer.outputs()]`,
@@ -101,12 +101,11 @@ impl Isa {
         }
     }
 
-    /// Outputs of the winners of [`Isa::search`] in f32, and the better of each output's groups.
+    /// Computes the outputs of [`Isa::search`]'s winners in f32, and keeps the best of each output's groups.
     ///
     /// # Shapes
-    /// `rows [outputs, width]`, `bias` and `feature [outputs]`, `hidden [points, width]`, `winner
-    /// [GROUPS, outputs]`, of which the first row becomes the result; other lengths leave both as
-    /// they are.
+    /// `rows [outputs, width]`, `bias` and `feature [outputs]`, `hidden [points, width]`,
+    /// `winner [GROUPS, outputs]`, whose first row becomes the result; other lengths leave both as they are.
     pub fn winners(
         self,
         width: usize,
@@ -139,13 +138,12 @@ impl Isa {
         }
     }
 
-    /// Gradient of a layer's outputs that are maxima over points: output `o` has the gradient
-    /// `gradient[o]` at point `row[o]` and none elsewhere. Adds to the gradients of its weights and of
-    /// its inputs; the same bits on every kernel.
+    /// Gradient of a layer whose outputs are maxima over points: output `o` has the gradient `gradient[o]` at point `row[o]`
+    /// and none elsewhere. Adds to the gradients of the weights and of the inputs; the same bits on every kernel.
     ///
     /// # Shapes
     /// `row` and `gradient [outputs]`, `hidden` and `hidden_gradient [points, width]`, `weight` and
-    /// `weight_gradient [outputs, width]`; rows out of bounds are passed over.
+    /// `weight_gradient [outputs, width]`; rows out of bounds are skipped.
     pub fn max_backward(
         self,
         width: usize,

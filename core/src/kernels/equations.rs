@@ -1,6 +1,6 @@
-//! Normal equations of matched points, pairs in lanes: what a small motion does to the distances between two surfaces.
+//! Normal equations of matched points, with pairs in lanes: how a small motion changes the distances between two surfaces.
 //!
-//! As in [`super::lanes`]: each lane sums its own pairs in order, so that every kernel gives the same bits.
+//! As in [`super::lanes`], each lane sums its own pairs in order, so every kernel gives the same bits.
 
 #![allow(unsafe_code)]
 
@@ -12,31 +12,31 @@ use super::on_lanes::on_lanes;
 use super::oriented::Bare;
 use crate::pose::Pose;
 
-/// Places of a pair of points: in the first surface, and in the second.
+/// Places of a matched pair: in the first surface, and in the second.
 pub type Pair = [u16; 2];
 
-/// How much a pair counts in equations.
+/// The weight of a pair in the equations.
 #[derive(Clone, Copy, Debug)]
 pub struct Weighing {
-    /// Squared distance from which a pair counts nothing (Tukey's biweight).
+    /// Squared distance from which on a pair has no weight (Tukey's biweight).
     pub gate: f32,
-    /// Weight of the distance between points beside that between planes.
+    /// Weight of the distance between the points, relative to that between the planes.
     pub tangential: f32,
 }
 
-/// Normal equations of a small rigid motion `x -> x + ω × x + v` of the first surface, lane by lane: the lower triangle of the
-/// matrix by rows (unknowns ω, then v), then the right side.
+/// Normal equations of a small rigid motion `x -> x + ω × x + v` of the first surface, summed lane by lane: the lower triangle
+/// of the matrix by rows (unknowns ω, then v), then the right-hand side.
 #[derive(Clone, Debug)]
 #[repr(C, align(64))]
 pub struct Sums(pub [Row; 27]);
 
 impl Sums {
-    /// Of no pairs.
+    /// Sums over no pairs.
     pub const ZERO: Sums = Sums([[0.0; LANES]; 27]);
 }
 
-/// Adds a pair's rows of the symmetric point-to-plane distance (Rusinkiewicz 2019), along the sum of both normals, and of the
-/// distance between the points: for the lanes from one on, up to `count`.
+/// Adds a pair's terms of the symmetric point-to-plane distance (Rusinkiewicz 2019), along the sum of both normals, and of the
+/// point-to-point distance, for the lanes from `lane` on, below `count`.
 #[inline(always)]
 pub(super) fn add<L: Lanes>(
     lane: usize,
@@ -50,7 +50,7 @@ pub(super) fn add<L: Lanes>(
     let apart = p - q;
     let share = (all(1.0) - apart.dot(apart) * all(1.0 / by.gate)).max(all(0.0));
     let weight = share * share * L::load(is_pair(count), lane);
-    // Normals have no sign of their own: the first is turned to the side of the second.
+    // Normals have no sign: the first is flipped to the side of the second.
     let same = m.dot(n);
     let (d, e, f) = (
         n.x + m.x.turned(same),
@@ -129,7 +129,7 @@ fn equations<L: Lanes>(
     }
 }
 
-/// 1 for each of the first so many lanes, else 0.
+/// A row with 1 in the first `count` lanes, else 0.
 #[inline(always)]
 fn is_pair(count: usize) -> &'static Row {
     const ROWS: [Row; LANES + 1] = {
@@ -148,7 +148,7 @@ fn is_pair(count: usize) -> &'static Row {
 }
 
 impl Isa {
-    /// Adds the equations of pairs of points of two surfaces, the first seen under a pose. The same bits on every kernel, and
+    /// Adds the equations of pairs of points of two surfaces, the first under a pose. The bits are the same on every kernel,
     /// whether all pairs come at once or in whole [`LANES`].
     pub fn equations(
         self,
@@ -205,7 +205,7 @@ mod tests {
         }
     }
 
-    /// The sums are the gradient and the Gauss-Newton matrix of the weighted squares that the module speaks of.
+    /// The sums are the gradient and the Gauss-Newton matrix of the module's weighted squares.
     #[test]
     fn sums_are_those_of_the_definition() {
         let (first, second) = (Cloud::drawn(5), Cloud::drawn(6));

@@ -1,4 +1,4 @@
-//! Layers in f32, dispatched to the kernels of the machine.
+//! Layers in f32, dispatched to the machine's kernels.
 
 #![allow(unsafe_code)]
 
@@ -46,7 +46,7 @@ impl Isa {
     /// `max[o] = max(max[o], max over rows of (W x + b)[o])`.
     ///
     /// # Shapes
-    /// `x [points, inputs]`, `max [padded outputs]`; a shorter `max` leaves everything as it is.
+    /// `x [points, inputs]`, `max [padded outputs]`; a shorter `max` is left unchanged.
     pub fn dense_max(self, layer: &Dense<'_>, x: &[f32], max: &mut [f32]) {
         if max.len() < layer.width() {
             return;
@@ -72,7 +72,7 @@ impl Isa {
         }
     }
 
-    /// Whether [`Isa::dense_max_near`] gains from an order of points.
+    /// Whether [`Isa::dense_max_near`] runs faster on points in spatial order.
     pub(crate) fn prunes_floats(self) -> bool {
         match self.0 {
             #[cfg(target_arch = "x86_64")]
@@ -83,11 +83,10 @@ impl Isa {
         }
     }
 
-    /// As [`Isa::dense_max`], faster where points that follow each other lie close together: what cannot raise a
-    /// maximum is left out.
+    /// As [`Isa::dense_max`], but faster if consecutive points lie close together: it skips sums that cannot raise a maximum.
     ///
     /// # Shapes
-    /// `x [points, inputs]`, `max [padded outputs]`; a shorter `max` leaves everything as it is.
+    /// `x [points, inputs]`, `max [padded outputs]`; a shorter `max` is left unchanged.
     pub fn dense_max_near(self, layer: &Dense<'_>, x: &[f32], max: &mut [f32]) {
         let outputs = layer.width();
         if max.len() < outputs || !super::pruned::fits(layer.inputs(), outputs) {
@@ -113,8 +112,8 @@ impl Isa {
         }
     }
 
-    /// As [`Isa::dense_max`], with `argmax[o]` set to the index of the row that raised `max[o]`
-    /// last; rows count from `first`.
+    /// As [`Isa::dense_max`], and sets `argmax[o]` to the number of the
+    /// row that last raised `max[o]`; rows are numbered from `first`.
     ///
     /// # Shapes
     /// `x [points, inputs]`, `max` and `argmax [padded outputs]`.
@@ -150,7 +149,7 @@ impl Isa {
         }
     }
 
-    /// `y = start + W[:, from..from + len(x)] x`: a product with some of the layer's columns.
+    /// `y = start + W[:, from..from + len(x)] x`: the product with some columns of the layer.
     ///
     /// # Shapes
     /// `start` and `y [padded outputs]`, `x [n]` with `from + n <= inputs`; other lengths leave `y`

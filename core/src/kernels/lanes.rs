@@ -1,7 +1,7 @@
-//! Numbers side by side, one a lane: what the kernels of refinement are written on.
+//! Numbers side by side, one to a lane: the vectors on which the kernels of refinement are written.
 //!
-//! An algorithm stands once, on [`Lanes`], and is compiled for each instruction set ([`super::on_lanes`]). No fused multiply-add, and what is
-//! summed over lanes is summed in their order: every kernel gives the same bits.
+//! An algorithm is written once, on [`Lanes`], and compiled for each instruction set ([`super::on_lanes`]). It uses no fused
+//! multiply-add, and sums over lanes in the order of the lanes, so every kernel gives the same bits.
 
 use crate::dims::SURFACE_POINTS;
 use crate::pose::Pose;
@@ -10,54 +10,55 @@ use core::ops::{Add, Div, Mul, Sub};
 /// Lanes of a [`Row`].
 pub const LANES: usize = 16;
 
-/// A number for each of the lanes.
+/// One number for each lane.
 pub type Row = [f32; LANES];
 
-/// Vectors at their places, and one more: four numbers are loaded at a time.
+/// Vectors by place, and one more at the end: loads read four numbers at a time.
 pub type Places = [[f32; 3]; SURFACE_POINTS + 1];
 
-/// Some of the lanes, as many as a register holds. Where nothing else is said, a function does to each lane what its name says.
+/// Some of a row's lanes, as many as a register holds. Unless stated
+/// otherwise, a function does to each lane what its name says.
 ///
-/// A type that stands for an instruction set is named only where that was detected, in a function with its `target_feature`, into
-/// which all that works on it is inlined.
+/// A type for an instruction set may be named only after that was detected, in a function with its `target_feature`, into which
+/// all operations on it are inlined.
 pub(super) trait Lanes:
     Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self>
 {
-    /// How many.
+    /// Number of lanes.
     const COUNT: usize;
-    /// A number from 0 to 2³² - 1 for each.
+    /// An integer from 0 to 2³² - 1 for each lane.
     type Counts: Copy;
 
     fn all(x: f32) -> Self;
-    /// Those of a row from one on.
+    /// Loads lanes of a row from `first` on.
     fn load(row: &Row, first: usize) -> Self;
     fn store(self, row: &mut Row, first: usize);
     fn load_counts(row: &[u32; LANES], first: usize) -> Self::Counts;
     fn store_counts(counts: Self::Counts, row: &mut [u32; LANES], first: usize);
 
-    /// The larger; `other` where one is no number.
+    /// The larger; `other` if either is NaN.
     fn max(self, other: Self) -> Self;
-    /// The smaller; `other` where one is no number.
+    /// The smaller; `other` if either is NaN.
     fn min(self, other: Self) -> Self;
     fn sqrt(self) -> Self;
-    /// The opposite where `by` is negative.
+    /// `-self` where `by` is negative, `self` elsewhere.
     fn turned(self, by: Self) -> Self;
-    /// The largest of all lanes.
+    /// The largest lane.
     fn largest(self) -> f32;
-    /// A bit for each that is less than `other`'s, the first the lowest.
+    /// A bit for each lane that is less than `other`'s; the first lane has the lowest bit.
     fn below(self, other: Self) -> u32;
-    /// `self` and `counts`, but `other` and `count` where that is less.
+    /// `self` and `counts`, or `other` and `count` where `other` is less.
     fn keep_less(self, counts: Self::Counts, other: Self, count: u32) -> (Self, Self::Counts);
-    /// The bits of each as a count, less some.
+    /// The bits of each float as an integer, minus `some`.
     fn bits_beyond(self, some: u32) -> Self::Counts;
     /// `counts * by + other`.
     fn times_and(counts: Self::Counts, by: u32, other: Self::Counts) -> Self::Counts;
 
-    /// The vectors at such places, at most [`SURFACE_POINTS`], one for each lane.
+    /// The vectors at places up to [`SURFACE_POINTS`], one for each lane.
     fn gather(from: &Places, places: &[u16; LANES], first: usize) -> Vectors<Self>;
 }
 
-/// Vectors side by side.
+/// Vectors in lanes.
 #[derive(Clone, Copy)]
 pub(super) struct Vectors<L> {
     pub(super) x: L,
@@ -72,13 +73,13 @@ impl<L: Lanes> Vectors<L> {
         Vectors { x, y, z }
     }
 
-    /// The lanes of three rows, one an axis, from one on.
+    /// Loads lanes from `first` on of three rows, one for each axis.
     #[inline(always)]
     pub(super) fn load([x, y, z]: &[Row; 3], first: usize) -> Self {
         Self::of([x, y, z], first)
     }
 
-    /// The same of rows that lie apart.
+    /// The same for rows that are not adjacent.
     #[inline(always)]
     pub(super) fn of([x, y, z]: [&Row; 3], first: usize) -> Self {
         let (x, y, z) = (L::load(x, first), L::load(y, first), L::load(z, first));
@@ -119,7 +120,7 @@ impl<L: Lanes> Sub for Vectors<L> {
     }
 }
 
-/// A pose under which vectors are seen.
+/// A pose, applied to vectors in lanes.
 #[derive(Clone, Copy)]
 pub(super) struct Seen<L> {
     columns: [Vectors<L>; 3],
@@ -140,7 +141,7 @@ impl<L: Lanes> Seen<L> {
         }
     }
 
-    /// As [`Pose::apply`].
+    /// Applies the pose to points, as [`Pose::apply`].
     #[inline(always)]
     pub(super) fn point(&self, of: Vectors<L>) -> Vectors<L> {
         self.direction(of) + self.shift
@@ -157,7 +158,7 @@ impl<L: Lanes> Seen<L> {
     }
 }
 
-/// Four lanes of no instruction set: the compiler finds registers for them where there are any.
+/// Four lanes in plain Rust: the compiler puts them into registers if there are any.
 #[derive(Clone, Copy)]
 pub(super) struct Four([f32; 4]);
 
@@ -268,7 +269,7 @@ impl Lanes for Four {
 
     #[inline(always)]
     fn keep_less(self, mut counts: [u32; 4], other: Self, count: u32) -> (Self, [u32; 4]) {
-        // Counts first: a comparison that also chose the number would keep it in memory.
+        // Integers first: a comparison that also selected the float would keep it in memory.
         for ((kept, x), y) in counts.iter_mut().zip(self.0).zip(other.0) {
             *kept = if y < x { count } else { *kept };
         }

@@ -1,6 +1,6 @@
-//! What pairs of nearest points say of a fit, pairs in lanes.
+//! Losses of pairs of nearest points, with pairs in lanes.
 //!
-//! As in [`super::lanes`]: the same bits on every kernel.
+//! As in [`super::lanes`], the bits are the same on every kernel.
 
 #![allow(unsafe_code)]
 
@@ -14,8 +14,8 @@ use super::oriented::Bare;
 use crate::dims::SURFACE_POINTS;
 use crate::loss::{GAP, POINT, SURFACE};
 
-/// Loss of a point `apart` from the nearest of a surface sampled with neighbourhoods of `radius`, whose normal
-/// there is given: 0 on the surface, half `scale` radii from it, 1 far away.
+/// As [`crate::loss::of_surface`]: loss of a point `apart` from its nearest point on a surface, 0 on the surface, 1/2 at a
+/// distance of `scale` radii, 1 far away.
 #[inline(always)]
 pub(super) fn of_surface<L: Lanes>(
     apart: Vectors<L>,
@@ -72,8 +72,8 @@ fn losses<L: Lanes>(
 }
 
 impl Isa {
-    /// Sets, one after the other, the bits of what points lose that were sought on a surface with neighbourhoods of such a radius,
-    /// and found at `places`: 1 beyond the limit. The same bits on every kernel.
+    /// Writes the bits of each sought point's loss, in order, on a surface with neighbourhoods of `radius`, from the matches in
+    /// `places`; 1 beyond the limit. The same bits on every kernel.
     pub fn losses(
         self,
         sought: &Sought<'_>,
@@ -107,7 +107,7 @@ mod tests {
     #[test]
     fn every_kernel_loses_what_each_match_does_and_all_of_a_point_without_one() {
         let (source, target) = (Cloud::drawn(7), Cloud::drawn(8));
-        // Every third point has no match; its place still names one.
+        // Every third point has no match, but its place still names one.
         let mut places = [0; SURFACE_POINTS];
         for (of, place) in places.iter_mut().enumerate() {
             let beyond = if of % 3 == 0 { BEYOND } else { 0 };

@@ -1,7 +1,7 @@
-//! Nearest points of a surface whose points lie in boxes, points in lanes.
+//! Nearest points on a surface whose points lie in boxes, with queries in lanes.
 //!
-//! As in [`super::lanes`]: the same bits on every kernel. No point of a box that does not reach nearer than the nearest so far is
-//! nearer, however its distance is rounded: both are the same sums of differences, and those are ordered.
+//! As in [`super::lanes`], the bits are the same on every kernel. A box no nearer than the nearest point so far holds no nearer
+//! point, however distances round: both distances are the same sums of ordered differences.
 
 #![allow(unsafe_code)]
 
@@ -19,19 +19,19 @@ use crate::pose::Pose;
 pub const BEYOND: u16 = 1 << 15;
 const _: () = assert!(SURFACE_POINTS <= BEYOND as usize && BATCH == LANES);
 
-/// Points that are looked for on another surface.
+/// Points whose nearest points on another surface are sought.
 #[derive(Clone, Copy, Debug)]
 pub struct Sought<'a> {
-    /// Points of a surface, and how many there are.
+    /// Points of a surface, and their number.
     pub points: (&'a Places, usize),
-    /// Every so many-th of them is looked for; at least 1.
+    /// Stride of the points sought; at least 1.
     pub every: usize,
-    /// The pose under which they are seen.
+    /// The pose applied to them.
     pub pose: Pose,
 }
 
 impl Sought<'_> {
-    /// How many there are.
+    /// Number of points sought.
     #[inline(always)]
     pub(super) fn count(&self) -> usize {
         self.points
@@ -40,7 +40,7 @@ impl Sought<'_> {
             .div_ceil(self.every.max(1))
     }
 
-    /// Places of a batch of `count`, from one on; those beyond the last as the last.
+    /// Places of a batch of `count` points from `first` on; lanes beyond repeat the last.
     #[inline(always)]
     pub(super) fn places(&self, first: usize, count: usize) -> [u16; LANES] {
         let mut places = [0; LANES];
@@ -51,14 +51,14 @@ impl Sought<'_> {
     }
 }
 
-/// Squared distances of seen points from those at such places.
+/// Squared distances from transformed points to the points at `places`.
 #[inline(always)]
 fn apart<L: Lanes>(at: &[Row; 3], of: &Places, places: &[u16; LANES], lane: usize) -> L {
     let apart = Vectors::<L>::load(at, lane) - L::gather(of, places, lane);
     apart.dot(apart)
 }
 
-/// Sees points at such places under a pose.
+/// Transforms the points at `places` by a pose.
 #[inline(always)]
 fn see<L: Lanes>(seen: &Seen<L>, points: &Places, places: &[u16; LANES], at: &mut [Row; 3]) {
     for lane in (0..LANES).step_by(L::COUNT) {
@@ -108,7 +108,7 @@ fn find<L: Lanes>(
             places[usize::from(of[i]) % SURFACE_POINTS] = batch.place[i] as u16 | beyond;
         }
         for (key, nearest) in keys.iter_mut().zip(&batch.nearest) {
-            *key = nearest.to_bits(); // in the order of the distances: they are not negative
+            *key = nearest.to_bits(); // non-negative floats order as their bits do
         }
     }
 }
@@ -149,7 +149,7 @@ fn search<L: Lanes>(batch: &mut Batch, other: &Boxed<'_>) {
     let mut worst = largest::<L>(&batch.nearest);
     let mut shown = BLOCKS;
     if worst == f32::INFINITY {
-        // The nearest block gives the others something to be compared with.
+        // The nearest block first, so that the others have something to be compared with.
         let mut least = gaps[0];
         shown = 0;
         for (block, &gap) in gaps.iter().enumerate().take(other.count()).skip(1) {
@@ -173,7 +173,7 @@ fn search<L: Lanes>(batch: &mut Batch, other: &Boxed<'_>) {
     }
 }
 
-/// Shows the points of a block to a batch, in runs.
+/// Compares a batch with the points of a block, run by run.
 #[inline(always)]
 fn show<L: Lanes>(batch: &mut Batch, other: &Boxed<'_>, block: usize) {
     let (points, of_block) = (other.points.0, other.places(block));
@@ -199,7 +199,7 @@ fn show<L: Lanes>(batch: &mut Batch, other: &Boxed<'_>, block: usize) {
     }
 }
 
-/// Whether a box reaches nearer to one of some points than its nearest so far.
+/// Whether a box may hold a point nearer to some lane than its nearest so far.
 #[inline(always)]
 fn reaches<L: Lanes>(at: Vectors<L>, nearest: L, &[low, high]: &Corners) -> bool {
     let (below, above) = (Vectors::all(low) - at, at - Vectors::all(high));
@@ -207,9 +207,9 @@ fn reaches<L: Lanes>(at: Vectors<L>, nearest: L, &[low, high]: &Corners) -> bool
 }
 
 impl Isa {
-    /// Finds the nearest point of another surface to each of the points sought, if it is nearer than the root of `limit`; where
-    /// `is_known`, `places` are those of points that may be near. Sets, at its own place, the place of each point's nearest, else
-    /// [`BEYOND`] beside what was there, and as keys, one after the other, the bits of the squared distances, else of the limit.
+    /// Finds the nearest point of another surface to each point sought, if its squared distance is below `limit`. With
+    /// `is_known`, `places` holds points that may be near. Writes the place of each point's nearest at the point's own place,
+    /// or sets [`BEYOND`] on an old place; and writes to `keys`, in order, the bits of the squared distances, or of the limit.
     pub fn find(
         self,
         sought: &Sought<'_>,
@@ -232,7 +232,7 @@ impl Isa {
         );
     }
 
-    /// Sets as keys the bits of the squared distances of the points sought from those that `places` name.
+    /// Writes to `keys` the bits of the squared distances from the points sought to those in `places`.
     pub fn known(
         self,
         sought: &Sought<'_>,
@@ -251,7 +251,7 @@ impl Isa {
         );
     }
 
-    /// Finds the nearest points to a batch, of those that are nearer than what stands there.
+    /// Updates the nearest points of a batch with points that are nearer than those found so far.
     pub fn nearest(self, batch: &mut Batch, other: &Boxed<'_>) {
         on_lanes!(self, search(batch: &mut Batch, other: &Boxed<'_>));
     }

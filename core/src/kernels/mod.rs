@@ -1,34 +1,32 @@
-//! Kernels of the machine. No other module of this crate has `unsafe`; around it, the C interface (`core/capi`) and the
-//! microcontroller images have some, for pointers and for what starts a board.
+//! Kernels of the machine. No other module of this crate has `unsafe` code. Around the crate, the C interface (`core/capi`) and
+//! the microcontroller images have some, for pointers and for starting a board.
 //!
-//! An algorithm stands once, on a vector of sixteen values (`float`, `byte`). An instruction set says what such a vector
-//! is (`x86`, `aarch64`, `wasm`) and has thin entries with its `target_feature`, into which all the rest is inlined. What is made for
-//! one alone stands there, too, and in `arm_m`.
+//! An algorithm is written once, on a vector of sixteen values (`float`, `byte`). An instruction set (`x86`, `aarch64`, `wasm`)
+//! defines such a vector and thin entries with its `target_feature`, into which all the rest is inlined. Code for one
+//! instruction set alone is there too, and in `arm_m`.
 //!
 //! - **Network in f32** (`float`): a dense layer with ReLU over a tile of points, the last embedding layer fused with
 //!   the max over points (so that 1024 running maxima take the place of a `[1024, N]` buffer), and a matrix-vector
 //!   product for the heads. Weights come in panels of [`crate::dims::PANEL`] outputs (see [`crate::layer`]); lanes are outputs,
 //!   and sums run over the inputs in order.
-//! - **Network in integers** (`byte`): points to codes, and the same three on codes; [`crate::quant`] has the
-//!   numbers.
-//! - **Training** (`critical`): the search for critical points in bytes and the gradient through them.
-//! - **Refinement** (on `lanes`): nearest points in boxes (`matching`), plane fits over neighbours (`neighbours`), normal equations
-//!   of matched points (`equations`), what these lose (`losses`), steps and losses on few points in a grid (`coarse`), pairs of
-//!   points that are alike (`alike`).
+//! - **Network in integers** (`byte`): points to codes, and the same three on codes; [`crate::quant`] defines the numbers.
+//! - **Training** (`critical`): the search for critical points in bytes, and the gradient through them.
+//! - **Refinement** (on `lanes`): nearest points in boxes (`matching`), plane fits over neighbours (`neighbours`), normal
+//!   equations of matched points (`equations`), their losses (`losses`), steps and losses on few points in a grid (`coarse`),
+//!   similar pairs of points (`alike`).
 //! - **Metrics**: distances to the nearest points (`nearest`).
-//! - **Measurement** (`peak`): multiply-adds on registers, as many as the core can.
+//! - **Measurement** (`peak`): multiply-adds on registers, at the core's peak.
 //!
-//! Where a machine multiplies bf16 in tiles (AMX), the last embedding layer may be split into parts of bf16
-//! ([`SplitDense`]): the numbers of f32 in about 60 % of the time. Where it multiplies bytes fast, they rule out most
-//! sums in f32 ([`SieveDense`]). Both take memory ([`PackedDense`]).
+//! If a machine multiplies bf16 in tiles (AMX), the last embedding layer may be split into parts of bf16 ([`SplitDense`]): the
+//! numbers of f32 in about 60 % of the time. If it multiplies bytes fast, they rule out most sums in f32 ([`SieveDense`]). Both
+//! take memory ([`PackedDense`]).
 //!
-//! Kernels with fused multiply-add round once where the portable one rounds twice: they agree to
-//! 1e-5, not bit by bit. Integer kernels are equal to the bit.
+//! Kernels with fused multiply-add round once where the portable one rounds twice: they agree to 1e-5, not to the bit. Integer
+//! kernels agree to the bit.
 //!
-//! x86-64 and aarch64 find out at run time what the machine has. On Cortex-M the compiler decides: the
-//! DSP kernels are taken for `thumbv7em` targets (and with `-C target-cpu=cortex-m33`), the Helium
-//! kernels with `-C target-cpu=cortex-m55`, `cortex-m52` or `cortex-m85`. So it does for wasm32, with
-//! `-C target-feature=+simd128`.
+//! On x86-64 and aarch64 the instruction set is detected at run time. On Cortex-M the compiler decides: `thumbv7em` targets
+//! (and `-C target-cpu=cortex-m33`) use the DSP kernels; `-C target-cpu=cortex-m55`, `cortex-m52` or `cortex-m85` use the
+//! Helium kernels. So it does on wasm32, with `-C target-feature=+simd128`.
 
 #![allow(unsafe_code, clippy::indexing_slicing)]
 
@@ -83,8 +81,8 @@ pub use search::GROUPS;
 pub use sieve::SieveDense;
 pub use split::{SplitDense, Tile};
 
-/// Instruction sets, from the slowest to the fastest. The first is 1, so that none is 0: a static [`crate::polish::Workspace`]
-/// without one takes no room in a program's file.
+/// Instruction sets, from the slowest to the fastest. The first is 1, so that 0 means none: a static
+/// [`crate::polish::Workspace`] without one takes no room in a program's file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Kind {
     Portable = 1,
@@ -93,7 +91,7 @@ enum Kind {
     /// AVX2 with AVX-VNNI.
     #[cfg(target_arch = "x86_64")]
     AvxVnni,
-    /// AVX-512F, with AVX2 and FMA as all that follow.
+    /// AVX-512F, with AVX2 and FMA; so have all that follow.
     #[cfg(target_arch = "x86_64")]
     Avx512,
     /// AVX-512F with AVX-512 VNNI.
@@ -161,13 +159,12 @@ impl Isa {
         .map(|(kind, _)| Isa(kind))
     }
 
-    /// The kernels of that [`Isa::name`], where this machine runs them.
+    /// The kernels of this [`Isa::name`], if the machine runs them.
     pub fn named(name: &str) -> Option<Isa> {
         Isa::all().find(|isa| isa.name() == name)
     }
 
-    /// Whether bytes are multiplied faster than floats here, which makes [`Isa::search`] worth its
-    /// losses.
+    /// Whether bytes multiply faster than floats here, which makes [`Isa::search`] worth its rare wrong winners.
     pub fn has_fast_bytes(self) -> bool {
         match self.0 {
             #[cfg(target_arch = "x86_64")]
@@ -203,7 +200,7 @@ impl Isa {
         }
     }
 
-    /// Squared distance from each query to the nearest of `others`, infinite where there is none.
+    /// Squared distance from each query to the nearest of `others`, infinite if there is none.
     /// The same bits on every kernel.
     pub fn nearest_squared(self, queries: &mut Queries, others: &[[f32; 3]]) {
         match self.0 {
@@ -220,7 +217,7 @@ impl Isa {
     }
 }
 
-/// Whole rows in `x`; none where the layer has no inputs.
+/// Number of whole rows in `x`; 0 if the layer has no inputs.
 fn rows(layer: &Dense<'_>, x: &[f32]) -> usize {
     x.len().checked_div(layer.inputs()).unwrap_or(0)
 }

@@ -1,15 +1,15 @@
-//! Nearest neighbours by brute force, queries in lanes.
+//! Nearest neighbours by brute force, with queries in lanes.
 //!
-//! No fused multiply-add and a minimum, which never rounds: every kernel gives the same bits. Each is
-//! the portable code compiled for its instruction set, which leaves nothing to write by hand.
+//! It uses no fused multiply-add, and a minimum never rounds, so every kernel gives the same bits. Each is the portable code
+//! compiled for its instruction set; nothing is written by hand.
 
 #![allow(unsafe_code)]
 
-/// A block of query points and what was found for them, coordinates apart.
+/// A block of query points, coordinate by coordinate, and the distances found for them.
 #[derive(Clone, Debug)]
 #[repr(C, align(64))]
 pub struct Queries {
-    /// First coordinates.
+    /// First coordinates of the queries.
     pub x: [f32; Queries::LEN],
     /// Second coordinates.
     pub y: [f32; Queries::LEN],
@@ -20,7 +20,7 @@ pub struct Queries {
 }
 
 impl Queries {
-    /// Queries of one block: as many as keep their coordinates and minima in 32 registers of 16.
+    /// Queries in a block: their coordinates and minima fit 32 registers of 16 lanes.
     pub const LEN: usize = 64;
 }
 

@@ -1,6 +1,6 @@
-//! Batches of points whose neighbours are looked at, and moments of their neighbourhoods; in lanes.
+//! Batches of query points, and the moments of their neighbourhoods, in lanes.
 //!
-//! As in [`super::lanes`]: the same bits on every kernel.
+//! As in [`super::lanes`], the bits are the same on every kernel.
 
 #![allow(unsafe_code)]
 
@@ -11,23 +11,23 @@ use super::boxes::{Boxed, bounds};
 use super::lanes::{LANES, Lanes, Row, Vectors};
 use super::on_lanes::on_lanes;
 
-/// Queries of a [`Batch`].
+/// Queries in a [`Batch`].
 pub const BATCH: usize = LANES;
 
-/// A batch of query points and the nearest of the points that they were shown so far, of those that are nearer than a limit.
+/// A batch of query points, and the nearest point found so far for each, within a limit.
 #[derive(Clone, Debug)]
 #[repr(C, align(64))]
 pub struct Batch {
-    /// Coordinates, one row an axis.
+    /// Coordinates of the queries, one row for each axis.
     pub at: [[f32; BATCH]; 3],
-    /// Squared distance to the nearest point; the limit where none is nearer.
+    /// Squared distance to the nearest point; the limit if none is nearer.
     pub nearest: [f32; BATCH],
-    /// Place of the nearest point, the first of equals; as it was where none is nearer than the limit.
+    /// Place of the nearest point, the first of equals; unchanged if none is nearer than the limit.
     pub place: [u32; BATCH],
 }
 
 impl Batch {
-    /// Queries at the origin that were shown nothing.
+    /// Queries at the origin that have no nearest point yet.
     pub const EMPTY: Batch = Batch {
         at: [[0.0; BATCH]; 3],
         nearest: [f32::INFINITY; BATCH],
@@ -35,14 +35,13 @@ impl Batch {
     };
 }
 
-/// Weighted moments of the points about each query: weight, first moments (x, y, z), second moments (xx, yy, zz,
-/// xy, xz, yz).
+/// Weighted moments of the points around each query: weight, first moments (x, y, z), second moments (xx, yy, zz, xy, xz, yz).
 #[derive(Clone, Debug)]
 #[repr(C, align(64))]
 pub struct Moments(pub [[f32; BATCH]; 10]);
 
 impl Moments {
-    /// Of no points.
+    /// Moments of no points.
     pub const ZERO: Moments = Moments([[0.0; BATCH]; 10]);
 }
 
@@ -65,7 +64,7 @@ fn moments<L: Lanes>(at: &[Row; 3], points: &Boxed<'_>, radius_squared: f32, sum
     }
 }
 
-/// Adds the moments of points about the lanes from one on.
+/// Adds the moments of points around the queries in the lanes from `lane` on.
 #[inline(always)]
 fn add<L: Lanes>(
     at: &[Row; 3],
@@ -102,8 +101,8 @@ fn add<L: Lanes>(
 }
 
 impl Isa {
-    /// Adds the moments of points about each of a row's, weighted by 1 less the share of the squared radius that the squared distance
-    /// is; of points beyond the radius, nothing. The same bits on every kernel.
+    /// Adds the moments of points around each query, with the weight `1 - squared distance / squared radius`, or 0 beyond the
+    /// radius. The same bits on every kernel.
     pub fn moments(
         self,
         at: &[Row; 3],

@@ -1,6 +1,6 @@
-//! Which [`super::lanes::Lanes`] a machine has.
+//! Dispatches to the machine's [`super::lanes::Lanes`].
 
-/// Compiles a function on lanes for each instruction set, and calls that of the machine's.
+/// Compiles a function on lanes for each instruction set, and calls the machine's version.
 macro_rules! on_lanes {
     ($isa:expr, $of:ident($($arg:ident: $t:ty),* $(,)?) $(-> $out:ty)?) => {{
         #[cfg(target_arch = "x86_64")]

@@ -1,8 +1,8 @@
-//! Points with normals, as kernels take them.
+//! Points with normals, in the form that kernels take.
 
 use super::lanes::{LANES, Lanes, Places, Row, Vectors};
 
-/// Points and their normals, one row an axis.
+/// Points and their normals, one row for each axis.
 #[derive(Clone, Copy, Debug)]
 pub struct Oriented {
     /// The points.
@@ -12,14 +12,14 @@ pub struct Oriented {
 }
 
 impl Oriented {
-    /// All bits are zero.
+    /// Zeros. All bits are zero.
     pub const ZERO: Oriented = Oriented {
         points: [[0.0; LANES]; 3],
         normals: [[0.0; LANES]; 3],
     };
 }
 
-/// A surface's points and normals, each at its place.
+/// A surface's points and normals, by place.
 #[derive(Clone, Copy, Debug)]
 pub struct Bare<'a> {
     /// The points.
@@ -29,7 +29,7 @@ pub struct Bare<'a> {
 }
 
 impl Bare<'_> {
-    /// Points and normals at some of the places.
+    /// Points and normals at some places.
     #[inline(always)]
     pub(super) fn gather<L: Lanes>(&self, places: &[u16; LANES], first: usize) -> [Vectors<L>; 2] {
         [
@@ -46,7 +46,7 @@ pub(super) mod tests {
     use crate::polish::tests::Numbers;
     use glam::Vec3;
 
-    /// Points anywhere with normals of any direction.
+    /// Random points with random unit normals.
     pub(in crate::kernels) struct Cloud(Box<[Places; 2]>);
 
     impl Cloud {
@@ -71,7 +71,7 @@ pub(super) mod tests {
             (point.into(), normal.into())
         }
 
-        /// Some of the points in lanes.
+        /// The first points, in lanes.
         pub(in crate::kernels) fn sample(&self, count: usize) -> Vec<Oriented> {
             let mut lanes = vec![Oriented::ZERO; count.div_ceil(LANES)];
             for place in 0..count {

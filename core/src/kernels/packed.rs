@@ -1,22 +1,22 @@
-//! The last embedding layer in f32 as fast machines take it, in memory that somebody gives: in parts of bf16
-//! ([`super::split`]) where there are tiles for them, behind a sieve of integers ([`super::sieve`]) where those are fast.
+//! The last embedding layer in f32, packed for fast machines into memory that the caller gives: as parts of bf16
+//! ([`super::split`]) if there are tiles for them, behind an integer sieve ([`super::sieve`]) if integers are fast.
 
 use super::Isa;
 use super::sieve::{self, SieveDense};
 use super::split::{self, SplitDense, Tile};
 use crate::layer::Dense;
 
-/// A layer in f32 and what was packed of it.
+/// A layer in f32, with its packed form.
 #[derive(Clone, Copy, Debug)]
 pub enum PackedDense<'a> {
-    /// In parts.
+    /// Split into parts of bf16.
     Split(SplitDense<'a>),
-    /// With a sieve.
+    /// Behind a sieve.
     Sieve(SieveDense<'a>),
 }
 
 impl<'a> PackedDense<'a> {
-    /// Tiles of memory that a layer takes for some kernels; `None` where they gain nothing by it.
+    /// Tiles of memory that packing a layer takes for some kernels; `None` if they gain nothing from it.
     pub fn tiles(isa: Isa, layer: &Dense<'_>) -> Option<usize> {
         if isa.has_fast_splits() {
             split::packed_tiles(layer)
@@ -27,7 +27,7 @@ impl<'a> PackedDense<'a> {
         }
     }
 
-    /// Fills as many.
+    /// Fills [`PackedDense::tiles`] tiles.
     pub fn pack(isa: Isa, layer: &Dense<'_>, memory: &mut [Tile]) {
         if isa.has_fast_splits() {
             split::pack(layer, memory);
@@ -36,7 +36,7 @@ impl<'a> PackedDense<'a> {
         }
     }
 
-    /// The layer with memory that was filled from it for these kernels; `None` for another length.
+    /// The layer with memory that [`PackedDense::pack`] filled from it for these kernels; `None` for another length.
     pub fn new(isa: Isa, layer: &Dense<'a>, packed: &'a [Tile]) -> Option<Self> {
         if isa.has_fast_splits() {
             SplitDense::new(layer, packed).map(PackedDense::Split)
@@ -45,7 +45,7 @@ impl<'a> PackedDense<'a> {
         }
     }
 
-    /// Whether these kernels gain by it.
+    /// Whether these kernels gain from it.
     pub fn is_fast(&self, isa: Isa) -> bool {
         match self {
             PackedDense::Split(_) => isa.has_fast_splits(),
@@ -55,10 +55,10 @@ impl<'a> PackedDense<'a> {
 }
 
 impl Isa {
-    /// As [`Isa::dense_max`], of activations that are not negative; no faster where [`PackedDense::is_fast`] is false.
+    /// As [`Isa::dense_max`], for activations that are not negative; no faster if [`PackedDense::is_fast`] is false.
     ///
     /// # Shapes
-    /// `x [points, inputs]`, `max [outputs]`; a shorter `max` stays as it is.
+    /// `x [points, inputs]`, `max [outputs]`; a shorter `max` is left unchanged.
     pub fn dense_max_packed(self, layer: &PackedDense<'_>, x: &[f32], max: &mut [f32]) {
         match layer {
             PackedDense::Split(layer) => self.dense_max_split(layer, x, max),

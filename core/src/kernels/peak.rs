@@ -1,4 +1,4 @@
-//! The arithmetic peak of the core that this runs on: multiply-adds on registers, without memory.
+//! The arithmetic peak of the present core: multiply-adds on registers, without memory.
 
 #![allow(unsafe_code)]
 
@@ -6,7 +6,7 @@ use super::Isa;
 #[cfg(target_arch = "x86_64")]
 use super::Kind;
 
-/// What is multiplied and added.
+/// The numbers that are multiplied and added.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Arithmetic {
     /// Fused multiply-add of f32.
@@ -16,9 +16,8 @@ pub enum Arithmetic {
 }
 
 impl Isa {
-    /// Does as many independent multiply-adds as the core can, `rounds` times, and says how many of them
-    /// that were: what [`Isa`]'s other kernels are measured against. Zero where nothing is known to be
-    /// the core's best.
+    /// Does independent multiply-adds at the core's peak for `rounds` rounds, and returns their number. [`Isa`]'s other kernels
+    /// are measured against this. Returns 0 if the core's best is not known.
     pub fn multiply_adds(self, arithmetic: Arithmetic, rounds: u64) -> u64 {
         #[cfg(target_arch = "x86_64")]
         // SAFETY (all): the instruction set was detected.

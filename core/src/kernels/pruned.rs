@@ -1,31 +1,31 @@
-//! Maxima over points that lie close together, without most of their sums.
+//! Maxima over points that lie close together, without most of the sums.
 //!
-//! For [`NEAR`] points at a time, the highest and the lowest value of each input bound what a channel can reach among
-//! them: `Σ w (w > 0 ? high : low)` (interval arithmetic), a sixteenth of the work. Only where that is above the
-//! channel's maximum so far are the points summed up: a third of all pairs of channel and group, where the order of
-//! points is that of [`crate::order`]. In any order the maxima are the same to the bit: integers are exact, and in f32
-//! a bound is summed up as the points are, input by input, each step of which is monotonic, rounding included.
+//! For [`NEAR`] points at a time, the highest and the lowest value of each input bound what a channel can reach
+//! among them: `Σ w (w > 0 ? high : low)` (interval arithmetic), a sixteenth of the work. The points are summed only
+//! if the bound is above the channel's maximum so far: for a third of all pairs of channel and group, if points are
+//! in the order of [`crate::order`]. The maxima are the same to the bit in any order: integers are exact, and an f32
+//! bound is summed as the points are, input by input, in steps that are monotonic despite rounding.
 
-// Microcontrollers have kernels of their own (`arm_m::near`), and NEON does not use all of it.
+// Microcontrollers have their own kernels (`arm_m::near`), and NEON uses only part of it.
 #![cfg_attr(not(target_arch = "x86_64"), allow(dead_code))]
 
 use crate::dims::PANEL;
 
 /// Points that share a bound.
 pub(crate) const NEAR: usize = 16;
-/// Most inputs of a layer that is pruned.
+/// Most inputs of a layer that can be pruned.
 pub(super) const INPUTS: usize = 128;
-/// Channels whose points are summed up together.
+/// Channels whose points are summed together.
 pub(super) const CHANNELS: usize = 8;
-/// Panels of weights at a time, so that they stay in the cache while the groups pass.
+/// Panels of weights taken at a time, so that they stay in the cache while the groups pass.
 pub(super) const PANELS: usize = 8;
 
-/// Whether a layer can be pruned: it has inputs, and there is room for them, and a channel's number has 16 bits.
+/// Whether a layer can be pruned: it has inputs, not too many, and channel numbers fit 16 bits.
 pub(super) fn fits(inputs: usize, outputs: usize) -> bool {
     (1..=INPUTS).contains(&inputs) && outputs <= 1 << u16::BITS
 }
 
-/// Channels for which the points of a group are to be summed up.
+/// Channels for which a group's points must be summed.
 #[derive(Clone, Copy)]
 pub(super) struct Survivors {
     channels: [u16; (PANELS + 1) * PANEL],
@@ -38,7 +38,7 @@ impl Survivors {
         count: 0,
     };
 
-    /// Adds the first `count` of some channels.
+    /// Adds the first `count` of `channels`.
     #[inline(always)]
     pub(super) fn add(&mut self, channels: [u16; PANEL], count: u32) {
         let end = self.count.min(PANELS * PANEL);
@@ -46,7 +46,7 @@ impl Survivors {
         self.count = end + count as usize;
     }
 
-    /// Adds the channels of a panel that a mask tells.
+    /// Adds the channels of a panel whose bit is set in `mask`.
     #[inline(always)]
     pub(super) fn add_of(&mut self, panel: usize, mut mask: u16) {
         while mask != 0 {
@@ -57,7 +57,7 @@ impl Survivors {
         }
     }
 
-    /// All of them; the last one again and again, where they are not whole.
+    /// All channels in whole chunks; the last one is repeated to fill the last chunk.
     #[inline(always)]
     fn together(&mut self) -> &[[u16; CHANNELS]] {
         let count = self.count.min(PANELS * PANEL);
@@ -70,9 +70,9 @@ impl Survivors {
     }
 }
 
-/// Goes through all panels, `STEP` at a time, with `groups` groups, at most `GROUPS`: `bound` says for which channels of
-/// these panels the bound of each group is above the maximum; `raise` takes the points of a group into the maxima of
-/// some channels, some of them more than once.
+/// Goes through all panels, `STEP` at a time, with `groups` groups, at most `GROUPS`. `bound` adds the channels of these panels
+/// whose bound is above the maximum, for each group; `raise` folds the points of a group into the maxima of some channels, some
+/// of which may repeat.
 #[inline(always)]
 pub(super) fn prune<const STEP: usize, const GROUPS: usize>(
     panels: usize,

@@ -1,14 +1,14 @@
-//! The search for critical points in int8: which point reaches the maximum of each output, found with
-//! 8-bit codes; the caller computes the winners' outputs in f32 ([`winners`]).
+//! The search for critical points in int8: 8-bit codes find which point reaches the maximum of each output, and the caller
+//! computes the winners' outputs in f32 ([`winners`]).
 //!
-//! Activations after a ReLU become unsigned codes with one scale a point, weights signed codes with
-//! one scale an output. A scale of the output and its bias change no arg-max, so the search needs
-//! neither. Points take turns in [`GROUPS`] groups, each with a winner of its own: a near tie is lost
-//! only within a group, which divides the wrong winners by about the number of groups.
+//! Activations after a ReLU become unsigned codes with one scale for each point, weights signed codes with one scale for each
+//! output. An output's scale and bias do not change the arg-max, so the search needs neither. Points take turns in [`GROUPS`]
+//! groups, each with its own winner. A near tie is lost only within a group, which divides the wrong winners by about the
+//! number of groups.
 //!
-//! Integer sums are exact, and the score is one conversion and one product whose last eight bits make
-//! room for the point's place in its tile, so that one maximum keeps both: the same winners on every
-//! kernel. What the eight bits held is far below what rounding to codes has lost.
+//! Integer sums are exact. The score is one conversion and one product, whose last eight bits are replaced by the point's place
+//! in its tile, so that one maximum keeps both: the same winners on every kernel. The eight bits held far less than
+//! quantisation has lost.
 
 #![allow(unsafe_code, clippy::indexing_slicing)]
 
@@ -16,7 +16,7 @@ use crate::dims::{PANEL, QUAD};
 use crate::layer::{Codes, nearest_even};
 use core::ops::Range;
 
-/// Points whose codes stay in the L1 cache while the panels pass.
+/// Points in a tile: their codes stay in the L1 cache while the panels pass.
 pub(super) const TILE: usize = 192;
 /// Bits of a score that hold the point's place in the tile.
 pub(super) const PLACE: u32 = 0xff;
@@ -25,13 +25,13 @@ const _: () = assert!(TILE <= PLACE as usize + 1 && TILE.is_multiple_of(GROUPS))
 
 /// Highest scores of one panel's outputs within a tile, for each group.
 pub(super) type PanelBest = [[f32; PANEL]; GROUPS];
-/// Before the first point.
+/// Scores before the first point.
 pub(super) const NONE: PanelBest = [[f32::NEG_INFINITY; PANEL]; GROUPS];
 
-/// Candidates of each output.
+/// Groups of points, each with a candidate for each output.
 pub const GROUPS: usize = 2;
 
-/// Codes 0..=255 of non-negative rows, with the scale of each: `x ≈ code * scale`.
+/// Quantises non-negative rows to codes 0..=255 with a scale for each row: `x ≈ code * scale`.
 ///
 /// `x [points, width]`, `codes [points, stride]`, `scale [points]`; `stride >= width`.
 #[inline(always)]
@@ -62,7 +62,7 @@ pub(super) fn quantise(
     }
 }
 
-/// Takes the best of a tile that starts with point `first` into the best of the cloud.
+/// Merges the best of a tile that starts at point `first` into the best of the cloud.
 #[inline(always)]
 pub(super) fn merge(
     tile: &PanelBest,
@@ -149,7 +149,7 @@ pub(super) fn winners(
     }
 }
 
-/// Sums in 16 lanes, then pairwise, then what is left over: the same bits on every kernel.
+/// Sums in 16 lanes, then pairwise, then the rest: the same bits on every kernel.
 #[inline(always)]
 fn dot(a: &[f32], b: &[f32]) -> f32 {
     let mut lanes = [0.0f32; 16];

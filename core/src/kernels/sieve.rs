@@ -1,10 +1,10 @@
-//! Maxima in f32, over points that lie close together, of which only those are summed up in f32 that 8-bit integers do
-//! not rule out: the numbers of f32, to the bit, at little more than the cost of integers.
+//! Maxima in f32 over points that lie close together. Only the sums that 8-bit integers do not rule out are computed in f32: no
+//! maximum is lost, at little more than the cost of integers.
 //!
-//! With codes `q` of the weights and `a` of the activations of a group, `w = u q + dw` and `h = s a + dh`, a channel's
-//! sum is `Σ w h = u s Σ q a + Σ dw s a + Σ w dh`. By Cauchy and Schwarz the last two terms are at most
-//! `|dw| |s a| + |w| |dh|`, lengths of vectors that are known. What rounding does to a sum in f32 is less than
-//! [`ROUNDING`] of `|b| + |w| |h|`. So whatever a point's integer sum leaves below the maximum is below it in f32, too.
+//! With codes `q` of the weights and `a` of a group's activations, `w = u q + dw` and `h = s a + dh`, a
+//! channel's sum is `Σ w h = u s Σ q a + Σ dw s a + Σ w dh`. By Cauchy-Schwarz, the last two terms are at most
+//! `|dw| |s a| + |w| |dh|`, which are known norms. Rounding changes a sum in f32 by less than [`ROUNDING`] times
+//! `|b| + |w| |h|`. So a point whose integer sum is below the maximum by more than that is below it in f32, too.
 
 #![allow(unsafe_code, clippy::indexing_slicing)]
 // Only x86-64 has a kernel.
@@ -18,31 +18,31 @@ use super::{Kind, rows, x86::avx512_vnni_sieve};
 use crate::dims::{CODES, PANEL, QUAD};
 use crate::layer::{Codes, Dense, nearest_even};
 
-/// More than what sums of [`INPUTS`] products and a bias in f32, and the few operations on thresholds, can be off by.
+/// Upper bound on the relative error of f32 sums of [`INPUTS`] products and a bias, and of the few operations on thresholds.
 pub(super) const ROUNDING: f32 = 2.0 * (INPUTS + 8) as f32 * f32::EPSILON;
-/// Numbers that are kept of a channel.
+/// Factors stored for each channel.
 const FACTORS: usize = 4;
 
-/// A layer with its weights in 8 bits too.
+/// A layer with its weights in 8 bits as well.
 #[derive(Clone, Copy, Debug)]
 pub struct SieveDense<'a> {
-    /// As it was.
+    /// The layer itself.
     pub(super) layer: Dense<'a>,
-    /// Its weights, symmetric in ±127 of each channel's largest magnitude.
+    /// Its weights in codes, symmetric in ±127 of each channel's largest magnitude.
     pub(super) codes: Codes<'a>,
-    /// The weights themselves, `[outputs, inputs]`.
+    /// Its weights in f32, `[outputs, inputs]`.
     pub(super) rows: &'a [f32],
     /// `1 / u` of each channel.
     pub(super) per_unit: &'a [f32],
-    /// `|w|`.
+    /// `|w|` of each channel.
     pub(super) norm: &'a [f32],
-    /// `|dw|`.
+    /// `|dw|` of each channel.
     pub(super) rest: &'a [f32],
-    /// [`ROUNDING`] of `|b|`.
+    /// [`ROUNDING`] times `|b|` of each channel.
     pub(super) slack: &'a [f32],
 }
 
-/// Bytes of the codes, and numbers in f32: rows and factors.
+/// Length of the codes in bytes, and of rows and factors in f32 values.
 fn lengths(layer: &Dense<'_>) -> Option<(usize, usize)> {
     let (inputs, outputs) = (layer.inputs(), layer.width());
     let whole = inputs > 0 && fits(inputs, outputs) && inputs.is_multiple_of(CODES);
@@ -50,7 +50,7 @@ fn lengths(layer: &Dense<'_>) -> Option<(usize, usize)> {
 }
 
 impl<'a> SieveDense<'a> {
-    /// A layer with the memory that [`super::PackedDense::pack`] has filled from it; `None` where its length is not that of
+    /// A layer with memory that [`super::PackedDense::pack`] filled from it; `None` if its length is not
     /// [`super::PackedDense::tiles`].
     pub fn new(layer: &Dense<'a>, packed: &'a [Tile]) -> Option<Self> {
         let (codes, _) = lengths(layer)?;
@@ -73,13 +73,13 @@ impl<'a> SieveDense<'a> {
     }
 }
 
-/// Tiles that a layer's codes and factors fill; `None` for one too wide, or of another than whole [`Codes`].
+/// Tiles that a layer's codes and factors fill; `None` if it is too wide, or its inputs are not a multiple of [`CODES`].
 pub(super) fn packed_tiles(layer: &Dense<'_>) -> Option<usize> {
     let (codes, floats) = lengths(layer)?;
     Some((codes + floats * size_of::<f32>()).div_ceil(size_of::<Tile>()))
 }
 
-/// Fills as many tiles as [`packed_tiles`] says; nothing where there are others.
+/// Fills [`packed_tiles`] tiles; does nothing for another number of tiles.
 pub(super) fn pack(layer: &Dense<'_>, memory: &mut [Tile]) {
     let Some((codes, _)) = lengths(layer).filter(|_| packed_tiles(layer) == Some(memory.len()))
     else {
@@ -94,7 +94,7 @@ pub(super) fn pack(layer: &Dense<'_>, memory: &mut [Tile]) {
         let weights = &layer.panels()[panel * layer.inputs() * PANEL..][..layer.inputs() * PANEL];
         let weights = weights.iter().skip(lane).step_by(PANEL);
         let largest = weights.clone().fold(0.0f32, |most, w| most.max(w.abs()));
-        // A channel of zeros, or nearly so: all codes are zero, and nothing is ruled out that is not far below.
+        // A channel of zeros, or nearly so: all codes are zero, and only sums far below are ruled out.
         let unit = (largest / 127.0).max(f32::MIN_POSITIVE);
         let (mut norm, mut rest) = (0.0f64, 0.0f64);
         for (k, &w) in weights.enumerate() {
@@ -116,7 +116,7 @@ pub(super) fn pack(layer: &Dense<'_>, memory: &mut [Tile]) {
 }
 
 impl Isa {
-    /// Whether integers are much faster than floats here, but no tiles are, which makes a sieve worth its memory.
+    /// Whether integers are much faster than floats here and there are no tiles: then a sieve is worth its memory.
     pub fn has_fast_sieves(self) -> bool {
         match self.0 {
             #[cfg(target_arch = "x86_64")]
@@ -125,11 +125,11 @@ impl Isa {
         }
     }
 
-    /// As [`Isa::dense_max_near`] but for rounding, of activations that are not negative; it is that where [`Isa::has_fast_sieves`]
+    /// As [`Isa::dense_max_near`] but for rounding, for activations that are not negative; the same if [`Isa::has_fast_sieves`]
     /// is false.
     ///
     /// # Shapes
-    /// `x [points, inputs]`, `max [outputs]`; a shorter `max` stays as it is.
+    /// `x [points, inputs]`, `max [outputs]`; a shorter `max` is left unchanged.
     pub fn dense_max_sieve(self, sieve: &SieveDense<'_>, x: &[f32], max: &mut [f32]) {
         if max.len() < sieve.layer.width() {
             return;

@@ -1,8 +1,8 @@
-//! f32 as the sum of three bf16: an f32 layer at the speed of bf16 tiles, without its loss.
+//! f32 as the sum of three bf16: an f32 layer at the speed of bf16 tiles, without their loss of precision.
 //!
-//! The 24 bits of an f32 are cut into three times eight, which is exact: `x = h + m + l`. Of the nine
-//! products of two such numbers the six largest are summed, in f32; the three left out are below 2^-23 of
-//! the product. So the sums are as close to the exact ones as those of fused multiply-add in f32.
+//! The 24 bits of an f32's significand are cut into three times eight, which is exact: `x = h + m + l`. Of the nine products of
+//! two such numbers, the six largest are summed, in f32; the other three are below 2^-23 of the product. So the sums are as
+//! close to the exact ones as those of fused multiply-add in f32.
 
 #![allow(unsafe_code, clippy::indexing_slicing)]
 // Only x86-64 has a kernel.
@@ -20,7 +20,7 @@ pub(super) const PARTS: usize = 3;
 pub(super) const TILE_INPUTS: usize = 32;
 /// Most inputs of a layer.
 pub(super) const INPUTS: usize = EMBED[1];
-/// Outputs of one block; their number is a multiple of it.
+/// Outputs in a block; a layer has a multiple of this.
 const BLOCK: usize = 4 * PANEL;
 
 /// One part of 32 inputs of 16 points or outputs.
@@ -34,21 +34,21 @@ unsafe impl bytemuck::Zeroable for Tile {}
 unsafe impl bytemuck::Pod for Tile {}
 
 impl Tile {
-    /// Zeros.
+    /// A tile of zeros.
     pub const ZERO: Tile = Tile([0; PANEL * TILE_INPUTS]);
 }
 
 /// A layer whose weights are split.
 #[derive(Clone, Copy, Debug)]
 pub struct SplitDense<'a> {
-    /// As it was, with a multiple of 32 inputs, at most [`INPUTS`].
+    /// The layer itself; its inputs are a multiple of 32, at most [`INPUTS`].
     pub(super) layer: Dense<'a>,
-    /// See [`super::PackedDense::pack`].
+    /// Its weights in parts, from [`super::PackedDense::pack`].
     pub(super) tiles: &'a [Tile],
 }
 
 impl<'a> SplitDense<'a> {
-    /// A layer with the memory that [`super::PackedDense::pack`] has filled from it; `None` where its length is not that of
+    /// A layer with memory that [`super::PackedDense::pack`] filled from it; `None` if its length is not
     /// [`super::PackedDense::tiles`].
     pub fn new(layer: &Dense<'a>, packed: &'a [Tile]) -> Option<Self> {
         (packed_tiles(layer) == Some(packed.len())).then_some(SplitDense {
@@ -58,7 +58,7 @@ impl<'a> SplitDense<'a> {
     }
 }
 
-/// Tiles that a layer's weights fill; `None` for one that has not whole blocks of 32 inputs and 64 outputs, or too many inputs.
+/// Tiles that a layer's weights fill; `None` if inputs are not a multiple of 32, outputs not of 64, or inputs too many.
 pub(super) fn packed_tiles(layer: &Dense<'_>) -> Option<usize> {
     let (inputs, outputs) = (layer.inputs(), layer.width());
     let whole = inputs.is_multiple_of(TILE_INPUTS) && outputs.is_multiple_of(BLOCK);
@@ -66,7 +66,7 @@ pub(super) fn packed_tiles(layer: &Dense<'_>) -> Option<usize> {
     whole.then(|| outputs / PANEL * (inputs / TILE_INPUTS) * PARTS)
 }
 
-/// Splits a layer's weights, `[outputs / 16][inputs / 32][part]`, each tile `[inputs / 2][output][2]`.
+/// Splits a layer's weights into `[outputs / 16][inputs / 32][part]`; each tile is `[inputs / 2][output][2]`.
 pub(super) fn pack(layer: &Dense<'_>, memory: &mut [Tile]) {
     let groups = layer.panels().chunks_exact(PANEL * TILE_INPUTS);
     for (group, parts) in groups.zip(memory.as_chunks_mut::<PARTS>().0) {
@@ -80,7 +80,7 @@ pub(super) fn pack(layer: &Dense<'_>, memory: &mut [Tile]) {
     }
 }
 
-/// The upper 16 bits of the three parts.
+/// The upper 16 bits of each of the three parts.
 #[inline(always)]
 fn split(x: f32) -> [u16; PARTS] {
     let upper = |x: f32| f32::from_bits(x.to_bits() & 0xffff_0000);
@@ -91,7 +91,7 @@ fn split(x: f32) -> [u16; PARTS] {
 }
 
 impl Isa {
-    /// Whether bf16 tiles are fast here, which makes it worth to split a layer.
+    /// Whether bf16 tiles are fast here: then splitting a layer is worthwhile.
     pub fn has_fast_splits(self) -> bool {
         match self.0 {
             #[cfg(target_arch = "x86_64")]
@@ -100,10 +100,10 @@ impl Isa {
         }
     }
 
-    /// As [`Isa::dense_max`], which it is where [`Isa::has_fast_splits`] is false.
+    /// As [`Isa::dense_max`]; the same if [`Isa::has_fast_splits`] is false.
     ///
     /// # Shapes
-    /// `x [points, inputs]`, `max [outputs]`; a shorter `max` stays as it is.
+    /// `x [points, inputs]`, `max [outputs]`; a shorter `max` is left unchanged.
     pub fn dense_max_split(self, split: &SplitDense<'_>, x: &[f32], max: &mut [f32]) {
         if max.len() < split.layer.width() {
             return;
@@ -125,7 +125,7 @@ mod tests {
     proptest! {
         #[test]
         fn three_parts_are_the_whole_number(x in proptest::num::f32::NORMAL) {
-            // Below, parts become subnormal.
+            // Below this, parts become subnormal.
             prop_assume!(x.abs() > 1e-30);
             let parts = split(x).map(|part| f64::from(f32::from_bits(u32::from(part) << 16)));
             prop_assert_eq!(parts.iter().sum::<f64>(), f64::from(x));

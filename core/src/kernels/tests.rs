@@ -1,4 +1,4 @@
-//! Every kernel that this machine can run against the portable one.
+//! Compares every kernel that this machine runs with the portable one.
 
 use super::*;
 use crate::dims::{CODES, PANEL, padded};
@@ -60,7 +60,7 @@ fn others() -> Vec<Isa> {
 }
 
 impl Case {
-    /// The same with the magnitudes of all numbers: its outputs are sums of the magnitudes of terms.
+    /// The case with the magnitudes of all numbers: its outputs are the sums of the magnitudes of terms.
     fn magnitudes(&self) -> Case {
         let all = |values: &[f32]| values.iter().map(|v| v.abs()).collect();
         Case {
@@ -72,8 +72,8 @@ impl Case {
     }
 }
 
-/// Whether the results of two orders of summation agree: to 1e-5 of the magnitudes of their terms. Below the least
-/// normal number, bits are lost.
+/// Whether results of two orders of summation agree, to 1e-5 of the magnitude of their terms. Below the smallest normal number,
+/// bits are lost.
 fn close(a: f32, b: f32, magnitude: f32) -> bool {
     a == b || (a - b).abs() <= 1e-5 * magnitude + f32::MIN_POSITIVE
 }
@@ -245,7 +245,7 @@ fn the_first_of_equal_rows_is_kept() {
     }
 }
 
-/// Pseudo-random bytes for integer layers, extreme ones where asked.
+/// Pseudo-random bytes for integer layers, extreme ones on request.
 struct Bytes(u64, u8);
 
 impl Bytes {

@@ -1,5 +1,5 @@
-//! Every kernel against the portable one on the network's own layers, with clouds of up to 2048 points
-//! and extreme values: few cases with much work each, beside the many small ones of the other tests.
+//! Compares every kernel with the portable one on the network's own layers, with clouds of up to 2048 points and extreme
+//! values: few cases with much work each, besides the many small ones of the other tests.
 
 use super::*;
 use crate::dims::{PANEL, padded};
@@ -13,16 +13,16 @@ fn layer(compact: bool, i: usize) -> (usize, usize) {
     shape.layers()[i]
 }
 
-/// What values are drawn.
+/// Which values are drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Values {
     /// Eighths whose sums are exact in f32, in any order and with or without fused products.
     Exact,
     /// A mixture with very large, very small and subnormal values and both zeros.
     Mixed,
-    /// The same largest value everywhere.
+    /// The largest value everywhere.
     Largest,
-    /// The same lowest value everywhere, activations still the largest.
+    /// The lowest value everywhere, but the largest for activations.
     Lowest,
 }
 
@@ -75,16 +75,16 @@ impl Draw {
     }
 }
 
-/// What the numbers of a result may be off by is a share of this: the sum of the magnitudes of each output's terms, or
-/// for a maximum the largest of them.
+/// Magnitudes of values. Errors of a result may be a share of the summed magnitudes of each output's terms, or for a maximum,
+/// of the largest such sum.
 fn magnitudes(values: &[f32]) -> Vec<f32> {
     values.iter().map(|v| v.abs()).collect()
 }
 
-/// Whether two results of f32 agree: to the bit where sums are exact, else to 1e-5 of the magnitudes of their terms.
+/// Whether two f32 results agree: to the bit if sums are exact, else to 1e-5 of the magnitude of their terms.
 fn agree(a: &[f32], b: &[f32], magnitude: &[f32], values: Values) -> bool {
     let share = if values == Values::Exact { 0.0 } else { 1e-5 };
-    // Below the least normal number, bits are lost.
+    // Below the smallest normal number, bits are lost.
     let close = |a: f32, b: f32, m: f32| a == b || (a - b).abs() <= share * m + f32::MIN_POSITIVE;
     let mut all = a.iter().zip(b).zip(magnitude);
     a.len() == b.len() && a.len() == magnitude.len() && all.all(|((&a, &b), &m)| close(a, b, m))
@@ -130,7 +130,7 @@ proptest! {
                 let mut memory = vec![Tile::ZERO; len];
                 PackedDense::pack(isa, &layer, &mut memory);
                 let packed = PackedDense::new(isa, &layer, &memory).expect("as long as it says");
-                // Activations are not negative. Sums round at other places: within 1e-5 all the same.
+                // Activations are not negative. Sums round elsewhere, but still within 1e-5.
                 let expected = run(isa, &layer, &x_m);
                 let mut max = vec![f32::NEG_INFINITY; outputs];
                 isa.dense_max_packed(&packed, &x_m, &mut max);
@@ -139,7 +139,7 @@ proptest! {
         }
     }
 
-    // Whatever machine a layer was packed for.
+    // On every kernel, whatever machine a layer was packed for.
     #[test]
     fn packed_layers_are_right_on_all_kernels(compact: bool, points in 1usize..=64, seed: u64) {
         let (inputs, outputs) = layer(compact, 2);
@@ -170,14 +170,14 @@ proptest! {
         }
     }
 
-    // All terms of one sign and all their bits in use: each product of parts that is left out, or comes to another
-    // output, takes a hundred thousandth of the sum or more.
+    // All terms have one sign and use all their bits: each product of parts that is left out, or goes to another output, is at
+    // least a hundred-thousandth of the sum.
     #[test]
     fn every_part_of_a_packed_layer_counts(compact: bool, points in 1usize..=64, negative: bool, seed: u64) {
         let (inputs, outputs) = layer(compact, 2);
         let mut draw = Draw(seed, Values::Mixed);
         let sign = if negative { -1.0 } else { 1.0 };
-        // 1 to 2, and never an even number of the last place.
+        // From 1 to 2, with the last bit set.
         let mut full = |n: usize, sign: f32| -> Vec<f32> {
             let float = |bits: u32| sign * f32::from_bits(1f32.to_bits() | (bits >> 8) | 1);
             (0..n).map(|_| float(draw.bits())).collect()
@@ -277,7 +277,7 @@ proptest! {
         }
     }
 
-    // Rows that differ in few places, as those of points close together do: most of them are left out.
+    // Rows that differ in few places, like those of points close together: most are skipped.
     #[test]
     fn what_is_left_out_raises_no_maximum(points in 0usize..600, compact: bool, start in -4000i32..4000, seed: u64) {
         let (inputs, outputs) = layer(compact, 2);

@@ -1,7 +1,7 @@
 //! Kernels of x86-64.
 
-/// Entries of one instruction set into the algorithms of [`super::byte`], as `#[target_feature]` takes no parameter: in which
-/// blocks of panels by points, and how many panels meet a single vector at once.
+/// Entries of one instruction set into the algorithms of [`super::byte`], since `#[target_feature]` takes no parameter. They
+/// fix the size of blocks, panels by points, and how many panels meet a single vector at once.
 macro_rules! entries {
     ($features:literal, $vector:ty, $panels:literal by $points:expr, $gemv:literal of a vector) => {
         // SAFETY (all): where the instruction set was detected, and as the algorithms ask.

@@ -2,15 +2,15 @@
 
 use crate::dims::{CODES, PANEL, QUAD};
 
-/// Length of a row of codes.
+/// Length of a padded row of codes.
 pub const fn padded_codes(inputs: usize) -> usize {
     inputs.div_ceil(CODES) * CODES
 }
 
 /// Signed weight codes of one layer.
 ///
-/// Kernels rely on it: `inputs` is a positive multiple of [`CODES`], `outputs` one of [`PANEL`], and there are exactly
-/// as many codes as [`Codes::panels`] says.
+/// Kernels rely on these invariants: `inputs` is a positive multiple of [`CODES`], `outputs` of [`PANEL`], and there are
+/// exactly as many codes as [`Codes::panels`] states.
 #[derive(Clone, Copy, Debug)]
 pub struct Codes<'a> {
     inputs: usize,
@@ -19,7 +19,7 @@ pub struct Codes<'a> {
 }
 
 impl<'a> Codes<'a> {
-    /// Codes of exactly the padded length; `None` for any other length.
+    /// A view of codes of exactly the padded length; `None` for any other length.
     pub fn new(inputs: usize, outputs: usize, panels: &'a [i8]) -> Option<Self> {
         let fits = inputs > 0
             && outputs > 0
@@ -45,13 +45,13 @@ impl<'a> Codes<'a> {
         self.outputs
     }
 
-    /// `[outputs / PANEL][inputs / 4][PANEL][4]`.
+    /// The codes in panels, `[outputs / PANEL][inputs / 4][PANEL][4]`.
     #[inline(always)]
     pub fn panels(&self) -> &'a [i8] {
         self.panels
     }
 
-    /// The layer in parts of so many panels, each with its first output.
+    /// The layer in parts of `panels` panels, each with the index of its first output.
     pub(crate) fn parts(&self, panels: usize) -> impl Iterator<Item = (usize, Codes<'a>)> {
         let (inputs, outputs) = (self.inputs, panels * PANEL);
         let parts = self.panels.chunks((inputs * outputs).max(1));
@@ -68,7 +68,7 @@ impl<'a> Codes<'a> {
 
 /// An integer layer.
 ///
-/// Kernels rely on it: bias and requantisation are as long as the layer has outputs.
+/// Kernels rely on it: the bias and the requantisation have one entry for each output.
 #[derive(Clone, Copy, Debug)]
 pub struct QuantLayer<'a> {
     codes: Codes<'a>,
@@ -77,7 +77,7 @@ pub struct QuantLayer<'a> {
 }
 
 impl<'a> QuantLayer<'a> {
-    /// A layer of arrays as long as it has outputs; `None` for any other length.
+    /// A layer whose arrays have one entry for each output; `None` for any other length.
     pub fn new(codes: Codes<'a>, bias: &'a [i32], requantise: &'a [u32]) -> Option<Self> {
         let fits = bias.len() == codes.outputs && requantise.len() == codes.outputs;
         fits.then_some(QuantLayer {
@@ -99,15 +99,15 @@ impl<'a> QuantLayer<'a> {
         self.bias
     }
 
-    /// What turns sums into codes ([`super::Requantise`]), as long as the bias; or scales of logits, as bits of f32.
+    /// Factors that turn sums into codes ([`super::Requantise`]), one for each bias; or scales of logits, as bits of f32.
     #[inline(always)]
     pub fn requantise(&self) -> &'a [u32] {
         self.requantise
     }
 }
 
-/// Weight codes of a row-major `[outputs, inputs]` matrix, symmetric in ±127 of each row's largest
-/// magnitude; `panels` as in [`Codes`].
+/// Quantises a row-major `[outputs, inputs]` matrix to codes, symmetric
+/// in ±127 of each row's largest magnitude; `panels` as in [`Codes`].
 pub fn pack_codes(inputs: usize, row_major: &[f32], panels: &mut [i8]) {
     let stride = padded_codes(inputs);
     panels.fill(0);

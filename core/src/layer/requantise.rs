@@ -1,11 +1,11 @@
-//! From 32-bit sums back to codes.
+//! Requantisation: from 32-bit sums back to codes.
 
-/// A fixed-point factor: `factor | shift << 16`, shift 1 to 31 and factor below 2^15.
+/// A fixed-point factor: `factor | shift << 16`, with `shift` 1 to 31 and `factor` below 2^15.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Requantise(pub u32);
 
 impl Requantise {
-    /// The nearest to a positive factor with at most `bits` bits (up to 15): the factor that it is, too.
+    /// The nearest fixed-point factor of at most `bits` bits (up to 15) to a positive `value`, and its exact value.
     pub fn nearest(value: f64, bits: u32) -> (Requantise, f64) {
         let mut shift = 1;
         let most = f64::from((1u32 << bits) - 1);
@@ -35,13 +35,13 @@ impl Requantise {
         (1..=31).contains(&self.shift()) && (1..1 << 15).contains(&self.factor())
     }
 
-    /// `R(a)` in 64 bits.
+    /// `R(a) = floor((a * factor + 2^(shift - 1)) / 2^shift)`, in 64 bits.
     #[inline(always)]
     pub fn apply(self, a: i32) -> i64 {
         (i64::from(a) * i64::from(self.factor()) + self.half()) >> self.shift()
     }
 
-    /// `R(a)` in 32 bits, where the product is known to fit, limited to `0..=most`.
+    /// `R(a)` in 32 bits, where the product is known to fit, clamped to `0..=most`.
     #[inline(always)]
     pub(crate) fn apply_32(self, a: i32, most: i32) -> i32 {
         let scaled = a

@@ -1,5 +1,5 @@
-//! Coarse steps and losses, for searches that look at many poses: few of the source's points, and points of the target that are
-//! about nearest to them.
+//! Coarse steps and losses, for searches over many poses: few of the source's points, matched with approximately nearest points
+//! of the target.
 
 use super::Refiner;
 use super::equations::RIDGE;
@@ -11,8 +11,7 @@ use crate::search::{
 use crate::solve::{Motion, Rigid};
 
 impl Refiner<'_> {
-    /// Steps on few of the source's points and about nearest points, one for each of the gates: distances from which a
-    /// match has no weight, in normalised units.
+    /// Makes one coarse step for each gate: the distance from which on a match has no weight, in normalised units.
     pub(crate) fn coarse(&self, initial: Rigid, points: usize, gates: &[f32]) -> Rigid {
         const TANGENTIAL: f32 = 0.1;
         let (sample, count) = self.work.sample.first(points);
@@ -32,14 +31,14 @@ impl Refiner<'_> {
         at
     }
 
-    /// Mean loss of few of the source's points and about nearest points.
+    /// Mean loss of few of the source's points, to approximately nearest points.
     pub(crate) fn coarse_loss(&self, at: Rigid, points: usize, scale: f32) -> f32 {
         self.coarse_loss_below(f32::INFINITY, at, points, scale)
     }
 
-    /// The same if it is below `most`, else any number that is not: points are looked at until that is certain.
+    /// The same if it is below `most`, else any number not below: it stops as soon as that is certain.
     pub(crate) fn coarse_loss_below(&self, most: f32, at: Rigid, points: usize, scale: f32) -> f32 {
-        // More than what roundings do to a mean.
+        // More than rounding can change a mean.
         const CERTAIN: f32 = 1.0 + 1e-5;
         let (sample, count) = self.work.sample.first(points);
         let (near, by) = (self.near(), [self.model.surface.radius, scale]);
@@ -51,7 +50,7 @@ impl Refiner<'_> {
         sum / all
     }
 
-    /// Offers a hypothesis after a few steps, unless it is far behind those held after the first of them.
+    /// Offers a hypothesis after a few steps, unless it is far behind those held already after the first of them.
     pub(crate) fn screen<const N: usize>(&self, at: Rigid, screened: &mut Best<N>) {
         let [points, compared] = SCREEN_POINTS;
         let (early, late) = SCREEN.split_at(EARLY);
@@ -65,7 +64,7 @@ impl Refiner<'_> {
         }
     }
 
-    /// A hypothesis after further steps, and its loss if that is below `most`, else any number that is not.
+    /// A hypothesis after further steps, with its loss if that is below `most`, else with any number not below.
     pub(crate) fn sifted_below(&self, most: f32, at: Rigid) -> (f32, Rigid) {
         let [points, compared] = SIFT_POINTS;
         let at = self.coarse(at, points, &SIFT);
@@ -73,7 +72,8 @@ impl Refiner<'_> {
         (loss, at)
     }
 
-    /// The same of one that is given up after the first of the steps where it is far behind; none unless the loss is below `most`.
+    /// As [`Self::sifted_below`], but drops a hypothesis far behind
+    /// after the first steps; `None` unless its loss is below `most`.
     pub(crate) fn sifted_early(&self, most: f32, at: Rigid) -> Option<(f32, Rigid)> {
         let ([points, compared], [_, few]) = (SIFT_POINTS, SCREEN_POINTS);
         let (early, late) = SIFT.split_at(EARLY);
@@ -87,7 +87,7 @@ impl Refiner<'_> {
         (loss < most).then_some((loss, at))
     }
 
-    /// The target in a grid.
+    /// The target's grid.
     fn near(&self) -> Near<'_> {
         self.model.lookup.of(&self.model.surface)
     }

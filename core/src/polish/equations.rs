@@ -1,4 +1,4 @@
-//! Normal equations of the points matched: those of a step, and those that tell how certain a pose is.
+//! Normal equations of the matched points: for a step, and for the certainty of a pose.
 
 use super::Refiner;
 use super::stage::{FINE, NEAR, Stage};
@@ -8,28 +8,28 @@ use crate::solve::{Motion, Rigid, least, principal_axes};
 use crate::surface::Surface;
 use glam::{Mat3, Vec3};
 
-/// Share of the equations' trace that is added to their diagonal.
+/// Damping: the share of the equations' trace added to their diagonal.
 pub(super) const RIDGE: f64 = 1e-7;
 
 impl Refiner<'_> {
-    /// The axis, through the target's centre, about which the planes matched under a pose fix a turn least, and how well
+    /// The axis through the target's centre about which the planes matched under a pose constrain rotation least, and how well
     /// ([`super::Refined::rotation_constraint`]).
     pub(crate) fn least_constraint(&mut self, at: Rigid) -> (Vec3, f32) {
         let (axis, constraint) = least(self.matched_equations(at, &NEAR).turning());
         (if axis == Vec3::ZERO { Vec3::Z } else { axis }, constraint)
     }
 
-    /// The direction along which the planes matched under a pose fix a shift least, and how well, in the same measure.
+    /// The direction along which the planes matched under a pose constrain translation least, and how well (same measure).
     pub(crate) fn least_held_shift(&mut self, at: Rigid) -> (Vec3, f32) {
         least(self.matched_equations(at, &NEAR).shifting())
     }
 
-    /// Axes along which these planes fix a shift: the last along the direction along which they do least.
+    /// Principal axes of the translation constraint of these planes, the last along the least constrained direction.
     pub(crate) fn shift_axes(&mut self, at: Rigid) -> Mat3 {
         principal_axes(self.matched_equations(at, &NEAR).shifting())
     }
 
-    /// Normal equations of a stage's step.
+    /// Normal equations of one step of a stage.
     pub(super) fn matched_equations(&mut self, at: Rigid, stage: &Stage) -> Motion {
         let by = Weighing {
             gate: self.match_within_gate(at, stage),
@@ -39,7 +39,7 @@ impl Refiner<'_> {
         let (isa, pose) = (self.isa, at.pose());
         let surfaces = self.surfaces().map(Surface::bare);
         let (mut pairs, mut count, mut sums) = ([[0; 2]; AT_ONCE], 0, Sums::ZERO);
-        // Faster than to ask for one after the other.
+        // `for_each` is faster here than a loop.
         self.matched(at).for_each(|pair| {
             if let Some(place) = pairs.get_mut(count) {
                 *place = pair;
@@ -55,7 +55,7 @@ impl Refiner<'_> {
         Motion::of(&sums)
     }
 
-    /// Normal equations of planes under a refined pose, summed in f64, and the weighted mean of their squared residuals.
+    /// Normal equations of the planes under a refined pose, summed in f64, and the weighted mean of the squared residuals.
     fn information(&mut self, at: Rigid) -> (Motion, f64) {
         let gate = self.match_within_gate(at, &FINE);
         let [source, target] = self.surfaces();
@@ -77,7 +77,7 @@ impl Refiner<'_> {
         (motion, squares / weights.max(f64::MIN_POSITIVE))
     }
 
-    /// How uncertain a refined pose is.
+    /// Covariance of a refined pose.
     pub(super) fn covariance(&mut self, at: Rigid) -> Covariance {
         let (equations, variance) = self.information(at);
         Covariance::of(

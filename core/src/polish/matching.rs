@@ -1,4 +1,4 @@
-//! Matches: each point of either cloud with the nearest of the other.
+//! Matches: each point of either cloud with the nearest point of the other.
 
 use super::stage::Stage;
 use super::{Refiner, Work};
@@ -7,16 +7,16 @@ use crate::pose::Pose;
 use crate::solve::Rigid;
 use crate::surface::Surface;
 
-/// Distance from which a point is near nothing of a surface, in radii of a neighbourhood: its loss is 1.
+/// Distance from which on a point is near nothing on a surface, in neighbourhood radii; its loss is 1.
 const NEAR_NOTHING: f32 = 1.0;
 
 impl Refiner<'_> {
-    /// Matches every point of each cloud with all of the other, however far.
+    /// Matches every point of each cloud, at any distance.
     pub(super) fn match_all(&mut self, at: Rigid) {
         self.match_every(at, [1, 1], [f32::INFINITY; 2]);
     }
 
-    /// Matches about `points` of each cloud with all of the other; one that is near nothing, with none.
+    /// Matches about `points` points of each cloud; those near nothing stay unmatched.
     pub(crate) fn match_both(&mut self, at: Rigid, points: usize) {
         let [source, target] = self.surfaces();
         let near = [target, source]
@@ -24,7 +24,7 @@ impl Refiner<'_> {
         self.match_every(at, every(points, source, target), near);
     }
 
-    /// Matches every so many-th point of each cloud with all of the other; where none is within the root of a limit, with none.
+    /// Matches every n-th point of each cloud with the other cloud, within limits on the squared distance.
     fn match_every(&mut self, at: Rigid, [of_s, of_t]: [usize; 2], [limit_s, limit_t]: [f32; 2]) {
         let (isa, target, pose) = (self.isa, &self.model.surface, at.pose());
         self.match_source(pose, of_s, limit_s);
@@ -34,7 +34,8 @@ impl Refiner<'_> {
         of_target.find(isa, [target, source], pose.inverse(), of_t, limit_t);
     }
 
-    /// The same for a stage's steps, and the squared distance from which a match has no weight: only those nearer are looked for.
+    /// Matches points for a step of a stage; returns the squared gate, from which on a match has no weight. Farther points are
+    /// not searched for.
     pub(super) fn match_within_gate(&mut self, at: Rigid, stage: &Stage) -> f32 {
         let (isa, target, pose) = (self.isa, &self.model.surface, at.pose());
         let Work {
@@ -43,7 +44,7 @@ impl Refiner<'_> {
         let [every_s, every_t] = every(stage.points, source, target);
         let radius = source.radius.max(target.radius);
         let back = pose.inverse();
-        // A median is at most what it was by the last matches, and so is the gate.
+        // The median by the last matches is an upper bound, and so is its gate.
         let median = of_source.largest_median(isa, [source, target], pose, every_s);
         self.match_source(pose, every_s, stage.gate(median, radius));
         let Work {
@@ -56,11 +57,11 @@ impl Refiner<'_> {
         let known = of_target.largest_median(isa, [target, source], back, every_t);
         let gate = stage.gate(known.min(median), radius);
         of_target.find(isa, [target, source], back, every_t, gate);
-        // Where one cloud shows a part of the other, its own points' median is that of the part.
+        // If one cloud shows a part of the other, the median of its own points is the part's.
         stage.gate(of_target.median_squared().min(median), radius)
     }
 
-    /// Matches every so many-th point of the source with what does not face away from the sensor.
+    /// Matches every n-th point of the source with points that do not face away from the sensor.
     fn match_source(&mut self, pose: Pose, every: usize, limit: f32) {
         let (isa, target) = (self.isa, &self.model.surface);
         let Work {
@@ -77,8 +78,8 @@ impl Refiner<'_> {
         }
     }
 
-    /// Places in the source and in the target of the points matched last with one within the limit, both ways, without what faces
-    /// away from the sensor.
+    /// Pairs of places in source and target that were matched last within the limit, both ways, without points that face away
+    /// from the sensor.
     pub(super) fn matched(&self, at: Rigid) -> impl Iterator<Item = Pair> {
         let Work {
             of_source,
@@ -99,7 +100,7 @@ impl Refiner<'_> {
     }
 }
 
-/// Every how many-th point of each surface are about so many.
+/// Strides that select about `points` points of each surface.
 fn every(points: usize, source: &Surface, target: &Surface) -> [usize; 2] {
     [source, target].map(|surface| surface.points().len() / points.max(1))
 }

@@ -1,31 +1,30 @@
-//! How a pose fits: the losses of the points matched, and how much of the source lies on the target.
+//! How well a pose fits: the losses of the matched points, and how much of the source lies on the target.
 
 use super::{Refiner, Work};
 use crate::loss;
 use crate::solve::Rigid;
 
-/// Share of the source's points in a comparison of poses: the target often has sides that the source does not show.
+/// Weight of the source's points when poses are compared: the target often has sides that the source does not show.
 const SOURCE_SHARE: f32 = 0.8;
-/// Loss of a target's point that was not seen and need not have been, of that of one that would have hidden what was.
+/// Highest loss of a target point that was not seen but need not have been; a point that would hide what was seen loses 1.
 const UNSEEN: f32 = 0.5;
 
-/// Distance from the target's centre within which a point of the source may be the object's, target radii.
+/// Distance from the target's centre within which a source point may be the object's, in target radii.
 const INSIDE: f32 = 1.1;
 
-/// How far two clouds are apart under a pose, each in its own way: mean over the points of a loss that is 0 for a
-/// point on the other cloud's surface and 1 for a point near nothing of it. 0 for equal clouds, about .4
-/// for two samples of one noisy surface, 1 for clouds that have nothing in common; a part that the other cloud lacks adds its
-/// share.
+/// How far apart two clouds are under a pose, in each direction: the mean over the points of a loss that is 0 on the other
+/// cloud's surface and 1 near nothing of it. It is 0 for equal clouds, about .4 for two samples of one noisy surface, and 1 for
+/// clouds that have nothing in common. A part that the other cloud lacks adds its share.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Residual {
-    /// Of the source's points, to the target.
+    /// From the source's points to the target.
     pub source: f32,
-    /// Of the target's points, to the source.
+    /// From the target's points to the source.
     pub target: f32,
 }
 
 impl Residual {
-    /// Both ways.
+    /// Mean of both directions.
     pub fn mean(&self) -> f32 {
         0.5 * (self.source + self.target)
     }
@@ -42,19 +41,19 @@ pub(crate) struct Overlap {
 }
 
 impl Refiner<'_> {
-    /// Residual under the pose for which points were matched last, by what the view point tells.
+    /// Residual of the points matched last, with a known view point taken into account.
     pub(crate) fn matched_residual(&mut self, at: Rigid) -> Residual {
         self.lose(at, loss::POINT_SHARE, true);
         self.lost()
     }
 
-    /// The same without the view point.
+    /// The same without regard to the view point.
     pub(crate) fn matched_residual_unseen(&mut self, at: Rigid) -> Residual {
         self.lose(at, loss::POINT_SHARE, false);
         self.lost()
     }
 
-    /// Mean losses, as they were found last.
+    /// Mean of the losses computed last.
     fn lost(&self) -> Residual {
         let [source, target] = [&self.work.of_source, &self.work.of_target].map(|matched| {
             let (mut sum, mut count) = (0.0f64, 0u32);
@@ -67,7 +66,7 @@ impl Refiner<'_> {
         Residual { source, target }
     }
 
-    /// How much of the source, matched last, lies on the target's surface.
+    /// How much of the source, as matched last, lies on the target's surface.
     pub(super) fn matched_overlap(&self, at: Rigid) -> Overlap {
         let [source, target] = self.surfaces();
         let pose = at.pose();
@@ -98,8 +97,8 @@ impl Refiner<'_> {
         }
     }
 
-    /// Keeps the losses of the points matched last, less for those of the source beyond an edge of the target; their sum, as of
-    /// [`loss::COMPARED`] points of each cloud, and the mean of the source's, whether beyond an edge or not.
+    /// Keeps the losses of the points matched last, lowered for source points beyond an edge of the target. Returns their
+    /// weighted sum, scaled to [`loss::COMPARED`] points of each cloud, and the source's mean loss before lowering.
     pub(crate) fn keep_matched_losses(&mut self, contender: usize, at: Rigid) -> [f32; 2] {
         let all = self.matched_residual(at);
         self.spare_beyond_edges(at);
@@ -109,8 +108,7 @@ impl Refiner<'_> {
         [mean * 2.0 * loss::COMPARED as f32, all.source]
     }
 
-    /// Lowers what those of the source's points lost that lie beyond an edge of the target. To which of its points they are near is
-    /// looked up where they have no match.
+    /// Lowers the losses of source points beyond an edge of the target. Points without a match look up a near point.
     fn spare_beyond_edges(&mut self, at: Rigid) {
         let (there, model) = (at.pose(), self.model);
         let Work {
@@ -127,13 +125,13 @@ impl Refiner<'_> {
         }
     }
 
-    /// Keeps how far the points matched last are from surfaces, and not from points: where those lie is chance.
+    /// Keeps losses of distances to surfaces, not to points, whose places are chance.
     pub(crate) fn keep_matched_surface_losses(&mut self, contender: usize, at: Rigid) {
         self.lose(at, 0.0, true);
         self.keep_lost(contender);
     }
 
-    /// Keeps losses, as they were found last.
+    /// Keeps the losses computed last.
     fn keep_lost(&mut self, contender: usize) {
         let Work {
             of_source,
@@ -144,8 +142,8 @@ impl Refiner<'_> {
         losses.keep(contender, [of_source.lost(), of_target.lost()]);
     }
 
-    /// Finds what the points matched last lose: 1 of what is near nothing. Where a view point is known, and looked at, the target's
-    /// are 1 for what stands in front of what was seen, and less than that for what only was not seen.
+    /// Computes the losses of the points matched last: 1 for those near nothing. If a view point is known and `looks` is set,
+    /// target points lose 1 if they would hide what was seen, and less if they merely were not seen.
     fn lose(&mut self, at: Rigid, point_share: f32, looks: bool) {
         let (isa, target, there) = (self.isa, &self.model.surface, at.pose());
         let Work {

@@ -1,12 +1,12 @@
-//! Few of a surface's points with their normals, in lanes: what searches look at under many poses.
+//! A small sample of a surface's points with normals, in lanes, for searches over many poses.
 
 use crate::kernels::{LANES, Oriented};
 use crate::surface::Surface;
 
-/// Points at most.
+/// Most points in a sample.
 const SAMPLED: usize = 512;
 
-/// Points evenly spread over a surface, any first of them as well.
+/// Points spread evenly over a surface; so is every prefix of them.
 #[derive(Clone, Debug)]
 pub(crate) struct Sample {
     len: usize,
@@ -14,13 +14,13 @@ pub(crate) struct Sample {
 }
 
 impl Sample {
-    /// Of no surface. All bits are zero.
+    /// A sample of no surface. All bits are zero.
     pub(crate) const EMPTY: Sample = Sample {
         len: 0,
         lanes: [Oriented::ZERO; SAMPLED / LANES],
     };
 
-    /// Takes a surface's points.
+    /// Samples a surface.
     pub(crate) fn fill(&mut self, surface: &Surface) {
         let all = surface.points().len();
         self.len = all.min(SAMPLED);
@@ -37,7 +37,7 @@ impl Sample {
         }
     }
 
-    /// The first so many, and how many there are.
+    /// The first `points` points in lanes, and how many there are.
     pub(crate) fn first(&self, points: usize) -> (&[Oriented], usize) {
         let count = points.min(self.len);
         let lanes = self.lanes.get(..count.div_ceil(LANES)).unwrap_or(&[]);
@@ -45,7 +45,7 @@ impl Sample {
     }
 }
 
-/// The numbers below one, each once: the first of them lie far apart, and those that follow between them.
+/// The numbers from 0 to `below - 1`, each once, in bit-reversed order: the first lie far apart, and later ones between them.
 fn spread(below: usize) -> impl Iterator<Item = usize> {
     let digits = below.next_power_of_two().trailing_zeros();
     let reversed = move |i: usize| {

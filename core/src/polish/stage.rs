@@ -1,24 +1,24 @@
-//! Stages of a refinement: how many steps, on how many points, and from which distance a match has no weight.
+//! Stages of a refinement: their steps, their points, and their gate, the distance from which on a match has no weight.
 
-/// Steps of one kind.
+/// The steps of one stage.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Stage {
-    /// Steps at most.
+    /// Most steps.
     pub(crate) iterations: usize,
-    /// Points of each cloud that are matched, about.
+    /// Points of each cloud that are matched, approximately.
     pub(crate) points: usize,
-    /// Distance from which a match has no weight, in median distances.
+    /// The gate, in median distances.
     pub(crate) gate: f32,
-    /// The same at most, in radii of a neighbourhood.
+    /// Widest gate, in neighbourhood radii.
     pub(crate) widest: f32,
-    /// Weight of the distance between points beside that between planes.
+    /// Weight of point-to-point distances, relative to point-to-plane distances.
     pub(crate) tangential: f32,
-    /// A turn (radians) and shift below this end it.
+    /// A step with a turn (radians) and a shift below this ends the stage.
     pub(super) settled: f32,
 }
 
 impl Stage {
-    /// Squared distance from which a match has no weight, by the median squared distance.
+    /// The squared gate, from the median squared distance and the radius of a neighbourhood.
     pub(super) fn gate(&self, median: f32, radius: f32) -> f32 {
         let (least, widest) = (LEAST_GATE * radius, self.widest * radius);
         (self.gate * self.gate * median)
@@ -28,7 +28,7 @@ impl Stage {
     }
 }
 
-/// Draws near from where a policy ends.
+/// Pulls the pose in from where a policy ends.
 pub(super) const NEAR: Stage = Stage {
     iterations: 12,
     points: 512,
@@ -37,7 +37,7 @@ pub(super) const NEAR: Stage = Stage {
     tangential: 0.0,
     settled: 3e-4,
 };
-/// Finishes.
+/// Finishes the refinement.
 pub(super) const FINE: Stage = Stage {
     iterations: 10,
     points: usize::MAX,
@@ -46,7 +46,7 @@ pub(super) const FINE: Stage = Stage {
     tangential: 0.2,
     settled: 3e-4,
 };
-/// The same for a hypothesis that is to be compared with others.
+/// As `NEAR` and `FINE`, for a hypothesis that is to be compared with others.
 pub(super) const BRIEF_NEAR: Stage = Stage {
     iterations: 6,
     points: 256,
@@ -59,8 +59,8 @@ pub(super) const BRIEF_FINE: Stage = Stage {
     settled: 3e-3,
     ..FINE
 };
-/// A match closer than this always counts, in radii of a neighbourhood.
+/// Narrowest gate, in neighbourhood radii.
 const LEAST_GATE: f32 = 0.02;
-/// Widest gate of the last steps, in radii of a neighbourhood: where clouds overlap in part, the median is that of
-/// points without a counterpart.
+/// Widest gate of the last steps, in neighbourhood radii. Where clouds overlap in part, the median distance is that of points
+/// without a counterpart.
 const WIDEST_GATE: f32 = 0.4;

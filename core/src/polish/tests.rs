@@ -4,7 +4,7 @@ use crate::pose::rotation_from_euler;
 use crate::start::Start;
 use proptest::prelude::*;
 
-/// Numbers from -1 to 1.
+/// Pseudo-random numbers from -1 to 1.
 pub(crate) struct Numbers(pub(crate) u32);
 
 impl Numbers {
@@ -56,7 +56,7 @@ pub(crate) fn pose(angles: [f32; 3], translation: [f32; 3]) -> Pose {
     }
 }
 
-/// Angle in degrees and distance between poses.
+/// Angle in degrees, and distance, between two poses.
 pub(crate) fn error(a: Pose, b: Pose) -> (f32, f32) {
     let q = glam::Quat::from_mat3(&(a.rotation * b.rotation.transpose())).normalize();
     let angle = 2.0 * q.xyz().length().atan2(q.w.abs());
@@ -161,7 +161,7 @@ fn clouds_beyond_the_capacity_are_thinned_and_bad_ones_refused() {
     );
 }
 
-/// Clouds that fix no pose, or hardly: lines, planes, duplicates, few points, tiny and huge ones.
+/// Clouds that fix no pose, or barely: lines, planes, duplicates, few points, tiny and huge ones.
 fn degenerate() -> impl Strategy<Value = Vec<[f32; 3]>> {
     let shape = (0..6u8, 3..80usize, any::<u32>(), -20..20i32);
     shape.prop_map(|(kind, n, seed, exponent)| {
@@ -219,8 +219,8 @@ proptest! {
     }
 }
 
-/// A camera at the origin sees an end of a bent bar, before a wall to its right; to the left nothing was measured. That the bar
-/// goes on to the right would hide the wall.
+/// A camera at the origin sees one end of a bent bar in front of a wall to its right; to the left, nothing was measured. A bar
+/// that continues to the right would hide the wall.
 #[test]
 fn what_would_hide_the_background_counts_against_a_pose() {
     let bend = |x: f32, y: f32| [x, y, 5.0 + 0.3 * y * y];
@@ -238,7 +238,7 @@ fn what_would_hide_the_background_counts_against_a_pose() {
     let mut residuals = |background: &[[f32; 3]]| {
         let mut refiner = Refiner::new(&end, &bar, &mut workspace).expect("clouds");
         refiner.seen_before(Vec3::ZERO, background);
-        // As it lies the bar goes on to the right; moved by its length, to the left.
+        // As it lies, the bar continues to the right; moved by its length, to the left.
         [0.0, 1.0].map(|shift| {
             let there = refiner.residual(pose([0.0; 3], [shift, 0.0, 0.0]));
             there.expect("a pose").mean()
@@ -251,13 +251,13 @@ fn what_would_hide_the_background_counts_against_a_pose() {
         hiding > right + 0.03 && (free - left).abs() < 0.02,
         "{hiding} {free}"
     );
-    // What is no number, or behind the camera, was not seen.
+    // Points that are not finite, or behind the camera, were not seen.
     let nothing = [[f32::NAN; 3], [0.0, 0.0, -5.0], [f32::INFINITY, 0.0, 1.0]];
     assert_eq!(residuals(&nothing)[0], residuals(&[[f32::NAN; 3]])[0]);
 }
 
-/// Two sheets that overlap by half go on beyond each other's edges. The same points of one of them above the other's middle are
-/// explained no worse, point by point, but there it does not end.
+/// Two sheets that overlap by half continue beyond each other's edges. The same points above the middle of one sheet are
+/// explained no worse, point by point, but no edge is there.
 #[test]
 fn what_lies_beyond_an_edge_speaks_less_against_a_pose_than_what_lies_off_a_surface() {
     let mut numbers = Numbers(9);

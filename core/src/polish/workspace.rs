@@ -13,19 +13,19 @@ use crate::surface::matching::Matching;
 /// Working memory of a [`super::Refiner`], [`crate::budget::WORKSPACE_BYTES`]; the caller owns it.
 #[derive(Clone, Debug)]
 pub struct Workspace {
-    /// Kernels of the refiners that work in it; the fastest unless told otherwise.
+    /// Kernels of the refiners that work in it; `None` for the fastest.
     isa: Option<Isa>,
-    /// Of the last target that was not made ready by the caller.
+    /// The last target that the caller had not prepared.
     pub(super) model: Model,
     pub(super) work: Work,
 }
 
-/// The same without a target: what changes from one source and pose to the next.
+/// The working memory without a target: what changes with each source and pose.
 #[derive(Clone, Debug)]
 pub(super) struct Work {
     pub(super) source: Surface,
     pub(super) sample: Sample,
-    /// Of the source's points, and of the target's.
+    /// Matches of the source's points, and of the target's.
     pub(super) of_source: Matching,
     pub(super) of_target: Matching,
     pub(super) losses: Losses,
@@ -51,18 +51,18 @@ impl Workspace {
         }
     }
 
-    /// The same for given kernels.
+    /// Empty working memory for given kernels.
     pub const fn with_isa(isa: Isa) -> Self {
         let mut workspace = Workspace::new();
         workspace.isa = Some(isa);
         workspace
     }
 
-    /// Makes a target ready for any number of registrations. The target of the last one is ready anyhow: this is for several targets
-    /// in use at a time.
+    /// Prepares a target for any number of registrations. The workspace keeps the last target prepared by itself: this serves
+    /// several targets in use at a time.
     ///
     /// # Errors
-    /// As [`crate::frame::check_cloud`] and [`crate::Frame::of`]; the model is of no target then.
+    /// As [`crate::frame::check_cloud`] and [`crate::Frame::of`]; the model then has no target.
     pub fn prepare(&mut self, target: &[[f32; 3]], model: &mut Model) -> Result<(), Error> {
         model.prepare(self.isa(), target, &mut self.work.of_target.keys)
     }

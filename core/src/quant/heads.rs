@@ -5,10 +5,10 @@ use crate::dims::{HEAD, LOGITS, PANELS_TOGETHER};
 use crate::kernels::Isa;
 use crate::layer::{QuantLayer, Requantise};
 
-/// What a target adds to the first layer of a head, bias included; as much of it as the layer has outputs.
+/// A target's share of a head's first layer, bias included; a smaller network fills only its outputs.
 pub type TargetSums = [i32; HEAD[0]];
 
-/// What a target adds to the first layer of a head.
+/// Computes a target's share of a head's first layer.
 pub fn target_sums(
     isa: Isa,
     [fc1, _, _]: &[QuantLayer<'_>; 3],
@@ -25,23 +25,23 @@ pub fn target_sums(
     isa.gemv_codes(fc1.codes(), features, target.planes(features), sums);
 }
 
-/// One registration in a pass over the weights of a head.
+/// One registration of several that share a pass over a head's weights.
 #[derive(Debug)]
 pub struct Lane<'a> {
-    /// Feature of its target.
+    /// Feature of the registration's target.
     pub target: &'a Feature,
-    /// What the target adds to this head, if it is known.
+    /// The target's share of this head's first layer, if it is cached.
     pub sums: Option<&'a TargetSums>,
-    /// Where its source has been embedded.
+    /// Scratch in which the source was embedded.
     pub scratch: &'a mut QuantScratch,
-    /// What comes out, axis-major: of (source, target), and of (target, source) if there is a second place.
+    /// Receives logits, axis-major: of (source, target), then of (target, source) if there is a second place.
     pub ways: &'a mut [[f32; LOGITS]],
 }
 
-/// One way of a lane: the features in their order, sums, and the hidden layers.
+/// One way of a lane: the two features in order, sums, and the hidden layers.
 struct Way<'a> {
     features: [&'a Feature; 2],
-    /// What the second of them adds, if it is known.
+    /// The share of the second feature, if it is cached.
     known: Option<&'a TargetSums>,
     sums: &'a mut [i32; HEAD[0]],
     head1: &'a mut Wide<{ HEAD[0] }>,
@@ -57,7 +57,7 @@ impl Lane<'_> {
             ([source, self.target], self.sums),
             ([self.target, source], None),
         ];
-        // The maxima have become the feature: their place is free for sums, and the stack stays small.
+        // The maxima are the feature by now: sums take their memory, which keeps the stack small.
         let (sums, _) = scratch.max.as_chunks_mut();
         let memory = sums
             .iter_mut()
@@ -77,7 +77,7 @@ impl Lane<'_> {
     }
 }
 
-/// Logits of one head for the sources embedded last.
+/// Computes one head's logits for the sources embedded last.
 pub fn logits(isa: Isa, [fc1, fc2, out]: &[QuantLayer<'_>; 3], lanes: &mut [Lane<'_>]) {
     let width = fc1.codes().inputs() / 2;
     product(isa, fc1, lanes, |way| {
@@ -115,18 +115,18 @@ pub fn logits(isa: Isa, [fc1, fc2, out]: &[QuantLayer<'_>; 3], lanes: &mut [Lane
     }
 }
 
-/// From which column on, and codes in two planes.
+/// First column of the inputs, and their codes in two planes.
 type Inputs<'a> = (usize, [&'a [u8]; 2]);
 
 /// `sums = start + W codes`.
 struct Product<'a> {
-    /// The bias where there is none.
+    /// `None` for the bias.
     start: Option<&'a TargetSums>,
     inputs: [Option<Inputs<'a>>; 2],
     sums: &'a mut [i32; HEAD[0]],
 }
 
-/// A product for each way of each lane, some panels at a time: weights come from memory for the first, and from the
+/// Computes a product for each way of each lane, some panels at a time: weights come from memory for the first, and from the
 /// cache for the others.
 fn product(
     isa: Isa,

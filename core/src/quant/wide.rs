@@ -20,14 +20,14 @@ impl<const N: usize> Wide<N> {
         [&self.high, &self.low].map(|plane| plane.get(..n).unwrap_or(plane))
     }
 
-    /// Keeps a number of 16 bits where a code will be.
+    /// Stores a 16-bit number in place of a code.
     pub(super) fn put(&mut self, at: usize, number: usize) {
         if let (Some(high), Some(low)) = (self.high.get_mut(at), self.low.get_mut(at)) {
             [*high, *low] = (number as u16).to_be_bytes();
         }
     }
 
-    /// The numbers that [`Wide::put`] kept.
+    /// The numbers that [`Wide::put`] stored.
     pub(super) fn numbers(&self) -> impl Iterator<Item = usize> {
         let pairs = self.high.iter().zip(&self.low);
         pairs.map(|(&high, &low)| usize::from(u16::from_be_bytes([high, low])))

@@ -1,4 +1,4 @@
-//! The heads of registrations in step: their weights are read once for all of them, and for both ways.
+//! The heads for several registrations in lockstep: their weights are read once for all of them, and for both ways.
 
 use super::Registration;
 use crate::decision::both_ways;
@@ -11,13 +11,12 @@ use crate::numbers::Numbers;
 use crate::quant;
 use crate::weights::Policy;
 
-/// The head of translations.
+/// Index of the translation head.
 pub(super) const TRANSLATION: usize = 0;
-/// The head of rotations.
+/// Index of the rotation head.
 pub(super) const ROTATION: usize = 1;
 
-/// Logits of a head for the sources that are embedded; [`Error::NotStarted`] for registrations that were not started
-/// with the policy.
+/// Logits of a head for the embedded sources; [`Error::NotStarted`] for registrations that were not started with the policy.
 pub(super) fn logits<const N: usize>(
     isa: Isa,
     policy: &Policy<'_>,
@@ -43,7 +42,7 @@ pub(super) fn logits<const N: usize>(
                         scratch: scratch.floats(),
                         ways: looked.places(),
                     };
-                    // There is room for all.
+                    // The capacity is `N`.
                     lanes.push(lane).ok();
                 }
             }
@@ -61,7 +60,7 @@ pub(super) fn logits<const N: usize>(
                         scratch: scratch.integers(),
                         ways: looked.places(),
                     };
-                    // There is room for all.
+                    // The capacity is `N`.
                     lanes.push(lane).ok();
                 }
             }
@@ -73,16 +72,16 @@ pub(super) fn logits<const N: usize>(
     all.map(Looked::logits)
 }
 
-/// What a head says of one registration.
+/// Output of a head for one registration.
 struct Looked {
     ways: [[f32; LOGITS]; 2],
     count: usize,
-    /// Why it says nothing.
+    /// Why there is no output.
     error: Option<Error>,
 }
 
 impl Looked {
-    /// Where it says it.
+    /// Places for the logits, one for each way.
     fn places(&mut self) -> &mut [[f32; LOGITS]] {
         self.error = None;
         self.ways.get_mut(..self.count).unwrap_or_default()

@@ -1,4 +1,4 @@
-//! How a registrar looks at clouds: which points it embeds, in which order, and what becomes of them.
+//! How a registrar looks at clouds: which points it embeds, in which order, and where the feature goes.
 
 use super::{Registrar, Registration};
 use crate::cloud::Cloud;
@@ -15,9 +15,9 @@ use core::ops::Range;
 /// Which points of a cloud are embedded.
 #[derive(Clone, Copy)]
 enum Kept<'f> {
-    /// Of the source, those within reach.
+    /// Points of the source within reach.
     Within(Reach),
-    /// Of the target, those near the source.
+    /// Points of the target near the source.
     Near(&'f Focus),
 }
 
@@ -31,13 +31,13 @@ impl Kept<'_> {
 }
 
 impl Registrar<'_, '_> {
-    /// Finds the order in which a cloud's points are embedded fastest, where it is not that in which they come.
+    /// Finds the order in which the kernels embed a cloud fastest, if that is not the cloud's own.
     pub(super) fn put_in_order(&self, cloud: Cloud<'_>, order: &mut Order) {
         let prunes = match &self.policy.network {
             Numbers::F32(network) => network.embedding.prunes(self.isa),
             Numbers::Int8(_) => self.isa.prunes_codes(),
         };
-        // Which of equals is the critical point depends on the order.
+        // With ties, the critical point depends on the order.
         if prunes && self.policy.sees_all(1) {
             order.find(cloud);
         } else {
@@ -45,7 +45,7 @@ impl Registrar<'_, '_> {
         }
     }
 
-    /// Makes the target that was embedded a feature, and turns to the source.
+    /// Stores the embedded target's feature, and turns to the source.
     pub(super) fn finish_target(&mut self, registration: &mut Registration<'_>) {
         self.finish();
         let (isa, target) = (self.isa, &mut registration.target);
@@ -69,7 +69,7 @@ impl Registrar<'_, '_> {
         self.put_in_order(registration.source, &mut registration.order);
     }
 
-    /// Embeds at most so many more points of the target, of which some were seen; how many are seen then.
+    /// Embeds at most `points` more points of the target, from index `seen` on; returns the new `seen`.
     pub(super) fn look_at_target(
         &mut self,
         registration: &mut Registration<'_>,
@@ -87,7 +87,7 @@ impl Registrar<'_, '_> {
         end
     }
 
-    /// Which points of the target are looked at.
+    /// The points of the target to look at.
     fn focus(&self, registration: &Registration<'_>, target_view: &View) -> Focus {
         if self.policy.sight.focus == 0 {
             return Focus::ALL;
@@ -97,8 +97,7 @@ impl Registrar<'_, '_> {
         Focus::on((source, &view, reach), (registration.whole, target_view))
     }
 
-    /// Embeds at most so many more points of the source as it is seen now, of which some were seen; how many are seen
-    /// then.
+    /// Embeds at most `points` more points of the source under the current pose, from index `seen` on; returns the new `seen`.
     pub(super) fn look(
         &mut self,
         registration: &Registration<'_>,
@@ -138,12 +137,12 @@ impl Registrar<'_, '_> {
         seen
     }
 
-    /// Whether the step after so many looks at all points, and the one after it only at the critical ones.
+    /// Whether the step after `steps` steps looks at all points, and the next one only at the critical ones.
     fn finds_critical(&self, steps: usize) -> bool {
         self.policy.sees_all(steps) && !self.policy.sees_all(steps + 1)
     }
 
-    /// Makes the source that was embedded a feature, and keeps the points by which it came about.
+    /// Turns the embedded source into its feature, and keeps its critical points if the next step needs them.
     pub(super) fn finish_source(&mut self, registration: &mut Registration<'_>) {
         if self.finds_critical(registration.steps) {
             let (critical, order) = (&mut registration.critical, &registration.order);
@@ -163,7 +162,7 @@ impl Registrar<'_, '_> {
         self.finish();
     }
 
-    /// Makes what was embedded a feature; in f32 it is one already.
+    /// Turns what was embedded into a feature; in f32 it is one already.
     fn finish(&mut self) {
         match &self.policy.network {
             Numbers::F32(_) => {}
@@ -171,8 +170,7 @@ impl Registrar<'_, '_> {
         }
     }
 
-    /// Embeds the points that are kept at some places of an order; where they count, finds the places of the critical ones
-    /// among them.
+    /// Embeds the kept points at some places of an order; with `counted`, records the places of the critical ones among them.
     fn embed_cloud(
         &mut self,
         cloud: Cloud<'_>,
@@ -196,7 +194,7 @@ impl Registrar<'_, '_> {
                     *space = point;
                     filled += 1;
                 } else if counted && filled > 0 {
-                    // Places that count follow each other.
+                    // Counted points must lie at consecutive places.
                     break;
                 }
                 place += 1;
@@ -206,7 +204,7 @@ impl Registrar<'_, '_> {
         }
     }
 
-    /// Embeds points of the cloud under way; where they count from `first`, finds the critical ones among them.
+    /// Embeds points of the current cloud; with `first`, the place of the first one, records the critical ones among them.
     fn embed(&mut self, points: &[[f32; 3]], first: Option<usize>, view: &View) {
         match &self.policy.network {
             Numbers::F32(network) => {

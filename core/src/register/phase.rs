@@ -1,8 +1,8 @@
 //! A registration in slices, for control loops whose period is shorter than a step.
 //!
-//! A step looks at every point of a cloud, which takes a microcontroller longer than a control loop may wait. A slice
-//! looks at as many points as there is time for. What is done between two slices is the caller's; the steps and
-//! poses are the same to the bit, however they are sliced.
+//! A step looks at every point of a cloud, which takes a microcontroller longer than a control loop may wait. A slice looks at
+//! as many points as there is time for. Between slices, the caller does its own work. The steps and poses are the same to the
+//! bit, however they are sliced.
 //!
 //! ```
 //! # use reagent_core::{Cloud, Error, Frame, Pose, Registrar, Registration};
@@ -29,24 +29,24 @@ use crate::pose::Pose;
 /// What the next slice of a registration does.
 #[derive(Clone, Debug)]
 pub(super) enum Phase {
-    /// Embeds the target, of which some points were seen.
+    /// Embeds the target; `seen` points are done.
     Target { seen: usize },
-    /// Embeds the source, of which some points were seen, and then has the translation head take it in.
+    /// Embeds the source, of which `seen` points are done, then runs the translation head.
     Source { seen: usize },
-    /// Has the rotation head take the source in, and acts.
+    /// Runs the rotation head, and acts.
     Head { logits_t: [f32; LOGITS] },
 }
 
 impl Phase {
-    /// Of a step.
+    /// The first phase of a step.
     pub(super) const START: Phase = Phase::Source { seen: 0 };
 
-    /// Whether nothing is embedded of the cloud under way.
+    /// Whether no point of the current cloud is embedded yet.
     fn is_at_start(&self) -> bool {
         matches!(self, Phase::Target { seen: 0 } | Phase::Source { seen: 0 })
     }
 
-    /// Back to the first point of the cloud under way.
+    /// Returns to the first point of the current cloud.
     fn restart(&mut self) {
         match self {
             Phase::Target { seen } | Phase::Source { seen } => *seen = 0,
@@ -56,8 +56,8 @@ impl Phase {
 }
 
 impl Registrar<'_, '_> {
-    /// As [`Registrar::start_in`], but the target is embedded by the slices that follow; only the clouds are
-    /// looked through here. Clouds on a grid take half of the memory.
+    /// As [`Registrar::start_in`], but only checks the clouds and leaves the target's embedding to the slices that follow.
+    /// Clouds on a grid take half the memory.
     ///
     /// # Errors
     /// As [`Registrar::start_in`].
@@ -72,14 +72,14 @@ impl Registrar<'_, '_> {
         registration.reset(&self.policy, source, target, frame, initial)
     }
 
-    /// The next slice of work: embeds at most `points` points (but at least one) of the target and then, in each
-    /// step, of the source; when all were seen, one of the two heads takes them in, which is at most as many
-    /// multiply-adds as 9 points are, or 17 where it looks both ways. `Some` when that was a step.
+    /// Does the next slice of work: embeds at most `points` points (at least one) of the target and then, in each step, of the
+    /// source. Once all are in, a slice runs one of the two heads, which costs at most as many multiply-adds as 9 points, or 17
+    /// if the policy looks both ways. Returns `Some` when that completes a step.
     ///
-    /// If another registration used the registrar meanwhile, the cloud under way is embedded anew.
+    /// If another registration used the registrar in between, the current cloud is embedded again from its start.
     ///
     /// # Errors
-    /// [`Error::NotStarted`] for a registration that was not started, or with another policy.
+    /// [`Error::NotStarted`] for a registration that was not started, or was started with another policy.
     pub fn advance(
         &mut self,
         registration: &mut Registration<'_>,
@@ -120,7 +120,7 @@ impl Registrar<'_, '_> {
         Ok(None)
     }
 
-    /// Embeds the source as it is seen now, and the target if that is still to be done.
+    /// Embeds the source under the current pose, and first the target if that is still to be done.
     pub(super) fn observe(&mut self, registration: &mut Registration<'_>) -> Result<(), Error> {
         registration.check(&self.policy)?;
         while registration.is_at_target() {
@@ -134,7 +134,7 @@ impl Registrar<'_, '_> {
         Ok(())
     }
 
-    /// Logits of a head for the source that is embedded.
+    /// Logits of a head for the embedded source.
     fn logits(
         &mut self,
         registration: &Registration<'_>,
@@ -192,7 +192,7 @@ mod tests {
                     {
                         break step;
                     }
-                    // Another registration in the same memory costs time, no bit.
+                    // Another registration in the same memory costs time but changes no bit.
                     if slices % 10 == 3 {
                         registrar.advance(&mut other, 20).expect("started");
                     }

@@ -1,4 +1,4 @@
-//! A registration under way.
+//! The state of a registration.
 
 use super::phase::Phase;
 use super::target::Target;
@@ -16,23 +16,23 @@ use crate::view::View;
 use crate::weights::Policy;
 use glam::Vec3;
 
-/// A registration under way: the accumulated pose and what stays constant over its steps.
+/// A registration in progress: the accumulated pose, and what stays constant over its steps.
 #[derive(Clone, Debug)]
 pub struct Registration<'c> {
     pub(super) source: Cloud<'c>,
-    /// The target, for a policy that chooses among its points again.
+    /// The whole target, for a policy that chooses among its points again.
     pub(super) whole: Cloud<'c>,
     pub(super) phase: Phase,
-    /// That of the working memory in which the cloud under way is embedded.
+    /// Generation of the scratch in which the current cloud is embedded.
     pub(super) generation: u32,
-    /// In which order the points of the cloud under way are embedded.
+    /// Order in which the current cloud's points are embedded.
     pub(super) order: Order,
-    /// Points looked at by steps that do not look at all.
+    /// Critical points, for steps that do not look at all points.
     pub(super) critical: Critical,
     pub(super) target: Target,
-    /// Check sum of the policy that saw the target.
+    /// Checksum of the policy that the registration was started with.
     policy: u32,
-    /// Centroid `μ` of the observed source, without what is cut off under the first estimate, own units.
+    /// Centroid `μ` of the source in its own units, without the points cut off under the initial pose.
     centroid: Vec3,
     frame: Frame,
     /// Disentangled accumulator, translation in normalised units.
@@ -45,7 +45,7 @@ pub struct Registration<'c> {
 }
 
 impl<'c> Registration<'c> {
-    /// A place for a registration, of no points: see [`super::Registrar::start_in`].
+    /// An empty registration to start in: see [`super::Registrar::start_in`].
     pub const fn new() -> Self {
         Registration {
             source: Cloud::EMPTY,
@@ -66,7 +66,7 @@ impl<'c> Registration<'c> {
         }
     }
 
-    /// Checks everything and begins anew: no step taken, a target still to come.
+    /// Checks all inputs and starts anew: no step taken, the target not embedded.
     pub(super) fn reset(
         &mut self,
         policy: &Policy<'_>,
@@ -98,7 +98,7 @@ impl<'c> Registration<'c> {
         Ok(())
     }
 
-    /// Refuses one that was not started with a policy: no cloud that is accepted is empty.
+    /// Refuses a registration that was not started with this policy. An empty source means none was started.
     pub(super) fn check(&self, policy: &Policy<'_>) -> Result<(), Error> {
         if self.source.is_empty() || self.policy != policy.checksum {
             return Err(Error::NotStarted);
@@ -129,8 +129,8 @@ impl<'c> Registration<'c> {
         }
     }
 
-    /// Goes on from where another registration of the same clouds is, of another policy perhaps: to compare what two
-    /// policies do there.
+    /// Takes over the progress of another registration of the same clouds, perhaps with another policy, to compare what two
+    /// policies do next.
     pub fn copy_progress_from(&mut self, other: &Registration<'_>) {
         self.accumulated = other.accumulated;
         self.critical.clone_from(&other.critical);
@@ -140,7 +140,7 @@ impl<'c> Registration<'c> {
         self.is_settled = other.is_settled;
     }
 
-    /// Points that the next step looks at.
+    /// Number of points that the next step looks at.
     pub fn points_ahead(&self, policy: &Policy<'_>) -> usize {
         if policy.sees_all(self.steps) {
             self.source.len()
@@ -154,8 +154,8 @@ impl<'c> Registration<'c> {
         matches!(self.phase, Phase::Target { .. })
     }
 
-    /// Whether further steps would change nothing: the last one looked at all points, in all the ways in which the
-    /// policy ever looks, and stopped on every axis.
+    /// Whether further steps would change nothing: the last one looked at all points, in all the ways in which the policy ever
+    /// looks, and chose "stop" on every axis.
     pub fn is_settled(&self) -> bool {
         self.is_settled
     }
@@ -168,7 +168,7 @@ impl<'c> Registration<'c> {
         Verdict::of_actions(self.before, self.last)
     }
 
-    /// How the policy sees the target: `(x - centre)/s`.
+    /// View under which the policy sees the target: `(x - centre)/s`.
     pub(super) fn target_view(&self) -> View {
         View {
             origin: self.frame.centre,
@@ -179,7 +179,7 @@ impl<'c> Registration<'c> {
         }
     }
 
-    /// How the policy sees the source now: `R (x - μ)/s + (μ - centre)/s + t`.
+    /// View under which the policy sees the source now: `R (x - μ)/s + (μ - centre)/s + t`.
     pub(super) fn source_view(&self) -> View {
         let scale = 1.0 / self.frame.scale;
         View {

@@ -1,11 +1,11 @@
-//! What a registration keeps of its target.
+//! What a registration stores of its target.
 
 use crate::dims::{FEATURES, HEAD, TARGETS_KEPT};
 use crate::float::{self, TargetHalf};
 use crate::numbers::Numbers;
 use crate::quant::{self, TargetSums};
 
-/// Feature of the target, and what it adds to the heads where that is kept.
+/// The target's feature, and its share of the heads' first layers if that is cached.
 #[derive(Clone, Debug)]
 pub(super) struct Target(Numbers<FloatTarget, QuantTarget>);
 
@@ -31,10 +31,10 @@ impl QuantTarget {
 }
 
 impl Target {
-    /// None yet.
+    /// No target yet.
     pub(super) const NONE: Target = Target(Numbers::Int8(QuantTarget::ZERO));
 
-    /// The one seen by a network in f32.
+    /// The target seen by an f32 network, if it is one.
     pub(super) fn as_floats(&self) -> Option<&FloatTarget> {
         match &self.0 {
             Numbers::F32(target) => Some(target),
@@ -42,7 +42,7 @@ impl Target {
         }
     }
 
-    /// The one seen by a network in integers.
+    /// The target seen by an integer network, if it is one.
     pub(super) fn as_integers(&self) -> Option<&QuantTarget> {
         match &self.0 {
             Numbers::Int8(target) => Some(target),
@@ -50,7 +50,7 @@ impl Target {
         }
     }
 
-    /// The place of one that a network in f32 sees.
+    /// The target for an f32 network, zeroed if it held the other format.
     pub(super) fn floats(&mut self) -> &mut FloatTarget {
         self.0.floats(|| FloatTarget {
             feature: [0.0; FEATURES],
@@ -58,7 +58,7 @@ impl Target {
         })
     }
 
-    /// The place of one that a network in integers sees.
+    /// The target for an integer network, zeroed if it held the other format.
     pub(super) fn integers(&mut self) -> &mut QuantTarget {
         self.0.integers(|| QuantTarget::ZERO)
     }

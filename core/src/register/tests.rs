@@ -8,7 +8,7 @@ use crate::numbers::Numbers;
 use crate::quant::Feature;
 use proptest::prelude::*;
 
-/// The feature of the source that was observed last: codes, or f32.
+/// The feature of the source observed last: in f32, and in codes.
 fn feature(registrar: &mut Registrar<'_, '_>) -> ([f32; FEATURES], Feature) {
     let scratch = &mut registrar.scratch;
     match &registrar.policy.network {
@@ -50,7 +50,7 @@ fn critical_points_have_the_feature_of_the_whole_cloud() {
     }
 }
 
-/// What is seen of the source at first, and the pose after two steps.
+/// The feature of the source at the start, and the pose after two steps.
 fn seen(
     isa: Isa,
     policy: Policy<'_>,
@@ -118,7 +118,7 @@ fn a_registration_that_was_never_started_takes_no_step() {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 8, max_shrink_iters: 4, ..ProptestConfig::default() })]
 
-    // Portable code looks at every point as it comes; other kernels find an order, and leave points out.
+    // The portable kernel looks at every point in order; other kernels reorder points and skip some.
     #[test]
     fn what_kernels_leave_out_changes_nothing(
         cloud in proptest::collection::vec(prop::array::uniform3(-1.0f32..1.0), 6..700),

@@ -1,5 +1,5 @@
-//! Several registrations in step, on hosts: the heads' weights, which one registration reads as fast as
-//! memory gives them, are read once for all.
+//! Several registrations in lockstep, for hosts: the heads' weights, which limit a single registration to the speed of memory,
+//! are read once for all.
 
 use super::{Registrar, Registration, Step, heads};
 use crate::error::Error;
@@ -7,7 +7,7 @@ use crate::kernels::Isa;
 use crate::net::Scratch;
 use crate::weights::Policy;
 
-/// Runs `N` registrations in step with one policy on caller-owned working memory.
+/// Runs `N` registrations in lockstep with one policy on caller-owned working memory.
 #[derive(Debug)]
 pub struct Team<'w, 's, const N: usize> {
     isa: Isa,
@@ -31,11 +31,11 @@ impl<'w, 's, const N: usize> Team<'w, 's, N> {
         Some(Registrar::with_isa(self.isa, self.policy, scratch))
     }
 
-    /// One step of each registration, as [`Registrar::step`] takes it: in 8-bit integers to the bit. Slices of
-    /// a step that were under way ([`Registrar::advance`]) begin anew.
+    /// Takes one step of each registration. In 8-bit integers, it is the step of [`Registrar::step`] to the bit. Partly sliced
+    /// steps ([`Registrar::advance`]) begin anew.
     ///
     /// # Errors
-    /// As [`Registrar::step`], of each: places of registrations that never began cost nothing.
+    /// As [`Registrar::step`], for each registration. One that was never started costs nothing.
     pub fn step(&mut self, registrations: &mut [Registration<'_>; N]) -> [Result<Step, Error>; N] {
         let Team {
             isa,
@@ -43,7 +43,7 @@ impl<'w, 's, const N: usize> Team<'w, 's, N> {
             scratch,
         } = self;
         for (scratch, registration) in scratch.iter_mut().zip(registrations.iter_mut()) {
-            // The heads refuse the same ones.
+            // The heads report the same errors.
             let mut registrar = Registrar::with_isa(*isa, *policy, scratch);
             registrar.observe(registration).ok();
         }

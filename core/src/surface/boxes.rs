@@ -6,7 +6,7 @@ use crate::kernels::{BLOCK, Boxed, Corners, RUN};
 use glam::Vec3;
 
 impl Surface {
-    /// The points in their boxes.
+    /// The points with their boxes.
     pub(crate) fn boxed(&self) -> Boxed<'_> {
         Boxed {
             points: (&self.points, self.len),
@@ -15,7 +15,7 @@ impl Surface {
         }
     }
 
-    /// Finds the boxes.
+    /// Computes the boxes.
     pub(super) fn enclose(&mut self) {
         let points = self.points.get(..self.len).unwrap_or(&[]);
         for (place, run) in self.runs.iter_mut().zip(points.chunks(RUN)) {
@@ -33,7 +33,7 @@ impl Surface {
         }
     }
 
-    /// Mirrors them, x the other way around.
+    /// Negates x of the boxes.
     pub(super) fn mirror_boxes(&mut self) {
         let ([low, _, _], [high, _, _]) = (&mut self.blocks.low, &mut self.blocks.high);
         let rows = low.as_flattened_mut().iter_mut();

@@ -1,10 +1,10 @@
-//! Working memory in which medians are selected.
+//! Working memory for selecting medians.
 
 use crate::dims::SURFACE_POINTS;
 use crate::outliers::Bulk;
 use crate::select::select;
 
-/// Keys of a surface's points, in the order of what they stand for.
+/// Integer keys of a surface's points, ordered as the numbers they stand for.
 #[derive(Clone, Debug)]
 pub(crate) struct Keys(pub(super) [u32; SURFACE_POINTS]);
 
@@ -12,12 +12,12 @@ impl Keys {
     /// All bits are zero.
     pub(crate) const ZERO: Keys = Keys([0; SURFACE_POINTS]);
 
-    /// Where a cloud's points are that [`super::Surface::fill`] is to take.
+    /// The bulk of a cloud, for [`super::Surface::fill`].
     pub(crate) fn bulk(&mut self, cloud: &[[f32; 3]]) -> Bulk {
         Bulk::of(cloud, &mut self.0)
     }
 
-    /// The `k`-th smallest of the first `count`, as what it stands for.
+    /// The `k`-th smallest of the first `count` keys, as the float that it stands for.
     pub(super) fn select(&mut self, count: usize, k: usize) -> f32 {
         f32::from_bits(self.select_key(count, k))
     }

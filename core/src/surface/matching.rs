@@ -1,4 +1,4 @@
-//! Nearest points of one surface to those of another.
+//! Matching: for points of one surface, the nearest points of another.
 
 use super::Surface;
 use super::keys::Keys;
@@ -7,33 +7,33 @@ use crate::kernels::{BEYOND, BLOCK, Batch, Isa, RUN, Sought};
 use crate::pose::Pose;
 use glam::Vec3;
 
-/// A point's nearest point of the other surface.
+/// A point and its nearest point of the other surface.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Match {
     /// Place of the point.
     pub(crate) of: usize,
-    /// Place of the nearest point of the other surface; none where it is not within the limit.
+    /// Place of the nearest point of the other surface; `None` if it is not within the limit.
     pub(crate) to: Option<usize>,
 }
 
-/// Which points of another surface are nearest to a surface's, by when they were looked for last.
+/// For each point of a surface, the nearest point of another when it was last searched for.
 #[derive(Clone, Debug)]
 pub(crate) struct Matching {
-    /// After [`Self::find`], the squared distances that it found.
+    /// Squared distances, after [`Self::find`].
     pub(crate) keys: Keys,
-    /// Points of the surface.
+    /// Number of the surface's points.
     len: usize,
-    /// Every how many-th point was matched last; 0 where none was yet.
+    /// Stride of the points matched last; 0 before the first matching.
     every: usize,
     /// Whether all points were matched at least once.
     is_known: bool,
-    /// Of each point: the place of the other surface's point that was nearest when one was found last, and [`BEYOND`] where none was
-    /// within the limit since.
+    /// For each point, the place of the last nearest point found on the other surface, with [`BEYOND`] set if none was within
+    /// the limit since.
     place: [u16; SURFACE_POINTS],
 }
 
 impl Matching {
-    /// Of no surface. All bits are zero.
+    /// Matches of no surface. All bits are zero.
     pub(crate) const EMPTY: Matching = Matching {
         keys: Keys::ZERO,
         len: 0,
@@ -42,13 +42,13 @@ impl Matching {
         place: [0; SURFACE_POINTS],
     };
 
-    /// Forgets what was found: the surfaces are others.
+    /// Forgets all matches, because the surfaces change.
     pub(crate) fn forget(&mut self) {
         (self.len, self.every, self.is_known) = (0, 0, false);
     }
 
-    /// Finds the nearest point of `other` to every `every`-th point of a surface, seen under `pose`, if it is nearer than the root of
-    /// `limit`. What was nearest under another pose shortens the search.
+    /// Finds the nearest point of `other` to every `every`-th point of a surface under `pose`, if its squared distance is below
+    /// `limit`. The nearest points under the last pose shorten the search.
     pub(crate) fn find(
         &mut self,
         isa: Isa,
@@ -64,7 +64,7 @@ impl Matching {
         self.is_known |= every <= 1;
     }
 
-    /// After [`Self::find`], with the same limit: what matched a point that is of no use is given the nearest one that is, or none.
+    /// After [`Self::find`] with the same limit: replaces each match of no use by the nearest point that is of use, or by none.
     pub(crate) fn find_of_use(
         &mut self,
         [surface, other]: [&Surface; 2],
@@ -85,7 +85,7 @@ impl Matching {
         }
     }
 
-    /// The points that are looked for.
+    /// The points to search for.
     fn sought<'a>(&self, surface: &'a Surface, pose: Pose) -> Sought<'a> {
         Sought {
             points: (&surface.points, surface.len),
@@ -94,8 +94,8 @@ impl Matching {
         }
     }
 
-    /// At most so large is the median squared distance from `other` of every `every`-th point, seen under `pose`: that of the
-    /// points that were nearest when they were matched last.
+    /// Upper bound on the median squared distance from `other` of every `every`-th point under `pose`: the median to the points
+    /// that were nearest when last matched.
     pub(crate) fn largest_median(
         &mut self,
         isa: Isa,
@@ -112,13 +112,13 @@ impl Matching {
         self.median_squared()
     }
 
-    /// What [`Self::find`] found.
+    /// The matches that [`Self::find`] found.
     pub(crate) fn matches(&self) -> impl Iterator<Item = Match> {
         matches(&self.place, self.len, self.every)
     }
 
-    /// Sets the keys to what each point matched last loses, seen under the pose of then, by which share the distance between
-    /// points counts.
+    /// Sets the keys to the losses of the points matched last, under the pose of that matching. `point_share` is the share of
+    /// the loss that measures the distance between points.
     pub(crate) fn lose(
         &mut self,
         isa: Isa,
@@ -138,12 +138,12 @@ impl Matching {
         );
     }
 
-    /// What was lost, and the matches of the points: once after [`Self::lose`].
+    /// The matches with their losses; once after [`Self::lose`].
     pub(crate) fn lost_mut(&mut self) -> impl Iterator<Item = (Match, &mut u32)> {
         matches(&self.place, self.len, self.every).zip(&mut self.keys.0)
     }
 
-    /// The same to read.
+    /// The losses; as [`Self::lost_mut`].
     pub(crate) fn lost(&self) -> impl ExactSizeIterator<Item = f32> {
         let count = self.len.div_ceil(self.every.max(1));
         self.keys
@@ -153,7 +153,7 @@ impl Matching {
             .map(|&bits| f32::from_bits(bits))
     }
 
-    /// Median squared distance of the matches, once after [`Self::find`]; the limit where it is not below that.
+    /// Median squared distance of the matches, or the limit if that is smaller; once after [`Self::find`].
     pub(crate) fn median_squared(&mut self) -> f32 {
         let count = self.len.div_ceil(self.every.max(1));
         self.keys.select(count, count / 2)
@@ -161,7 +161,7 @@ impl Matching {
 }
 
 impl Surface {
-    /// Place and squared distance of the nearest point that is of use, if it is nearer than the root of `limit`.
+    /// Place and squared distance of the nearest point that is of use, if that is below `limit`.
     pub(crate) fn nearest_of_use(
         &self,
         seen: Vec3,
@@ -171,7 +171,7 @@ impl Surface {
         let (mut found, mut least) = (None, limit);
         let gaps = self.blocks.gaps(seen.to_array());
         let gaps = gaps.get(..self.len.div_ceil(BLOCK)).unwrap_or(&[]);
-        // The nearest block first: few others are nearer than its points.
+        // The nearest block first: then few others can hold a nearer point.
         let blocks = || gaps.iter().enumerate();
         let first = blocks().min_by(|(_, one), (_, other)| one.total_cmp(other));
         let others = blocks().filter(|(block, _)| first.is_none_or(|(first, _)| first != *block));
@@ -198,7 +198,7 @@ impl Surface {
     }
 }
 
-/// Of every `every`-th of so many points, by the places nearest to them.
+/// The matches of every `every`-th of `len` points, from the places of their nearest points.
 fn matches(places: &[u16], len: usize, every: usize) -> impl Iterator<Item = Match> {
     let places = places.iter().enumerate().take(len);
     places.step_by(every.max(1)).map(|(of, &to)| Match {
@@ -207,7 +207,7 @@ fn matches(places: &[u16], len: usize, every: usize) -> impl Iterator<Item = Mat
     })
 }
 
-/// Sets all lanes of a batch: to the next points, then to the last of them. Says how many there were.
+/// Fills the lanes of a batch with the next points, and the rest with the last one; returns how many points it took.
 pub(super) fn load(batch: &mut Batch, points: &mut impl Iterator<Item = Vec3>) -> usize {
     let mut count = 0;
     let mut last = Vec3::ZERO;

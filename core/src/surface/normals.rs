@@ -1,4 +1,4 @@
-//! Normals, from moments of neighbourhoods.
+//! Normals, from the moments of neighbourhoods.
 
 use super::keys::Keys;
 use super::matching::load;
@@ -8,20 +8,20 @@ use crate::select::select;
 use crate::solve::least;
 use glam::Vec3;
 
-/// Points of a neighbourhood, in the median: what [`Surface::radius`] holds.
+/// Other points in the median neighbourhood, which defines [`Surface::radius`].
 const NEIGHBOURS: usize = 24;
-/// Radius within which a normal is estimated, in radii of a neighbourhood.
+/// Radius within which a normal is estimated, in neighbourhood radii.
 const NORMAL_RADIUS: f32 = 0.85;
-/// Thickness of neighbourhoods, in radii, from which on there may be no plane in them, and how much wider they are taken then.
-/// A ball has .2.
+/// Thickness of neighbourhoods, in radii, from which on they may be all noise, without a plane; they are then taken `WIDER`
+/// times as wide. A ball has .2.
 const NO_PLANE: f32 = 0.125;
 const WIDER: f32 = 1.6;
-/// How much thicker, in radii, wider ones are where it was not noise: what is bent is the thicker the wider it is looked at, and
-/// noise is not.
+/// Growth of the thickness, in radii, from which on the wider ones show curvature, not noise: curved surfaces look thicker in
+/// wider neighbourhoods, noise does not.
 const BENT: f32 = 0.04;
 
 impl Surface {
-    /// See [`Self::radius`]; of some of the points.
+    /// See [`Self::radius`]; estimated at some of the points.
     pub(super) fn neighbourhood(&self, keys: &mut Keys) -> f32 {
         const SAMPLES: usize = 32;
         let n = self.len;
@@ -37,7 +37,7 @@ impl Surface {
         libm::sqrtf(median.unwrap_or(0.0))
     }
 
-    /// Estimates normals, in wider neighbourhoods where noise leaves no plane in those at hand.
+    /// Estimates normals, in wider neighbourhoods if noise leaves no plane in the present ones.
     pub(super) fn estimate_normals(&mut self, isa: Isa, keys: &mut Keys) {
         let narrow = self.radius;
         let thickness = self.normals_within_radius(isa, keys);
@@ -51,7 +51,7 @@ impl Surface {
         }
     }
 
-    /// The same in those at hand, and how thick they are across the normals, in radii: a quarter of them are thinner.
+    /// Estimates normals within the present radius; returns the lower quartile of the thickness across them, in radii.
     fn normals_within_radius(&mut self, isa: Isa, keys: &mut Keys) -> f32 {
         let radius = NORMAL_RADIUS * self.radius;
         let squared = radius * radius;
@@ -75,15 +75,14 @@ impl Surface {
                 *inward = (along * (INWARD / radius.max(1e-30)))
                     .to_array()
                     .map(|x| x as i8);
-                *key = across.to_bits(); // in the order of the spreads: they are not negative
+                *key = across.to_bits(); // non-negative floats order as their bits do
             }
         }
         libm::sqrtf(keys.select(self.len, self.len / 4)) / self.radius.max(1e-30)
     }
 }
 
-/// Normal of a neighbourhood by its moments, the mean squared distance from the plane across it, and its middle as seen from the
-/// point it is of.
+/// Normal of a neighbourhood from its moments, mean squared distance from the plane, and mean offset from the centre.
 fn plane_of([w, x, y, z, xx, yy, zz, xy, xz, yz]: [f32; 10]) -> (Vec3, f32, Vec3) {
     if w <= 0.0 {
         return (Vec3::ZERO, 0.0, Vec3::ZERO);

@@ -1,20 +1,20 @@
-//! Points in spatial order, each once.
+//! Points in spatial order, without duplicates.
 
 use crate::cells::{compare, cut};
 use crate::kernels::RUN;
 use crate::select::sort;
 use glam::Vec3;
 
-/// Points of a cell, of whole blocks.
+/// Points in a cell, a whole number of blocks.
 const CELL: usize = 128;
 
-/// Puts points in spatial order, each once; how many differ. Of every run, block and cell of a power of two, points lie
-/// together.
+/// Puts points into spatial order without duplicates; returns how many remain. The points of each run, block and power-of-two
+/// cell are close to each other.
 pub(super) fn put_in_order(points: &mut [[f32; 3]]) -> usize {
     let at = |p: &[f32; 3]| Vec3::from_array(*p);
     let by_coordinates = |a: &[f32; 3], b: &[f32; 3]| compare(0, at(a), at(b));
     sort(points, by_coordinates);
-    // A point that comes again says nothing new.
+    // Drops duplicates.
     let mut len = 0usize;
     for k in 0..points.len() {
         let before = len.checked_sub(1).and_then(|last| points.get(last));
@@ -39,7 +39,7 @@ pub(super) fn put_in_order(points: &mut [[f32; 3]]) -> usize {
     len
 }
 
-/// A number drawn for a point, the same one every time.
+/// A pseudo-random number of a point, the same one every time.
 fn drawn(point: &[f32; 3]) -> u32 {
     let mix = |sum: u32, x: &f32| {
         (sum ^ x.to_bits())

@@ -42,7 +42,7 @@ fn neighbourhoods_are_wider_where_they_are_all_noise_and_not_where_they_are_bent
     };
     let mut numbers = Numbers(6);
     let part = part(1024, 5);
-    // Uniform noise; its standard deviation is .58 of what stands here.
+    // Uniform noise of this half-width; its standard deviation is .58 of that.
     for (noise, wide) in [(0.0, false), (0.02, false), (0.1, true)] {
         let mut noisy = part.clone();
         for x in noisy.as_flattened_mut() {
@@ -137,7 +137,7 @@ fn matches_are_the_nearest_within_the_limit_and_none_beyond() {
     }
 }
 
-/// A sheet of 2 by 1: within it neighbours lie on all sides, and at an edge none lies beyond.
+/// A sheet of 2 by 1: inside it neighbours lie on all sides, at an edge on one side only.
 #[test]
 fn a_surface_knows_where_it_ends() {
     let mut numbers = Numbers(7);

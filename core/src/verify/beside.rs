@@ -1,4 +1,4 @@
-//! Poses beside the best one: turned and moved a little, and slid.
+//! Poses next to the best one: turned or shifted a little, and slid along its least certain directions.
 
 use super::search::{SPARE, Search, UNEXPLAINED};
 use crate::loss::COMPARED;
@@ -9,8 +9,9 @@ use crate::start::Prior;
 
 /// Poses near the best that are polished.
 const NUDGED: usize = 3;
-/// Residual on both sides below which a pose explains both clouds so well that they do not slide over each other, the shifts that are
-/// tried where it does not, target radii, by how much more loss they count, and how many of them are polished.
+/// Residual on both sides below which a pose explains both clouds so well that they have
+/// not slid over each other. `SLIDES` are the shifts tried otherwise, in target radii;
+/// results within `SLID_ALIKE` of the best loss count, and `SLID` of them are polished.
 const EXPLAINED_WELL: f32 = 0.5;
 const SLIDES: [f32; 14] = [
     0.05, 0.1, 0.2, 0.3, 0.4, 0.55, 0.7, -0.05, -0.1, -0.2, -0.3, -0.4, -0.55, -0.7,
@@ -19,7 +20,7 @@ const SLID_ALIKE: f32 = 0.15;
 const SLID: usize = 5;
 
 impl Search<'_, '_> {
-    /// Poses near the best where that explains little: there small steps end in one of several minima side by side.
+    /// Tries poses near the best if that explains little: there, small steps end in one of several neighbouring minima.
     pub(super) fn nudge<E>(
         &mut self,
         prior: Option<&Prior>,
@@ -32,7 +33,7 @@ impl Search<'_, '_> {
         if self.refiner.coarse_loss(best.at, compared, SIFT_SCALE) < UNEXPLAINED {
             return Ok(());
         }
-        // By the loss alone: those beside each other are what is looked for.
+        // By the loss alone, without merging similar poses: neighbouring minima are what is looked for.
         let mut nearest = [None; NUDGED];
         for at in nudged(best.at) {
             go_on()?;
@@ -53,8 +54,8 @@ impl Search<'_, '_> {
         Ok(())
     }
 
-    /// The best pose moved along the axes by which planes hold its place, where it does not explain both clouds well: parts of a thing
-    /// slide over each other, and what a view saw of one side of a wall fits the other.
+    /// Tries the best pose shifted along the axes by which planes hold its place, if it does not explain both clouds well:
+    /// parts of an object slide over each other, and a view of one side of a wall fits the other side.
     pub(super) fn slide<E>(
         &mut self,
         prior: Option<&Prior>,
@@ -101,7 +102,7 @@ mod tests {
     use crate::start::Start;
     use crate::verify::tests::brick;
 
-    /// Points on a rail with two knobs, as far as they lie between two places along it.
+    /// Points on a rail with two knobs, between two places along it.
     fn rail(from: f32, to: f32, seed: u32) -> Vec<[f32; 3]> {
         let knob = |half, centre, seed| moved(&brick(half, 130, seed), pose([0.0; 3], centre));
         let mut points = brick([1.6, 0.3, 0.2], 1100, seed);

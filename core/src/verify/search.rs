@@ -1,4 +1,4 @@
-//! The search for poses that might be right instead: hypotheses, and which of them enter the comparison.
+//! The search for poses that might be right instead: hypotheses, and the choice of those that enter the comparison.
 
 use super::{ALL_LOST, Contender, RANKED, energy};
 use crate::loss::{COMPARED, CONTENDERS};
@@ -13,57 +13,58 @@ use crate::solve::Rigid;
 use crate::start::Prior;
 use crate::surface::Surface;
 
-/// Hypotheses that are sifted, and the same of the second round.
+/// Hypotheses that are sifted in the first round, and in the second.
 const SIFTED: usize = 24;
 const SIFTED_AGAIN: usize = 6;
-/// Best ones whose symmetric copies are tried, too.
+/// Number of best hypotheses whose symmetric copies are tried.
 const AGAIN: usize = 2;
-/// Loss of the best of them above which poses are looked for by pairs of points, too, and more are polished.
+/// Loss of the best sifted hypothesis above which pairs of points give further hypotheses, and more are polished.
 const EXPLAINED: f32 = 0.25;
-/// Loss above which poses are looked for near the best: where clouds overlap in part.
+/// Loss of the best pose above which poses near it are tried; typical if clouds overlap only in part.
 pub(super) const UNEXPLAINED: f32 = 0.4;
-/// Points by which those are judged, first and last, by how much the first may mislead, and how many of them are sifted.
+/// Points that judge the hypotheses from pairs, first and last; how
+/// much loss the first may add by chance; and how many are sifted.
 const PAIR_POINTS: [usize; 2] = [32, 128];
 const PAIR_SLACK: f32 = 0.08;
 const MATCHED: usize = 160;
-/// Hypotheses that are sifted, at most.
+/// Most hypotheses that are sifted.
 pub(super) const ENDED: usize = SIFTED + MATCHED + AGAIN * SIFTED_AGAIN;
-/// Symmetric copies that are polished, and by how much more loss they count as such.
+/// Symmetric copies that are polished, and how much more loss than the best they may have.
 const COPIES: usize = 8;
 const ALIKE: f32 = 0.08;
-/// Residual on both sides below which a pose explains both clouds, no side of them unseen. Where something led to the pose at hand
-/// and it does, another must be more probable by so much, a logarithm, since the copies of a symmetric shape fit better or worse by
-/// their sample of points alone, or fit better by so many standard errors.
+/// Residual on both sides below which a pose explains both clouds, with no side unseen. If the pose at hand does, and something
+/// led to it, another replaces it only if it is more probable by `MORE_PROBABLE` (a logarithm) or fits better by `BETTER`
+/// standard errors: the copies of a symmetric shape differ by their sampling alone.
 const BOTH_EXPLAINED: f32 = 0.55;
 const MORE_PROBABLE: f32 = 1.0;
 const BETTER: f32 = 2.0;
-/// Standard errors by which a pose that explains both clouds fits better than the most probable, to be given out instead.
+/// Standard errors by which a pose that explains both clouds must fit better than the most probable one to replace it.
 const FAR_BETTER: f32 = 10.0;
-/// How much more loss than the best a hypothesis may have to be polished; the same where the pose at hand is held on to.
+/// How much more loss than the best a polished hypothesis may have: normally, and with the pose at hand held on to.
 const FAR_BEHIND: f32 = 0.2;
 const BEHIND: f32 = 0.1;
-/// Hypotheses that are polished besides the start and the policy's pose, where the best explains the source and where it does not.
+/// Hypotheses polished besides the start and the policy's pose: if the best explains the source, and if it does not.
 const POLISHED: usize = 5;
 const POLISHED_LOST: usize = 12;
-/// Below this share of all axes, planes do not tell an angle: spins are tried, and it is looked how far they fit.
+/// Rotation constraint below which planes leave an angle free: then spins are tried, and their fit is examined.
 pub(super) const SLIPPERY: f32 = 0.06;
-/// Spins about the axis about which planes fix a rotation least: every 4.5 degrees, from two poses.
+/// Spins about the axis about which planes constrain rotation least: every 4.5 degrees, from two poses.
 const SPINS: usize = 80;
 /// Points of each cloud by which spins are compared.
 const SPIN_POINTS: usize = 64;
 /// Spins that are polished.
 const SPINS_POLISHED: usize = 1;
 
-/// Place for the losses of a pose that is looked at.
+/// Index of the losses of a pose under examination.
 pub(super) const SPARE: usize = CONTENDERS - 1;
 
-/// A search under way.
+/// A search in progress.
 pub(super) struct Search<'r, 'w> {
     pub(super) refiner: &'r mut Refiner<'w>,
-    /// Whether the first contender, the pose at hand, is held on to.
+    /// Whether the pose at hand, the first contender, is held on to: something led to it, and it explains both clouds.
     pub(super) holds: bool,
     pub(super) hypotheses: usize,
-    /// Where those that were sifted ended.
+    /// Where the sifted hypotheses ended.
     pub(super) ended: [Option<Rigid>; ENDED],
     pub(super) contenders: [Option<Contender>; RANKED],
 }
@@ -74,8 +75,9 @@ pub(super) fn explains_both(Residual { source, target }: Residual) -> bool {
 }
 
 impl Search<'_, '_> {
-    /// Enters a polished pose into the comparison: in place of one that is the same, else in a free place or that of the worst,
-    /// if it is more probable. The first place is that of the pose at hand, and only a better one of the same hypothesis takes it.
+    /// Enters a polished pose into the comparison: in place of one of the same hypothesis,
+    /// else in a free place, else in place of the worst if it is more probable. The first
+    /// place is the pose at hand's; only a better one of its own hypothesis takes it.
     pub(super) fn enter(&mut self, at: Rigid, prior: Option<&Prior>) {
         if is_held(&self.contenders, at) {
             return;
@@ -100,7 +102,7 @@ impl Search<'_, '_> {
         }
     }
 
-    /// Polishes a pose briefly and enters it, unless it turns out to be one that is held.
+    /// Polishes a pose briefly and enters it, unless it turns out to be one already held.
     pub(super) fn polish(&mut self, at: Rigid, prior: Option<&Prior>) {
         let is_known = |at| is_held(&self.contenders, at);
         if let Some(at) = self.refiner.polish_briefly(at, is_known) {
@@ -108,7 +110,7 @@ impl Search<'_, '_> {
         }
     }
 
-    /// Symmetric copies of the best pose that fit about as well: one of them may be right.
+    /// Tries symmetric copies of the best pose that fit about as well: one of them may be right.
     pub(super) fn copies<E>(
         &mut self,
         prior: Option<&Prior>,
@@ -124,7 +126,7 @@ impl Search<'_, '_> {
         let mut found = Best::<COPIES>::NONE;
         for at in copies(best.at, axes) {
             go_on()?;
-            // The target's centre is not that of its symmetries: a few steps lead to where the copy fits.
+            // The target's centre need not be the centre of its symmetries: a few steps lead to where the copy fits.
             if let Some((_, at)) = self.refiner.sifted_early(least + ALIKE, at) {
                 self.hypotheses += 1;
                 self.refiner.match_both(at, compared);
@@ -154,7 +156,7 @@ impl Search<'_, '_> {
         Some(if holds { 0 } else { best })
     }
 
-    /// Given the most probable pose, the one that explains both clouds and fits far better, if there is one: no start speaks against that.
+    /// Given the most probable pose, returns one that explains both clouds and fits far better, if any, whatever the start.
     pub(super) fn far_better(&mut self, best: usize) -> usize {
         let score = |i: usize| self.refiner.losses().excess(best, i).score();
         let held = self.contenders.iter().enumerate();
@@ -171,8 +173,8 @@ impl Search<'_, '_> {
         }
     }
 
-    /// Screens hypotheses, sifts the best and enters the best of those. Where the pose at hand is held on to and planes fix its turn,
-    /// hypotheses are those near it and those that a symmetry would confuse with it.
+    /// Screens hypotheses, sifts the best and enters the best of those. If the pose at hand is held on to and planes fix its
+    /// rotation, it tries only hypotheses near it and those that a symmetry would confuse with it.
     pub(super) fn screen<E>(
         &mut self,
         polished: Candidate,
@@ -206,7 +208,7 @@ impl Search<'_, '_> {
         if looks_far && !is_explained {
             let mut matched = Best::<MATCHED>::NONE;
             let [source, target] = self.refiner.surfaces();
-            // Most are given up after few points.
+            // Few points are enough to drop most of them.
             let [few, all] = PAIR_POINTS.map(|points| {
                 move |r: &Refiner<'_>, most, at| r.coarse_loss_below(most, at, points, SCREEN_SCALE)
             });
@@ -222,7 +224,7 @@ impl Search<'_, '_> {
                 self.sift(at, prior, &mut sifted);
             }
         }
-        // The copies of the pose at hand were tried already.
+        // Copies of the pose at hand were tried already.
         let firsts = sifted.clone().held().take(AGAIN);
         let firsts = firsts.filter(|&(_, first)| looks_far && !is_same(first, polished));
         for (_, first) in firsts {
@@ -256,7 +258,7 @@ impl Search<'_, '_> {
         self.refiner.screen(at, screened);
     }
 
-    /// Takes further steps, and offers where they end: of those that fit alike, the most probable under the start.
+    /// Takes further steps and offers the result; of results that fit alike, the most probable under the start wins.
     fn sift(&mut self, at: Rigid, prior: Option<&Prior>, sifted: &mut Best<POLISHED_LOST>) {
         let (loss, at) = self.refiner.sifted_below(sifted.most(), at);
         let surprise = prior.map_or(0.0, |prior| prior.surprise(at));
@@ -267,8 +269,8 @@ impl Search<'_, '_> {
         sifted.offer(loss, at);
     }
 
-    /// Where planes do not tell the angle about an axis, points that both clouds share do: copies turned about it in small
-    /// steps, and of the same upside down.
+    /// If planes leave the angle about an axis free, points that both clouds share may tell it: tries copies turned about it in
+    /// small steps, right way up and upside down.
     pub(super) fn spin<E>(
         &mut self,
         polished: Candidate,
@@ -301,7 +303,7 @@ impl Search<'_, '_> {
     }
 }
 
-/// Whether a refinement that ended in a pose was entered already.
+/// Whether a refinement that ended in this pose was entered already.
 fn is_held(contenders: &[Option<Contender>; RANKED], at: Rigid) -> bool {
     contenders
         .iter()

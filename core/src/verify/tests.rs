@@ -30,7 +30,7 @@ fn a_target_that_is_ready_changes_no_bit() {
         *fresh = Workspace::new();
         let mut refiner = Refiner::new(&source, target, &mut fresh).expect("clouds");
         let expected = refiner.verify(Pose::IDENTITY, &start);
-        // One workspace for all, in which other targets were.
+        // One workspace for all, which other targets used before.
         let mut refiner = Refiner::new(&source, target, &mut used).expect("clouds");
         assert_eq!(refiner.verify(Pose::IDENTITY, &start), expected);
         let mut refiner = Refiner::on(model, &source, &mut fresh).expect("clouds");
@@ -107,7 +107,7 @@ fn a_copy_that_is_hardly_nearer_to_the_start_does_not_take_the_place_of_the_pose
     let square = [0.8, 0.8, 0.3];
     let (source, target) = (brick(square, 800, 21), brick(square, 900, 22));
     let mut workspace = Box::new(Workspace::new());
-    // A quarter turn back it fits as well: from 50 degrees to -40, and from 70 to -20.
+    // Turned back by a quarter, it fits as well: 50 degrees become -40, and 70 become -20.
     for (at_hand, given) in [(50.0f32, 50.0f32), (70.0, -20.0)] {
         let turned = |angle: f32| pose([0.0, 0.0, angle.to_radians()], [0.0; 3]);
         let source = moved(&source, turned(-at_hand));
@@ -162,7 +162,7 @@ fn it_ends_when_told_to() {
         Ok::<(), Ended>(())
     });
     let whole = whole.expect("nobody ends it");
-    // Before each hypothesis, and before each that is sifted or polished.
+    // Asked before each hypothesis, and before each that is sifted or polished.
     assert!(asked > whole.hypotheses, "{asked}");
     for last in [1, whole.hypotheses, asked] {
         let mut left = last;
@@ -265,8 +265,7 @@ fn a_start_speaks_for_poses_that_explain_the_clouds() {
     assert!(near_wins([0.81, 1.8], [0.80, 8.0]), "both are as bad");
 }
 
-/// A vase: its surface says nothing of the angle, the points that both clouds share do.
-/// A brick with a knob at a corner fits nearly as well the other way around, and that is how it starts.
+/// A brick with a knob at a corner fits nearly as well the other way around, which is how it starts.
 #[test]
 fn a_start_does_not_speak_against_a_pose_that_fits_far_better() {
     let knobbed = |count, seed| {
@@ -285,7 +284,7 @@ fn a_start_does_not_speak_against_a_pose_that_fits_far_better() {
     assert_eq!(found.undetermined, Undetermined::NOTHING);
 }
 
-/// Points of a surface of revolution about z, of a radius at each height from -1 to 1, which is then scaled.
+/// Points of a surface of revolution about z: a radius at each height from -1 to 1, then scaled.
 pub(super) fn revolved(
     numbers: &mut Numbers,
     count: usize,
@@ -304,6 +303,7 @@ pub(super) fn vase(z: f32) -> f32 {
     0.3 + 0.2 * z * z + 0.1 * z
 }
 
+/// The surface of a vase tells nothing about the angle, but the points that both clouds share do.
 #[test]
 fn shared_points_tell_the_angle_of_a_surface_of_revolution() {
     let mut numbers = Numbers(5);
@@ -319,7 +319,7 @@ fn shared_points_tell_the_angle_of_a_surface_of_revolution() {
 
 #[test]
 fn of_poses_side_by_side_the_one_that_fits_best_is_taken() {
-    // Saw teeth whose period is less than how far apart poses of one hypothesis may be.
+    // Saw teeth with a period smaller than the distance within which poses are one hypothesis.
     const PERIOD: f32 = 0.14;
     let mut numbers = Numbers(5);
     let mut teeth = |count: usize| -> Vec<[f32; 3]> {
@@ -343,7 +343,7 @@ fn of_poses_side_by_side_the_one_that_fits_best_is_taken() {
     assert!(angle < 1.0 && distance < 0.02, "{angle} {distance}");
 }
 
-/// Of a shallow bowl of few points, whose walls neighbourhoods do not tell apart, refinement leads away from the true pose.
+/// Refinement of a shallow bowl of few points, whose walls neighbourhoods do not tell apart, leads away from the true pose.
 #[test]
 fn a_start_is_left_only_for_a_pose_that_is_more_probable() {
     let bowl = |n: usize, numbers: &mut Numbers, seen: bool| -> Vec<[f32; 3]> {

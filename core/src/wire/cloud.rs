@@ -16,19 +16,19 @@ compile_error!(
     "clouds are viewed in place as little-endian numbers; big-endian targets are not supported"
 );
 
-/// Points borrowed from a frame or from a slice, in the order given. Coordinates are not checked.
+/// Points borrowed from a frame or a slice, in the order given. Coordinates are not checked.
 ///
-/// In a frame: 0 and bytes, 12 a point; or 1, the [`Grid`], and bytes, 6 a point.
+/// Its encoding in a frame: 0, then bytes, 12 a point; or 1, the [`Grid`], then bytes, 6 a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CloudView<'a> {
-    /// Where codes lie in space; `None`: coordinates as they are.
+    /// Where the codes lie in space; `None` for coordinates in f32.
     grid: Option<Grid>,
     /// A multiple of [`Self::point_bytes`] bytes, of any alignment.
     bytes: &'a [u8],
 }
 
 impl<'a> CloudView<'a> {
-    /// The view that puts `points` into a frame.
+    /// A view of `points`, to put into a frame.
     pub fn of(points: &'a [[f32; 3]]) -> CloudView<'a> {
         CloudView {
             grid: None,
@@ -36,7 +36,7 @@ impl<'a> CloudView<'a> {
         }
     }
 
-    /// The view that puts points on a grid into a frame, by their codes.
+    /// A view of points on a grid, by their codes, to put into a frame.
     pub fn on_grid(grid: Grid, codes: &'a [[i16; 3]]) -> CloudView<'a> {
         CloudView {
             grid: Some(grid),
@@ -78,7 +78,7 @@ impl<'a> CloudView<'a> {
             })
     }
 
-    /// Where in `frame`, which they are borrowed from, the points lie.
+    /// Byte range of the points in `frame`, from which they must be borrowed.
     pub(crate) fn range_in(&self, frame: &[u8]) -> Range<usize> {
         let start = self
             .bytes
@@ -88,7 +88,7 @@ impl<'a> CloudView<'a> {
         start..start + self.bytes.len()
     }
 
-    /// Copies the points to the front of `points` and returns how many they are.
+    /// Copies the points to the front of `points` and returns their number.
     ///
     /// # Errors
     /// [`Error::TooManyPoints`] if they do not fit; nothing is copied then.
@@ -126,7 +126,7 @@ impl<'de: 'a, 'a> Deserialize<'de> for CloudView<'a> {
     }
 }
 
-/// Bytes that are written as one piece.
+/// Bytes that are serialised as one piece.
 pub(super) struct Bytes<'a>(pub(super) &'a [u8]);
 
 impl Serialize for Bytes<'_> {

@@ -1,4 +1,4 @@
-//! What robots and policies are, field by field.
+//! Manifests, statuses and boards, field by field.
 
 use super::{NotTaken, Release, Tally};
 use crate::golden::GoldenActions;
@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 /// A policy's name for people.
 pub type PolicyName = heapless::String<32>;
 
-/// What a policy file is.
+/// What a policy file is, and to whom it goes.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Manifest {
     /// SHA-256 of the whole file.
@@ -21,25 +21,25 @@ pub struct Manifest {
     pub chunk_length: u32,
     /// SHA-256 of the table of chunks: the SHA-256 of each chunk, one after the other.
     pub table_sha256: [u8; 32],
-    /// The first part of its release: a greater one makes the versions start anew.
+    /// Epoch of the release: with a greater epoch, versions start anew.
     pub epoch: u32,
     /// Grows with every policy shipped to the fleet; a robot never goes back within an epoch.
     pub version: u64,
-    /// Robots whose [`Manifest::draw`] is at most this take it: all of them at the greatest.
+    /// Robots whose [`Manifest::draw`] is at most this take the policy; the greatest value reaches all of them.
     pub reach: u32,
-    /// Version of the file format, as its header says ([`crate::weights::VERSION`]).
+    /// Version of the file format, as in its header ([`crate::weights::VERSION`]).
     pub file_version: u16,
-    /// How the file stores numbers, as its header says ([`crate::weights::FORMAT_F32`]).
+    /// Number format of the file, as in its header ([`crate::weights::FORMAT_F32`]).
     pub number_format: u16,
-    /// Shape of the network, as its header says ([`crate::shape::Shape`]).
+    /// Shape of the network, as in its header ([`crate::shape::Shape`]).
     pub shape: [u16; 8],
-    /// A name for people.
+    /// A name for people to read.
     pub name: PolicyName,
-    /// SHA-256 of what it was trained on, as the run's record says; zeros where that is not known.
+    /// SHA-256 of the training data, as recorded by the run; zeros if unknown.
     pub training_sha256: [u8; 32],
-    /// SHA-256 of the record of its evaluation; zeros where there is none.
+    /// SHA-256 of the record of its evaluation; zeros if there is none.
     pub evaluation_sha256: [u8; 32],
-    /// What it does on the clouds of the self-test.
+    /// Its actions on the clouds of the self-test.
     pub golden: GoldenActions,
 }
 
@@ -53,28 +53,28 @@ impl Manifest {
         }
     }
 
-    /// Its place among those shipped to the fleet.
+    /// Its place among the policies shipped to the fleet.
     pub fn release(&self) -> Release {
         self.id().release()
     }
 
-    /// A robot's place in the order in which robots get this policy where it goes to a part of the fleet first: as good
-    /// as drawn, and the same for everybody who asks.
+    /// A robot's place in the order in which a roll-out in parts reaches the fleet: pseudo-random for each policy, and the same
+    /// for everybody who asks.
     pub fn draw(&self, robot: &str) -> u32 {
         let [a, b, c, d, ..] = self.sha256;
         let mut x = weights::checksum(robot.as_bytes()) ^ u32::from_le_bytes([a, b, c, d]);
-        // Check sums of names that differ in a digit differ in few bits: MurmurHash3's finaliser mixes them.
+        // Checksums of names that differ in one digit differ in few bits; MurmurHash3's finaliser mixes them.
         x = (x ^ x >> 16).wrapping_mul(0x85eb_ca6b);
         x = (x ^ x >> 13).wrapping_mul(0xc2b2_ae35);
         x ^ x >> 16
     }
 
-    /// Whether it is for this robot.
+    /// Whether it goes to this robot.
     pub fn reaches(&self, robot: &str) -> bool {
         self.draw(robot) <= self.reach
     }
 
-    /// Whether this build can run such a file: format version, number format and network shape.
+    /// Whether this build can run the file: format version, number format and network shape.
     pub fn runs_here(&self) -> bool {
         let formats = [weights::FORMAT_F32, weights::FORMAT_INT8];
         self.file_version == weights::VERSION
@@ -82,17 +82,17 @@ impl Manifest {
             && Shape::from_header(self.shape).is_some()
     }
 
-    /// Number of chunks, and `None` for a chunk length that is not allowed.
+    /// Number of chunks; `None` for a chunk length that is not allowed.
     pub fn chunks(&self) -> Option<u32> {
         let allowed = (1..=super::CHUNK_BYTES as u32).contains(&self.chunk_length);
         allowed.then(|| self.length.div_ceil(self.chunk_length))
     }
 }
 
-/// A manifest and who vouches for it.
+/// A manifest with the signature that vouches for it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SignedManifest<'a> {
-    /// The whole frame of a [`Manifest`], version byte first; what is signed.
+    /// The whole frame of a [`Manifest`], version byte first: the signed bytes.
     pub manifest: &'a [u8],
     /// ed25519 public key of the signer.
     pub public_key: [u8; 32],
@@ -112,7 +112,7 @@ pub struct PolicyId {
 }
 
 impl PolicyId {
-    /// Its place among those shipped to the fleet.
+    /// Its place among the policies shipped to the fleet.
     pub fn release(&self) -> Release {
         Release {
             epoch: self.epoch,
@@ -132,59 +132,59 @@ pub struct Status {
     pub refused: u64,
     /// Requests running or waiting now.
     pub in_hand: u16,
-    /// Drawn anew at each start of the robot: two that are there at once are two robots of one name.
+    /// Drawn anew at each start of the robot; two instances at once are two robots of one name.
     pub instance: u32,
     /// Poses by verdict, in the order of [`crate::Verdict`].
     pub verdicts: [u32; VERDICTS],
-    /// The last policy that was announced and not taken since the one in use was.
+    /// The last policy that was announced but not taken since the one in use was taken.
     pub not_taken: Option<NotTaken>,
-    /// What the policy in use has done.
+    /// What the policy in use has done so far.
     pub tally: Tally,
 }
 
-/// What a board has and uses; bytes, and ticks of its own counter.
+/// What a board has and uses, in bytes and in ticks of its own counter.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Board {
-    /// Program and its constants in flash, without the policy.
+    /// Flash taken by the program and its constants, without the policy.
     pub program_bytes: u32,
-    /// RAM of everything that is not the stack: clouds, working memory, serial line.
+    /// RAM of everything but the stack: clouds, working memory, serial line.
     pub static_bytes: u32,
-    /// RAM that the stack has reached at its highest since the start.
+    /// Highest use of the stack since the start.
     pub stack_bytes: u32,
-    /// RAM left for the stack.
+    /// RAM reserved for the stack.
     pub stack_capacity: u32,
     /// Most points of each cloud in a request.
     pub points: u32,
     /// Ticks that the last request's target took, checks included.
     pub target_ticks: u32,
-    /// Ticks that its steps took.
+    /// Ticks that the last request's steps took.
     pub steps_ticks: u32,
-    /// Ticks that the longest slice of work took since the start: nothing else ran for as long.
+    /// Ticks of the longest slice of work since the start, during which nothing else ran.
     pub slice_ticks: u32,
     /// Ticks a second.
     pub hertz: u32,
-    /// What it makes of the policy in its flash.
+    /// The board's check of the policy in its flash.
     pub flash: FlashCheck,
 }
 
-/// What a board makes of the policy in its flash, at its start and after each update.
+/// A board's check of the policy in its flash, at its start and after each update.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum FlashCheck {
-    /// There is none: nothing was ever written, or an update was cut off.
+    /// There is no policy: none was ever written, or an update was interrupted.
     #[default]
     Empty,
-    /// It is whole, and did in the self-test what its manifest says.
+    /// It is intact, and did in the self-test what its manifest says.
     Passed,
-    /// It is cut or damaged, or of a format or shape that the board does not run.
+    /// It is truncated or damaged, or of a format or shape that the board does not run.
     Damaged,
-    /// It is whole, but does something else here than its manifest says.
+    /// It is intact, but acts differently here from what its manifest says.
     FailedSelfTest,
 }
 
 /// A part of the policy file whose manifest came before it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Chunk<'a> {
-    /// Its number, from 0; parts come in order.
+    /// Its number, from 0; chunks come in order.
     pub index: u32,
     /// Its bytes.
     pub bytes: &'a [u8],

@@ -1,4 +1,4 @@
-//! Requests without a second buffer: decoded where their frames lie, or refused by their beginnings.
+//! Requests without a second buffer: decoded where their frames lie, or refused by their first bytes.
 
 use super::cloud::{CODE_BYTES, POINT_BYTES};
 use super::{
@@ -8,11 +8,11 @@ use crate::cloud;
 use crate::error::Error;
 use crate::grid::Grid;
 
-/// A [`RefineRequest`] whose clouds lie aligned, in the format that they came in, in the buffer that held the
-/// frame. Whoever has no memory for a view's background does not look at free space either: neither is in it.
+/// A [`RefineRequest`] whose clouds lie aligned, in the format in which they came, in the buffer that held the frame. It has no
+/// view point or background: a device without memory for a background does not look at free space.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RequestInPlace<'b> {
-    /// Its client and id.
+    /// Client and id of the request.
     pub asked: Cancel,
     /// See [`RefineRequest::budget_ms`].
     pub budget_ms: u32,
@@ -28,11 +28,11 @@ pub struct RequestInPlace<'b> {
     pub target: cloud::Cloud<'b>,
 }
 
-/// Decodes the request that is the first `length` bytes of `space`, and moves its clouds to the front of it,
-/// where they are aligned: points as f32, or codes, as they came. The frame is gone afterwards.
+/// Decodes the request in the first `length` bytes of `space`, and moves its clouds to the front, where they are aligned:
+/// points in f32 or codes, as they came. The frame is overwritten.
 ///
 /// # Errors
-/// As [`decode`]; [`Error::Frame`] where it is another message.
+/// As [`decode`]; [`Error::Frame`] for another message.
 pub fn decode_in_place(space: &mut [u32], length: usize) -> Result<RequestInPlace<'_>, Error> {
     let bytes: &mut [u8] = bytemuck::cast_slice_mut(space);
     let frame = bytes.get(..length).ok_or(Error::Frame)?;
@@ -55,7 +55,7 @@ pub fn decode_in_place(space: &mut [u32], length: usize) -> Result<RequestInPlac
         bytes: cloud.range_in(frame).len(),
     };
     let (mut source, mut target) = (place(source), place(target));
-    // What is before each cloud in the frame is more than aligning takes: both move to the front.
+    // The fields before each cloud in the frame take more bytes than aligning it, so both clouds move to the front.
     source.shift(bytes, 0);
     target.shift(bytes, source.bytes.next_multiple_of(size_of::<f32>()));
     let bytes: &[u8] = bytes;
@@ -70,7 +70,7 @@ pub fn decode_in_place(space: &mut [u32], length: usize) -> Result<RequestInPlac
     })
 }
 
-/// A cloud in the buffer.
+/// Where a cloud lies in the buffer.
 struct Place {
     grid: Option<Grid>,
     start: usize,
@@ -78,7 +78,7 @@ struct Place {
 }
 
 impl Place {
-    /// Moves the cloud to the front, to `start`.
+    /// Moves the cloud towards the front, to `start`.
     fn shift(&mut self, buffer: &mut [u8], start: usize) {
         for at in 0..self.bytes {
             let byte = buffer.get(self.start + at).copied().unwrap_or(0);
@@ -103,8 +103,8 @@ impl Place {
     }
 }
 
-/// What a request begins with: kind of message, id, client, budget, mode, steps, trace, initial pose, whether from
-/// anywhere, view point, grid and bytes of the source.
+/// First fields of a request: kind of message, id, client, budget, mode, steps, trace, initial pose, whether from anywhere,
+/// view point, grid and byte count of the source.
 type Beginning = (
     u8,
     u64,
@@ -120,10 +120,10 @@ type Beginning = (
     u32,
 );
 
-/// What a cloud begins with: its grid, and how many bytes follow.
+/// First fields of a cloud: its grid, and how many bytes follow.
 type Bytes = (Option<Grid>, u32);
 
-/// How many points so many bytes are.
+/// Number of points in this many bytes.
 fn points_of(grid: Option<Grid>, bytes: usize) -> usize {
     match grid {
         None => bytes / POINT_BYTES,
@@ -131,10 +131,9 @@ fn points_of(grid: Option<Grid>, bytes: usize) -> usize {
     }
 }
 
-/// The refusal of a frame of which only the beginning was kept: because of `busy`, or since a request of
-/// `length` bytes is longer than one of `points` points in each cloud. A background's points are counted as if they were
-/// in the target's format; where the beginning ends before the target's, so are the target's in the source's, and a
-/// background's with them.
+/// The refusal of a frame of which only the beginning was kept: because of `busy`, or because a request of `length` bytes is
+/// longer than one with `points` points in each cloud. Points of a background are counted as if they were in the target's
+/// format. If the beginning ends before the target, all that follows the source is counted in the source's format.
 pub fn refuse_beginning(beginning: &[u8], length: usize, points: usize, busy: bool) -> Refusal {
     let unread = Refusal {
         id: 0,

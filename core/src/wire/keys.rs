@@ -1,4 +1,4 @@
-//! Zenoh key expressions. Names are checked, so that none can hold a wildcard or a slash.
+//! Zenoh key expressions. Names are checked, so none can contain a wildcard or a slash.
 //!
 //! ```text
 //! reagent/v1/<fleet>/policy/manifest
@@ -17,7 +17,7 @@ use core::fmt::{self, Write};
 
 /// Longest fleet or robot name, bytes.
 pub const NAME_BYTES: usize = 32;
-/// A key expression; every one defined here fits.
+/// A key expression; all those defined here fit.
 pub type Key = heapless::String<160>;
 
 /// Where the signed manifest of the newest policy is published and answered.
@@ -74,7 +74,7 @@ pub fn all_traces(fleet: &str) -> Result<Key, Error> {
     key(format_args!("{}/robot/*/trace", Fleet::new(fleet)?))
 }
 
-/// Where a robot listens for requests that are taken back.
+/// Where a robot listens for cancelled requests.
 pub fn cancel(fleet: &str, robot: &str) -> Result<Key, Error> {
     of_robot(fleet, robot, "cancel")
 }
@@ -90,7 +90,7 @@ pub fn all_clients_alive(fleet: &str) -> Result<Key, Error> {
     key(format_args!("{}/client/*/alive", Fleet::new(fleet)?))
 }
 
-/// The client whose key this is. A number spelled in another way is nobody's: a token under it would be another one of the
+/// The client of a key. Only the spelling of [`client_alive`] counts: a token under another one would be a second token of the
 /// same client.
 pub fn client_of(key: &str) -> Option<u64> {
     let mut parts = key.split('/').skip(3);
@@ -112,13 +112,13 @@ pub fn all_alive(fleet: &str) -> Result<Key, Error> {
     key(format_args!("{}/robot/*/alive", Fleet::new(fleet)?))
 }
 
-/// The robot whose key this is.
+/// The robot of a key.
 pub fn robot_of(key: &str) -> Option<&str> {
     let mut parts = key.split('/').skip(3);
     (parts.next() == Some("robot")).then(|| parts.next())?
 }
 
-/// The number of the chunk whose key this is, in the one spelling that [`chunk`] has for it.
+/// The number of the chunk of a key, in the one spelling that [`chunk`] gives it.
 pub fn chunk_index(key: &str) -> Option<u32> {
     let number = key.rsplit_once('/')?.1;
     let spelled = number == "0" || number.starts_with(|c: char| matches!(c, '1'..='9'));
@@ -150,7 +150,7 @@ fn key(text: fmt::Arguments<'_>) -> Result<Key, Error> {
     Ok(key)
 }
 
-/// The common front of a fleet's keys.
+/// The common prefix of a fleet's keys.
 struct Fleet<'a>(&'a str);
 
 impl<'a> Fleet<'a> {

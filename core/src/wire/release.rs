@@ -1,31 +1,31 @@
-//! The order of a fleet's policies, and what a robot says of one that it did not take.
+//! The order of a fleet's policies, and why a robot did not take one.
 
 use super::PolicyId;
 use crate::verdict::{VERDICTS, Verdict};
 use serde::{Deserialize, Serialize};
 
-/// The place of a policy among those shipped to its fleet. A robot takes only later ones; the way back from a
-/// version that should not have been is a greater epoch, under the same signature.
+/// The place of a policy among those shipped to its fleet. A robot takes only later ones. To go back from a version that should
+/// not have been shipped, ship it in a greater epoch, under the same signature.
 #[derive(
     Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize,
 )]
 pub struct Release {
-    /// Versions of different epochs have nothing to do with each other.
+    /// Versions of different epochs are not comparable.
     pub epoch: u32,
     /// Grows within an epoch.
     pub version: u64,
 }
 
 impl Release {
-    /// The greatest version: seconds since 1970 last until 2106.
+    /// The greatest version; as seconds since 1970, it lasts until 2106.
     pub const MAX_VERSION: u64 = u32::MAX as u64;
-    /// Most by which a version exceeds the one before it in its epoch: as seconds, eight and a half years.
+    /// Largest step from one version of an epoch to the next; as seconds, eight and a half years.
     pub const MAX_VERSION_STEP: u64 = 1 << 28;
-    /// Most by which an epoch exceeds the one before it.
+    /// Largest step from one epoch to the next.
     pub const MAX_EPOCH_STEP: u32 = 1000;
 
-    /// Whether this is so far ahead of `last`, the latest that is known (the default where none is), that it must
-    /// be a mistake. Taken, it would leave no version for the policies after it.
+    /// Whether this is so far ahead of `last`, the latest release known (the default if there is none), that it must be a
+    /// mistake. Taking it would leave no versions for later policies.
     pub fn is_far_ahead_of(self, last: Release) -> bool {
         let same_epoch = self.epoch == last.epoch && last.version > 0;
         self.version > Self::MAX_VERSION
@@ -46,38 +46,38 @@ impl core::fmt::Display for Release {
 /// A policy that was announced to a robot and not taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct NotTaken {
-    /// What its manifest says, which nobody vouches for; zeros where that cannot be read.
+    /// What its manifest says, which nobody vouches for; zeros if the manifest cannot be read.
     pub policy: PolicyId,
-    /// Why.
+    /// Why it was not taken.
     pub reason: WhyNot,
 }
 
 /// Why a policy was not taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum WhyNot {
-    /// The announcement is no signed manifest of this version of the protocol.
+    /// The announcement is not a signed manifest of this protocol version.
     Malformed,
-    /// The signature is not that of the key.
+    /// The signature does not match the key.
     Signature,
     /// The robot does not trust the key.
     Untrusted,
-    /// This release, or a later one, is or was in use.
+    /// This release or a later one is or was in use.
     NotNewer(Release),
-    /// The release is too far ahead of this one, the latest that was in use.
+    /// The release is too far ahead of this one, the latest in use.
     FarAhead(Release),
-    /// The policy goes to a part of the fleet first, and the robot is not in it.
+    /// The policy goes to a part of the fleet first, and this robot is not in it.
     NotYet,
-    /// The robot does not run files of such a format, shape or length.
+    /// The robot does not run files of this format, shape or length.
     Incompatible,
-    /// The file did not come as a whole.
+    /// The file did not arrive completely.
     NotFetched,
-    /// The file is not the one of the manifest, or no policy.
+    /// The file is not the manifest's, or is not a policy.
     Damaged,
-    /// The policy acts otherwise on the robot than where it was made.
+    /// The policy acts differently on the robot from where it was made.
     SelfTest,
     /// The robot's board did not take it.
     Board,
-    /// The robot cannot keep it.
+    /// The robot cannot store it.
     NotKept,
 }
 
@@ -108,34 +108,34 @@ impl core::fmt::Display for WhyNot {
     }
 }
 
-/// What a robot's policy has done since it was taken into use.
+/// What a robot's policy has done since the robot took it into use.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Tally {
     /// Poses by verdict, in the order of [`Verdict`].
     pub verdicts: [u32; VERDICTS],
     /// Poses whose probability is known.
     pub judged: u32,
-    /// Sum of these probabilities, millionths.
+    /// Sum of these probabilities, in millionths.
     pub probability_millionths: u64,
-    /// Sum of the times of all poses, microseconds.
+    /// Sum of the times of all poses, in microseconds.
     pub micros: u64,
 }
 
 impl Tally {
-    /// Counts a pose: its verdict, its probability where that is known, and its time.
+    /// Counts a pose: its verdict, its probability if known, and its time.
     pub fn count(&mut self, verdict: Verdict, probability: Option<f32>, micros: u32) {
         if let Some(count) = self.verdicts.get_mut(verdict as usize) {
             *count = count.saturating_add(1);
         }
         if let Some(probability) = probability {
             self.judged = self.judged.saturating_add(1);
-            // The cast takes what is no number for 0.
+            // The cast turns NaN into 0.
             self.probability_millionths += (probability.clamp(0.0, 1.0) * 1e6) as u64;
         }
         self.micros += u64::from(micros);
     }
 
-    /// Poses.
+    /// Number of poses.
     pub fn poses(&self) -> u64 {
         self.verdicts.iter().map(|&count| u64::from(count)).sum()
     }
@@ -175,7 +175,7 @@ mod tests {
             (release(1000, 1), none, false),
             (release(1001, 1), none, true),
             (release(u32::MAX, 1), release(7, 1), true),
-            // What is behind is not ahead.
+            // A release that is behind is not ahead.
             (release(0, 1), release(3, now), false),
         ] {
             assert_eq!(next.is_far_ahead_of(last), far, "{next} after {last}");

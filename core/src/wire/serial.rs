@@ -1,13 +1,12 @@
-//! Frames on a serial line: the frame and its CRC-32 (ISO-HDLC, little-endian), stuffed with COBS, and a
-//! zero. A line may lose, flip or add bytes anywhere: the next zero begins anew, and the check sum
-//! refuses what is not a whole frame.
+//! Frames on a serial line: the frame and its CRC-32 (ISO-HDLC, little-endian), stuffed with COBS, then a zero. A line may
+//! lose, flip or add bytes anywhere: the next zero starts anew, and the checksum rejects what is not a whole frame.
 
 use crate::weights::checksum;
 use cobs::{DecodeResult, DecoderState};
 
-/// Bytes of the check sum.
+/// Bytes of the checksum.
 pub const CHECK_BYTES: usize = 4;
-/// Bytes that COBS puts behind one code.
+/// Most bytes that follow one COBS code byte.
 const BLOCK: usize = 254;
 
 /// Most bytes on the line for a frame of `length` bytes.
@@ -16,7 +15,7 @@ pub const fn line_bytes(length: usize) -> usize {
     stuffed + stuffed / BLOCK + 2
 }
 
-/// Gives the bytes of a frame, in the order in which they go onto the line, to `put`.
+/// Passes the line's bytes for a frame to `put`, in order.
 pub fn write(frame: &[u8], mut put: impl FnMut(u8)) {
     let sum = checksum(frame).to_le_bytes();
     let mut block = [0u8; BLOCK];
@@ -42,19 +41,18 @@ pub fn write(frame: &[u8], mut put: impl FnMut(u8)) {
     put(0);
 }
 
-/// What came to its end with a byte.
+/// What a byte completed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Line {
     /// A frame of this length is at the front of the space.
     Frame(usize),
-    /// A frame that does not fit: its beginning fills the space, and its length is this, unless it is
-    /// damaged.
+    /// A frame that does not fit: its beginning fills the space, and this is its length, unless it is damaged.
     Overlong(usize),
     /// Not a frame.
     Broken,
 }
 
-/// Takes bytes of a line in any portions. Between two ends, the space given must be the same.
+/// Decodes the bytes of a line one by one. Until a frame ends, the caller must pass the same space.
 #[derive(Debug)]
 pub struct Decoder {
     state: DecoderState,
@@ -62,7 +60,7 @@ pub struct Decoder {
 }
 
 impl Decoder {
-    /// At the start of a frame.
+    /// A decoder at the start of a frame.
     pub const fn new() -> Decoder {
         Decoder {
             state: DecoderState::Idle,
@@ -70,12 +68,12 @@ impl Decoder {
         }
     }
 
-    /// Whether no byte of a next frame has come yet.
+    /// Whether no byte of the next frame has arrived yet.
     pub fn is_idle(&self) -> bool {
         matches!(self.state, DecoderState::Idle)
     }
 
-    /// Takes one byte. `None`: the frame goes on.
+    /// Takes one byte; `None` while the frame goes on.
     pub fn push(&mut self, byte: u8, space: &mut [u8]) -> Option<Line> {
         match self.state.feed(byte) {
             Ok(DecodeResult::NoData) => None,
@@ -124,7 +122,7 @@ mod tests {
         bytes
     }
 
-    /// Everything that ends in `bytes`, frames with their content.
+    /// Everything that ends within `bytes`: frames with their content, or errors.
     fn read(bytes: &[u8], space: usize) -> Vec<Result<Vec<u8>, Line>> {
         let (mut decoder, mut space) = (Decoder::new(), vec![0; space]);
         let ends = bytes.iter().filter_map(|&b| {
@@ -139,7 +137,7 @@ mod tests {
 
     #[test]
     fn lines_are_these_bytes() {
-        // The frame that asks a board how it is, with the CRC-32 that zlib gives it.
+        // The frame that asks a board how it is, with the CRC-32 that zlib computes for it.
         assert_eq!(line(&[2, 6]), [7, 2, 6, 0x48, 0xd5, 0x8c, 0x9a, 0]);
         assert_eq!(line(&[]), [1, 1, 1, 1, 1, 0]);
     }

@@ -61,7 +61,7 @@ fn what_is_written_is_read_back() {
         assert_eq!(decode(&bytes), Ok(request(target)));
     }
     let bytes = bytes_of(&request(CloudView::on_grid(grid, &codes)));
-    // The source could have a grid too, and more points than fit a byte.
+    // The source could have a grid too, and lengths that take more than one byte.
     let overhead = bytes.len() - 12 * 3 - 6 * 9 + 16 + 2 * 2;
     assert!(overhead <= REQUEST_OVERHEAD_BYTES, "{overhead}");
     assert_eq!(
@@ -101,14 +101,14 @@ fn another_version_and_damage_are_told_apart() {
         })
     );
     assert_eq!(decode(&[]), Err(Error::Frame));
-    // The first byte alone may be that of another kind of frame.
+    // The first byte alone may begin another kind of frame.
     for cut in 2..good.len() {
         assert_eq!(decode(&good[..cut]), Err(Error::Frame), "cut at {cut}");
     }
     let mut longer = good.clone();
     longer.push(0);
     assert_eq!(decode(&longer), Err(Error::Frame));
-    // A cloud of 13 bytes is no whole number of points.
+    // A cloud of 13 bytes is not a whole number of points.
     let ragged = [
         &[VERSION, 2, 5, 0, 1, 0, 10, 0, 0, 0, 0, 0, 13][..],
         &[0; 13],

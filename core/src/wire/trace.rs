@@ -1,4 +1,4 @@
-//! What a registration did, step by step, with all that is needed to do it again.
+//! What a registration did, step by step, with all that is needed to repeat it.
 
 use super::cloud::Bytes;
 use super::{PolicyId, RefineReply};
@@ -7,16 +7,16 @@ use crate::steps::Action;
 use serde::de::{self, Deserialize, Deserializer};
 use serde::{Serialize, Serializer};
 
-/// Name of the kernels that did the work.
+/// Name of the kernels that did the work, for example `avx2+fma`.
 pub type KernelName = heapless::String<24>;
 
 /// Bytes of a step inside a trace: six step ids, translation first, and a pose as twelve little-endian f32.
 pub const STEP_BYTES: usize = 2 * AXES + 48;
 
-/// A step that a registration has taken.
+/// A step taken by a registration.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct StepTaken {
-    /// The request's.
+    /// Id of the request.
     pub id: u64,
     /// The action.
     pub action: Action,
@@ -24,15 +24,15 @@ pub struct StepTaken {
     pub target_from_source: [[f32; 4]; 3],
 }
 
-/// A whole registration: who does the same again gets the same bits, from a policy in 8-bit integers on every
-/// machine, from one in f32 on the same kernels.
+/// A whole registration. Repeating it gives the same bits: with a policy in 8-bit integers on every machine, with one in f32 on
+/// the same kernels.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Trace<'a> {
-    /// Who did it.
+    /// The policy in use.
     pub policy: PolicyId,
-    /// With what.
+    /// The kernels in use.
     pub kernels: KernelName,
-    /// The frame of the request, as it came.
+    /// The frame of the request, as received.
     pub request: &'a [u8],
     /// The steps taken.
     #[serde(borrow)]
@@ -48,14 +48,14 @@ pub struct StepsView<'a> {
 }
 
 impl<'a> StepsView<'a> {
-    /// The view that puts steps, as [`step_bytes`] makes them, into a frame.
+    /// A view of steps, as [`step_bytes`] encodes them, to put into a frame.
     pub fn of(steps: &'a [[u8; STEP_BYTES]]) -> Self {
         StepsView {
             bytes: steps.as_flattened(),
         }
     }
 
-    /// Actions, and the poses after them as rows of `[R | t]`.
+    /// The actions, and the pose after each as rows of `[R | t]`.
     pub fn iter(&self) -> impl ExactSizeIterator<Item = (Action, [[f32; 4]; 3])> + use<'a> {
         let (steps, _) = self.bytes.as_chunks::<STEP_BYTES>();
         steps.iter().map(|step| {
@@ -76,7 +76,7 @@ impl<'a> StepsView<'a> {
     }
 }
 
-/// A step as it lies in a trace.
+/// Encodes a step for a trace.
 pub fn step_bytes(action: Action, target_from_source: [[f32; 4]; 3]) -> [u8; STEP_BYTES] {
     let mut bytes = [0; STEP_BYTES];
     let ids = action.translation.into_iter().chain(action.rotation);

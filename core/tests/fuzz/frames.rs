@@ -1,4 +1,4 @@
-//! Frames that were changed on their way.
+//! Frames that were changed on the way.
 
 use super::cases;
 use proptest::collection::vec;
@@ -114,13 +114,13 @@ enum Change {
     Insert(Index, Vec<u8>),
     Remove(Index),
     Kind(u8),
-    /// It goes on as another does.
+    /// It continues like another frame.
     Splice(Index, Index, Index),
 }
 
 fn change() -> impl Strategy<Value = Change> {
     let at = any::<Index>;
-    // Ends of numbers of variable length: more bytes than any has.
+    // Continuation bytes of varints: more than any varint has.
     let longest = [vec![0xff; 9], vec![1]].concat();
     prop_oneof![
         (at(), any::<u8>()).prop_map(|(at, byte)| Change::Set(at, byte)),
@@ -163,7 +163,7 @@ fn changed(frames: &[Vec<u8>], which: Index, changes: &[Change]) -> Vec<u8> {
     frame
 }
 
-/// What is read can be written, and is the same when it is read again; every view of it ends.
+/// What decodes can be encoded, and decodes to the same again; all its iterators end.
 fn read(frame: &[u8]) {
     let Ok(message) = decode(frame) else { return };
     let mut buffer = vec![0; frame.len() + 600];
@@ -196,7 +196,7 @@ fn read(frame: &[u8]) {
     }
 }
 
-/// As a board takes it: decoded in its one buffer, or refused by its beginning.
+/// As a board takes it: decoded in its only buffer, or refused by its first bytes.
 fn take(frame: &[u8], length: usize, points: usize, busy: bool) {
     let mut space = [0u32; 512];
     let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut space);
@@ -212,7 +212,7 @@ fn take(frame: &[u8], length: usize, points: usize, busy: bool) {
     let _ = refuse_beginning(&frame[..kept], length, points, busy);
 }
 
-/// Over a serial line that changes a byte.
+/// Sends a frame over a serial line that changes one byte.
 fn send(frame: &[u8], damage: Option<(Index, u8)>) {
     let mut line = Vec::new();
     serial::write(frame, |byte| line.push(byte));

@@ -1,7 +1,7 @@
 //! Whatever comes in, nothing panics and nothing untrue comes out: policy files, frames, numbers.
 //!
-//! Each property holds for some hundred cases of a fixed seed, and for the cases that once failed. `PROPTEST_CASES=100000
-//! PROPTEST_RNG_SEED=7 cargo test --release -p reagent-core --features pretrained-compact --test fuzz` looks further.
+//! Each property holds for some hundred cases of a fixed seed, and for the cases that failed once. To look further:
+//! `PROPTEST_CASES=100000 PROPTEST_RNG_SEED=7 cargo test --release -p reagent-core --features pretrained-compact --test fuzz`.
 
 mod frames;
 mod numbers;
@@ -10,7 +10,7 @@ mod policies;
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 
-/// So many cases of the same seed everywhere, unless the environment asks for others.
+/// This many cases, of the same seed everywhere, unless the environment asks for others.
 fn cases(cases: u32) -> ProptestConfig {
     let asked = ProptestConfig::default();
     let is_set = |name| std::env::var_os(name).is_some();
@@ -28,7 +28,7 @@ fn cases(cases: u32) -> ProptestConfig {
     }
 }
 
-/// A number of any bits, one that is often a border, or an ordinary one.
+/// A number of random bits, a frequent border case, or an ordinary one.
 fn number() -> impl Strategy<Value = f32> {
     const BORDERS: [f32; 14] = [
         0.0,

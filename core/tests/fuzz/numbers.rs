@@ -1,4 +1,4 @@
-//! Clouds, starts, view points and frames of any numbers: what is said of the pose is true, and it is one.
+//! Clouds, starts, view points and frames with any numbers: the answer is true, and its pose is rigid.
 
 use super::{cases, number};
 use glam::Vec3;
@@ -16,7 +16,7 @@ use std::collections::BTreeSet;
 
 type Cloud = Vec<[f32; 3]>;
 
-/// A point of a surface, from two numbers of -1 to 1.
+/// A point on a surface, from two numbers from -1 to 1.
 fn on(shape: u8, u: f32, v: f32) -> [f32; 3] {
     let angle = core::f32::consts::PI * v;
     let width = (1.0 - u * u).max(0.0).sqrt();
@@ -35,7 +35,7 @@ fn on(shape: u8, u: f32, v: f32) -> [f32; 3] {
     }
 }
 
-/// Of a shape, in some unit, somewhere; some of it put to one place, some replaced.
+/// A cloud of some shape, unit and place; some points coincide, some are replaced.
 fn made() -> impl Strategy<Value = Cloud> {
     let points = vec((-1.0f32..1.0, -1.0f32..1.0), 3..300);
     let unit = prop_oneof![Just(1.0f32), (-30i32..=30).prop_map(|e| 10f32.powi(e))];
@@ -67,7 +67,7 @@ fn cloud() -> impl Strategy<Value = Cloud> {
     ]
 }
 
-/// Two clouds: of different shapes, or one of them moved or in another unit.
+/// Two clouds: of different shapes, or one of them the other, moved or in another unit.
 fn clouds() -> impl Strategy<Value = [Cloud; 2]> {
     let moved = (made(), pose(), -5i32..=5).prop_map(|(cloud, pose, exponent)| {
         let unit = 10f32.powi(exponent);
@@ -106,7 +106,7 @@ fn start() -> impl Strategy<Value = Start> {
     prop_oneof![pose().prop_map(Start::at), uncertain, Just(Start::Anywhere)]
 }
 
-/// What no sensor sees, and what is as far away as anything.
+/// Points that no sensor sees, or that are as far away as possible.
 static BACKGROUND: [[f32; 3]; 5] = [
     [f32::NAN; 3],
     [f32::INFINITY, 0.0, 1.0],
@@ -149,7 +149,7 @@ fn register([source, target]: [&[[f32; 3]]; 2], task: &Task) -> Result<Answer, E
     let mut registrar = Registrar::new(policy, &mut scratch);
     let watch = |progress: Progress<'_, '_>| {
         if let Progress::Step(_, registration) = progress {
-            // Robots publish it.
+            // Robots publish this pose.
             registration.target_from_source().checked()?;
         }
         Ok(())
@@ -164,7 +164,7 @@ fn register([source, target]: [&[[f32; 3]]; 2], task: &Task) -> Result<Answer, E
 }
 
 fn distinct(cloud: &[[f32; 3]]) -> usize {
-    // Zeros are equal, whatever their sign.
+    // Zeros of either sign are equal.
     let bits = cloud.iter().map(|p| p.map(|x| (x + 0.0).to_bits()));
     bits.collect::<BTreeSet<_>>().len()
 }
@@ -176,7 +176,7 @@ fn check(answer: &Answer, clouds: [&[[f32; 3]]; 2]) -> Result<(), TestCaseError>
         prop_assert!(is_a_pose(policy.target_from_source), "{policy:?}");
     }
     let Some(found) = &answer.refinement else {
-        // The policy's own word is not taken where hardly anything is there to see.
+        // The policy's own verdict does not count if there is hardly anything to see.
         let few = clouds
             .map(distinct)
             .into_iter()
@@ -239,7 +239,7 @@ proptest! {
     }
 }
 
-/// 800 points of each: a target, the same drawn again, and another object.
+/// 800 points each: a target, a second sample of it, and another object.
 fn drawn() -> [Cloud; 3] {
     let golden = 0.618_034_f32;
     let point = |shape: u8, i: usize| {
@@ -259,7 +259,7 @@ fn drawn() -> [Cloud; 3] {
     ]
 }
 
-/// Every way in which a cloud was called right that was not, or a pose was infinite.
+/// Every case in which a wrong pose was called right, or a pose was infinite.
 #[test]
 fn what_once_was_called_right_is_not() {
     let [target, same, other] = drawn();
@@ -344,7 +344,7 @@ fn what_once_was_called_right_is_not() {
     }
 }
 
-/// Neither the policy alone nor the pipeline gives a pose that is none.
+/// Neither the policy alone nor the pipeline gives a pose that is not rigid.
 #[test]
 fn starts_and_frames_that_are_none_are_refused() {
     let [target, same, _] = drawn();

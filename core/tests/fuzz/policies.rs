@@ -1,4 +1,4 @@
-//! Policy files that were changed and then given a check sum that is right: what is taken registers.
+//! Policy files that were changed and given a valid checksum: what is accepted registers.
 
 use super::cases;
 use bytemuck::{cast_slice, cast_slice_mut};
@@ -14,10 +14,10 @@ use reagent_core::weights::{
 use reagent_core::{Frame, Policy, Pose, Registrar, Registration, Shape};
 use std::sync::LazyLock;
 
-/// Bytes of header and layer table.
+/// Bytes of the header and the layer table.
 const HEAD: usize = HEADER + LAYERS * TABLE_ROW;
 
-/// A small network in f32 and the compact one in integers, in each way to decide.
+/// A small network in f32 and the compact one in integers, with each decision.
 static SOUND: LazyLock<Vec<Vec<u8>>> = LazyLock::new(|| {
     let small = Shape {
         embed: [64, 64, 64],
@@ -37,7 +37,7 @@ static SOUND: LazyLock<Vec<Vec<u8>>> = LazyLock::new(|| {
     files.into_iter().flat_map(ways).collect()
 });
 
-/// A file of a shape in f32, with weights that are as good as drawn.
+/// An f32 file of a shape, with pseudo-random weights.
 fn file_of_floats(shape: &Shape) -> Vec<u8> {
     let length = file_len(shape, FORMAT_F32);
     let mut file = vec![0; length];
@@ -62,7 +62,7 @@ fn file_of_floats(shape: &Shape) -> Vec<u8> {
     file
 }
 
-/// Makes the check sum right.
+/// Makes the checksum valid.
 fn seal(file: &mut [u8]) {
     if let Some((body, sum)) = file.split_last_chunk_mut::<4>() {
         *sum = checksum(body).to_le_bytes();
@@ -73,17 +73,17 @@ fn seal(file: &mut [u8]) {
 #[derive(Clone, Debug)]
 enum Change {
     Flip(Index, u32),
-    /// In header or layer table.
+    /// A byte of the header or the layer table.
     Head(Index, u8),
     Width(usize, u16),
     Table(usize, u32),
-    /// A number of the payload.
+    /// A number in the payload.
     Number(Index, f32),
     Bytes(Index, usize, u8),
     Numbers(Index, usize, f32),
     Cut(Index),
     Longer(usize),
-    /// The length that the header announces.
+    /// The length that the header states.
     Length(Option<u32>),
 }
 
@@ -161,7 +161,7 @@ proptest! {
         if is_sealed {
             seal(&mut file);
         }
-        // Of any alignment: off a boundary of four bytes it is refused.
+        // At any alignment; off a four-byte boundary, it is refused.
         let mut memory = vec![0u64; file.len().div_ceil(8) + 1];
         let bytes: &mut [u8] = cast_slice_mut(&mut memory);
         let bytes = &mut bytes[offset..offset + file.len()];

@@ -19,13 +19,13 @@ fn clouds_far_from_the_origin_keep_their_digits() {
         .map(|cloud| vec![[0.0f32; 3]; cloud.len()]);
     for ((cloud, origin), near) in clouds.iter().zip(&mut origins).zip(&mut near) {
         let [xyz, origin, near] = [cloud.as_ptr().cast(), origin.as_ptr(), near.as_ptr().cast()];
-        // SAFETY: as many doubles and floats as told.
+        // SAFETY: as many doubles and floats as stated.
         let told = unsafe {
             reagent_take_origin_off(xyz, cloud.len(), origin.cast_mut(), near.cast_mut().cast())
         };
         assert_eq!(told, ReagentStatus::Ok);
     }
-    // Of the same cloud in two places the origins differ as the places do, and what is left is the same.
+    // For one cloud in two places, the origins differ as the places do, and the relative points are the same.
     for k in 0..3 {
         let apart = there[1][k] - there[0][k];
         assert!((origins[1][k] - origins[0][k] - apart).abs() < 1e-6);
@@ -51,7 +51,7 @@ fn clouds_far_from_the_origin_keep_their_digits() {
     {
         assert!((a - b).abs() < 1e-6, "{given:?} {back:?}");
     }
-    // A point and its place agree to a tenth of a millimetre, and the rotation is one in all digits.
+    // A point's coordinates agree to a tenth of a millimetre, and the rotation is orthonormal to all digits.
     let p = clouds[0][17];
     let [x, y, z] = turned.apply(near[0][17].into()).to_array().map(f64::from);
     for (k, [row, near]) in rows

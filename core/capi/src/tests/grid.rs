@@ -44,7 +44,7 @@ fn what_cannot_be_put_on_a_grid_is_refused_and_changes_nothing() {
     let (odd, odd_codes) = (xyz.wrapping_byte_add(2), into.wrapping_byte_add(1));
     let odd_grid = (&raw mut grid).wrapping_byte_add(2);
     use ReagentStatus::{BadGrid, EmptyCloud, NotFinite, Pointer, TooManyPoints};
-    // SAFETY: pointers to live values, or such as must be refused.
+    // SAFETY: pointers to live values, or pointers that must be refused.
     let found = unsafe {
         [
             (reagent_grid_of(xyz, 2, &mut grid), NotFinite),
@@ -77,7 +77,7 @@ fn an_order_keeps_every_point() {
     let cloud = bracket(0.3);
     let mut ordered = cloud.clone();
     let xyz = ordered.as_flattened_mut().as_mut_ptr();
-    // SAFETY: pointers to live values, or such as must be refused.
+    // SAFETY: pointers to live values, or pointers that must be refused.
     unsafe {
         assert_eq!(reagent_put_in_order(xyz, 600), ReagentStatus::Ok);
         assert_eq!(reagent_put_in_order(null_mut(), 0), ReagentStatus::Ok);

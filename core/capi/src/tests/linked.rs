@@ -20,7 +20,7 @@ fn linked_policies_are_ready_for_use() {
     ];
     for linked in files {
         let mut length = 0;
-        // SAFETY: pointers to live values, and a file as long as it is said to be.
+        // SAFETY: pointers to live values, and a file as long as stated.
         unsafe {
             let file = linked(&raw mut length);
             assert_eq!(linked(null_mut()), file);

@@ -1,4 +1,4 @@
-//! Bad input: what is refused, and that nothing but poses comes out of the rest.
+//! Bad input: it is refused, or gives nothing but poses.
 
 use super::*;
 
@@ -10,7 +10,7 @@ fn calls_out_of_order_and_bad_pointers_are_refused() {
     let cloud = [[0.0f32, 0.0, 1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]];
     let xyz = cloud.as_flattened().as_ptr();
     let grid = ReagentGrid::default();
-    // SAFETY: pointers to live values, or such as must be refused.
+    // SAFETY: pointers to live values, or pointers that must be refused.
     unsafe {
         assert_eq!(
             reagent_step(memory, null_mut()),
@@ -74,7 +74,7 @@ fn what_cannot_be_registered_is_refused_and_changes_nothing() {
     let odd = into.wrapping_byte_add(1);
     let at = &good.start;
     use ReagentStatus::*;
-    // SAFETY: pointers to live values, or such as must be refused.
+    // SAFETY: pointers to live values, or pointers that must be refused.
     let found = unsafe {
         let refine =
             |task: ReagentTask| reagent_refine(workspace, from, 600, to, 600, at, &task, into);
@@ -191,7 +191,7 @@ fn what_cannot_be_registered_is_refused_and_changes_nothing() {
     assert_eq!(answer, ReagentAnswer::default());
 }
 
-/// Of any bits, on a border, or ordinary.
+/// A number of random bits, at a border, or ordinary.
 fn number(random: &mut u32) -> f32 {
     const BORDERS: [f32; 8] = [
         0.0,

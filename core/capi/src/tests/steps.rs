@@ -3,7 +3,7 @@
 use super::*;
 use reagent_core::grid::Grid;
 
-/// What a registration says after two steps.
+/// The result of a registration after two steps.
 ///
 /// # Safety
 /// `memory` has a source.
@@ -24,10 +24,10 @@ unsafe fn after_two_steps(memory: *mut ReagentMemory, sliced: bool) -> ReagentRe
     result
 }
 
-/// Thirty points, codes or coordinates.
+/// Thirty points, as codes or coordinates.
 type Thirty<T> = [[T; 3]; 30];
 
-/// Clouds on a grid: codes, and the points that they stand for.
+/// Clouds on a grid: their codes, and the points that the codes stand for.
 fn clouds() -> (ReagentGrid, [Thirty<i16>; 2], [Thirty<f32>; 2]) {
     let grid = ReagentGrid {
         origin: [0.5, -0.25, 3.0],
@@ -104,7 +104,7 @@ fn refused_calls_leave_the_registration_under_way() {
     };
     let mut result = ReagentResult::default();
     use ReagentStatus::*;
-    // SAFETY: pointers to live values, or such as must be refused.
+    // SAFETY: pointers to live values, or pointers that must be refused.
     unsafe {
         assert_eq!(
             reagent_init(memory, compact().as_ptr(), compact().len()),
@@ -215,12 +215,12 @@ fn refused_calls_leave_the_registration_under_way() {
         let odd_result = (&raw mut result).wrapping_byte_add(2);
         assert_eq!(reagent_result(memory, odd_result), Pointer);
         assert_eq!(reagent_result(memory, null_mut()), Pointer);
-        // The one that was under way is finished as if nothing had been.
+        // The registration in progress finishes as if nothing had happened.
         assert_eq!(after_two_steps(memory, true), expected);
     }
 }
 
-/// Whatever is refused, and when it is found out.
+/// Whatever is refused, and whenever it is noticed.
 #[test]
 fn a_refused_call_leaves_a_registration_under_way() {
     let (mut memory, mut workspace) = (memory(), workspace());

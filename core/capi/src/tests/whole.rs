@@ -8,7 +8,7 @@ use reagent_core::pipeline::{self, Mode, Task};
 use reagent_core::polish::Workspace;
 use reagent_core::start::{Start, Uncertainty};
 
-/// Every kind of task, and the same in Rust.
+/// Every kind of task, and its equivalent in Rust.
 fn tasks() -> Vec<(ReagentTask, Task<'static>)> {
     let start = Pose {
         translation: [1.0, -2.0, 0.5].into(),
@@ -50,7 +50,7 @@ fn tasks() -> Vec<(ReagentTask, Task<'static>)> {
     tasks
 }
 
-/// What C is told of what Rust found.
+/// What C reports of an answer in Rust.
 #[cfg(feature = "pretrained-compact")]
 fn told(found: &Answer) -> ReagentAnswer {
     let steps = found.policy.map_or(0, |policy| policy.steps);
@@ -96,7 +96,7 @@ fn clouds_are_registered_as_in_rust() {
         };
         assert_eq!(status, ReagentStatus::Ok);
         assert_eq!(answer, told(&found.expect("sound clouds")), "{expected:?}");
-        // It ended what was under way.
+        // It ended the registration in progress.
         // SAFETY: pointers to live values.
         let step = unsafe { reagent_step(memory, null_mut()) };
         assert_eq!(step, ReagentStatus::NotStarted);
@@ -213,7 +213,7 @@ fn pixels_without_a_depth_may_stand_in_the_background() {
     assert_eq!(refined(&background), expected);
 }
 
-/// A sphere against itself, turned: any turn about any axis fits; a box: half turns do.
+/// A turned sphere against itself fits under any turn about any axis; a box fits under half turns.
 #[test]
 fn what_is_undetermined_is_told() {
     let mut workspace = workspace();
@@ -246,7 +246,7 @@ fn what_is_undetermined_is_told() {
         [radius * cosine, radius * sine, z]
     };
     let vase = refined(&(0..600).map(turned).collect::<Vec<_>>());
-    // The same points fix the angle: turned by a little they fit worse. Without them only the axis would be told.
+    // The shared points fix the angle: turned by a little, they fit worse. Without them, only the axis would be known.
     assert!(vase.verdict == ReagentVerdict::Converged, "{vase:?}");
     let on_box = |i: u16| {
         let [a, b] = [0.754_877_7, 0.569_840_3].map(|step| (f32::from(i) * step).fract() - 0.5);

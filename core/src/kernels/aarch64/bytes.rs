@@ -1,7 +1,7 @@
-//! Bytes with NEON, sixteen sums in four registers: with `sdot` of Armv8.2 (`DOT`), or products of 16 bits of plain NEON.
+//! Bytes with NEON, sixteen sums in four registers: with `sdot` of Armv8.2 (`DOT`), or 16-bit products of plain NEON.
 //!
-//! Both multiply signed bytes only, so codes of eight bits are taken less 128, and `128 Σ w`, one value an output, is added
-//! afterwards: the same integers as everywhere. `sdot` has no stable intrinsic and stands in `asm!`.
+//! Both multiply signed bytes only, so 128 is subtracted from codes of eight bits, and `128 Σ w`, one value for each output, is
+//! added afterwards: the same integers as everywhere. `sdot` has no stable intrinsic, so it is in `asm!`.
 #![allow(unsafe_code, clippy::needless_range_loop)]
 
 use crate::dims::{PANEL, QUAD};
@@ -12,13 +12,13 @@ use core::arch::aarch64::*;
 use core::arch::asm;
 use core::ops::Range;
 
-/// Values of one register.
+/// Values in one register.
 const LANES: usize = 4;
 
 #[derive(Clone, Copy)]
 pub(in crate::kernels) struct Quarters<const DOT: bool>([int32x4_t; 4]);
 
-/// `sum + Σ w x` of four bytes a lane; of `x` the four bytes of lane `LANE`.
+/// `sum + Σ w x` over four bytes of each lane; `x` contributes the four bytes of lane `LANE`.
 #[inline(always)]
 fn sdot<const LANE: i32>(mut sum: int32x4_t, w: int8x16_t, x: int8x16_t) -> int32x4_t {
     // SAFETY: computes on registers only; called where the instruction was detected.
@@ -38,7 +38,7 @@ fn sdot<const LANE: i32>(mut sum: int32x4_t, w: int8x16_t, x: int8x16_t) -> int3
 
 // SAFETY (all): as `Sums` asks; of `DOT` where `sdot` was detected.
 impl<const DOT: bool> Sums for Quarters<DOT> {
-    /// Of plain NEON two halves of each register: of its first two outputs, then of the others. Of `sdot` the first alone.
+    /// Plain NEON has two halves for each register: its first two outputs, then the others. `sdot` uses the first half only.
     type Partial = [[int32x4_t; 2]; 4];
     type Weights = [int8x16_t; 4];
     type Codes = int8x16_t;
@@ -100,7 +100,7 @@ impl<const DOT: bool> Sums for Quarters<DOT> {
         }))
     }
 
-    /// `128 Σ w`.
+    /// `128 Σ w` for each output.
     #[inline(always)]
     unsafe fn lacking(inputs: usize, weights: *const i8) -> Self {
         unsafe {
@@ -174,7 +174,7 @@ impl<const DOT: bool> Sums for Quarters<DOT> {
     }
 }
 
-/// Sixteen codes as signed bytes: less 128 where they have `EIGHT` bits.
+/// Sixteen codes as signed bytes: minus 128 if they have `EIGHT` bits.
 #[inline(always)]
 unsafe fn signed<const EIGHT: bool>(codes: uint8x16_t) -> int8x16_t {
     let flip = if EIGHT { 0x80 } else { 0 };
@@ -182,7 +182,7 @@ unsafe fn signed<const EIGHT: bool>(codes: uint8x16_t) -> int8x16_t {
     unsafe { vreinterpretq_s8_u8(veorq_u8(codes, vdupq_n_u8(flip))) }
 }
 
-// SAFETY (all): as the algorithms ask; of `DOT` where `sdot` was detected. Plain NEON has twice the sums of a point.
+// SAFETY (all): as the algorithms require; with `DOT`, `sdot` was detected. Plain NEON has twice the sums for each point.
 
 pub(in crate::kernels) unsafe fn dense_codes_max<const DOT: bool, const MARK: bool>(
     layer: &Codes<'_>,

@@ -1,8 +1,8 @@
-//! Which instruction sets beyond NEON this machine runs.
+//! Detects which instruction sets beyond NEON this machine runs.
 
 #![allow(unsafe_code)]
 
-/// Whether bytes can be multiplied by `sdot`: asked of Linux, elsewhere what this was compiled for.
+/// Whether the machine has `sdot` for bytes: asks Linux; elsewhere, what the code was compiled for decides.
 pub(in crate::kernels) fn has_dot_product() -> bool {
     #[cfg(any(target_os = "linux", target_os = "android"))]
     {

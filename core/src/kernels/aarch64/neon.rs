@@ -1,5 +1,4 @@
-//! NEON: sixteen values in four registers. It is part of every target that this file is compiled for, so nothing has to be
-//! detected.
+//! NEON: sixteen values in four registers. Every target that this file is compiled for has it, so nothing is detected.
 #![allow(unsafe_code, clippy::needless_range_loop)]
 
 use crate::kernels::float::vector::Vector;
@@ -7,7 +6,7 @@ use crate::kernels::float::{dense, pruned};
 use crate::layer::Dense;
 use core::arch::aarch64::*;
 
-/// Values of one register.
+/// Values in one register.
 const LANES: usize = 4;
 
 #[derive(Clone, Copy)]
@@ -108,7 +107,7 @@ impl Vector for Quarters {
     unsafe fn exceeds(self, other: Self) -> u16 {
         let mut mask = 0;
         for q in 0..4 {
-            // Not: less or equal, so that what is no number stays.
+            // Not "less or equal", so that NaN counts as above.
             let above = unsafe { vmvnq_u32(vcleq_f32(self.0[q], other.0[q])) };
             let bits = unsafe { vld1q_u32([1, 2, 4, 8].as_ptr()) };
             mask |= (unsafe { vaddvq_u32(vandq_u32(above, bits)) } as u16) << (q * LANES);

@@ -1,9 +1,8 @@
-//! Integer layers for Cortex-M4, M7 and M33, by `smlad`: two products of 16 bits and their sum in one
-//! instruction.
+//! Integer layers for Cortex-M4, M7 and M33 with `smlad`: two 16-bit products and their sum in one instruction.
 //!
-//! Codes of a block of points are spread to 16 bits once, in pairs as `sxtb16` gives those of weights,
-//! and meet all outputs; four weights are loaded and spread for four points at a time. That makes 13
-//! instructions for 16 products, besides a loop over inputs that is unrolled four times.
+//! The codes of a block of points are spread to 16 bits once, in the pairs that `sxtb16` makes of weights, and used for all
+//! outputs; four weights are loaded and spread for four points at a time. That makes 13 instructions for 16 products, plus a
+//! loop over inputs that is unrolled four times.
 #![allow(unsafe_code, clippy::indexing_slicing, clippy::needless_range_loop)]
 
 use crate::dims::{PANEL, QUAD};
@@ -12,19 +11,19 @@ use crate::layer::{Codes, Requantise};
 use core::arch::{asm, naked_asm};
 use core::ops::Range;
 
-/// Points that one pass over the weights serves.
+/// Points served by one pass over the weights.
 pub(super) const BLOCK: usize = 8;
 /// Points of one call of [`four_points`].
 const POINTS: usize = 4;
-/// Most inputs of a layer of rows.
+/// Most inputs of a layer that a block holds.
 const INPUTS: usize = 128;
-/// Columns of a head that are spread at once.
+/// Columns of a head that are spread at a time.
 const COLUMNS: usize = 256;
 
-/// Four codes of 16 bits: the first and third, the second and fourth.
+/// Four codes in 16 bits: the first and third, then the second and fourth.
 pub(super) type Pairs = [u32; 2];
 
-/// Bytes spread to 16 bits.
+/// Spreads four bytes to 16 bits each.
 #[inline(always)]
 pub(super) fn spread(four: u32) -> Pairs {
     [four & 0x00ff_00ff, four >> 8 & 0x00ff_00ff]
@@ -69,7 +68,7 @@ unsafe extern "C" fn four_points(
     )
 }
 
-/// Four points, spread; points that are missing are what was there before.
+/// Four points, spread to 16 bits; missing points are leftovers.
 type Half = [[Pairs; POINTS]; INPUTS / QUAD];
 
 /// A block of points.
@@ -90,7 +89,7 @@ impl Block {
         }
     }
 
-    /// The halves that hold its first `points` points: their inputs, and how many points they are.
+    /// The halves that hold the first `points` points: their inputs, and their number of points.
     #[inline(always)]
     pub(super) fn halves(
         &self,
@@ -105,7 +104,7 @@ impl Block {
     }
 }
 
-/// Sums of one output with four points.
+/// Sums of one output for four points.
 #[inline(always)]
 pub(super) fn sums(layer: &Codes<'_>, output: usize, x: &[[Pairs; POINTS]]) -> [i32; POINTS] {
     let mut sums = [0; POINTS];
@@ -191,7 +190,7 @@ pub(in crate::kernels) unsafe fn dense_codes(
     }
 }
 
-/// `sum + Σ x w` of a pair of 16-bit numbers each.
+/// `sum + Σ x w` over a pair of 16-bit numbers.
 #[inline(always)]
 fn smlad(x: u32, w: u32, mut sum: i32) -> i32 {
     // SAFETY: computes on registers only, by an instruction of the target.
@@ -202,7 +201,7 @@ fn smlad(x: u32, w: u32, mut sum: i32) -> i32 {
     sum
 }
 
-/// Signed bytes spread to 16 bits.
+/// Spreads four signed bytes to 16 bits each.
 #[inline(always)]
 fn spread_signed(four: u32) -> Pairs {
     let (first, second): (u32, u32);

@@ -1,4 +1,4 @@
-//! The last embedding layer over points that lie close together, by `smlad`: see [`super::near`].
+//! The last embedding layer over points that lie close together, with `smlad`: see [`super::near`].
 #![allow(unsafe_code, clippy::indexing_slicing)]
 
 use super::dsp::{BLOCK, Block, Pairs, fits, spread, sums};
@@ -8,10 +8,10 @@ use crate::kernels::byte::portable;
 use crate::layer::Codes;
 use core::arch::{asm, naked_asm};
 
-/// Four inputs: their lowest codes, and how much higher the highest are.
+/// Four inputs: the lowest codes, and the ranges up to the highest.
 type Spread = [Pairs; 2];
 
-/// For which of a panel's outputs the bound is above the maximum: a bit each.
+/// A bit for each of a panel's outputs whose bound is above the maximum.
 ///
 /// # Safety
 /// `weights` holds a panel's groups of four codes, one for each of `bounds` to `end`, whose number is a positive multiple of
@@ -25,7 +25,7 @@ unsafe extern "C" fn panel_bounds(
 ) -> u32 {
     naked_asm!(
         "push {{r4-r11, lr}}",
-        "movw r10, #0x8000", // leaves at the right after sixteen outputs
+        "movw r10, #0x8000", // shifted out after sixteen outputs
         "2:",
         "mov r11, r1",
         "mov lr, #0",
@@ -37,7 +37,7 @@ unsafe extern "C" fn panel_bounds(
         "sxtb16 r8, r8, ror #8",
         "smlad lr, r4, r9, lr",
         "smlad lr, r5, r8, lr",
-        "usat16 r9, #15, r9", // what is negative, to 0
+        "usat16 r9, #15, r9", // negative values to 0
         "usat16 r8, #15, r8",
         "smlad lr, r6, r9, lr",
         "smlad lr, r7, r8, lr",
@@ -59,7 +59,7 @@ unsafe extern "C" fn panel_bounds(
     )
 }
 
-/// As [`portable::dense_codes_max`], faster where rows that follow each other are alike.
+/// As [`portable::dense_codes_max`], but faster if consecutive rows are similar.
 pub(in crate::kernels) unsafe fn dense_codes_max_near(
     layer: &Codes<'_>,
     x: &[u8],
@@ -77,7 +77,7 @@ pub(in crate::kernels) unsafe fn dense_codes_max_near(
     }
 }
 
-/// Outputs for which some rows are to be summed up.
+/// Outputs for which these rows must be summed.
 #[inline(never)] // its stack is free again before that of the sums is needed
 fn masks(layer: &Codes<'_>, x: &[u8], max: &[i32]) -> Masks {
     let inputs = layer.inputs();
@@ -106,7 +106,7 @@ fn masks(layer: &Codes<'_>, x: &[u8], max: &[i32]) -> Masks {
     masks
 }
 
-/// Sets bounds to those of rows, four inputs at a time; the sum of all ranges.
+/// Sets the bounds of rows, four inputs at a time; returns the sum of all ranges.
 fn fill(bounds: &mut Bounds, x: &[u8], inputs: usize) -> u32 {
     let quads = inputs / QUAD;
     let x = x.as_chunks::<QUAD>().0;
@@ -125,7 +125,7 @@ fn fill(bounds: &mut Bounds, x: &[u8], inputs: usize) -> u32 {
     sum
 }
 
-/// The lower and the higher of four bytes each.
+/// The bytewise minimum and maximum of bounds and codes.
 #[inline(always)]
 fn widened(mut least: u32, mut most: u32, codes: u32) -> (u32, u32) {
     // SAFETY: computes on registers and flags only, by instructions of the target.
@@ -138,7 +138,7 @@ fn widened(mut least: u32, mut most: u32, codes: u32) -> (u32, u32) {
     (least, most)
 }
 
-/// Raises the maxima of such outputs to their sums with some rows.
+/// Raises the maxima of the masked outputs to their sums for some rows.
 #[inline(never)]
 fn raise(layer: &Codes<'_>, masks: &Masks, x: &[u8], max: &mut [i32]) {
     let inputs = layer.inputs();

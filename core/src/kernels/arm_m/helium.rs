@@ -1,10 +1,8 @@
-//! Integer layers for Cortex-M55, M52 and M85, by `vmladava`: sixteen products of bytes and their sum in
-//! one instruction.
+//! Integer layers for Cortex-M55, M52 and M85 with `vmladava`: sixteen byte products and their sum in one instruction.
 //!
-//! It takes bytes of one kind, so 128 is added to weight codes and `128 Σ x`, one value a point, is
-//! where sums start: the same integers as everywhere. Sixteen inputs of one output are gathered, since
-//! they lie in groups of four, and meet four points: 10 instructions for 64 products, besides a loop
-//! over inputs that is unrolled twice.
+//! Both operands must have the same signedness, so 128 is added to weight codes, and sums start at `-128 Σ x`, one value for
+//! each point: the same integers as everywhere. Sixteen inputs of one output are gathered, since they lie in groups of four,
+//! and used for four points: 10 instructions for 64 products, plus a loop over inputs that is unrolled twice.
 #![allow(unsafe_code, clippy::indexing_slicing)]
 
 use crate::dims::PANEL;
@@ -13,12 +11,12 @@ use crate::layer::Codes;
 use core::arch::naked_asm;
 use core::ops::Range;
 
-/// Points of one block.
+/// Points in one block.
 pub(super) const POINTS: usize = 4;
-/// Inputs of one round of the loop.
+/// Inputs in one round of the loop.
 const ROUND: usize = 32;
 
-/// Sums of a panel's outputs with four points.
+/// Sums of a panel's outputs for four points.
 type Sums = [[i32; POINTS]; PANEL];
 
 /// Four rows of codes.
@@ -29,13 +27,13 @@ pub(super) struct Block {
     start: [i32; POINTS],
     /// [`portable::row_mark`] of each row.
     marks: [i32; POINTS],
-    /// Bias and requantisation of the next output of [`panel_codes_of`], and where the codes of each row go from there.
+    /// Bias and requantisation of [`panel_codes_of`]'s next output, and offsets from there at which each row's codes go.
     scales: [*const u32; 2],
     places: [u32; POINTS],
 }
 
 impl Block {
-    /// Rows of `inputs` codes each, the last repeated where there are fewer than four; none without any.
+    /// Rows of `inputs` codes each; if there are fewer than four, the last is repeated. `None` without any.
     pub(super) fn of(x: &[u8], inputs: usize) -> Option<Block> {
         let mut rows = x.chunks_exact(inputs.max(1));
         let last = rows.clone().next_back()?;
@@ -54,8 +52,8 @@ impl Block {
     }
 }
 
-/// Sums of one output with the points of the block at `r12`, to `q0`: weights at the addresses in `q3`, one round of half a loop
-/// before the first; rows at `r1`, `r3`, `r5` and `r7`, which move on by the `r0` inputs; 128 in `r9`.
+/// Sums of one output for the points of the block at `r12`, to `q0`. Weights are at the addresses in `q3`, less one round of
+/// half a loop; rows are at `r1`, `r3`, `r5` and `r7`, which advance by the `r0` inputs; `r9` is 128.
 macro_rules! four_sums {
     () => {
         concat!(
@@ -84,8 +82,8 @@ macro_rules! four_sums {
 }
 pub(super) use four_sums;
 
-/// Defines a function over a panel's outputs; `$take` takes the sums of one output, in `q0`, to where
-/// `r2` points, and moves it on by `$step` bytes.
+/// Defines a function over a panel's outputs. `$take` stores the sums of one output, in `q0`, to where `r2` points, and
+/// advances `r2` by `$step` bytes.
 macro_rules! panel {
     ($(#[$docs:meta])* $name:ident, $out:ty, $step:literal, $($take:literal),+) => {
         $(#[$docs])*
@@ -99,7 +97,7 @@ macro_rules! panel {
             naked_asm!(
                 ".cpu cortex-m55",
                 "push {{r4-r11, lr}}",
-                // Addresses of four groups of one output, one round of half a loop before the first.
+                // Addresses of four groups of one output, less one round of half a loop.
                 "movs r4, #0",
                 "vidup.u32 q3, r4, #8",
                 "vshl.i32 q3, q3, #3",
@@ -135,7 +133,7 @@ macro_rules! panel {
 }
 
 panel! {
-    /// Writes the sums of a panel's outputs with a block of points.
+    /// Writes the sums of a panel's outputs for a block of points.
     ///
     /// # Safety
     /// `weights` holds a panel's groups of `inputs` columns, each row of `block` as many codes, and
@@ -145,7 +143,7 @@ panel! {
 }
 
 panel! {
-    /// Raises the maxima of a panel's outputs to its sums with a block of points.
+    /// Raises the maxima of a panel's outputs to its sums for a block of points.
     ///
     /// # Safety
     /// As for [`panel_sums`].
@@ -156,7 +154,7 @@ panel! {
 }
 
 panel! {
-    /// As [`panel_max`] of sums with the marks of their rows ([`portable::marked`]).
+    /// As [`panel_max`], for sums marked with their rows ([`portable::marked`]).
     ///
     /// # Safety
     /// As for [`panel_sums`].
@@ -170,11 +168,10 @@ panel! {
 }
 
 panel! {
-    /// Writes codes of a panel's outputs: `R(a)` limited to 0..=255 ([`crate::quant`]), a byte each, at `places` from `out` on.
+    /// Writes codes of a panel's outputs: `R(a)` clamped to 0..=255 ([`crate::quant`]), a byte each, at `places` from `out` on.
     ///
-    /// # Safety
-    /// As for [`panel_sums`]; `scales` of the block point to bias and requantisation of the panel's outputs, and `places` to where
-    /// rows of as many codes have room.
+    /// As for [`panel_sums`]; `scales` of the block points to the bias and requantisation of the panel's outputs, and `places`
+    /// to room for as many codes of each row.
     panel_codes_of, u8, 1,
     "ldrd r4, r6, [r12, #48]",
     "ldr r8, [r4], #4",
@@ -185,7 +182,7 @@ panel! {
     "vmul.i32 q0, q0, r4",
     "lsrs r10, r10, #16",
     "rsbs r10, r10, #0",
-    "vrshl.s32 q0, r10", // to the right, and rounded
+    "vrshl.s32 q0, r10", // right, with rounding
     "vmov.i32 q1, #0",
     "vmax.s32 q0, q0, q1",
     "vmov.i32 q1, #255",
@@ -220,7 +217,7 @@ pub(in crate::kernels) unsafe fn dense_codes_max<const MARK: bool>(
         let Some(mut block) = Block::of(x, inputs) else {
             return;
         };
-        // The last row repeated has a later mark, by which it never wins.
+        // A repeated last row has a later mark, with which it never wins.
         block.marks = core::array::from_fn(|n| portable::row_mark(round * POINTS + n));
         let maxima = max.as_chunks_mut::<PANEL>().0.iter_mut();
         for (panel, max) in panels.clone().zip(maxima.skip(panels.start)) {
@@ -253,7 +250,7 @@ pub(in crate::kernels) unsafe fn dense_codes(
         let Some(mut block) = Block::of(x, inputs) else {
             return;
         };
-        // What stands for a row that is missing is written where the last one is.
+        // The codes of a repeated row overwrite those of the last row, which are the same.
         let rows = (y.len() / outputs).min(x.len() / inputs);
         let Some(last) = rows.checked_sub(1) else {
             return;
@@ -273,9 +270,9 @@ pub(in crate::kernels) unsafe fn dense_codes(
     }
 }
 
-/// Writes the codes of one point for a panel's outputs: `((b + w₀ x) + w₁ y) + w₂ z`, limited to 0..=255 and rounded to even.
+/// Writes the codes of one point for a panel's outputs: `((b + w₀ x) + w₁ y) + w₂ z`, clamped to 0..=255 and rounded to even.
 ///
-/// What is denormal counts as zero here, which changes no code.
+/// Subnormal numbers count as zero here, which changes no code.
 ///
 /// # Safety
 /// `weights` holds the three columns of a panel, `bias` and `codes` its outputs; `point` has three coordinates.

@@ -1,4 +1,4 @@
-//! The last embedding layer over points that lie close together, by `vmladava`: see [`super::near`].
+//! The last embedding layer over points that lie close together, with `vmladava`: see [`super::near`].
 #![allow(unsafe_code, clippy::indexing_slicing)]
 
 use super::helium::{Block, POINTS, four_sums, panel_codes};
@@ -8,7 +8,7 @@ use crate::kernels::byte::portable;
 use crate::layer::Codes;
 use core::arch::naked_asm;
 
-/// For which of a panel's outputs the bound is above the maximum: a bit each.
+/// A bit for each of a panel's outputs whose bound is above the maximum.
 ///
 /// # Safety
 /// `weights` holds a panel's groups of `inputs` columns, a positive multiple of 32, `bounds` as many inputs; `start` is
@@ -26,7 +26,7 @@ unsafe extern "C" fn panel_bounds(
         "push {{r4-r10, lr}}",
         "vpush {{d8, d9}}",
         "ldr r5, [sp, #48]",
-        // Addresses of four groups of one output, one round of half a loop before the first.
+        // Addresses of four groups of one output, less one round of half a loop.
         "movs r4, #0",
         "vidup.u32 q3, r4, #8",
         "vshl.i32 q3, q3, #3",
@@ -38,7 +38,7 @@ unsafe extern "C" fn panel_bounds(
         "subs r8, #4",
         "lsr r3, r3, #5",
         "mov r9, #128",
-        "movw r10, #0x8000", // leaves at the right after sixteen outputs
+        "movw r10, #0x8000", // shifted out after sixteen outputs
         "2:",
         "mov r6, r1",
         "add r7, r1, #{range}",
@@ -69,7 +69,7 @@ unsafe extern "C" fn panel_bounds(
     )
 }
 
-/// Raises the maxima of the outputs whose bit is set in `mask`, one at least, to their sums with a block of points.
+/// Raises the maxima of the outputs in `mask`, which sets at least one bit, to their sums for a block of points.
 ///
 /// # Safety
 /// `weights` holds a panel's groups of `inputs` columns, a positive multiple of 32, each row of `block` as many codes; `max`
@@ -87,7 +87,7 @@ unsafe extern "C" fn panel_some_max(
         "push {{r4-r11, lr}}",
         "vpush {{d8, d9}}",
         "ldr r11, [sp, #52]",
-        // Addresses of four groups of the first output, one round of half a loop before the first.
+        // Addresses of four groups of the first output, less one round of half a loop.
         "movs r4, #0",
         "vidup.u32 q4, r4, #8",
         "vshl.i32 q4, q4, #3",
@@ -123,10 +123,10 @@ unsafe extern "C" fn panel_some_max(
     )
 }
 
-/// Sets bounds to those of rows; the sum of all ranges.
+/// Sets the bounds of rows; returns the sum of all ranges.
 ///
 /// # Safety
-/// `x` holds so many rows, one at least, of `inputs` codes, a positive multiple of 16 and at most [`super::near::INPUTS`].
+/// `x` holds `rows` rows, at least one, of `inputs` codes, a positive multiple of 16 and at most [`super::near::INPUTS`].
 #[unsafe(naked)]
 unsafe extern "C" fn fill(bounds: *mut Bounds, x: *const u8, inputs: usize, rows: usize) -> u32 {
     naked_asm!(
@@ -159,7 +159,7 @@ unsafe extern "C" fn fill(bounds: *mut Bounds, x: *const u8, inputs: usize, rows
     )
 }
 
-/// As [`portable::dense_codes_max`], faster where rows that follow each other are alike.
+/// As [`portable::dense_codes_max`], but faster if consecutive rows are similar.
 pub(in crate::kernels) unsafe fn dense_codes_max_near(
     layer: &Codes<'_>,
     x: &[u8],
@@ -191,7 +191,7 @@ pub(in crate::kernels) unsafe fn dense_codes_max_near(
     }
 }
 
-/// Outputs for which some rows are to be summed up.
+/// Outputs for which these rows must be summed.
 #[inline(never)] // its stack is free again before that of the sums is needed
 fn masks(layer: &Codes<'_>, x: &[u8], max: &[i32]) -> Masks {
     let inputs = layer.inputs();

@@ -1,23 +1,23 @@
-//! Points that lie close together share a bound, as in [`crate::kernels::pruned`]: what it leaves below a channel's maximum is
-//! not summed up. Here the bound of a channel is `Σ w low + Σ max(w, 0) (high - low)`, one pass over its weights for
-//! [`NEAR`] points.
+//! Points that lie close together share a bound, as in [`crate::kernels::pruned`]: a channel is
+//! not summed if the bound is below its maximum. Here the bound is
+//! `Σ w low + Σ max(w, 0) (high - low)`, one pass over a channel's weights for [`NEAR`] points.
 #![allow(clippy::indexing_slicing)]
 
 use crate::dims::{FEATURES, PANEL};
 
 pub(super) use crate::kernels::pruned::NEAR;
 
-/// Most inputs of a layer that is pruned.
+/// Most inputs of a layer that can be pruned.
 pub(super) const INPUTS: usize = 128;
-/// Mean difference of the highest and the lowest code, up to which a bound is worth its time: of neighbours it is 12, and a
-/// quarter of the channels are left; of points from anywhere 60, and nearly all are.
+/// Mean range of codes up to which a bound is worth its time. Neighbours have 12, which leaves a quarter of the channels;
+/// points from anywhere have 60, which leaves nearly all.
 const WORTH: u32 = 30;
 
-/// Of each panel, a bit for each of its outputs for which the points are to be summed up.
+/// For each panel, a bit for each output for which the points must be summed.
 pub(super) type Masks = [u16; MASKS];
 pub(super) const MASKS: usize = FEATURES / PANEL;
 
-/// The lowest of each input, and how much higher the highest is.
+/// The lowest code of each input, and the range up to the highest.
 #[repr(C)]
 pub(super) struct Bounds {
     pub(super) low: [u8; INPUTS],
@@ -25,8 +25,8 @@ pub(super) struct Bounds {
 }
 
 impl Bounds {
-    /// Of rows of so many codes, by `fill`, which tells the sum of all ranges; none where they are too far apart, or the maxima
-    /// are still without a point.
+    /// The bounds of rows of `inputs` codes, set by `fill`, which returns the sum of all ranges. `None` if the rows are too far
+    /// apart, or the maxima have seen no point yet.
     #[inline(always)]
     pub(super) fn of(
         inputs: usize,
@@ -46,7 +46,7 @@ impl Bounds {
     }
 }
 
-/// The bits that are set, from the lowest on.
+/// The positions of the set bits, from the lowest on.
 #[cfg(arm_kernels = "dsp")]
 pub(super) fn lanes(mut mask: u16) -> impl Iterator<Item = usize> {
     core::iter::from_fn(move || {

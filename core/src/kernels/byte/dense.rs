@@ -1,8 +1,8 @@
 //! Dense layers of codes: blocks of `P` panels by `N` points, whose sums stay in registers.
 //!
 //! # Safety
-//! Of every function: as [`Sums`] asks, with panels of the layer, and slices of the lengths that [`crate::kernels::Isa`]
-//! checks.
+//! For every function: as [`Sums`] requires; panels must be the layer's,
+//! and slices must have the lengths that [`crate::kernels::Isa`] checks.
 #![allow(unsafe_code, clippy::indexing_slicing, clippy::needless_range_loop)]
 
 use super::vector::Sums;
@@ -11,10 +11,10 @@ use crate::kernels::byte::portable::{ROW_BITS, row_mark};
 use crate::layer::Codes;
 use core::ops::Range;
 
-/// Points of the block after the last whole one; in products with a single vector, panels.
+/// Points in the blocks after the last whole one; panels, in products with a single vector.
 const FEW: usize = 4;
 
-/// Sums of `P` panels, whose columns start at `weights`, and the `N` rows of `inputs` codes that `row` tells.
+/// Sums of `P` panels, whose columns start at `weights`, with `N` rows of `inputs` codes, which `row` locates.
 #[inline(always)]
 pub(super) unsafe fn sums<V: Sums, const P: usize, const N: usize, const EIGHT: bool>(
     inputs: usize,
@@ -30,7 +30,7 @@ pub(super) unsafe fn sums<V: Sums, const P: usize, const N: usize, const EIGHT: 
             for n in 1..N {
                 x[n] = V::load_sixteen::<EIGHT>(row(n).add(k));
             }
-            // Written out: which of the groups it is has to be known to the compiler.
+            // Unrolled by hand: the compiler must know which group it is.
             add_quad::<V, P, N, 0>(&mut sum, weights, k, |n| x[n]);
             add_quad::<V, P, N, 1>(&mut sum, weights, k + QUAD, |n| x[n]);
             add_quad::<V, P, N, 2>(&mut sum, weights, k + 2 * QUAD, |n| x[n]);
@@ -51,7 +51,7 @@ pub(super) unsafe fn sums<V: Sums, const P: usize, const N: usize, const EIGHT: 
     }
 }
 
-/// Adds the products with inputs `k` to `k + 4`, which are group `WHICH` of each row's codes `x`.
+/// Adds the products with inputs `k` to `k + 3`: group `WHICH` of the loaded codes `x` of each row.
 #[inline(always)]
 unsafe fn add_quad<V: Sums, const P: usize, const N: usize, const WHICH: i32>(
     sum: &mut [[V::Partial; P]; N],
@@ -74,7 +74,7 @@ unsafe fn add_quad<V: Sums, const P: usize, const N: usize, const WHICH: i32>(
     }
 }
 
-/// Where the columns of a panel start.
+/// Start of a panel's columns.
 #[inline(always)]
 unsafe fn weights_of(layer: &Codes<'_>, panel: usize) -> *const i8 {
     let weights = layer.panels().as_ptr();
@@ -82,7 +82,7 @@ unsafe fn weights_of(layer: &Codes<'_>, panel: usize) -> *const i8 {
     unsafe { weights.add(panel * layer.inputs() * PANEL) }
 }
 
-/// Sums of `P` panels from `panel` on, and `N` rows at `x`.
+/// Sums of `P` panels from `panel` on with `N` rows at `x`.
 #[inline(always)]
 pub(super) unsafe fn layer_sums<V: Sums, const P: usize, const N: usize>(
     layer: &Codes<'_>,
@@ -100,7 +100,7 @@ pub(super) unsafe fn layer_sums<V: Sums, const P: usize, const N: usize>(
     }
 }
 
-/// See [`crate::kernels::byte::portable::dense_codes_max`]; rows count from `first`.
+/// See [`crate::kernels::byte::portable::dense_codes_max`]; `first` is the number of the first row.
 #[inline(always)]
 pub(in crate::kernels) unsafe fn max<V: Sums, const MARK: bool, const P: usize, const N: usize>(
     layer: &Codes<'_>,
@@ -161,7 +161,7 @@ unsafe fn max_of_panels<V: Sums, const MARK: bool, const P: usize, const N: usiz
     P
 }
 
-/// Raises maxima of `P` panels to the sums of `N` rows at `x`, of which the first is `row`.
+/// Raises the maxima of `P` panels to the sums of the `N` rows at `x`, numbered from `row`.
 #[inline(always)]
 unsafe fn raise<V: Sums, const MARK: bool, const P: usize, const N: usize>(
     layer: &Codes<'_>,

@@ -1,5 +1,5 @@
-//! Integer layers: unsigned activation codes by signed weight codes, sums of 32 bits. The reference
-//! that the other kernels equal bit by bit; [`crate::quant`] describes the numbers.
+//! Integer layers: unsigned activation codes times signed weight codes, in 32-bit sums. This is the reference that the other
+//! kernels match to the bit; [`crate::quant`] defines the numbers.
 
 #![allow(unsafe_code, clippy::indexing_slicing)]
 
@@ -7,7 +7,7 @@ use crate::dims::{PANEL, QUAD};
 use crate::layer::{Codes, Requantise};
 use core::ops::Range;
 
-/// Sums of one row with one panel.
+/// Sums of one row with one panel of weights.
 #[inline(always)]
 fn panel_sums(quads: &[[i8; PANEL * QUAD]], x: &[u8]) -> [i32; PANEL] {
     let mut sum = [0i32; PANEL];
@@ -21,7 +21,7 @@ fn panel_sums(quads: &[[i8; PANEL * QUAD]], x: &[u8]) -> [i32; PANEL] {
     sum
 }
 
-/// Four inputs of each panel output; none of a panel that is not there.
+/// A panel's weights in groups of four inputs; none beyond the last panel.
 fn quads<'a>(layer: &Codes<'a>, panel: usize) -> &'a [[i8; PANEL * QUAD]] {
     let len = layer.inputs() * PANEL;
     let weights = layer.panels().get(panel * len..(panel + 1) * len);
@@ -53,7 +53,7 @@ pub(in crate::kernels) fn point_codes(
     }
 }
 
-/// See [`crate::kernels::Isa::dense_codes`]; rows of `x` and `y` as counted by the caller.
+/// See [`crate::kernels::Isa::dense_codes`]; `x` and `y` hold as many rows as the caller counted.
 #[inline(always)]
 pub(in crate::kernels) fn dense_codes(
     layer: &Codes<'_>,
@@ -78,25 +78,26 @@ pub(in crate::kernels) fn dense_codes(
     }
 }
 
-/// Bits of a sum that hold the row which it is of.
+/// Bits of a marked sum that hold its row.
 pub(in crate::kernels) const ROW_BITS: u32 = 8;
-/// Rows that these bits tell apart.
+/// Rows that these bits can tell apart.
 pub(in crate::kernels) const ROWS: usize = 1 << ROW_BITS;
-/// Inputs whose sums leave these bits: `255 * 128 * INPUTS < 2^(31 - ROW_BITS)`.
+/// Most inputs whose sums leave these bits free: `255 * 128 * INPUTS < 2^(31 - ROW_BITS)`.
 pub(in crate::kernels) const INPUTS: usize = 128;
 
-/// The last bits of row `row`'s sums: the greater, the earlier, so that one maximum finds the first of equals.
+/// The mark of a row, in the low bits of its sums. Earlier rows have
+/// greater marks, so that one maximum finds the first of equals.
 #[inline(always)]
 pub(in crate::kernels) const fn row_mark(row: usize) -> i32 {
     (ROWS - 1 - row % ROWS) as i32
 }
 
-/// The row that a marked sum is of.
+/// The row of a marked sum.
 pub(in crate::kernels) const fn row_of(marked: i32) -> usize {
     ROWS - 1 - (marked as usize & (ROWS - 1))
 }
 
-/// A sum, shifted to make room for its row's mark where one is asked for.
+/// A sum; with `mark`, shifted left to make room for its row's mark.
 #[inline(always)]
 pub(in crate::kernels) const fn marked(mark: bool, sum: i32, row: usize) -> i32 {
     if mark {
@@ -106,7 +107,7 @@ pub(in crate::kernels) const fn marked(mark: bool, sum: i32, row: usize) -> i32 
     }
 }
 
-/// See [`crate::kernels::Isa::dense_codes_max`]; of sums, or of [`marked`] ones of at most [`ROWS`] rows of [`INPUTS`].
+/// See [`crate::kernels::Isa::dense_codes_max`]; over sums, or over [`marked`] sums of at most [`ROWS`] rows of [`INPUTS`].
 pub(in crate::kernels) fn dense_codes_max(
     mark: bool,
     layer: &Codes<'_>,

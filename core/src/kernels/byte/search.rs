@@ -1,8 +1,8 @@
 //! The search for critical points in bytes, as [`crate::kernels::search::portable`].
 //!
 //! # Safety
-//! Of every function: as [`Sums`] asks, with `points` (of one tile, which starts at `tile`) and `panels` within `codes`,
-//! `scales` and the layer, and [`GROUPS`] rows of its outputs in `best` and `winner`; [`crate::kernels::Isa::search`] checks it.
+//! For every function: as [`Sums`] requires; `points` (of one tile, which starts at `tile`) and `panels` lie within `codes`,
+//! `scales` and the layer; `best` and `winner` hold [`GROUPS`] rows of its outputs. [`crate::kernels::Isa::search`] checks it.
 #![allow(unsafe_code, clippy::indexing_slicing, clippy::needless_range_loop)]
 
 use super::dense::layer_sums;
@@ -11,12 +11,12 @@ use crate::kernels::search::{GROUPS, NONE, PanelBest, merge};
 use crate::layer::Codes;
 use core::ops::Range;
 
-/// Sums that can be compared between rows of different scales.
+/// Sums that are comparable between rows of different scales.
 pub(in crate::kernels) trait Scores: Sums {
-    /// Raises `best`, sixteen values, to the scores of the point at `place` in its tile, which their last bits keep.
+    /// Raises `best`, sixteen values, to the scores of the point at `place` in its tile, which the last bits of a score hold.
     ///
     /// # Safety
-    /// As [`Sums`] asks.
+    /// As [`Sums`] requires.
     unsafe fn raise_scores(self, scale: f32, place: usize, best: *mut f32);
 }
 
@@ -59,7 +59,7 @@ pub(in crate::kernels) unsafe fn search<V: Scores, const P: usize, const N: usiz
     }
 }
 
-/// Raises the best of `P` panels to the scores of `N` points, of which point `first` is at `x`.
+/// Raises the best scores of `P` panels to those of `N` points; point `first` is at `x`.
 #[inline(always)]
 unsafe fn raise<V: Scores, const P: usize, const N: usize>(
     layer: &Codes<'_>,

@@ -1,15 +1,15 @@
 //! Dense layers: blocks of `P` panels by `N` points, whose sums stay in registers.
 //!
 //! # Safety
-//! Of every function: as [`Vector`] asks, with a layer whose arrays have their padded lengths, `points` rows in `x` (and
-//! `y`), and `max`, `argmax`, `start` and `y` at least as long as the layer's bias. [`crate::kernels::Isa`] checks it.
+//! For every function: as [`Vector`] requires; the layer's arrays have their padded lengths, `x` (and `y`) hold `points` rows,
+//! and `max`, `argmax`, `start` and `y` are at least as long as the layer's bias. [`crate::kernels::Isa`] checks it.
 #![allow(unsafe_code, clippy::indexing_slicing, clippy::needless_range_loop)]
 
 use super::vector::Vector;
 use crate::dims::PANEL;
 use crate::layer::Dense;
 
-/// Points of the block after the last whole one.
+/// Points in the blocks after the last whole one.
 const FEW: usize = 4;
 
 /// `start + W x` for `P` panels, whose columns start at `weights`, and `N` rows of `inputs` values at `x`.
@@ -34,7 +34,7 @@ unsafe fn block<V: Vector, const P: usize, const N: usize>(
                     sum[n][p] = sum[n][p].add_input::<0>(w[p], values[n]);
                 }
             }
-            // Written out: which of the inputs it is has to be known to the compiler.
+            // Unrolled by hand: the compiler must know which of the inputs it is.
             if V::INPUTS == 4 {
                 add_column::<V, P, N, 1>(&mut sum, weights, k + 1, values);
                 add_column::<V, P, N, 2>(&mut sum, weights, k + 2, values);
@@ -55,7 +55,7 @@ unsafe fn block<V: Vector, const P: usize, const N: usize>(
     }
 }
 
-/// Column `k` of `P` panels.
+/// Loads column `k` of `P` panels.
 #[inline(always)]
 pub(super) unsafe fn load_column<V: Vector, const P: usize>(
     weights: [*const f32; P],
@@ -71,7 +71,7 @@ pub(super) unsafe fn load_column<V: Vector, const P: usize>(
     }
 }
 
-/// Adds the products with column `k`, which is input `WHICH` of those that were loaded together.
+/// Adds the products with column `k`: input `WHICH` of those loaded together.
 #[inline(always)]
 unsafe fn add_column<V: Vector, const P: usize, const N: usize, const WHICH: i32>(
     sum: &mut [[V; P]; N],
@@ -105,7 +105,7 @@ unsafe fn layer_block<V: Vector, const P: usize, const N: usize>(
     }
 }
 
-/// Where the columns of `P` panels from `panel` on start, and their biases.
+/// Start of the columns of `P` panels from `panel` on, and their biases.
 #[inline(always)]
 pub(super) unsafe fn columns_and_bias<V: Vector, const P: usize>(
     layer: &Dense<'_>,
@@ -124,9 +124,9 @@ pub(super) unsafe fn columns_and_bias<V: Vector, const P: usize>(
     }
 }
 
-/// Where the sums of a layer go.
+/// Receives the sums of a layer.
 trait Sink<V> {
-    /// Takes the sums of `P` panels from `panel` on, and of `N` rows from `row` on.
+    /// Receives the sums of `P` panels from `panel` on, for `N` rows from `row` on.
     unsafe fn take<const P: usize, const N: usize>(
         &self,
         panel: usize,
@@ -135,7 +135,7 @@ trait Sink<V> {
     );
 }
 
-/// All sums of a layer of so many `inputs`: where the compiler knows how far rows are apart, no register holds it.
+/// Computes all sums of a layer. If the compiler knows `inputs`, the distance between rows takes no register.
 #[inline(always)]
 unsafe fn for_each_block<V: Vector, const P: usize, const N: usize>(
     layer: &Dense<'_>,
@@ -173,7 +173,7 @@ unsafe fn for_each_block<V: Vector, const P: usize, const N: usize>(
     }
 }
 
-/// Writes what is above zero.
+/// Writes sums after a ReLU.
 struct Relu {
     y: *mut f32,
     stride: usize,
@@ -222,7 +222,7 @@ pub(in crate::kernels) unsafe fn relu<V: Vector, const P: usize, const N: usize>
     }
 }
 
-/// Raises maxima, and where `ARG` keeps the rows that did.
+/// Raises maxima; with `ARG`, records the rows that raised them.
 struct Max<const ARG: bool> {
     max: *mut f32,
     argmax: *mut u32,
@@ -261,7 +261,7 @@ impl<V: Vector, const ARG: bool> Sink<V> for Max<ARG> {
     }
 }
 
-/// See [`crate::kernels::Isa::dense_max`], and [`crate::kernels::Isa::dense_argmax`] where `ARG`.
+/// See [`crate::kernels::Isa::dense_max`], or with `ARG`, [`crate::kernels::Isa::dense_argmax`].
 #[inline(always)]
 pub(in crate::kernels) unsafe fn max<V: Vector, const ARG: bool, const P: usize, const N: usize>(
     layer: &Dense<'_>,

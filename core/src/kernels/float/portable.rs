@@ -1,4 +1,4 @@
-//! Plain Rust kernels: the reference that every other kernel is compared with.
+//! Plain Rust kernels: the reference for all other kernels.
 
 use crate::dims::PANEL;
 use crate::layer::Dense;

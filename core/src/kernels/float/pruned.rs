@@ -1,9 +1,9 @@
-//! The last embedding layer over points that lie close together: lanes are channels where bounds are computed, and points
-//! where sums are. See [`crate::kernels::pruned`].
+//! The last embedding layer over points that lie close together. Lanes are
+//! channels for bounds, and points for sums. See [`crate::kernels::pruned`].
 //!
 //! # Safety
-//! Of every function: as [`Vector`] asks, with a layer whose arrays have their padded lengths and at most [`INPUTS`] inputs,
-//! and `max` as long as its bias. [`crate::kernels::Isa`] checks it.
+//! For every function: as [`Vector`] requires; the layer's arrays have their padded lengths and it has at most [`INPUTS`]
+//! inputs, and `max` is as long as its bias. [`crate::kernels::Isa`] checks it.
 #![allow(unsafe_code, clippy::indexing_slicing, clippy::needless_range_loop)]
 
 use super::dense::{columns_and_bias, load_column};
@@ -12,7 +12,7 @@ use crate::dims::{PANEL, TILE};
 use crate::kernels::pruned::{CHANNELS, INPUTS, NEAR, Survivors, prune};
 use crate::layer::Dense;
 
-/// Groups whose bounds are computed together, so that a weight is loaded once for all.
+/// Groups whose bounds are computed together, so that a weight is loaded once for all of them.
 const GROUPS: usize = TILE / NEAR;
 
 const _: () = assert!(NEAR == PANEL);
@@ -20,9 +20,9 @@ const _: () = assert!(NEAR == PANEL);
 /// Activations of [`NEAR`] points.
 #[derive(Clone, Copy)]
 struct Group {
-    /// Of each point.
+    /// The activations of each point, by input.
     points: [[f32; NEAR]; INPUTS],
-    /// The highest and the lowest of them.
+    /// The highest and the lowest activation of each input.
     high: [f32; INPUTS],
     low: [f32; INPUTS],
 }
@@ -34,7 +34,7 @@ impl Group {
         low: [0.0; INPUTS],
     };
 
-    /// As many groups as rows fill, and how many these are.
+    /// Fills groups with rows; returns how many groups it filled.
     #[inline(always)]
     fn fill_all(groups: &mut [Group], inputs: usize, rows: &[f32]) -> usize {
         let mut count = 0;
@@ -45,7 +45,7 @@ impl Group {
         count
     }
 
-    /// Of at most so many rows, the last one repeated where there are fewer.
+    /// Fills a group with rows; if there are too few, repeats the last one.
     #[inline(always)]
     fn fill(&mut self, inputs: usize, rows: &[f32]) {
         let last = rows.len() / inputs - 1;
@@ -66,8 +66,8 @@ impl Group {
     }
 }
 
-/// See [`crate::kernels::Isa::dense_max_near`]; `points` rows. `P` panels' bounds and `C` channels' sums have room in the
-/// registers.
+/// See [`crate::kernels::Isa::dense_max_near`]; `x` holds `points` rows. The bounds of `P` panels, and the sums of `C`
+/// channels, fit the registers.
 #[inline(always)]
 pub(in crate::kernels) unsafe fn max<V: Vector, const P: usize, const C: usize>(
     layer: &Dense<'_>,
@@ -89,7 +89,7 @@ pub(in crate::kernels) unsafe fn max<V: Vector, const P: usize, const C: usize>(
     }
 }
 
-/// Takes the first `count` groups, at most `N`, into all maxima.
+/// Folds the first `count` groups, at most `N`, into all maxima.
 #[inline(always)]
 unsafe fn max_of_groups<V: Vector, const P: usize, const C: usize, const N: usize>(
     layer: &Dense<'_>,
@@ -112,7 +112,7 @@ unsafe fn max_of_groups<V: Vector, const P: usize, const C: usize, const N: usiz
                 }
             }
         },
-        // SAFETY: groups and channels are those of bounds.
+        // SAFETY: groups and channels come from the bounds.
         |group, channels| unsafe {
             for channels in channels.as_chunks::<C>().0 {
                 raise::<V, C>(layer, groups.get_unchecked(group), channels, max);
@@ -154,7 +154,7 @@ unsafe fn bound<V: Vector, const P: usize, const N: usize>(
     }
 }
 
-/// Takes the points of a group into the maxima of some channels.
+/// Folds the points of a group into the maxima of some channels.
 #[inline(always)]
 unsafe fn raise<V: Vector, const C: usize>(
     layer: &Dense<'_>,

@@ -1,18 +1,18 @@
-//! Sixteen values in registers: the vector that the kernels in f32 are written on.
+//! Sixteen values in registers: the vector on which the f32 kernels are written.
 
 use crate::kernels::pruned::Survivors;
 
-/// Sixteen values of f32: a panel's outputs, or a group's points.
+/// Sixteen f32 values: a panel's outputs, or a group's points.
 ///
 /// # Safety
-/// Of every function: the machine runs the instruction set of the type, and a pointer leads to sixteen values where nothing
-/// else is said. Each is inlined into an entry of that `target_feature`, as all that calls it is.
+/// For every function: the machine runs the type's instruction set, and a pointer leads to sixteen values unless stated
+/// otherwise. Each is inlined into an entry with that `target_feature`, as are all its callers.
 pub(in crate::kernels) trait Vector: Copy {
     /// Sixteen row numbers.
     type Rows: Copy;
-    /// [`Vector::INPUTS`] inputs of one point, as products take them.
+    /// [`Vector::INPUTS`] inputs of one point, in the form that products take.
     type Inputs: Copy;
-    /// How many inputs are loaded at once: one or four.
+    /// Number of inputs loaded at once: one or four.
     const INPUTS: usize;
 
     unsafe fn splat(value: f32) -> Self;
@@ -23,24 +23,24 @@ pub(in crate::kernels) trait Vector: Copy {
 
     /// `self + a b`, rounded once.
     unsafe fn add_product(self, a: Self, b: Self) -> Self;
-    /// The larger of each two; `other` where one is no number and the processor does not say so.
+    /// The larger of each pair. If either is NaN: `other` on x86, NaN on NEON.
     unsafe fn max(self, other: Self) -> Self;
-    /// `self`, and `sum` in `row` where that is larger.
+    /// The larger of `self` and `sum`, and `row` in place of `rows` where that is `sum`.
     unsafe fn keep_higher(self, rows: Self::Rows, sum: Self, row: u32) -> (Self, Self::Rows);
 
-    /// [`Vector::INPUTS`] inputs at `from`.
+    /// Loads [`Vector::INPUTS`] inputs.
     unsafe fn load_inputs(from: *const f32) -> Self::Inputs;
-    /// `self + w x`, with one of the inputs.
+    /// `self + w x`, with input `WHICH` of the loaded ones.
     unsafe fn add_input<const WHICH: i32>(self, w: Self, x: Self::Inputs) -> Self;
 
-    /// `low` where `self` is negative, else `high`.
+    /// `low` where `self` is negative, `high` elsewhere.
     unsafe fn extreme(self, high: Self, low: Self) -> Self;
-    /// A bit for each value that is not at most `other`'s.
+    /// A bit for each value that is not less than or equal to `other`'s, NaN included.
     unsafe fn exceeds(self, other: Self) -> u16;
     /// Raises `max` to the largest value.
     unsafe fn raise(self, max: &mut f32);
 
-    /// Adds the channels of a panel that a mask tells.
+    /// Adds the channels of a panel whose bit is set in `mask`.
     #[inline(always)]
     unsafe fn add_channels(panel: usize, mask: u16, survivors: &mut Survivors) {
         survivors.add_of(panel, mask);

@@ -1,4 +1,4 @@
-//! Bytes with simd128 of WebAssembly, sixteen sums in four registers, by products of 16 bits.
+//! Bytes with simd128 of WebAssembly: sixteen sums in four registers, by 16-bit products.
 #![allow(unsafe_code, clippy::needless_range_loop)]
 
 use crate::dims::QUAD;
@@ -8,9 +8,9 @@ use crate::layer::{Codes, Requantise};
 use core::arch::wasm32::*;
 use core::ops::Range;
 
-/// Values of one register.
+/// Values in one register.
 const LANES: usize = 4;
-/// Points of one block.
+/// Points in one block.
 const POINTS: usize = 2;
 
 #[derive(Clone, Copy)]
@@ -20,7 +20,7 @@ pub(in crate::kernels) struct Quarters([v128; 4]);
 impl Sums for Quarters {
     type Partial = Self;
     type Weights = [v128; 4];
-    /// Even codes and odd ones, of 16 bits.
+    /// Even and odd codes, in 16 bits.
     type Codes = [v128; 2];
 
     #[inline(always)]
@@ -101,7 +101,7 @@ impl Sums for Quarters {
         self
     }
 
-    /// One by one: each has a shift of its own, which simd128 lacks.
+    /// One by one: each has its own shift, which simd128 lacks.
     #[inline(always)]
     unsafe fn store_codes(self, requantise: Self, to: *mut u8) {
         let (mut sums, mut by) = ([0i32; 16], [0i32; 16]);

@@ -1,7 +1,7 @@
 //! The int8 search on AMX tiles: 32 outputs by 32 points in four tiles of 16 x 16 sums.
 //!
-//! The tile instructions have no stable intrinsics; they stand in three short `asm!` blocks. No tile
-//! is live between two of them but the configuration, which [`Tiles`] sets and releases.
+//! The tile instructions have no stable intrinsics, so they are in three short `asm!` blocks. Between two of them no tile is
+//! live except the configuration, which [`Tiles`] sets and releases.
 #![allow(unsafe_code, clippy::indexing_slicing)]
 
 use super::avx512_vnni::{self, Whole};
@@ -13,7 +13,7 @@ use core::arch::asm;
 use core::arch::x86_64::*;
 use core::ops::Range;
 
-/// Points and outputs of one block.
+/// Points, and outputs, in one block.
 const BLOCK: usize = 32;
 /// Rows of one tile, and lanes of one row of sums.
 const ROWS: usize = 16;
@@ -22,7 +22,7 @@ const ROW_BYTES: usize = 64;
 
 const _: () = assert!(ROWS.is_multiple_of(GROUPS) && BLOCK == 2 * PANEL);
 
-/// Asks Linux for the right to use tile data; elsewhere nobody can be asked.
+/// Asks Linux for permission to use tile data; other systems have no such request.
 pub(in crate::kernels) fn permitted() -> bool {
     #[cfg(target_os = "linux")]
     {
@@ -64,7 +64,7 @@ const CONFIGURATION: Configuration = {
     Configuration(bytes)
 };
 
-/// The tile registers of this thread, from configuration to release.
+/// The tile registers of this thread, from their configuration to their release.
 pub(in crate::kernels) struct Tiles;
 
 impl Tiles {
@@ -78,7 +78,7 @@ impl Tiles {
         Tiles
     }
 
-    /// Sums of 32 points and 32 outputs into four tiles: point rows 0..16 and 16..32 by the two panels.
+    /// Sums of 32 points and 32 outputs into four tiles: points 0..16, then 16..32, with each of the two panels.
     ///
     /// # Safety
     /// `x` holds 32 rows of `inputs` bytes, `weights` two panels, `inputs` is a positive multiple of 64.
@@ -152,7 +152,7 @@ pub(in crate::kernels) unsafe fn search(
 ) {
     let whole_points = points.start + points.len() / BLOCK * BLOCK;
     let whole_panels = panels.start + panels.len() / 2 * 2;
-    // SAFETY: blocks cover the given panels and points only, the rest of them goes to `avx512_vnni::search`.
+    // SAFETY: blocks cover the given panels and points only; `avx512_vnni::search` does the rest.
     unsafe {
         {
             let tiles = Tiles::configure();
@@ -162,7 +162,7 @@ pub(in crate::kernels) unsafe fn search(
                 let mut best_of_tile = [NONE; 2];
                 let mut next = points.start;
                 let mut slot = 0;
-                // While the tiles of one block are multiplied, those of the block before are compared.
+                // While the tiles of one block are multiplied, those of the previous one are compared.
                 while next < whole_points + BLOCK {
                     if next < whole_points {
                         let x = codes.as_ptr().add(next * layer.inputs());
@@ -211,7 +211,7 @@ pub(in crate::kernels) unsafe fn search(
     }
 }
 
-/// Takes the sums of 32 points and two panels into the best of the tile.
+/// Folds the sums of 32 points and two panels into the best of the tile.
 #[target_feature(enable = "avx512f")]
 #[inline]
 unsafe fn take(
@@ -254,8 +254,7 @@ pub(in crate::kernels) unsafe fn dense_codes_max<const MARK: bool>(
     let inputs = layer.inputs();
     let whole_points = x.len() / inputs / BLOCK * BLOCK;
     let whole_panels = panels.start + panels.len() / 2 * 2;
-    // SAFETY: blocks cover the given panels and whole rows of `x` only, the rest of them goes to
-    // `avx512_vnni::dense_codes_max`.
+    // SAFETY: blocks cover the given panels and whole rows of `x` only; `avx512_vnni::dense_codes_max` does the rest.
     unsafe {
         {
             let tiles = Tiles::configure();
@@ -297,7 +296,7 @@ pub(in crate::kernels) unsafe fn dense_codes_max<const MARK: bool>(
     }
 }
 
-/// Products of tiles on registers only, for [`crate::kernels::Isa::multiply_adds`].
+/// Multiplies tiles on registers only, for [`crate::kernels::Isa::multiply_adds`].
 ///
 /// # Safety
 /// AMX was detected and [`permitted`].

@@ -1,5 +1,5 @@
-//! Layers of split numbers ([`crate::kernels::split`]) on AMX tiles of bf16: four tiles of 16 x 16 sums, each block of
-//! 32 inputs in six products.
+//! Layers of split numbers ([`crate::kernels::split`]) on AMX tiles of bf16: four tiles of 16 x 16 sums, with six products for
+//! each block of 32 inputs.
 #![allow(unsafe_code, clippy::indexing_slicing)]
 
 use super::amx::Tiles;
@@ -8,9 +8,9 @@ use crate::kernels::split::{INPUTS, PARTS, SplitDense, TILE_INPUTS, Tile};
 use core::arch::asm;
 use core::arch::x86_64::*;
 
-/// Points of one tile.
+/// Points in one tile.
 const ROWS: usize = 16;
-/// Tiles of 16 points.
+/// Tiles that hold 16 points.
 const ROW_TILES: usize = INPUTS / TILE_INPUTS * PARTS;
 
 const _: () = assert!(TILE.is_multiple_of(ROWS));
@@ -20,14 +20,14 @@ const _: () = assert!(TILE.is_multiple_of(ROWS));
 #[repr(C, align(64))]
 struct Sums([[f32; PANEL]; ROWS]);
 
-/// Defines a function that writes the sums of four pairs of tiles: `$points` are the asm lines that load
-/// the tiles of points at a place, `$products` those that multiply them by the outputs at a place.
+/// Defines a function that writes the sums of four pairs of tiles. `$points` are the asm lines that load the tiles of points at
+/// an offset, `$products` those that multiply them by the outputs at an offset.
 macro_rules! block {
     ($(#[$docs:meta])* $name:ident, [$($pointer:ident),+; $count:literal], $points:ident, $products:ident) => {
         $(#[$docs])*
         ///
         /// # Safety
-        /// Each pointer is at `steps * PARTS` tiles, and `steps` is positive.
+        /// Each pointer leads to `steps * PARTS` tiles, and `steps` is positive.
         unsafe fn $name(
             _configured: &Tiles,
             steps: usize,
@@ -111,7 +111,7 @@ macro_rules! by_two_outputs {
 }
 
 block! {
-    /// Sums of 32 points and two panels: points 0..16, then 16..32, by each panel.
+    /// Sums of 32 points and two panels: points 0..16, then 16..32, with each panel.
     two_by_two, [x0, x1, w0, w1; 4], two_points, by_two_outputs
 }
 
@@ -175,7 +175,7 @@ fn split_rows(inputs: usize, x: &[f32], tiles: &mut [Tile; ROW_TILES]) {
     }
 }
 
-/// Raises the maxima of panels, `[panel][output]`, to the sums of `rows` points each.
+/// Raises the maxima of panels to the sums of `rows` points of each tile; `panels` says which panel a tile is of.
 #[target_feature(enable = "avx512f")]
 #[inline]
 fn raise(sums: &[Sums; 4], (rows, panels): ([usize; 4], [usize; 4]), best: &mut [__m512; 4]) {
@@ -215,7 +215,7 @@ pub(in crate::kernels) unsafe fn dense_max(layer: &SplitDense<'_>, x: &[f32], ma
             for (weights, (bias, max)) in layer.tiles.chunks_exact(4 * panel_tiles).zip(outputs) {
                 let panel = |p: usize| weights.as_ptr().add(p * panel_tiles);
                 let mut best = [_mm512_set1_ps(f32::NEG_INFINITY); 4];
-                // While the tiles of one block are multiplied, those of the block before are compared.
+                // While the tiles of one block are multiplied, those of the previous one are compared.
                 let mut slot = 0;
                 let mut before = ([0; 4], [0; 4]);
                 for first in (0..points).step_by(2 * ROWS) {

@@ -6,7 +6,7 @@ use crate::kernels::float::{dense, pruned};
 use crate::layer::Dense;
 use core::arch::x86_64::*;
 
-/// Values of one register.
+/// Values in one register.
 const LANES: usize = 8;
 
 #[derive(Clone, Copy)]

@@ -1,4 +1,4 @@
-//! Bytes in 256-bit registers, sixteen sums in two of them: with AVX-VNNI, or products of 16 bits of AVX2.
+//! Bytes in 256-bit registers, sixteen sums in two of them: with AVX-VNNI, or with 16-bit products of AVX2.
 #![allow(unsafe_code, clippy::indexing_slicing, clippy::needless_range_loop)]
 
 use crate::kernels::byte::search::Scores;
@@ -6,9 +6,9 @@ use crate::kernels::byte::vector::Sums;
 use crate::kernels::search::PLACE;
 use core::arch::x86_64::*;
 
-/// Values of one register.
+/// Values in one register.
 const LANES: usize = 8;
-/// Points of one block.
+/// Points in one block.
 const POINTS: usize = 4;
 
 #[derive(Clone, Copy)]
@@ -47,7 +47,7 @@ impl<const VNNI: bool> Sums for Halves<VNNI> {
                 if VNNI {
                     _mm256_dpbusd_avx_epi32(sum.0[half], x, w[half])
                 } else {
-                    // Without the saturation of products of bytes.
+                    // 16-bit products, because the byte products of AVX2 saturate.
                     let even_x = _mm256_and_si256(x, _mm256_set1_epi16(0xff));
                     let even_w = _mm256_srai_epi16::<8>(_mm256_slli_epi16::<8>(w[half]));
                     let odd_x = _mm256_srli_epi16::<8>(x);
@@ -124,7 +124,7 @@ impl<const VNNI: bool> Sums for Halves<VNNI> {
                 let product = _mm256_mullo_epi32(self.0[half], factor);
                 _mm256_srav_epi32(_mm256_add_epi32(product, rounding), shift)
             });
-            // Each step limits values to those of its type; the first leaves the registers' quarters in turns.
+            // Each packing saturates to its type; the first interleaves the registers' quarters.
             let words = _mm256_packs_epi32(codes[0], codes[1]);
             let words = _mm256_permute4x64_epi64::<0b11_01_10_00>(words);
             let (low, high) = (

@@ -1,9 +1,9 @@
-//! The last embedding layer of integers over points that lie close together, with AVX2: as [`super::avx2_bytes_wide`],
-//! codes of points and weights are spread to 16 bits before they meet; lanes are channels where bounds are computed,
-//! and points where sums are. See [`crate::kernels::pruned`].
+//! The last embedding layer of integers over points that lie close together, with AVX2.
+//! As in [`super::avx2_bytes_wide`], codes of points and weights are spread to 16 bits.
+//! Lanes are channels for bounds, and points for sums. See [`crate::kernels::pruned`].
 //!
-//! Every function must only be called where AVX2 was detected, with a layer whose arrays have their padded lengths and
-//! at most [`INPUTS`] inputs, and `max` as long as its outputs; [`crate::kernels::Isa`] checks all of it.
+//! Every function requires that AVX2 was detected, that the layer's arrays have their padded lengths and at most [`INPUTS`]
+//! inputs, and that `max` is as long as its outputs; [`crate::kernels::Isa`] checks all of it.
 #![allow(unsafe_code, clippy::indexing_slicing, clippy::needless_range_loop)]
 
 use super::avx2_bytes_wide::{PAIRS, Panel, pairs_of, spread};
@@ -13,11 +13,11 @@ use crate::kernels::pruned::{CHANNELS, INPUTS, NEAR, PANELS, Survivors, prune};
 use crate::layer::Codes;
 use core::arch::x86_64::*;
 
-/// Groups whose bounds are computed together, so that a weight is spread and loaded once for all.
+/// Groups whose bounds are computed together, so that a weight is spread and loaded once for all of them.
 const GROUPS: usize = 4;
-/// Values of one register.
+/// Values in one register.
 const LANES: usize = 8;
-/// Channels whose sums have room in the registers.
+/// Channels whose sums fit the registers.
 const TOGETHER: usize = 4;
 
 const _: () = assert!(INPUTS == 2 * PAIRS && CHANNELS.is_multiple_of(TOGETHER));
@@ -25,9 +25,9 @@ const _: () = assert!(INPUTS == 2 * PAIRS && CHANNELS.is_multiple_of(TOGETHER));
 /// Codes of [`NEAR`] points, two inputs at a time.
 #[derive(Clone, Copy)]
 struct Group {
-    /// Of each point.
+    /// The codes of each point.
     points: [[u32; NEAR]; PAIRS],
-    /// The highest and the lowest of them.
+    /// The highest and the lowest code of each input.
     high: [u32; PAIRS],
     low: [u32; PAIRS],
 }
@@ -39,7 +39,7 @@ impl Group {
         low: [0; PAIRS],
     };
 
-    /// Of at most so many rows, the last one repeated where there are fewer.
+    /// Fills a group with rows; if there are too few, repeats the last one.
     #[target_feature(enable = "avx2")]
     fn fill(&mut self, inputs: usize, rows: &[u8]) {
         let last = rows.len() / inputs - 1;
@@ -89,7 +89,7 @@ pub(in crate::kernels) unsafe fn dense_codes_max(layer: &Codes<'_>, x: &[u8], ma
                 spread(weights, wide);
                 bound(inputs / 2, panel, wide, &groups, max, survivors);
             },
-            // SAFETY: groups and channels are those of bounds, and their panels are spread.
+            // SAFETY: groups and channels come from the bounds, and their panels are spread.
             |group, channels| unsafe {
                 for channels in channels.as_chunks().0 {
                     raise(inputs / 2, wide, groups.get_unchecked(group), channels, max);
@@ -143,7 +143,7 @@ unsafe fn bound(
     }
 }
 
-/// Takes the points of a group into the maxima of some channels.
+/// Folds the points of a group into the maxima of some channels.
 #[target_feature(enable = "avx2")]
 #[inline]
 unsafe fn raise(

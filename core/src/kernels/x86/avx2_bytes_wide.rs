@@ -1,6 +1,6 @@
-//! The integer network's widest layer with AVX2, 16 outputs by 6 points: codes of points and weights are
-//! spread to 16 bits before they meet, a block of points once for all panels, a panel once for the block, so
-//! that the loop over inputs has one product and one sum for two inputs of 8 outputs.
+//! The integer network's widest layer with AVX2, 16 outputs by 6 points. Codes of points and weights are spread to 16 bits
+//! beforehand, a block of points once for all panels, a panel once for the block. So the loop over inputs has one product and
+//! one sum for two inputs of 8 outputs.
 //!
 //! The same conditions hold as for the other kernels of bytes.
 #![allow(unsafe_code, clippy::indexing_slicing, clippy::needless_range_loop)]
@@ -13,18 +13,18 @@ use crate::layer::Codes;
 use core::arch::x86_64::*;
 use core::ops::Range;
 
-/// Inputs of the layer that this is made for; others are left to the common kernels.
+/// Inputs of the layer that this is made for; the common kernels do the others.
 const INPUTS: usize = 128;
-/// Points that are spread at once: 12 KiB.
+/// Points that are spread at a time: 12 KiB.
 const BLOCK: usize = 48;
-/// Points of one block of sums.
+/// Points in one block of sums.
 const POINTS: usize = 6;
 /// Pairs of inputs in a row.
 pub(in crate::kernels) const PAIRS: usize = INPUTS / 2;
 /// Outputs in one register.
 const LANES: usize = 8;
 
-/// Codes of a block of points: of each group of four inputs the first and third, the second and fourth.
+/// Codes of a block of points, in pairs: of each group of four inputs, the first and third, then the second and fourth.
 type Rows = [[u32; PAIRS]; BLOCK];
 /// Weights of a panel in the same pairs, `[pair][output][2]`.
 pub(in crate::kernels) type Panel = [[i16; 2 * PANEL]; PAIRS];
@@ -71,14 +71,14 @@ pub(in crate::kernels) unsafe fn dense_codes_max<const MARK: bool>(
     }
 }
 
-/// The first and third of four codes, the second and fourth.
+/// Of four codes, the first and third, then the second and fourth.
 #[inline(always)]
 pub(in crate::kernels) fn pairs_of(four: [u8; QUAD]) -> [u32; 2] {
     let four = u32::from_le_bytes(four);
     [four & 0x00ff_00ff, four >> 8 & 0x00ff_00ff]
 }
 
-/// Weights of one panel as 16-bit numbers.
+/// Spreads the weights of one panel to 16 bits.
 #[target_feature(enable = "avx2")]
 #[inline]
 pub(in crate::kernels) fn spread(weights: &[i8], wide: &mut Panel) {
@@ -98,7 +98,7 @@ pub(in crate::kernels) fn spread(weights: &[i8], wide: &mut Panel) {
     }
 }
 
-/// Raises the maxima of a panel to its sums with `N` rows, of which the first is row `first`.
+/// Raises the maxima of a panel to its sums for `N` rows, numbered from `first`.
 #[target_feature(enable = "avx2")]
 #[inline]
 fn raise<const N: usize, const MARK: bool>(

@@ -102,7 +102,7 @@ impl Vector for Whole {
     }
 }
 
-/// Adds the channels of a panel that a mask tells.
+/// Adds the channels of a panel whose bit is set in `mask`.
 #[target_feature(enable = "avx512f")]
 #[inline]
 pub(in crate::kernels) fn channels_of(panel: usize, mask: u16, survivors: &mut Survivors) {

@@ -6,7 +6,7 @@ use crate::kernels::byte::vector::Sums;
 use crate::kernels::search::{GROUPS, PLACE};
 use core::arch::x86_64::*;
 
-/// Points of one block; a multiple of the groups.
+/// Points in one block; a multiple of the groups.
 const POINTS: usize = 12;
 
 const _: () = assert!(POINTS.is_multiple_of(GROUPS));
@@ -101,7 +101,7 @@ impl Scores for Whole {
     }
 }
 
-/// Score of the point at `place` in its tile, which the last bits keep.
+/// Score of the point at `place` in its tile; the last bits hold the place.
 #[target_feature(enable = "avx512f")]
 #[inline]
 pub(in crate::kernels) fn score(sum: __m512i, scale: f32, place: __m512i) -> __m512 {

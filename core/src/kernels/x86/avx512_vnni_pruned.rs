@@ -1,8 +1,8 @@
-//! The last embedding layer of integers over points that lie close together, with AVX-512 VNNI: lanes are channels
-//! where bounds are computed, and points where sums are. See [`crate::kernels::pruned`].
+//! The last embedding layer of integers over points that lie close together, with AVX-512 VNNI. Lanes are channels for bounds,
+//! and points for sums. See [`crate::kernels::pruned`].
 //!
-//! Every function must only be called where its instruction sets were detected, with a layer whose arrays have their
-//! padded lengths and at most [`INPUTS`] inputs, and `max` as long as its outputs; [`crate::kernels::Isa`] checks all of it.
+//! Every function requires that its instruction sets were detected, that the layer's arrays have their padded lengths and at
+//! most [`INPUTS`] inputs, and that `max` is as long as its outputs; [`crate::kernels::Isa`] checks all of it.
 #![allow(unsafe_code, clippy::indexing_slicing, clippy::needless_range_loop)]
 
 use super::avx512::channels_of;
@@ -11,15 +11,15 @@ use crate::kernels::pruned::{CHANNELS, INPUTS, NEAR, prune};
 use crate::layer::Codes;
 use core::arch::x86_64::*;
 
-/// Groups whose bounds are computed together, so that a weight is loaded once for all.
+/// Groups whose bounds are computed together, so that a weight is loaded once for all of them.
 const GROUPS: usize = 12;
 
 /// Codes of [`NEAR`] points, four inputs at a time.
 #[derive(Clone, Copy)]
 pub(in crate::kernels) struct Group {
-    /// Of each point.
+    /// The codes of each point.
     points: [[u32; NEAR]; INPUTS / QUAD],
-    /// The highest and the lowest of them.
+    /// The highest and the lowest code of each input.
     high: [u32; INPUTS / QUAD],
     low: [u32; INPUTS / QUAD],
 }
@@ -31,7 +31,7 @@ impl Group {
         low: [0; INPUTS / QUAD],
     };
 
-    /// Of at most so many rows, the last one repeated where there are fewer.
+    /// Fills a group with rows; if there are too few, repeats the last one.
     #[target_feature(enable = "avx512f,avx512bw")]
     pub(in crate::kernels) unsafe fn fill(&mut self, inputs: usize, rows: &[u8]) {
         let last = rows.len() / inputs - 1;
@@ -59,7 +59,7 @@ impl Group {
     }
 }
 
-/// Columns of 32 bits as rows.
+/// Transposes a 16 x 16 matrix of 32-bit values.
 #[target_feature(enable = "avx512f")]
 #[inline]
 fn transposed(rows: [__m512i; 16]) -> [__m512i; 16] {
@@ -68,7 +68,7 @@ fn transposed(rows: [__m512i; 16]) -> [__m512i; 16] {
         pairs[2 * i] = _mm512_unpacklo_epi32(rows[2 * i], rows[2 * i + 1]);
         pairs[2 * i + 1] = _mm512_unpackhi_epi32(rows[2 * i], rows[2 * i + 1]);
     }
-    // Of four rows: columns 0, 1, 2, 3 of each 128-bit part.
+    // Four rows at a time: columns 0, 1, 2, 3 of each 128-bit part.
     let mut fours = pairs;
     for i in 0..4 {
         let [a, b, c, d] = [0, 1, 2, 3].map(|j| pairs[4 * i + j]);
@@ -119,7 +119,7 @@ pub(in crate::kernels) unsafe fn dense_codes_max(layer: &Codes<'_>, x: &[u8], ma
     }
 }
 
-/// Takes the first `count` groups, at most `N`, into all maxima.
+/// Folds the first `count` groups, at most `N`, into all maxima.
 #[target_feature(enable = "avx512f,avx512bw,avx512vnni")]
 unsafe fn dense_groups<const N: usize>(
     layer: &Codes<'_>,
@@ -140,7 +140,7 @@ unsafe fn dense_groups<const N: usize>(
                 channels_of(panel, higher, survivors);
             }
         },
-        // SAFETY: groups and channels are those of bounds.
+        // SAFETY: groups and channels come from the bounds.
         |group, channels| unsafe {
             let sums = sums(layer, groups.get_unchecked(group), channels);
             for (sum, &channel) in sums.into_iter().zip(channels) {
@@ -153,7 +153,7 @@ unsafe fn dense_groups<const N: usize>(
     );
 }
 
-/// What no sum of one panel exceeds, for the points of each group.
+/// Upper bounds on the sums of one panel, for the points of each group.
 #[target_feature(enable = "avx512f,avx512bw,avx512vnni")]
 #[inline]
 pub(in crate::kernels) unsafe fn bounds<const N: usize>(
@@ -180,7 +180,7 @@ pub(in crate::kernels) unsafe fn bounds<const N: usize>(
     sum
 }
 
-/// Sums of some channels, a lane for each point of a group.
+/// Sums of some channels, one lane for each point of a group.
 #[target_feature(enable = "avx512f,avx512bw,avx512vnni")]
 #[inline]
 pub(in crate::kernels) unsafe fn sums(

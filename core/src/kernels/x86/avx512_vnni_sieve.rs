@@ -1,7 +1,7 @@
-//! The last embedding layer in f32 through a sieve of integers, with AVX-512 VNNI. See [`crate::kernels::sieve`].
+//! The last embedding layer in f32 behind an integer sieve, with AVX-512 VNNI. See [`crate::kernels::sieve`].
 //!
-//! Every function must only be called where AVX-512F, BW and VNNI were detected, with `points` rows in `x`, none of
-//! them negative, and `max` as long as the layer's bias; [`crate::kernels::Isa`] checks all but the sign.
+//! Every function requires that AVX-512F, BW and VNNI were detected, that `x` holds `points` rows without negative values, and
+//! that `max` is as long as the layer's bias; [`crate::kernels::Isa`] checks all but the sign.
 #![allow(unsafe_code, clippy::indexing_slicing, clippy::needless_range_loop)]
 
 use super::avx512::channels_of;
@@ -11,15 +11,15 @@ use crate::kernels::pruned::{INPUTS, NEAR, PANELS, prune};
 use crate::kernels::sieve::{ROUNDING, SieveDense};
 use core::arch::x86_64::*;
 
-/// Groups whose bounds are computed together, so that a weight is loaded once for all.
+/// Groups whose bounds are computed together, so that a weight is loaded once for all of them.
 const GROUPS: usize = TILE / NEAR;
 
-/// What a group's codes leave open.
+/// What quantising a group loses.
 #[derive(Clone, Copy)]
 struct Doubt {
-    /// `1 / s`, codes in one unit of activation.
+    /// `1 / s`: codes in one unit of activation.
     per_unit: f32,
-    /// Longest `h`, and longest `dh`, of its points.
+    /// Largest `|h|`, and largest `|dh|`, of its points.
     longest: f32,
     rest: f32,
 }
@@ -72,7 +72,7 @@ pub(in crate::kernels) unsafe fn dense_max(
                     channels_of(panel, higher, &mut left[group]);
                 }
             },
-            // SAFETY: groups and channels are those of bounds, and the rows of a group are there.
+            // SAFETY: groups and channels come from the bounds, and the rows of a group are there.
             |group, channels| unsafe {
                 let sums = sums(&sieve.codes, codes.get_unchecked(group), channels);
                 for (sum, &channel) in sums.into_iter().zip(channels) {
@@ -98,7 +98,7 @@ pub(in crate::kernels) unsafe fn dense_max(
     }
 }
 
-/// What a channel makes of a row, in f32.
+/// The output of a channel for a row, in f32.
 #[target_feature(enable = "avx512f")]
 #[inline]
 unsafe fn sum_of(sieve: &SieveDense<'_>, channel: usize, row: *const f32) -> f32 {
@@ -119,12 +119,12 @@ unsafe fn sum_of(sieve: &SieveDense<'_>, channel: usize, row: *const f32) -> f32
     }
 }
 
-/// Which integer sums of a panel's channels matter.
+/// Which integer sums of a panel's channels need f32.
 #[derive(Clone, Copy)]
 struct Limits {
-    /// Up to these, sums come from points that are not above the maxima.
+    /// Points with sums up to this are not above the maximum.
     lowest: [i32; PANEL],
-    /// So far below another point of the group, or farther, a point is not above it.
+    /// A point whose sum is lower by this much than another point's in the group is not above that point.
     between: [i32; PANEL],
 }
 
@@ -134,7 +134,7 @@ impl Limits {
         between: [0; PANEL],
     };
 
-    /// Of a group; the lowest are given back, too.
+    /// Sets the limits for a group; returns the lowest.
     #[target_feature(enable = "avx512f")]
     #[inline]
     unsafe fn find(
@@ -158,7 +158,7 @@ impl Limits {
             let above = _mm512_sub_ps(of(max), of(sieve.layer.bias().as_ptr()));
             let per_unit =
                 _mm512_mul_ps(of(sieve.per_unit.as_ptr()), _mm512_set1_ps(doubt.per_unit));
-            // Beyond what any sum reaches, and where nothing is known yet, the conversion does not matter.
+            // Clamps values beyond any sum, or still unknown, for which the conversion does not matter.
             let units = |value| {
                 let value = _mm512_mul_ps(value, per_unit);
                 let value = _mm512_max_ps(value, _mm512_set1_ps(-1e9));
@@ -176,7 +176,7 @@ impl Limits {
     }
 }
 
-/// Codes of rows in one unit, and what they leave open.
+/// Quantises rows in one unit; returns what that loses.
 #[target_feature(enable = "avx512f")]
 #[inline]
 unsafe fn quantise(inputs: usize, rows: &[f32], codes: &mut [u8]) -> Doubt {

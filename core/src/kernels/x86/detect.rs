@@ -1,4 +1,4 @@
-//! Which instruction sets this machine runs, found once.
+//! Detects once which instruction sets this machine runs.
 
 use core::arch::x86_64::__cpuid_count;
 use core::sync::atomic::{AtomicU8, Ordering};
@@ -12,7 +12,7 @@ pub(in crate::kernels) const AVX_VNNI: u8 = 2;
 pub(in crate::kernels) const AVX512: u8 = 4;
 pub(in crate::kernels) const AVX512_VNNI: u8 = 8;
 pub(in crate::kernels) const AMX: u8 = 16;
-/// Set once the rest is known.
+/// Set once detection is done.
 const KNOWN: u8 = 128;
 
 static FOUND: AtomicU8 = AtomicU8::new(0);
@@ -27,9 +27,9 @@ pub(in crate::kernels) fn has(wanted: u8) -> bool {
     found & wanted == wanted
 }
 
-/// `cpufeatures` asks whether the system saves the registers; the extensions it does not know need
-/// no more than that, but AMX, for which Linux is asked. The AVX-512 kernels use AVX2 and FMA too, which a machine (or
-/// whoever masks its features) announces on their own.
+/// Detects the instruction sets. `cpufeatures` asks whether the system saves the registers. The extensions that it does not
+/// know need no more than that, except AMX, for which Linux is asked. The AVX-512 kernels also use AVX2 and FMA, which a
+/// machine (or whoever masks its features) announces separately.
 fn detect() -> u8 {
     if !has_avx2::get() {
         return 0;

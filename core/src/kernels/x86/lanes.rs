@@ -14,7 +14,7 @@ pub(in crate::kernels) struct Eight(__m256);
 #[derive(Clone, Copy)]
 pub(in crate::kernels) struct Sixteen(__m512);
 
-/// Operators of lanes by instructions.
+/// Implements the operators of lanes by instructions.
 macro_rules! operators {
     ($lanes:ident: $($operator:ident, $name:ident: $instruction:ident;)*) => {
         $(impl $operator for $lanes {
@@ -42,19 +42,19 @@ operators! { Sixteen:
     Div, div: _mm512_div_ps;
 }
 
-/// Some lanes of a row.
+/// Pointer to `N` lanes of a row from `first` on.
 #[inline(always)]
 fn some<T, const N: usize>(row: &[T; LANES], first: usize) -> *const T {
     row[first..first + N].as_ptr()
 }
 
-/// The same to write to.
+/// The same, to write to.
 #[inline(always)]
 fn some_mut<T, const N: usize>(row: &mut [T; LANES], first: usize) -> *mut T {
     row[first..first + N].as_mut_ptr()
 }
 
-/// The vector at a place, and the number after it.
+/// The vector at a place, followed by one more number.
 ///
 /// # Safety
 /// As [`Lanes`] asks.
@@ -64,7 +64,7 @@ unsafe fn four(from: &Places, place: u16) -> __m128 {
     unsafe { _mm_loadu_ps(from.as_ptr().add(place).cast()) }
 }
 
-/// The vectors of a lane and of the fourth after it.
+/// The vectors of a lane and of the fourth lane after it.
 ///
 /// # Safety
 /// As [`Lanes`] asks.
@@ -76,7 +76,7 @@ unsafe fn two(from: &Places, places: &[u16; LANES], lane: usize) -> __m256 {
     }
 }
 
-/// The vectors of a lane and of every fourth after it.
+/// The vectors of a lane and of each fourth lane after it.
 ///
 /// # Safety
 /// As [`Lanes`] asks.

@@ -56,12 +56,12 @@ fn requests_are_refused_by_their_beginning() {
         let because = |reason| Refusal { id: 300, reason };
         let large = Reason::TooManyPoints(Cloud::Source, 30);
         assert_eq!(refused(29, false), because(large));
-        // The target's grid is counted as points.
+        // The bytes of the target's grid are counted as points.
         let found = if source.grid().is_some() { 46 } else { 40 };
         let large = Reason::TooManyPoints(Cloud::Target, found);
         assert_eq!(refused(35, false), because(large));
         assert_eq!(refused(35, true), because(Reason::Busy));
-        // Where its beginning is there, the target's points are known.
+        // If the target's beginning was kept, its number of points is known.
         let count = if source.grid().is_some() { 43 } else { 40 };
         let large = Reason::TooManyPoints(Cloud::Target, count);
         let refused = |request, points| {

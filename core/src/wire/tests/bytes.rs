@@ -91,7 +91,7 @@ fn reply_is_these_bytes() {
     assert_eq!(bytes_of(&Message::RefineReply(reply)), expected);
 }
 
-/// Of [`reply`]'s fit: that it is there, overlap, distance, ratio, points, left out, axis, slide, others, covariance.
+/// The fit in [`reply`]: presence, overlap, distance, ratio, points, left out, axis, slide, others, covariance.
 fn fit_bytes() -> Vec<u8> {
     let mut bytes = vec![
         1, 0, 0, 0, 0x3f, 0, 0, 0x80, 0x3e, 0, 0, 0x80, 0x3f, 0x80, 8,
@@ -159,7 +159,7 @@ fn a_trace_and_a_cancellation_are_these_bytes() {
     let read: Vec<_> = StepsView::of(&steps).iter().collect();
     let expected = [(golden(), [[1.0; 4]; 3]), (Action::STOP, [[-2.0; 4]; 3])];
     assert_eq!(read, expected);
-    // A byte less is no whole number of steps.
+    // One byte less is not a whole number of steps.
     let mut short = bytes;
     short[44] = 107;
     assert_eq!(decode(&short), Err(Error::Frame));

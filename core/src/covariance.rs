@@ -4,7 +4,7 @@
 //! say how far the pose may move until they grow by as much (the covariance of weighted least squares, `σ² (JᵀWJ)⁻¹`). Where noise
 //! is as large as the distance between neighbours, planes cannot be fitted, and errors are larger than it says.
 
-use crate::solve::Motion;
+use crate::solve::NormalEquations;
 use glam::Vec3;
 
 /// How many residuals say as much as one independent one: each pair of neighbours is seen from both clouds, and the
@@ -35,7 +35,12 @@ pub struct Covariance {
 
 impl Covariance {
     /// Of equations of planes and the mean of their squared residuals, both in target radii about the target's centroid.
-    pub(crate) fn of(equations: &Motion, variance: f64, about: Vec3, radius: f32) -> Covariance {
+    pub(crate) fn of(
+        equations: &NormalEquations,
+        variance: f64,
+        about: Vec3,
+        radius: f32,
+    ) -> Covariance {
         let variance = variance.max(LEAST_NOISE * LEAST_NOISE);
         let [turn, shift] = [OPEN_TURN, OPEN_SHIFT].map(|deviation| 1.0 / (deviation * deviation));
         let weights = [turn, turn, turn, shift, shift, shift];

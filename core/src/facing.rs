@@ -55,7 +55,7 @@ impl Facing {
         for (point, &outward) in model.inside().zip(outward) {
             let here = model
                 .surface
-                .nearest_of_use(point.into(), f32::MIN_POSITIVE, &|_| true);
+                .nearest_where(point.into(), f32::MIN_POSITIVE, &|_| true);
             // Points left out as outliers lie on no surface.
             let Some((place, _)) = here else { continue };
             let (_, normal) = model.surface.at(place);
@@ -76,11 +76,11 @@ impl Facing {
         seen: &DepthGrid,
         pose: Pose,
         target: &'f Surface,
-    ) -> Faced<'f> {
+    ) -> VisibleTarget<'f> {
         let eye = seen.eye().filter(|_| self.is_known);
         let eye = eye.map(|eye| pose.apply(eye));
         let outside = eye.filter(|eye| eye.length_squared() > 1.0);
-        Faced {
+        VisibleTarget {
             seen: outside.map(|eye| (self, eye)),
             target,
         }
@@ -88,12 +88,12 @@ impl Facing {
 }
 
 /// A target as it faces a sensor.
-pub(crate) struct Faced<'f> {
+pub(crate) struct VisibleTarget<'f> {
     seen: Option<(&'f Facing, Vec3)>,
     target: &'f Surface,
 }
 
-impl Faced<'_> {
+impl VisibleTarget<'_> {
     /// Whether anything is known about it.
     pub(crate) fn tells(&self) -> bool {
         self.seen.is_some()

@@ -9,7 +9,7 @@ use crate::layer::Dense;
 use crate::view::View;
 
 pub use critical::{SearchLayer, SearchScratch, embed_argmax, embed_search};
-pub use heads::{Lane, TargetHalf, logits, target_half};
+pub use heads::{HeadInput, TargetHalf, logits, target_half};
 
 /// The pointwise embedding, in the paper 3 -> 64 -> 128 -> 1024, with ReLU after the first two layers only.
 #[derive(Clone, Copy, Debug)]

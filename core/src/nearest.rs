@@ -1,6 +1,6 @@
 //! A grid in which to look up a surface's point near a place: approximate, for searches over many poses.
 
-use crate::kernels::{BATCH, Batch, CELLS, GRID, HALF, Isa, Near, cell_of};
+use crate::kernels::{BATCH, Batch, CELLS, GRID, GridLookup, HALF, Isa, cell_of};
 use crate::surface::Surface;
 use glam::Vec3;
 
@@ -41,8 +41,8 @@ impl Lookup {
     }
 
     /// The grid, with the surface whose points it holds.
-    pub(crate) fn of<'a>(&'a self, surface: &'a Surface) -> Near<'a> {
-        Near {
+    pub(crate) fn of<'a>(&'a self, surface: &'a Surface) -> GridLookup<'a> {
+        GridLookup {
             places: &self.places,
             surface: surface.bare(),
         }

@@ -12,7 +12,7 @@ use crate::kernels::NEAR;
 use glam::Vec3;
 
 /// Points in a cell that sends one point ahead.
-const SEEDED: usize = 2 * NEAR;
+const SEED_CELL: usize = 2 * NEAR;
 
 /// An order of a cloud's points; the cloud's own until one is found.
 #[derive(Clone, Debug)]
@@ -21,7 +21,7 @@ pub(crate) struct Order {
     /// Points in the order: the whole cloud, or 0 for the cloud's own order.
     len: usize,
     /// Number of points sent ahead.
-    ahead: usize,
+    seeds: usize,
 }
 
 /// A point and its index.
@@ -36,7 +36,7 @@ impl Order {
     pub(crate) const NONE: Order = Order {
         points: [0; POINTS_ORDERED],
         len: 0,
-        ahead: 0,
+        seeds: 0,
     };
 
     /// Returns to the cloud's own order.
@@ -60,11 +60,11 @@ impl Order {
                 point: point as u16,
             };
         }
-        let ahead = arrange(places, |place| place.at);
+        let seeds = arrange(places, |place| place.at);
         for (point, place) in self.points.iter_mut().zip(&*places) {
             *point = place.point;
         }
-        (self.len, self.ahead) = (cloud.len(), ahead);
+        (self.len, self.seeds) = (cloud.len(), seeds);
     }
 
     /// The index of the point at a place in the order.
@@ -77,8 +77,8 @@ impl Order {
 
     /// How many points from `place` on may be embedded together; points sent ahead do not mix with others.
     pub(crate) fn together(&self, place: usize) -> usize {
-        match self.ahead.checked_sub(place) {
-            Some(ahead) if ahead > 0 && self.len > 0 => ahead,
+        match self.seeds.checked_sub(place) {
+            Some(seeds) if seeds > 0 && self.len > 0 => seeds,
             _ => usize::MAX,
         }
     }
@@ -94,23 +94,23 @@ pub fn put_in_order(cloud: &mut [[f32; 3]]) {
 fn arrange<T: Copy>(points: &mut [T], at: impl Fn(&T) -> Vec3 + Copy) -> usize {
     let [low, high] = bounds(points, at);
     let middle = (low + high) / 2.0;
-    cut(points, SEEDED, at);
-    let mut ahead = 0;
-    for first in (0..points.len()).step_by(SEEDED) {
-        let cell = points.iter().enumerate().skip(first).take(SEEDED);
+    cut(points, SEED_CELL, at);
+    let mut seeds = 0;
+    for first in (0..points.len()).step_by(SEED_CELL) {
+        let cell = points.iter().enumerate().skip(first).take(SEED_CELL);
         let from_middle = |point: &T| at(point).distance_squared(middle);
         let far = cell.max_by(|(_, a), (_, b)| from_middle(a).total_cmp(&from_middle(b)));
         if let Some((far, _)) = far {
-            points.swap(ahead, far);
-            ahead += 1;
+            points.swap(seeds, far);
+            seeds += 1;
         }
     }
     // Groups stay whole: the count is rounded up to a multiple of the group size.
-    ahead = ahead.next_multiple_of(NEAR).min(points.len());
-    if let Some(rest) = points.get_mut(ahead..) {
+    seeds = seeds.next_multiple_of(NEAR).min(points.len());
+    if let Some(rest) = points.get_mut(seeds..) {
         cut(rest, NEAR, at);
     }
-    ahead
+    seeds
 }
 
 #[cfg(test)]
@@ -139,7 +139,7 @@ mod tests {
         let at = |i: usize| [(i * 13 % 32) as f32, (i / 32 * 7 % 32) as f32, 0.0];
         let points: Vec<[f32; 3]> = (0..1024).map(at).collect();
         let order = order_of(&points);
-        let (ahead, rest) = order.split_at(1024 / SEEDED);
+        let (seeds, rest) = order.split_at(1024 / SEED_CELL);
         for cell in rest.chunks(NEAR) {
             let places = cell.iter().map(|&point| Place {
                 at: points[point].into(),
@@ -149,7 +149,7 @@ mod tests {
             assert!((high - low).max_element() <= 8.0);
         }
         // Each cell sends its point farthest from the middle.
-        let corners = ahead.iter().filter(|&&point| {
+        let corners = seeds.iter().filter(|&&point| {
             let [x, y, _] = points[point];
             (x == 0.0 || x == 31.0) && (y == 0.0 || y == 31.0)
         });

@@ -260,7 +260,7 @@ pub fn refine<E: From<Error>>(
         let found = refiner.verify_while(reached, &task.start, go_on)?;
         Refinement {
             refined: Refined {
-                covariance: found.undetermined.taken_into(found.best.covariance),
+                covariance: found.undetermined.widen(found.best.covariance),
                 ..found.best
             },
             polished: found.polished,

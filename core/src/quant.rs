@@ -71,7 +71,7 @@ use crate::kernels::Isa;
 use crate::layer::{Codes, Dense, QuantLayer, Requantise};
 use crate::view::View;
 
-pub use heads::{Lane, TargetSums, logits, target_sums};
+pub use heads::{HeadInput, TargetSums, logits, target_sums};
 pub use wide::Wide;
 
 /// The feature code that stands for 0.

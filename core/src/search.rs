@@ -127,7 +127,7 @@ fn moved(seed: Rigid, step: f32) -> impl Iterator<Item = Rigid> {
 
 /// Poses that a symmetry of the target would confuse with this one: turned about axes through the target's centre, and about
 /// parallel axes through the source's.
-pub(crate) fn confused(seed: Rigid, axes: Mat3) -> impl Iterator<Item = Rigid> {
+pub(crate) fn symmetry_candidates(seed: Rigid, axes: Mat3) -> impl Iterator<Item = Rigid> {
     turns(axes).flat_map(move |by| {
         let rotation = by.after(seed.rotation);
         [seed.turned(by), Rigid { rotation, ..seed }]
@@ -135,7 +135,7 @@ pub(crate) fn confused(seed: Rigid, axes: Mat3) -> impl Iterator<Item = Rigid> {
 }
 
 /// A pose under the 24 rotations of a cube about the target's centre, in the frame of `axes` and in that of x, y, z.
-pub(crate) fn copies(seed: Rigid, axes: Mat3) -> impl Iterator<Item = Rigid> {
+pub(crate) fn cube_rotations(seed: Rigid, axes: Mat3) -> impl Iterator<Item = Rigid> {
     [axes, Mat3::IDENTITY].into_iter().flat_map(move |frame| {
         alignments()
             .map(move |signed| seed.turned(Rotation::of(&(frame * signed * frame.transpose()))))

@@ -17,7 +17,7 @@ pub(crate) fn select<T: Copy>(
         return None;
     }
     if cfg!(target_os = "none") {
-        by_parts(items, k, compare);
+        quickselect(items, k, compare);
     } else {
         items.select_nth_unstable_by(k, compare);
     }
@@ -27,33 +27,33 @@ pub(crate) fn select<T: Copy>(
 /// Sorts items.
 pub(crate) fn sort<T: Copy>(items: &mut [T], compare: impl Fn(&T, &T) -> Ordering + Copy) {
     if cfg!(target_os = "none") {
-        by_halves(items, compare);
+        quicksort(items, compare);
     } else {
         items.sort_unstable_by(compare);
     }
 }
 
 /// Quicksort with the median as pivot, so its depth is logarithmic.
-fn by_halves<T: Copy>(items: &mut [T], compare: impl Fn(&T, &T) -> Ordering + Copy) {
+fn quicksort<T: Copy>(items: &mut [T], compare: impl Fn(&T, &T) -> Ordering + Copy) {
     let half = items.len() / 2;
     if half == 0 {
         return;
     }
-    by_parts(items, half, compare);
+    quickselect(items, half, compare);
     if let Some((below, above)) = items.split_at_mut_checked(half) {
-        by_halves(below, compare);
-        by_halves(above, compare);
+        quicksort(below, compare);
+        quicksort(above, compare);
     }
 }
 
 /// Quickselect (Hoare 1961) with the median of three as pivot.
-fn by_parts<T: Copy>(
+fn quickselect<T: Copy>(
     mut items: &mut [T],
     mut k: usize,
     compare: impl Fn(&T, &T) -> Ordering + Copy,
 ) {
     while let Some(pivot) = median_of_three(items, compare) {
-        let smaller = part(items, |item| compare(item, &pivot).is_lt());
+        let smaller = partition(items, |item| compare(item, &pivot).is_lt());
         let Some((below, others)) = items.split_at_mut_checked(smaller) else {
             return;
         };
@@ -62,7 +62,7 @@ fn by_parts<T: Copy>(
             continue;
         }
         k -= smaller;
-        let equal = part(others, |item| compare(item, &pivot).is_eq());
+        let equal = partition(others, |item| compare(item, &pivot).is_eq());
         let Some(above) = others.get_mut(equal..).filter(|_| k >= equal) else {
             return;
         };
@@ -90,7 +90,7 @@ fn median_of_three<T: Copy>(items: &[T], compare: impl Fn(&T, &T) -> Ordering) -
 }
 
 /// Moves the items that satisfy `is_first` to the front; returns how many there are.
-fn part<T>(items: &mut [T], is_first: impl Fn(&T) -> bool) -> usize {
+fn partition<T>(items: &mut [T], is_first: impl Fn(&T) -> bool) -> usize {
     let mut count = 0;
     let mut rest = items.iter_mut();
     while let Some(item) = rest.next() {
@@ -117,12 +117,12 @@ mod tests {
             let mut sorted = items.clone();
             sorted.sort_unstable();
             prop_assert_eq!(select(&mut items.clone(), k, u32::cmp), Some(sorted[k]));
-            by_parts(&mut items, k, u32::cmp);
+            quickselect(&mut items, k, u32::cmp);
             let (below, above) = items.split_at(k);
             prop_assert_eq!(above[0], sorted[k]);
             prop_assert!(below.iter().all(|&item| item <= sorted[k]));
             prop_assert!(above.iter().all(|&item| item >= sorted[k]));
-            by_halves(&mut items, u32::cmp);
+            quicksort(&mut items, u32::cmp);
             prop_assert_eq!(&items, &sorted);
             sort(&mut items, u32::cmp);
             prop_assert_eq!(&items, &sorted);

@@ -72,15 +72,15 @@ const ROUNDING: f64 = 1e-15;
 
 /// Normal equations of a small rigid motion `x -> x + ω × x + v`; unknowns `ω`, then `v`.
 #[derive(Clone, Debug)]
-pub(crate) struct Motion {
+pub(crate) struct NormalEquations {
     /// Lower triangle of the matrix, by rows.
     a: [f64; 21],
     b: [f64; 6],
 }
 
-impl Motion {
+impl NormalEquations {
     /// Empty equations.
-    pub(crate) const ZERO: Motion = Motion {
+    pub(crate) const ZERO: NormalEquations = NormalEquations {
         a: [0.0; 21],
         b: [0.0; 6],
     };
@@ -115,7 +115,7 @@ impl Motion {
     }
 
     /// The equations of sums over lanes.
-    pub(crate) fn of(sums: &Sums) -> Motion {
+    pub(crate) fn of(sums: &Sums) -> NormalEquations {
         let mut totals = sums.0.iter().map(|row| {
             let (mut even, mut odd) = (0.0f64, 0.0f64);
             for pair in row.as_chunks::<2>().0 {
@@ -124,7 +124,7 @@ impl Motion {
             }
             even + odd
         });
-        Motion {
+        NormalEquations {
             a: core::array::from_fn(|_| totals.next().unwrap_or(0.0)),
             b: core::array::from_fn(|_| totals.next().unwrap_or(0.0)),
         }

@@ -2,7 +2,7 @@
 //! [`matching`] keeps its results apart.
 
 use crate::dims::SURFACE_POINTS;
-use crate::kernels::{Bare, Boxes, Corners, Isa, Places, RUNS};
+use crate::kernels::{Boxes, Corners, Isa, OrientedPoints, Places, RUNS};
 use crate::outliers::{Bulk, ordered, unordered};
 use crate::solve::principal_axes;
 use glam::{Mat3, Vec3};
@@ -63,8 +63,8 @@ impl Surface {
     }
 
     /// Points and normals in the form that kernels take. Places beyond the last hold leftovers.
-    pub(crate) fn bare(&self) -> Bare<'_> {
-        Bare {
+    pub(crate) fn bare(&self) -> OrientedPoints<'_> {
+        OrientedPoints {
             points: &self.points,
             normals: &self.normals,
         }

@@ -51,7 +51,7 @@ pub struct Tracker {
 
 /// What a cloud tells about the object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Sight {
+pub enum TrackState {
     /// It is in this cloud, as in the one before.
     Tracked,
     /// It is in this cloud, but was lost or never seen before.
@@ -60,12 +60,12 @@ pub enum Sight {
     Lost,
 }
 
-impl fmt::Display for Sight {
+impl fmt::Display for TrackState {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            Sight::Tracked => "tracked",
-            Sight::Found => "found",
-            Sight::Lost => "lost",
+            TrackState::Tracked => "tracked",
+            TrackState::Found => "found",
+            TrackState::Lost => "lost",
         })
     }
 }
@@ -74,7 +74,7 @@ impl fmt::Display for Sight {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sighting {
     /// What it tells about the object.
-    pub sight: Sight,
+    pub state: TrackState,
     /// Answer of the last registration. If the object is lost, its pose is unreliable.
     pub answer: Answer,
     /// Mode of the last registration.
@@ -138,12 +138,12 @@ impl Tracker {
                 (before.nearest_to_last(answer), task.mode, 0)
             }
         };
-        let sight = match (before.takes(&answer), before.pose()) {
-            (false, _) => Sight::Lost,
-            (true, Some(_)) => Sight::Tracked,
-            (true, None) => Sight::Found,
+        let state = match (before.takes(&answer), before.pose()) {
+            (false, _) => TrackState::Lost,
+            (true, Some(_)) => TrackState::Tracked,
+            (true, None) => TrackState::Found,
         };
-        if sight != Sight::Lost {
+        if state != TrackState::Lost {
             *self = Tracker {
                 last: Some(answer.target_from_source),
                 missed: 0,
@@ -151,7 +151,7 @@ impl Tracker {
             };
         }
         Ok(Sighting {
-            sight,
+            state,
             answer,
             mode,
         })
@@ -248,13 +248,13 @@ mod tests {
         }
 
         /// The same for the object at time `t`; the pose must be right.
-        fn see_part(&mut self, t: f32) -> (Sight, Mode) {
+        fn see_part(&mut self, t: f32) -> (TrackState, Mode) {
             let truth = pose([0.4 * t, -0.3 * t, 0.5 * t], [0.2 * t, 0.3, -0.1 * t]);
             let source = moved(&part(500, 1), truth.inverse());
             let found = self.see(&source).expect("a cloud");
             let (angle, distance) = error(found.answer.target_from_source, truth);
             assert!(angle < 1.0 && distance < 0.02, "{t}: {angle} {distance}");
-            (found.sight, found.mode)
+            (found.state, found.mode)
         }
     }
 
@@ -269,21 +269,21 @@ mod tests {
     #[test]
     fn an_object_is_found_tracked_lost_and_found_again() {
         let mut following = Following::new();
-        assert_eq!(following.see_part(0.0), (Sight::Found, Mode::Best));
+        assert_eq!(following.see_part(0.0), (TrackState::Found, Mode::Best));
         for i in 1..WHOLE_EVERY {
             let seen = following.see_part(0.02 * i as f32);
-            assert_eq!(seen, (Sight::Tracked, Mode::Refine));
+            assert_eq!(seen, (TrackState::Tracked, Mode::Refine));
         }
-        assert_eq!(following.see_part(0.6), (Sight::Tracked, Mode::Best));
-        assert_eq!(following.see_part(0.7), (Sight::Tracked, Mode::Refine));
+        assert_eq!(following.see_part(0.6), (TrackState::Tracked, Mode::Best));
+        assert_eq!(following.see_part(0.7), (TrackState::Tracked, Mode::Refine));
         // Too far for closest points, in one jump.
-        assert_eq!(following.see_part(4.0), (Sight::Tracked, Mode::Best));
+        assert_eq!(following.see_part(4.0), (TrackState::Tracked, Mode::Best));
         for _ in 0..3 {
             let seen = following.see(&ball()).expect("a cloud");
-            assert_eq!((seen.sight, seen.mode), (Sight::Lost, Mode::Best));
+            assert_eq!((seen.state, seen.mode), (TrackState::Lost, Mode::Best));
         }
-        assert_eq!(following.see_part(4.2), (Sight::Found, Mode::Best));
-        assert_eq!(following.see_part(4.3), (Sight::Tracked, Mode::Refine));
+        assert_eq!(following.see_part(4.2), (TrackState::Found, Mode::Best));
+        assert_eq!(following.see_part(4.3), (TrackState::Tracked, Mode::Refine));
     }
 
     #[test]
@@ -352,9 +352,9 @@ mod tests {
     fn a_refused_cloud_is_one_without_the_object() {
         let mut following = Following::new();
         assert_eq!(following.see(&[]), Err(Error::EmptyCloud));
-        assert_eq!(following.see_part(0.0), (Sight::Found, Mode::Best));
+        assert_eq!(following.see_part(0.0), (TrackState::Found, Mode::Best));
         assert_eq!(following.see(&[]), Err(Error::EmptyCloud));
-        assert_eq!(following.see_part(0.1), (Sight::Found, Mode::Best));
+        assert_eq!(following.see_part(0.1), (TrackState::Found, Mode::Best));
     }
 
     #[test]

@@ -109,7 +109,7 @@ impl Refiner<'_> {
         let polished = self.polish_inside(at_hand);
         let mut search = Search {
             refiner: self,
-            holds: begun != at_hand && explains_both(polished.residual),
+            keeps_pose_at_hand: begun != at_hand && explains_both(polished.residual),
             hypotheses: 0,
             ended: [None; ENDED],
             contenders: [None; RANKED],

@@ -27,7 +27,7 @@ use node::Member;
 use outputs::Outputs;
 use parameters::{Parameters, Settings, Value};
 use reagent_core::pipeline::Mode;
-use reagent_core::track::Sight;
+use reagent_core::track::TrackState;
 use reagent_link::stop::stop_requested;
 use service::Services;
 use std::path::{Path, PathBuf};
@@ -262,7 +262,7 @@ impl Registration {
     }
 
     /// The pose, and of an object that is followed, whether it is there.
-    fn register(&mut self, cloud: &PointCloud2) -> anyhow::Result<(Done, Option<Sight>)> {
+    fn register(&mut self, cloud: &PointCloud2) -> anyhow::Result<(Done, Option<TrackState>)> {
         let source = Prepared::of_positions(cloud.positions()?, &self.topic, self.points)?;
         let (policy, memory) = (self.weights.policy(), &mut self.memory);
         let clouds = [&source, &self.model];
@@ -273,6 +273,6 @@ impl Registration {
         };
         let tracked = tracking.follow(&self.request, policy, memory, clouds);
         let tracked = tracked.context("no pose")?;
-        Ok((tracked.done, Some(tracked.sight)))
+        Ok((tracked.done, Some(tracked.state)))
     }
 }

@@ -33,16 +33,16 @@ impl From<Grid> for ReagentGrid {
 
 /// A cloud in the caller's memory.
 #[derive(Clone, Copy)]
-pub(crate) enum Held {
+pub(crate) enum CloudPointer {
     F32(*const f32, usize),
     Grid(Grid, *const i16, usize),
 }
 
-impl Held {
+impl CloudPointer {
     /// A cloud of floats.
-    pub(crate) fn floats(xyz: *const f32, points: usize) -> Result<Held, ReagentStatus> {
+    pub(crate) fn floats(xyz: *const f32, points: usize) -> Result<CloudPointer, ReagentStatus> {
         check_pointer(xyz, points)?;
-        Ok(Held::F32(xyz, points))
+        Ok(CloudPointer::F32(xyz, points))
     }
 
     /// A cloud of codes.
@@ -53,11 +53,11 @@ impl Held {
         grid: *const ReagentGrid,
         codes: *const i16,
         points: usize,
-    ) -> Result<Held, ReagentStatus> {
+    ) -> Result<CloudPointer, ReagentStatus> {
         // SAFETY: the caller's promise.
         let grid = unsafe { value(grid) }?;
         check_pointer(codes, points)?;
-        Ok(Held::Grid(grid.into(), codes, points))
+        Ok(CloudPointer::Grid(grid.into(), codes, points))
     }
 
     /// The points of the cloud.
@@ -69,9 +69,9 @@ impl Held {
         // more than the most points of a cloud.
         unsafe {
             match self {
-                Held::F32(_, 0) | Held::Grid(_, _, 0) => Cloud::EMPTY,
-                Held::F32(xyz, points) => Cloud::F32(from_raw_parts(xyz.cast(), points)),
-                Held::Grid(grid, codes, points) => {
+                CloudPointer::F32(_, 0) | CloudPointer::Grid(_, _, 0) => Cloud::EMPTY,
+                CloudPointer::F32(xyz, points) => Cloud::F32(from_raw_parts(xyz.cast(), points)),
+                CloudPointer::Grid(grid, codes, points) => {
                     Cloud::Grid(grid, from_raw_parts(codes.cast(), points))
                 }
             }

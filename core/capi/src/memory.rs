@@ -1,7 +1,7 @@
 //! The caller's memory, and its content.
 
 use crate::ReagentStatus;
-use crate::cloud::Held;
+use crate::cloud::CloudPointer;
 use crate::pointer::aligned;
 use core::mem::{MaybeUninit, align_of, size_of};
 use core::ptr::addr_of_mut;
@@ -28,7 +28,7 @@ pub(crate) struct State {
     /// [`INITIALISED`] once the other fields are.
     mark: u32,
     /// The target, to be embedded when a source is set; `None` before one is set.
-    pub(crate) target: Option<Held>,
+    pub(crate) target: Option<CloudPointer>,
     pub(crate) frame: Frame,
     pub(crate) started: bool,
     policy: MaybeUninit<Policy<'static>>,

@@ -1,6 +1,6 @@
 //! A registration, from its clouds to its pose.
 
-use crate::cloud::{Held, ReagentGrid};
+use crate::cloud::{CloudPointer, ReagentGrid};
 use crate::memory::{ReagentMemory, state, work};
 use crate::pointer::{aligned, value};
 use crate::status::{ReagentStatus, status};
@@ -66,7 +66,7 @@ pub unsafe extern "C" fn reagent_set_target(
     points: usize,
 ) -> ReagentStatus {
     // SAFETY: the caller's promise.
-    status(unsafe { set_target(memory, Held::floats(xyz, points)) })
+    status(unsafe { set_target(memory, CloudPointer::floats(xyz, points)) })
 }
 
 /// As reagent_set_target, for a cloud on a grid: `points` times three codes.
@@ -81,14 +81,14 @@ pub unsafe extern "C" fn reagent_set_target_on_grid(
     points: usize,
 ) -> ReagentStatus {
     // SAFETY: the caller's promise.
-    status(unsafe { set_target(memory, Held::codes(grid, codes, points)) })
+    status(unsafe { set_target(memory, CloudPointer::codes(grid, codes, points)) })
 }
 
 /// # Safety
 /// As reagent_set_target.
 unsafe fn set_target(
     memory: *mut ReagentMemory,
-    target: Result<Held, ReagentStatus>,
+    target: Result<CloudPointer, ReagentStatus>,
 ) -> Result<(), ReagentStatus> {
     let target = target.map_err(ReagentStatus::of_target)?;
     // SAFETY: the caller's promise.
@@ -116,7 +116,7 @@ pub unsafe extern "C" fn reagent_set_source(
 ) -> ReagentStatus {
     // SAFETY: the caller's promise.
     status(
-        Held::floats(xyz, points)
+        CloudPointer::floats(xyz, points)
             .and_then(|source| unsafe { start(memory, source, initial, false) }),
     )
 }
@@ -134,7 +134,7 @@ pub unsafe extern "C" fn reagent_set_source_on_grid(
     initial: *const ReagentPose,
 ) -> ReagentStatus {
     // SAFETY: the caller's promise.
-    let source = unsafe { Held::codes(grid, codes, points) };
+    let source = unsafe { CloudPointer::codes(grid, codes, points) };
     // SAFETY: the caller's promise.
     status(source.and_then(|source| unsafe { start(memory, source, initial, false) }))
 }
@@ -152,7 +152,7 @@ pub unsafe extern "C" fn reagent_begin(
 ) -> ReagentStatus {
     // SAFETY: the caller's promise.
     status(
-        Held::floats(xyz, points)
+        CloudPointer::floats(xyz, points)
             .and_then(|source| unsafe { start(memory, source, initial, true) }),
     )
 }
@@ -170,7 +170,7 @@ pub unsafe extern "C" fn reagent_begin_on_grid(
     initial: *const ReagentPose,
 ) -> ReagentStatus {
     // SAFETY: the caller's promise.
-    let source = unsafe { Held::codes(grid, codes, points) };
+    let source = unsafe { CloudPointer::codes(grid, codes, points) };
     // SAFETY: the caller's promise.
     status(source.and_then(|source| unsafe { start(memory, source, initial, true) }))
 }
@@ -179,7 +179,7 @@ pub unsafe extern "C" fn reagent_begin_on_grid(
 /// As reagent_set_source, or if `sliced`, as reagent_begin.
 unsafe fn start(
     memory: *mut ReagentMemory,
-    source: Held,
+    source: CloudPointer,
     initial: *const ReagentPose,
     sliced: bool,
 ) -> Result<(), ReagentStatus> {

@@ -18,7 +18,7 @@ pub fn target_half(isa: Isa, head: &Head<'_>, target: &Feature, half: &mut Targe
 
 /// One registration of several that share a pass over a head's weights.
 #[derive(Debug)]
-pub struct Lane<'a> {
+pub struct HeadInput<'a> {
     /// Feature of the registration's target.
     pub target: &'a Feature,
     /// The target's share of this head's first layer, if it is cached.
@@ -31,7 +31,7 @@ pub struct Lane<'a> {
 
 /// Computes one head's logits for the sources embedded last. It applies some panels of a layer at a time: their weights come
 /// from memory for the first lane and way, and from the cache for the others.
-pub fn logits(isa: Isa, head: &Head<'_>, lanes: &mut [Lane<'_>]) {
+pub fn logits(isa: Isa, head: &Head<'_>, lanes: &mut [HeadInput<'_>]) {
     let [fc1, fc2, out] = &head.layers;
     let features = fc1.inputs() / 2;
     for (first, part) in fc1.parts() {

@@ -12,7 +12,7 @@ use super::equations::add;
 use super::lanes::{Four, LANES, Lanes, Seen, Vectors};
 use super::losses::of_surface;
 use super::on_lanes::on_lanes;
-use super::oriented::{Bare, Oriented};
+use super::oriented::{Oriented, OrientedPoints};
 use super::{Sums, Weighing};
 use crate::pose::Pose;
 
@@ -25,14 +25,14 @@ pub const GRID: usize = CELLS * CELLS * CELLS;
 
 /// A surface in a grid; cells are stored along x first.
 #[derive(Clone, Copy, Debug)]
-pub struct Near<'a> {
+pub struct GridLookup<'a> {
     /// For each cell, the place of the point nearest to its centre.
     pub places: &'a [u16; GRID],
     /// The surface.
-    pub surface: Bare<'a>,
+    pub surface: OrientedPoints<'a>,
 }
 
-impl Near<'_> {
+impl GridLookup<'_> {
     /// Points of the surface near the given ones, and their normals.
     #[inline(always)]
     fn to<L: Lanes>(&self, p: Vectors<L>) -> [Vectors<L>; 2] {
@@ -79,7 +79,7 @@ fn equations<L: Lanes>(
     sample: &[Oriented],
     count: usize,
     pose: &Pose,
-    near: &Near<'_>,
+    near: &GridLookup<'_>,
     by: Weighing,
     sums: &mut Sums,
 ) {
@@ -101,7 +101,7 @@ fn loss<L: Lanes>(
     sample: &[Oriented],
     count: usize,
     pose: &Pose,
-    near: &Near<'_>,
+    near: &GridLookup<'_>,
     [radius, scale]: [f32; 2],
     most: f32,
 ) -> f32 {
@@ -134,7 +134,7 @@ impl Isa {
         sample: &[Oriented],
         count: usize,
         pose: &Pose,
-        near: &Near<'_>,
+        near: &GridLookup<'_>,
         by: Weighing,
         sums: &mut Sums,
     ) {
@@ -144,7 +144,7 @@ impl Isa {
                 sample: &[Oriented],
                 count: usize,
                 pose: &Pose,
-                near: &Near<'_>,
+                near: &GridLookup<'_>,
                 by: Weighing,
                 sums: &mut Sums,
             )
@@ -158,7 +158,7 @@ impl Isa {
         sample: &[Oriented],
         count: usize,
         pose: &Pose,
-        near: &Near<'_>,
+        near: &GridLookup<'_>,
         radius_and_scale: [f32; 2],
         most: f32,
     ) -> f32 {
@@ -168,7 +168,7 @@ impl Isa {
                 sample: &[Oriented],
                 count: usize,
                 pose: &Pose,
-                near: &Near<'_>,
+                near: &GridLookup<'_>,
                 radius_and_scale: [f32; 2],
                 most: f32,
             ) -> f32
@@ -197,7 +197,7 @@ mod tests {
     #[test]
     fn every_kernel_gives_the_same_bits() {
         let (source, target, places) = (Cloud::drawn(3), Cloud::drawn(4), places());
-        let near = Near {
+        let near = GridLookup {
             places: &places,
             surface: target.bare(),
         };
@@ -229,7 +229,7 @@ mod tests {
     #[test]
     fn losses_are_those_of_the_points_of_the_cells() {
         let (source, target, places) = (Cloud::drawn(5), Cloud::drawn(6), places());
-        let near = Near {
+        let near = GridLookup {
             places: &places,
             surface: target.bare(),
         };

@@ -9,7 +9,7 @@ use super::Isa;
 use super::Kind;
 use super::lanes::{LANES, Lanes, Row, Seen, Vectors};
 use super::on_lanes::on_lanes;
-use super::oriented::Bare;
+use super::oriented::OrientedPoints;
 use crate::pose::Pose;
 
 /// Places of a matched pair: in the first surface, and in the second.
@@ -103,7 +103,7 @@ pub(super) fn add<L: Lanes>(
 #[inline(always)]
 fn equations<L: Lanes>(
     pairs: &[Pair],
-    [first, second]: [Bare<'_>; 2],
+    [first, second]: [OrientedPoints<'_>; 2],
     pose: &Pose,
     by: Weighing,
     sums: &mut Sums,
@@ -153,14 +153,14 @@ impl Isa {
     pub fn equations(
         self,
         pairs: &[Pair],
-        surfaces: [Bare<'_>; 2],
+        surfaces: [OrientedPoints<'_>; 2],
         pose: &Pose,
         by: Weighing,
         sums: &mut Sums,
     ) {
         on_lanes!(
             self,
-            equations(pairs: &[Pair], surfaces: [Bare<'_>; 2], pose: &Pose, by: Weighing, sums: &mut Sums)
+            equations(pairs: &[Pair], surfaces: [OrientedPoints<'_>; 2], pose: &Pose, by: Weighing, sums: &mut Sums)
         );
     }
 }

@@ -8,9 +8,9 @@ use super::Isa;
 #[cfg(target_arch = "x86_64")]
 use super::Kind;
 use super::lanes::{LANES, Lanes, Seen, Vectors};
-use super::matching::{BEYOND, Sought};
+use super::matching::{BEYOND, NearestQuery};
 use super::on_lanes::on_lanes;
-use super::oriented::Bare;
+use super::oriented::OrientedPoints;
 use crate::dims::SURFACE_POINTS;
 use crate::loss::{GAP, POINT, SURFACE};
 
@@ -38,8 +38,8 @@ fn saturating<L: Lanes>(squared: L, half: f32) -> L {
 /// See [`Isa::losses`].
 #[inline(always)]
 fn losses<L: Lanes>(
-    sought: &Sought<'_>,
-    other: Bare<'_>,
+    sought: &NearestQuery<'_>,
+    other: OrientedPoints<'_>,
     radius: f32,
     point_share: f32,
     places: &[u16; SURFACE_POINTS],
@@ -76,8 +76,8 @@ impl Isa {
     /// `places`; 1 beyond the limit. The same bits on every kernel.
     pub fn losses(
         self,
-        sought: &Sought<'_>,
-        other: Bare<'_>,
+        sought: &NearestQuery<'_>,
+        other: OrientedPoints<'_>,
         radius: f32,
         point_share: f32,
         places: &[u16; SURFACE_POINTS],
@@ -86,8 +86,8 @@ impl Isa {
         on_lanes!(
             self,
             losses(
-                sought: &Sought<'_>,
-                other: Bare<'_>,
+                sought: &NearestQuery<'_>,
+                other: OrientedPoints<'_>,
                 radius: f32,
                 point_share: f32,
                 places: &[u16; SURFACE_POINTS],
@@ -117,7 +117,7 @@ mod tests {
         let (radius, point_share) = (2.0, loss::POINT_SHARE);
         for (len, every) in [(1, 1), (37, 1), (200, 7), (SURFACE_POINTS, 2)] {
             let points = (source.bare().points, len);
-            let sought = Sought {
+            let sought = NearestQuery {
                 points,
                 every,
                 pose,

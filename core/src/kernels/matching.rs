@@ -21,7 +21,7 @@ const _: () = assert!(SURFACE_POINTS <= BEYOND as usize && BATCH == LANES);
 
 /// Points whose nearest points on another surface are sought.
 #[derive(Clone, Copy, Debug)]
-pub struct Sought<'a> {
+pub struct NearestQuery<'a> {
     /// Points of a surface, and their number.
     pub points: (&'a Places, usize),
     /// Stride of the points sought; at least 1.
@@ -30,7 +30,7 @@ pub struct Sought<'a> {
     pub pose: Pose,
 }
 
-impl Sought<'_> {
+impl NearestQuery<'_> {
     /// Number of points sought.
     #[inline(always)]
     pub(super) fn count(&self) -> usize {
@@ -73,7 +73,7 @@ fn see<L: Lanes>(seen: &Seen<L>, points: &Places, places: &[u16; LANES], at: &mu
 /// See [`Isa::find`].
 #[inline(always)]
 fn find<L: Lanes>(
-    sought: &Sought<'_>,
+    sought: &NearestQuery<'_>,
     other: &Boxed<'_>,
     is_known: bool,
     limit: f32,
@@ -116,7 +116,7 @@ fn find<L: Lanes>(
 /// See [`Isa::known`].
 #[inline(always)]
 fn known<L: Lanes>(
-    sought: &Sought<'_>,
+    sought: &NearestQuery<'_>,
     other: &Places,
     places: &[u16; SURFACE_POINTS],
     keys: &mut [u32; SURFACE_POINTS],
@@ -212,7 +212,7 @@ impl Isa {
     /// or sets [`BEYOND`] on an old place; and writes to `keys`, in order, the bits of the squared distances, or of the limit.
     pub fn find(
         self,
-        sought: &Sought<'_>,
+        sought: &NearestQuery<'_>,
         other: &Boxed<'_>,
         is_known: bool,
         limit: f32,
@@ -222,7 +222,7 @@ impl Isa {
         on_lanes!(
             self,
             find(
-                sought: &Sought<'_>,
+                sought: &NearestQuery<'_>,
                 other: &Boxed<'_>,
                 is_known: bool,
                 limit: f32,
@@ -235,7 +235,7 @@ impl Isa {
     /// Writes to `keys` the bits of the squared distances from the points sought to those in `places`.
     pub fn known(
         self,
-        sought: &Sought<'_>,
+        sought: &NearestQuery<'_>,
         other: &Places,
         places: &[u16; SURFACE_POINTS],
         keys: &mut [u32; SURFACE_POINTS],
@@ -243,7 +243,7 @@ impl Isa {
         on_lanes!(
             self,
             known(
-                sought: &Sought<'_>,
+                sought: &NearestQuery<'_>,
                 other: &Places,
                 places: &[u16; SURFACE_POINTS],
                 keys: &mut [u32; SURFACE_POINTS],

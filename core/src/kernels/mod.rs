@@ -67,13 +67,13 @@ use aarch64::detect;
 use x86::detect;
 
 pub use boxes::{BLOCK, BLOCKS, Boxed, Boxes, Corners, RUN, RUNS};
-pub use coarse::{CELLS, GRID, HALF, Near, cell_of};
+pub use coarse::{CELLS, GRID, GridLookup, HALF, cell_of};
 pub use equations::{Pair, Sums, Weighing};
 pub use lanes::{LANES, Places, Row};
-pub use matching::{BEYOND, Sought};
+pub use matching::{BEYOND, NearestQuery};
 pub use nearest::Queries;
 pub use neighbours::{BATCH, Batch, Moments};
-pub use oriented::{Bare, Oriented};
+pub use oriented::{Oriented, OrientedPoints};
 pub use packed::PackedDense;
 pub use peak::Arithmetic;
 pub(crate) use pruned::NEAR;

@@ -21,14 +21,14 @@ impl Oriented {
 
 /// A surface's points and normals, by place.
 #[derive(Clone, Copy, Debug)]
-pub struct Bare<'a> {
+pub struct OrientedPoints<'a> {
     /// The points.
     pub points: &'a Places,
     /// Their normals.
     pub normals: &'a Places,
 }
 
-impl Bare<'_> {
+impl OrientedPoints<'_> {
     /// Points and normals at some places.
     #[inline(always)]
     pub(super) fn gather<L: Lanes>(&self, places: &[u16; LANES], first: usize) -> [Vectors<L>; 2] {
@@ -61,9 +61,9 @@ pub(super) mod tests {
             cloud
         }
 
-        pub(in crate::kernels) fn bare(&self) -> Bare<'_> {
+        pub(in crate::kernels) fn bare(&self) -> OrientedPoints<'_> {
             let [points, normals] = &*self.0;
-            Bare { points, normals }
+            OrientedPoints { points, normals }
         }
 
         pub(in crate::kernels) fn at(&self, place: u16) -> (Vec3, Vec3) {

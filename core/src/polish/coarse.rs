@@ -3,12 +3,12 @@
 
 use super::Refiner;
 use super::equations::RIDGE;
-use crate::kernels::{Near, Sums, Weighing};
+use crate::kernels::{GridLookup, Sums, Weighing};
 use crate::search::{
     Best, EARLY, EARLY_POINTS, EARLY_SLACK, SCREEN, SCREEN_POINTS, SCREEN_SCALE, SIFT, SIFT_POINTS,
     SIFT_SCALE,
 };
-use crate::solve::{Motion, Rigid};
+use crate::solve::{NormalEquations, Rigid};
 
 impl Refiner<'_> {
     /// Makes one coarse step for each gate: the distance from which on a match has no weight, in normalised units.
@@ -25,7 +25,7 @@ impl Refiner<'_> {
             let mut sums = Sums::ZERO;
             self.isa
                 .coarse_equations(sample, count, &at.pose(), &near, by, &mut sums);
-            let (rotation_vector, shift) = Motion::of(&sums).solve(RIDGE);
+            let (rotation_vector, shift) = NormalEquations::of(&sums).solve(RIDGE);
             at = at.moved(rotation_vector, shift);
         }
         at
@@ -88,7 +88,7 @@ impl Refiner<'_> {
     }
 
     /// The target's grid.
-    fn near(&self) -> Near<'_> {
+    fn near(&self) -> GridLookup<'_> {
         self.model.lookup.of(&self.model.surface)
     }
 }

@@ -4,7 +4,7 @@ use super::Refiner;
 use super::stage::{FINE, NEAR, Stage};
 use crate::covariance::Covariance;
 use crate::kernels::{LANES, Sums, Weighing};
-use crate::solve::{Motion, Rigid, least, principal_axes};
+use crate::solve::{NormalEquations, Rigid, least, principal_axes};
 use crate::surface::Surface;
 use glam::{Mat3, Vec3};
 
@@ -30,7 +30,7 @@ impl Refiner<'_> {
     }
 
     /// Normal equations of one step of a stage.
-    pub(super) fn matched_equations(&mut self, at: Rigid, stage: &Stage) -> Motion {
+    pub(super) fn matched_equations(&mut self, at: Rigid, stage: &Stage) -> NormalEquations {
         let by = Weighing {
             gate: self.match_within_gate(at, stage),
             tangential: stage.tangential,
@@ -52,14 +52,14 @@ impl Refiner<'_> {
         });
         let rest = pairs.get(..count).unwrap_or(&[]);
         isa.equations(rest, surfaces, &pose, by, &mut sums);
-        Motion::of(&sums)
+        NormalEquations::of(&sums)
     }
 
     /// Normal equations of the planes under a refined pose, summed in f64, and the weighted mean of the squared residuals.
-    fn information(&mut self, at: Rigid) -> (Motion, f64) {
+    fn information(&mut self, at: Rigid) -> (NormalEquations, f64) {
         let gate = self.match_within_gate(at, &FINE);
         let [source, target] = self.surfaces();
-        let (pose, mut motion) = (at.pose(), Motion::ZERO);
+        let (pose, mut motion) = (at.pose(), NormalEquations::ZERO);
         let (mut squares, mut weights) = (0.0f64, 0.0f64);
         for [i, j] in self.matched(at) {
             let ((p, m), (q, n)) = (source.at(i.into()), target.at(j.into()));

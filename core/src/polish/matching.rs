@@ -74,7 +74,7 @@ impl Refiner<'_> {
         let faced = facing.seen_from(seen, pose, target);
         of_source.find(isa, [source, target], pose, every, limit);
         if faced.tells() {
-            of_source.find_of_use([source, target], pose, limit, |to| !faced.is_away(to));
+            of_source.rematch_where([source, target], pose, limit, |to| !faced.is_away(to));
         }
     }
 

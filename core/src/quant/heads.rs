@@ -27,7 +27,7 @@ pub fn target_sums(
 
 /// One registration of several that share a pass over a head's weights.
 #[derive(Debug)]
-pub struct Lane<'a> {
+pub struct HeadInput<'a> {
     /// Feature of the registration's target.
     pub target: &'a Feature,
     /// The target's share of this head's first layer, if it is cached.
@@ -49,7 +49,7 @@ struct Way<'a> {
     logits: &'a mut [f32; LOGITS],
 }
 
-impl Lane<'_> {
+impl HeadInput<'_> {
     fn ways(&mut self) -> impl Iterator<Item = Way<'_>> {
         let scratch = &mut *self.scratch;
         let source = &scratch.feature;
@@ -78,7 +78,7 @@ impl Lane<'_> {
 }
 
 /// Computes one head's logits for the sources embedded last.
-pub fn logits(isa: Isa, [fc1, fc2, out]: &[QuantLayer<'_>; 3], lanes: &mut [Lane<'_>]) {
+pub fn logits(isa: Isa, [fc1, fc2, out]: &[QuantLayer<'_>; 3], lanes: &mut [HeadInput<'_>]) {
     let width = fc1.codes().inputs() / 2;
     product(isa, fc1, lanes, |way| {
         let [first, second] = way.features.map(|feature| feature.planes(width));
@@ -89,7 +89,7 @@ pub fn logits(isa: Isa, [fc1, fc2, out]: &[QuantLayer<'_>; 3], lanes: &mut [Lane
             sums: way.sums,
         }
     });
-    for way in lanes.iter_mut().flat_map(Lane::ways) {
+    for way in lanes.iter_mut().flat_map(HeadInput::ways) {
         let codes = way.sums.iter().zip(fc1.requantise());
         way.head1.set(codes.map(|(&s, &r)| Requantise(r).apply(s)));
     }
@@ -98,7 +98,7 @@ pub fn logits(isa: Isa, [fc1, fc2, out]: &[QuantLayer<'_>; 3], lanes: &mut [Lane
         inputs: [Some((0, way.head1.planes(fc2.codes().inputs()))), None],
         sums: way.sums,
     });
-    for way in lanes.iter_mut().flat_map(Lane::ways) {
+    for way in lanes.iter_mut().flat_map(HeadInput::ways) {
         let codes = way.sums.iter().zip(fc2.requantise());
         way.head2.set(codes.map(|(&s, &r)| Requantise(r).apply(s)));
     }
@@ -107,7 +107,7 @@ pub fn logits(isa: Isa, [fc1, fc2, out]: &[QuantLayer<'_>; 3], lanes: &mut [Lane
         inputs: [Some((0, way.head2.planes(out.codes().inputs()))), None],
         sums: way.sums,
     });
-    for way in lanes.iter_mut().flat_map(Lane::ways) {
+    for way in lanes.iter_mut().flat_map(HeadInput::ways) {
         let sums = way.sums.iter().zip(out.requantise());
         for (logit, (&sum, &scale)) in way.logits.iter_mut().zip(sums) {
             *logit = sum as f32 * f32::from_bits(scale);
@@ -131,12 +131,12 @@ struct Product<'a> {
 fn product(
     isa: Isa,
     layer: &QuantLayer<'_>,
-    lanes: &mut [Lane<'_>],
+    lanes: &mut [HeadInput<'_>],
     operands: impl for<'w> Fn(Way<'w>) -> Product<'w>,
 ) {
     for (first, part) in layer.codes().parts(PANELS_TOGETHER) {
         let outputs = first..first + part.outputs();
-        for way in lanes.iter_mut().flat_map(Lane::ways) {
+        for way in lanes.iter_mut().flat_map(HeadInput::ways) {
             let Product {
                 start,
                 inputs,

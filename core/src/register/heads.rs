@@ -33,10 +33,10 @@ pub(super) fn logits<const N: usize>(
     let places = places.filter(|((_, registration), _)| registration.check(policy).is_ok());
     match &policy.network {
         Numbers::F32(network) => {
-            let mut lanes: heapless::Vec<float::Lane<'_>, N> = heapless::Vec::new();
+            let mut lanes: heapless::Vec<float::HeadInput<'_>, N> = heapless::Vec::new();
             for ((scratch, registration), looked) in places {
                 if let Some(target) = registration.target.as_floats() {
-                    let lane = float::Lane {
+                    let lane = float::HeadInput {
                         target: &target.feature,
                         half: target.halves.get(head),
                         scratch: scratch.floats(),
@@ -51,10 +51,10 @@ pub(super) fn logits<const N: usize>(
             }
         }
         Numbers::Int8(network) => {
-            let mut lanes: heapless::Vec<quant::Lane<'_>, N> = heapless::Vec::new();
+            let mut lanes: heapless::Vec<quant::HeadInput<'_>, N> = heapless::Vec::new();
             for ((scratch, registration), looked) in places {
                 if let Some(target) = registration.target.as_integers() {
-                    let lane = quant::Lane {
+                    let lane = quant::HeadInput {
                         target: &target.feature,
                         sums: target.sums.get(head),
                         scratch: scratch.integers(),

@@ -76,7 +76,7 @@ impl Registrar<'_, '_> {
         seen: usize,
         points: usize,
     ) -> usize {
-        let (target, view) = (registration.whole, registration.target_view());
+        let (target, view) = (registration.whole_target, registration.target_view());
         if seen == 0 {
             self.put_in_order(target, &mut registration.order);
         }
@@ -94,7 +94,10 @@ impl Registrar<'_, '_> {
         }
         let (source, view) = (registration.source, registration.source_view());
         let reach = self.policy.sight.cut.of(source, &view);
-        Focus::on((source, &view, reach), (registration.whole, target_view))
+        Focus::on(
+            (source, &view, reach),
+            (registration.whole_target, target_view),
+        )
     }
 
     /// Embeds at most `points` more points of the source under the current pose, from index `seen` on; returns the new `seen`.

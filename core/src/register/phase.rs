@@ -94,7 +94,7 @@ impl Registrar<'_, '_> {
         }
         let points = points.max(1);
         match registration.phase {
-            Phase::Target { seen } if seen < registration.whole.len() => {
+            Phase::Target { seen } if seen < registration.whole_target.len() => {
                 let seen = self.look_at_target(registration, seen, points);
                 registration.phase = Phase::Target { seen };
             }

@@ -21,7 +21,7 @@ use glam::Vec3;
 pub struct Registration<'c> {
     pub(super) source: Cloud<'c>,
     /// The whole target, for a policy that chooses among its points again.
-    pub(super) whole: Cloud<'c>,
+    pub(super) whole_target: Cloud<'c>,
     pub(super) phase: Phase,
     /// Generation of the scratch in which the current cloud is embedded.
     pub(super) generation: u32,
@@ -49,7 +49,7 @@ impl<'c> Registration<'c> {
     pub const fn new() -> Self {
         Registration {
             source: Cloud::EMPTY,
-            whole: Cloud::EMPTY,
+            whole_target: Cloud::EMPTY,
             phase: Phase::START,
             generation: 0,
             order: Order::NONE,
@@ -81,7 +81,7 @@ impl<'c> Registration<'c> {
         let centroid = policy.sight.cut.centroid(source, &frame, &initial);
         let initial = initial.to_disentangled(centroid);
         self.source = source;
-        self.whole = target;
+        self.whole_target = target;
         self.phase = Phase::Target { seen: 0 };
         self.order.clear();
         self.policy = policy.checksum;

@@ -3,7 +3,7 @@
 use super::Surface;
 use super::keys::Keys;
 use crate::dims::SURFACE_POINTS;
-use crate::kernels::{BEYOND, BLOCK, Batch, Isa, RUN, Sought};
+use crate::kernels::{BEYOND, BLOCK, Batch, Isa, NearestQuery, RUN};
 use crate::pose::Pose;
 use glam::Vec3;
 
@@ -65,7 +65,7 @@ impl Matching {
     }
 
     /// After [`Self::find`] with the same limit: replaces each match of no use by the nearest point that is of use, or by none.
-    pub(crate) fn find_of_use(
+    pub(crate) fn rematch_where(
         &mut self,
         [surface, other]: [&Surface; 2],
         pose: Pose,
@@ -79,15 +79,15 @@ impl Matching {
                 continue;
             }
             let seen = pose.apply(surface.at(of).0);
-            let found = other.nearest_of_use(seen, limit, &is_of_use);
+            let found = other.nearest_where(seen, limit, &is_of_use);
             *key = found.map_or(limit, |(_, squared)| squared).to_bits();
             *place = found.map_or(*place | BEYOND, |(to, _)| to as u16);
         }
     }
 
     /// The points to search for.
-    fn sought<'a>(&self, surface: &'a Surface, pose: Pose) -> Sought<'a> {
-        Sought {
+    fn sought<'a>(&self, surface: &'a Surface, pose: Pose) -> NearestQuery<'a> {
+        NearestQuery {
             points: (&surface.points, surface.len),
             every: self.every.max(1),
             pose,
@@ -162,7 +162,7 @@ impl Matching {
 
 impl Surface {
     /// Place and squared distance of the nearest point that is of use, if that is below `limit`.
-    pub(crate) fn nearest_of_use(
+    pub(crate) fn nearest_where(
         &self,
         seen: Vec3,
         limit: f32,

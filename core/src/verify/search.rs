@@ -6,8 +6,8 @@ use crate::pairs::matching_pairs;
 use crate::polish::{Candidate, Refiner, Residual};
 use crate::rotation::Rotation;
 use crate::search::{
-    Best, SCREEN_SCALE, SIFT_POINTS, SIFT_SCALE, aligned, anywhere, around, confused, copies,
-    is_equal, is_same,
+    Best, SCREEN_SCALE, SIFT_POINTS, SIFT_SCALE, aligned, anywhere, around, cube_rotations,
+    is_equal, is_same, symmetry_candidates,
 };
 use crate::solve::Rigid;
 use crate::start::Prior;
@@ -62,7 +62,7 @@ pub(super) const SPARE: usize = CONTENDERS - 1;
 pub(super) struct Search<'r, 'w> {
     pub(super) refiner: &'r mut Refiner<'w>,
     /// Whether the pose at hand, the first contender, is held on to: something led to it, and it explains both clouds.
-    pub(super) holds: bool,
+    pub(super) keeps_pose_at_hand: bool,
     pub(super) hypotheses: usize,
     /// Where the sifted hypotheses ended.
     pub(super) ended: [Option<Rigid>; ENDED],
@@ -124,7 +124,7 @@ impl Search<'_, '_> {
         let [_, target] = self.refiner.surfaces();
         let axes = target.axes();
         let mut found = Best::<COPIES>::NONE;
-        for at in copies(best.at, axes) {
+        for at in cube_rotations(best.at, axes) {
             go_on()?;
             // The target's centre need not be the centre of its symmetries: a few steps lead to where the copy fits.
             if let Some((_, at)) = self.refiner.sifted_early(least + ALIKE, at) {
@@ -150,7 +150,7 @@ impl Search<'_, '_> {
         let energy = |i: usize| self.contenders.get(i).copied().flatten().map(|c| c.energy);
         let held = (0..RANKED).filter_map(|i| energy(i).map(|energy| (i, energy)));
         let (best, least) = held.min_by(|a, b| a.1.total_cmp(&b.1))?;
-        let holds = self.holds
+        let holds = self.keeps_pose_at_hand
             && energy(0)? - least < MORE_PROBABLE
             && self.refiner.losses().excess(0, best).score() < BETTER;
         Some(if holds { 0 } else { best })
@@ -182,7 +182,7 @@ impl Search<'_, '_> {
         prior: Option<&Prior>,
         go_on: &mut impl FnMut() -> Result<(), E>,
     ) -> Result<(), E> {
-        let looks_far = !self.holds || polished.rotation_constraint < SLIPPERY;
+        let looks_far = !self.keeps_pose_at_hand || polished.rotation_constraint < SLIPPERY;
         let polished = polished.at;
         let [source_axes, target_axes] = self.refiner.surfaces().map(Surface::axes);
         let mut screened = Best::<SIFTED>::NONE;
@@ -192,7 +192,7 @@ impl Search<'_, '_> {
             .chain(anywhere(begun))
             .filter(|_| looks_far);
         let hypotheses = around(polished)
-            .chain(confused(polished, target_axes))
+            .chain(symmetry_candidates(polished, target_axes))
             .chain(aligned(source_axes, target_axes, polished.shift))
             .chain(far);
         for at in hypotheses {
@@ -229,7 +229,7 @@ impl Search<'_, '_> {
         let firsts = firsts.filter(|&(_, first)| looks_far && !is_same(first, polished));
         for (_, first) in firsts {
             let mut screened = Best::<SIFTED_AGAIN>::NONE;
-            for at in confused(first, target_axes) {
+            for at in symmetry_candidates(first, target_axes) {
                 go_on()?;
                 self.offer(at, &mut screened);
             }

@@ -69,7 +69,7 @@ impl Undetermined {
     };
 
     /// A pose's covariance, with what is open in it.
-    pub(crate) fn taken_into(&self, mut covariance: Covariance) -> Covariance {
+    pub(crate) fn widen(&self, mut covariance: Covariance) -> Covariance {
         if let Some(axis) = self.axis {
             covariance.open_turn(axis.direction, axis.range_rad);
         }

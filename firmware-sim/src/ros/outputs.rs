@@ -10,7 +10,7 @@ use host_train::dataset::ros::cdr::from_cdr;
 use host_train::dataset::ros::point_cloud2::{Header, PointCloud2};
 use host_train::register::request::Done;
 use keys::Qos;
-use reagent_core::track::Sight;
+use reagent_core::track::TrackState;
 use reagent_core::verdict::Verdict;
 use reagent_link::log::one_line;
 use serde_json::json;
@@ -106,7 +106,7 @@ impl Outputs {
         if let Some(transforms) = &mut self.transforms {
             transforms.look_at(&header);
         }
-        let (done, sight) = match registration.register(&cloud) {
+        let (done, state) = match registration.register(&cloud) {
             Ok(registered) => registered,
             Err(error) => return self.refuse(header, one_line(error.as_ref())),
         };
@@ -122,7 +122,7 @@ impl Outputs {
             OK => document(&header, &done),
             _ => format!("no pose is probably right: {verdict}"),
         };
-        let mut values = values(&done, sight);
+        let mut values = values(&done, state);
         let refused = self.transforms.as_ref().and_then(|tf| tf.refused.clone());
         values.extend(refused.map(|reason| KeyValue {
             key: "tf".into(),
@@ -213,9 +213,9 @@ fn probability(done: &Done) -> Option<f64> {
 }
 
 /// What a diagnostic says of a registration.
-fn values(done: &Done, sight: Option<Sight>) -> Vec<KeyValue> {
+fn values(done: &Done, state: Option<TrackState>) -> Vec<KeyValue> {
     let mut values = vec![("ms", format!("{:.1}", done.ms))];
-    values.extend(sight.map(|sight| ("state", sight.to_string())));
+    values.extend(state.map(|state| ("state", state.to_string())));
     values.extend(probability(done).map(|p| ("probability", format!("{p:.3}"))));
     if let Some(found) = &done.found.answer.refinement {
         values.extend([

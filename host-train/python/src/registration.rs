@@ -11,7 +11,7 @@ use host_train::register::trace;
 use numpy::ndarray::{Array3, arr1, arr2};
 use numpy::{PyArray1, PyArray2, PyArray3};
 use pyo3::prelude::*;
-use reagent_core::track::Sight;
+use reagent_core::track::TrackState;
 use reagent_core::verdict::Verdict;
 
 /// A pose, and what can be said about it. Coordinates and lengths are the clouds' own.
@@ -21,7 +21,7 @@ pub struct Registration {
     trace: Vec<trace::Step>,
     verdict: Verdict,
     origins: [Position; 2],
-    sight: Option<Sight>,
+    state: Option<TrackState>,
 }
 
 impl Registration {
@@ -35,14 +35,14 @@ impl Registration {
             trace: done.found.trace,
             verdict: done.found.answer.verdict,
             origins: [source.origin, target.origin],
-            sight: None,
+            state: None,
         }
     }
 
     /// The same, of a cloud in which an object was looked for.
-    pub(crate) fn with_sight(self, sight: Sight) -> Registration {
+    pub(crate) fn with_state(self, state: TrackState) -> Registration {
         Registration {
-            sight: Some(sight),
+            state: Some(state),
             ..self
         }
     }
@@ -121,8 +121,8 @@ impl Registration {
 
     /// What a cloud of a `Tracker` says of its object: "found", "tracked" or "lost"; None of any other registration.
     #[getter]
-    fn sight(&self) -> Option<String> {
-        self.sight.map(|sight| sight.to_string())
+    fn state(&self) -> Option<String> {
+        self.state.map(|state| state.to_string())
     }
 
     /// Which of several starts it came from, from 0; None where there was one.

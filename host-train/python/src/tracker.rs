@@ -33,9 +33,9 @@ const _: () = assert!(POINTS == 1024);
 /// >>> import numpy, reagent
 /// >>> model = numpy.random.default_rng(1).normal(size=(500, 3)) * [3, 2, 1]
 /// >>> tracker = reagent.Tracker(model)
-/// >>> [tracker.follow(model + [0.1 * step, 0, 0]).sight for step in range(3)]
+/// >>> [tracker.follow(model + [0.1 * step, 0, 0]).state for step in range(3)]
 /// ['found', 'tracked', 'tracked']
-/// >>> tracker.follow(model[:100] @ numpy.diag([0.2, 2, 4])).sight
+/// >>> tracker.follow(model[:100] @ numpy.diag([0.2, 2, 4])).state
 /// 'lost'
 #[pyclass(module = "reagent", frozen)]
 pub struct Tracker {
@@ -98,7 +98,7 @@ impl Tracker {
         })
     }
 
-    /// Registers the next cloud. Of what is returned, `sight` is "found", "tracked" or "lost"; of a lost object the pose is not to be
+    /// Registers the next cloud. Of what is returned, `state` is "found", "tracked" or "lost"; of a lost object the pose is not to be
     /// relied on. A cloud that is refused, such as an empty one, counts as one without the object.
     fn follow(&self, py: Python<'_>, source: &Bound<'_, PyAny>) -> PyResult<Registration> {
         let source = Cloud::or_mesh("source", source)?;
@@ -116,7 +116,7 @@ impl Tracker {
                 Error::new_err(format!("cannot register source to target: {error}"))
             })?;
             let registration = Registration::new(clouds, tracked.done, 1);
-            Ok(registration.with_sight(tracked.sight))
+            Ok(registration.with_state(tracked.state))
         })
     }
 

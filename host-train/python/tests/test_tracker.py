@@ -22,27 +22,27 @@ def seen(step, offset=(0, 0, 0)):
 def test_an_object_is_found_tracked_lost_and_found(offset):
     start = seen(0, offset)[1]
     tracker = reagent.Tracker(bracket(1, 1500), start)
-    sights = []
+    states = []
     for step in range(5):
         cloud, truth = seen(step, offset)
         found = tracker.follow(cloud)
-        sights.append(found.sight)
+        states.append(found.state)
         angle, distance = apart(found.target_from_source, truth) if not any(offset) else (0, 0)
         assert angle < 1 and distance < 0.05
         centre = moved(found.target_from_source, cloud).mean(axis=0)
         assert numpy.abs(centre - bracket(10 + step, 800).mean(axis=0)).max() < 0.05
-    assert sights == ["found"] + 4 * ["tracked"]
+    assert states == ["found"] + 4 * ["tracked"]
     noise = numpy.random.default_rng(3).normal(size=(800, 3)) + offset
-    assert tracker.follow(noise).sight == "lost"
-    assert tracker.follow(seen(5, offset)[0]).sight == "found"
+    assert tracker.follow(noise).state == "lost"
+    assert tracker.follow(seen(5, offset)[0]).state == "found"
     with pytest.raises(reagent.CloudError, match="source"):
         tracker.follow(numpy.zeros((0, 3)))
-    assert tracker.follow(seen(5, offset)[0]).sight == "found"
+    assert tracker.follow(seen(5, offset)[0]).state == "found"
 
 
-def test_registrations_besides_have_no_sight(pair):
+def test_registrations_besides_have_no_state(pair):
     source, target, _ = pair
-    assert reagent.register(source, target).sight is None
+    assert reagent.register(source, target).state is None
 
 
 def test_what_it_takes():
@@ -64,15 +64,15 @@ def test_what_it_takes():
 
 
 def test_threads_take_turns():
-    tracker, sights = reagent.Tracker(bracket(1, 800)), []
+    tracker, states = reagent.Tracker(bracket(1, 800)), []
 
     def follow():
         for _ in range(5):
-            sights.append(tracker.follow(bracket(2, 800)).sight)
+            states.append(tracker.follow(bracket(2, 800)).state)
 
     threads = [threading.Thread(target=follow) for _ in range(3)]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
-    assert sorted(sights) == ["found"] + 14 * ["tracked"]
+    assert sorted(states) == ["found"] + 14 * ["tracked"]

@@ -19,7 +19,7 @@ use crate::words::count;
 use anyhow::bail;
 use clap::Args;
 use reagent_core::dims::MAX_POINTS;
-use reagent_core::track::Sight;
+use reagent_core::track::TrackState;
 use reagent_link::log::one_line;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -119,11 +119,11 @@ impl Line {
         tracked: anyhow::Result<(Tracked, Origins)>,
         time: Duration,
     ) -> Line {
-        let sight = |(tracked, _): &(Tracked, Origins)| tracked.sight;
+        let state = |(tracked, _): &(Tracked, Origins)| tracked.state;
         Line {
             source: path.display().to_string(),
             message,
-            state: tracked.as_ref().map_or(Sight::Lost, sight).to_string(),
+            state: tracked.as_ref().map_or(TrackState::Lost, state).to_string(),
             error: tracked.as_ref().err().map(|e| one_line(e.as_ref())),
             done: tracked.ok().map(Done::of),
             ms: time.as_secs_f64() * 1e3,
@@ -135,7 +135,7 @@ impl Line {
 type Origins = [Position; 2];
 
 impl Done {
-    fn of((Tracked { sight, mode, done }, [source, target]): (Tracked, Origins)) -> Done {
+    fn of((Tracked { state, mode, done }, [source, target]): (Tracked, Origins)) -> Done {
         let answer = &done.found.answer;
         let rows = |pose| Pose64::of(pose, source, target).to_rows();
         let open = |found| Open::of(found, rows, target);
@@ -143,12 +143,12 @@ impl Done {
             mode: mode.to_string(),
             verdict: answer.verdict.to_string(),
             probability: answer.probability,
-            target_from_source: (sight != Sight::Lost).then(|| done.pose.to_rows()),
+            target_from_source: (state != TrackState::Lost).then(|| done.pose.to_rows()),
             undetermined: answer
                 .refinement
                 .as_ref()
                 .and_then(open)
-                .filter(|_| sight != Sight::Lost),
+                .filter(|_| state != TrackState::Lost),
         }
     }
 }
@@ -276,17 +276,17 @@ fn scans(paths: &[PathBuf], topic: Option<&str>) -> anyhow::Result<Vec<Scan>> {
 
 /// How many clouds were in which state, and how long they took.
 fn summary(lines: &[Line]) -> String {
-    let in_state = |sight: Sight| {
+    let in_state = |state: TrackState| {
         let lines = lines.iter();
-        lines.filter(|line| line.state == sight.to_string()).count()
+        lines.filter(|line| line.state == state.to_string()).count()
     };
     let times: Vec<f64> = lines.iter().map(|line| line.ms).collect();
     let [median, p95, p99] = [0.5, 0.95, 0.99].map(|q| quantile(times.clone(), q));
     format!(
         "{}: {} tracked, {} found, {} lost; {median:.1} ms in the median, {p95:.1} p95, {p99:.1} p99",
         count(lines.len(), "cloud", "clouds"),
-        in_state(Sight::Tracked),
-        in_state(Sight::Found),
-        in_state(Sight::Lost),
+        in_state(TrackState::Tracked),
+        in_state(TrackState::Found),
+        in_state(TrackState::Lost),
     )
 }

@@ -6,7 +6,7 @@ use crate::register::prepared::Prepared;
 use crate::register::request::{Done, Request};
 use crate::register::{Memory, Registered, recorder};
 use reagent_core::pipeline::Mode;
-use reagent_core::track::{Sight, Tracker};
+use reagent_core::track::{TrackState, Tracker};
 use reagent_core::{Error, Frame, Policy, Registrar};
 use std::time::Instant;
 
@@ -31,7 +31,7 @@ pub struct Tracking {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tracked {
     /// What it says of the object.
-    pub sight: Sight,
+    pub state: TrackState,
     /// What was done last.
     pub mode: Mode,
     /// What came of it; the pose is not to be relied on where the object is lost.
@@ -83,7 +83,7 @@ impl Tracking {
         )?;
         let answer = sighting.answer;
         Ok(Tracked {
-            sight: sighting.sight,
+            state: sighting.state,
             mode: sighting.mode,
             done: Done {
                 pose: Pose64::of(answer.target_from_source, source.origin, target.origin),
@@ -143,12 +143,12 @@ mod tests {
             let source = Prepared::of_positions(seen.collect(), name, None).expect("a cloud");
             let clouds = [&source, &model];
             let found = tracking.follow(&request, file.policy(), &mut memory, clouds);
-            let Tracked { sight, mode, done } = found.expect("two clouds");
+            let Tracked { state, mode, done } = found.expect("two clouds");
             let expected = match step {
-                0 => (Sight::Found, Mode::Verify),
-                _ => (Sight::Tracked, Mode::Refine),
+                0 => (TrackState::Found, Mode::Verify),
+                _ => (TrackState::Tracked, Mode::Refine),
             };
-            assert_eq!((sight, mode), expected, "{step}");
+            assert_eq!((state, mode), expected, "{step}");
             let begun = Pose64::of(done.initial, source.origin, model.origin);
             let ends = [0, 1].map(|i| [begun, last][i].apply(source.origin));
             let apart = [0, 1, 2].map(|k| (ends[0][k] - ends[1][k]).abs());

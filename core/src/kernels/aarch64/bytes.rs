@@ -102,7 +102,7 @@ impl<const DOT: bool> Sums for Quarters<DOT> {
 
     /// `128 Σ w` for each output.
     #[inline(always)]
-    unsafe fn lacking(inputs: usize, weights: *const i8) -> Self {
+    unsafe fn sign_correction(inputs: usize, weights: *const i8) -> Self {
         unsafe {
             let mut sum = Self::zero();
             for k in 0..inputs / QUAD {

@@ -150,12 +150,13 @@ unsafe fn max_of_panels<V: Sums, const MARK: bool, const P: usize, const N: usiz
             };
         }
         for p in 0..P {
-            let mut lacking = V::lacking(layer.inputs(), weights_of(layer, panel + p));
+            let mut sign_correction =
+                V::sign_correction(layer.inputs(), weights_of(layer, panel + p));
             if MARK {
-                lacking = lacking.shift_left::<{ ROW_BITS as i32 }>();
+                sign_correction = sign_correction.shift_left::<{ ROW_BITS as i32 }>();
             }
             let max = max.add((panel + p) * PANEL);
-            best[p].add(lacking).max(V::load(max)).store(max);
+            best[p].add(sign_correction).max(V::load(max)).store(max);
         }
     }
     P
@@ -208,8 +209,8 @@ pub(in crate::kernels) unsafe fn codes<V: Sums, const N: usize>(
     for panel in 0..layer.outputs() / PANEL {
         // SAFETY: blocks cover whole panels and whole rows of `x` and `y` only.
         unsafe {
-            let lacking = V::lacking(layer.inputs(), weights_of(layer, panel));
-            let start = V::load(bias.as_ptr().add(panel * PANEL)).add(lacking);
+            let sign_correction = V::sign_correction(layer.inputs(), weights_of(layer, panel));
+            let start = V::load(bias.as_ptr().add(panel * PANEL)).add(sign_correction);
             let requantise = V::load(requantise.as_ptr().add(panel * PANEL).cast());
             let mut n = 0;
             while n < points {

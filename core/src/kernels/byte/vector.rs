@@ -36,7 +36,7 @@ pub(in crate::kernels) trait Sums: Copy {
     unsafe fn total(sum: Self::Partial) -> Self;
     /// What must be added to sums of `inputs` codes of eight bits with a panel's weights, to undo the subtraction.
     #[inline(always)]
-    unsafe fn lacking(inputs: usize, weights: *const i8) -> Self {
+    unsafe fn sign_correction(inputs: usize, weights: *const i8) -> Self {
         let _ = (inputs, weights);
         // SAFETY: as the caller guarantees.
         unsafe { Self::splat(0) }

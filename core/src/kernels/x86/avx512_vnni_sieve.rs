@@ -16,7 +16,7 @@ const GROUPS: usize = TILE / NEAR;
 
 /// What quantising a group loses.
 #[derive(Clone, Copy)]
-struct Doubt {
+struct QuantisationError {
     /// `1 / s`: codes in one unit of activation.
     per_unit: f32,
     /// Largest `|h|`, and largest `|dh|`, of its points.
@@ -24,8 +24,8 @@ struct Doubt {
     rest: f32,
 }
 
-impl Doubt {
-    const NONE: Doubt = Doubt {
+impl QuantisationError {
+    const NONE: QuantisationError = QuantisationError {
         per_unit: 0.0,
         longest: 0.0,
         rest: 0.0,
@@ -42,7 +42,7 @@ pub(in crate::kernels) unsafe fn dense_max(
 ) {
     let inputs = sieve.codes.inputs();
     let mut codes = [Group::ZERO; GROUPS];
-    let mut doubts = [Doubt::NONE; GROUPS];
+    let mut doubts = [QuantisationError::NONE; GROUPS];
     let max = max.as_mut_ptr();
     for x in x[..points * inputs].chunks(GROUPS * NEAR * inputs) {
         let rows = x.len() / inputs;
@@ -141,7 +141,7 @@ impl Limits {
         &mut self,
         sieve: &SieveDense<'_>,
         panel: usize,
-        doubt: &Doubt,
+        doubt: &QuantisationError,
         max: *const f32,
     ) -> __m512i {
         // SAFETY: the caller guarantees the panel.
@@ -179,7 +179,7 @@ impl Limits {
 /// Quantises rows in one unit; returns what that loses.
 #[target_feature(enable = "avx512f")]
 #[inline]
-unsafe fn quantise(inputs: usize, rows: &[f32], codes: &mut [u8]) -> Doubt {
+unsafe fn quantise(inputs: usize, rows: &[f32], codes: &mut [u8]) -> QuantisationError {
     // SAFETY: whole registers of whole rows, and as many codes.
     unsafe {
         let mut most = _mm512_setzero_ps();
@@ -204,7 +204,7 @@ unsafe fn quantise(inputs: usize, rows: &[f32], codes: &mut [u8]) -> Doubt {
             rest = rest.max(_mm512_reduce_add_ps(errors));
         }
         let up = |square: f32| libm::sqrtf(square) * (1.0 + 1e-5);
-        Doubt {
+        QuantisationError {
             per_unit: 1.0 / unit,
             longest: up(longest),
             rest: up(rest),

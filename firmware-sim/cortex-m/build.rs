@@ -1,12 +1,12 @@
-//! The memory of the two boards for each program. RAM is what the budget allows, not what the board has.
+//! The memory layout of both boards for each program. RAM is what the budget allows, not what the board has.
 
 use std::{env, fs, path::PathBuf};
 
 /// RAM for everything: clouds, working memory, stack.
 const RAM: usize = 50 * 1024;
-/// The same where clouds are on a grid.
+/// The same, with clouds on a grid.
 const RAM_ON_GRID: usize = 38 * 1024;
-/// The stack's part of it, at its low end: what is deeper faults instead of overwriting statics.
+/// The stack's part of it, at the low end, so that a deeper stack faults instead of overwriting statics.
 const STACK: usize = 13 * 1024 + 768;
 /// Both for refinement.
 const REFINEMENT_RAM: usize = 308 * 1024;
@@ -14,7 +14,7 @@ const REFINEMENT_STACK: usize = 48 * 1024;
 
 fn main() {
     let target = env::var("TARGET").expect("set by cargo");
-    // Program in tightly coupled or fast RAM that stands for flash, then the policy's flash, then RAM.
+    // The program in tightly coupled or fast RAM that stands in for flash, then the policy's flash, then RAM.
     let (board, flash, policy, ram) = match target.as_str() {
         "thumbv7em-none-eabihf" => ("an500", 0x0000_0000, 0x0010_0000, 0x2000_0000),
         "thumbv8m.main-none-eabihf" => ("an547", 0x1000_0000, 0x6000_0000, 0x3000_0000),

@@ -1,4 +1,4 @@
-//! A client of a fleet: asks whichever robot has the least to do for the pose of a part.
+//! A client of a fleet: asks the robot with the least to do for the pose of a part.
 //! `cargo run --release -p firmware-sim --example client -- lab tcp/127.0.0.1:7447 scan.ply part.ply`.
 
 use anyhow::bail;

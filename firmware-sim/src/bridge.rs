@@ -1,5 +1,4 @@
-//! The refinement service of a node whose controller is a board: frames go over its line as they come,
-//! and so does the policy.
+//! The refinement service of a node whose controller is a board: frames and policies go over the board's line unchanged.
 
 use crate::board::{Board, BoardError, Kind};
 use crate::frames::{Outlet, read_request, trace_frame};
@@ -14,7 +13,7 @@ use std::ops::ControlFlow;
 use std::sync::Arc;
 use tokio::sync::watch;
 
-/// Hands requests to the board until the queue is closed, and every new policy, between requests.
+/// Hands requests to the board until the queue is closed. Between requests it also hands over every new policy.
 pub(crate) fn serve(
     mut board: Board,
     queue: &Queue,
@@ -87,7 +86,7 @@ fn traced(
     })
 }
 
-/// Writes a policy into the board's flash. What the board refuses, the node does not claim to have.
+/// Writes a policy into the board's flash. If the board refuses it, the node does not claim to have it.
 fn load(
     board: &mut Board,
     in_flash: &mut Option<Manifest>,

@@ -15,9 +15,9 @@ use zenoh::Session;
 use zenoh::query::ReplyError;
 use zenoh::sample::{Sample, SourceInfo};
 
-/// How much longer than a request's own time its client waits: the answer's way over the network.
+/// How much longer than a request's own time its client waits, so that the answer can cross the network.
 pub const MARGIN: Duration = Duration::from_secs(1);
-/// Robots that are there answer for their status within this time.
+/// Running robots answer a status query within this time.
 const STATUS_TIME: Duration = Duration::from_secs(2);
 
 /// Why there is no pose.
@@ -26,13 +26,13 @@ pub enum RefineError {
     /// The fleet's or robot's name cannot be part of a key expression, or the clouds do not fit a frame.
     #[error("{0}")]
     Request(Error),
-    /// Nobody serves this key, or whoever did went away before answering.
+    /// Nobody serves this key, or the robot went away before it answered.
     #[error("no robot answered at {key}; is it running, in this fleet and on this network?")]
     NoRobot {
         /// The key asked.
         key: String,
     },
-    /// The robot says no.
+    /// The robot refused the request.
     #[error("robot {robot} refused request {}: {}", .refusal.id, .refusal.reason)]
     Refused {
         /// Who.
@@ -40,7 +40,7 @@ pub enum RefineError {
         /// Why.
         refusal: Refusal,
     },
-    /// The answer is no frame of this protocol, or one to another request.
+    /// The answer is not a frame of this protocol, or it answers another request.
     #[error("the answer from {key} cannot be used: {reason}")]
     Answer {
         /// The key asked.
@@ -48,7 +48,7 @@ pub enum RefineError {
         /// What is wrong with it.
         reason: String,
     },
-    /// Neither an answer nor its absence came in time.
+    /// Neither an answer nor an error came in time.
     #[error(
         "no answer from {key} within {waited:.1?}; give more time, or see whether the robot and its link work"
     )]
@@ -63,10 +63,10 @@ pub enum RefineError {
     Zenoh(#[from] zenoh::Error),
 }
 
-/// Sends a request to a robot and waits for its pose. A [`Client`] does the same, and can take it back.
+/// Sends a request to a robot and waits for its pose. A [`Client`] does the same and can also take the request back.
 ///
 /// # Errors
-/// See [`RefineError`]; every one comes at the latest [`MARGIN`] after the request's own time.
+/// See [`RefineError`]. Every error comes at most [`MARGIN`] after the request's own time.
 pub async fn refine(
     session: &Session,
     fleet: &str,
@@ -76,7 +76,7 @@ pub async fn refine(
     refine_from(session, None, fleet, robot, request).await
 }
 
-/// As [`refine`], saying whose request it is.
+/// As [`refine`], and says whose request it is.
 async fn refine_from(
     session: &Session,
     source: Option<SourceInfo>,
@@ -106,7 +106,7 @@ async fn refine_from(
 /// Sends a frame to a robot's refine key and reads the answer, whatever the frame is.
 ///
 /// # Errors
-/// As [`refine`], at the latest after `time`.
+/// As [`refine`], after `time` at most.
 pub async fn ask(
     session: &Session,
     key: &keys::Key,
@@ -130,7 +130,7 @@ async fn ask_from(
         waited: time,
     };
     let answer = async {
-        // A congested link may hold the request up, too.
+        // A congested link may also delay the request itself.
         let replies = session.get(key.as_str()).payload(frame).timeout(time);
         let replies = replies.source_info(source);
         zenoh::Result::Ok(replies.await?.recv_async().await)
@@ -156,7 +156,7 @@ async fn ask_from(
                 robot: robot.into(),
                 refusal,
             },
-            // Zenoh's word for a time that has passed.
+            // Zenoh's text for a timeout.
             Err(text) if text == "Timeout" => late(),
             Err(text) => unusable(text),
         }),
@@ -172,7 +172,7 @@ fn read_refusal(reply: &ReplyError) -> Result<Refusal, String> {
     }
 }
 
-/// A status, and whose it is.
+/// The name of the robot that sent a status, and the status.
 fn read_status(sample: &Sample) -> Option<(&str, Status)> {
     let robot = keys::robot_of(sample.key_expr().as_str())?;
     match wire::decode(&sample.payload().to_bytes()) {

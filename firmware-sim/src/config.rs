@@ -1,4 +1,4 @@
-//! What a node is told at its start.
+//! What a node needs to know when it starts.
 
 use crate::policy::Trust;
 use std::path::PathBuf;
@@ -10,8 +10,8 @@ pub struct NodeConfig {
     pub fleet: String,
     /// Its own name in the fleet.
     pub robot: String,
-    /// Whose policies it takes.
+    /// Whose policies it accepts.
     pub trust: Trust,
-    /// Where it keeps its policy over restarts.
+    /// Where it keeps its policy across restarts.
     pub state: Option<PathBuf>,
 }

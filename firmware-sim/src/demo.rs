@@ -24,13 +24,13 @@ use zenoh::Session;
 
 const FLEET: &str = "demo";
 const ROBOTS: [&str; 3] = ["r1", "r2", "r3"];
-/// A robot that has not taken a policy by then has failed.
+/// A robot that has not taken a policy within this time has failed.
 const UPDATE_TIMEOUT: Duration = Duration::from_secs(30);
 
 /// The whole story on one machine: publish a policy, refine, train it further, publish again, refine
 ///
-/// A host and three robots, each with a Zenoh session of its own, talk over loopback. Without
-/// arguments the robots see parts in single depth views, which are rendered; nothing is downloaded.
+/// A host and three robots, each with a Zenoh session of its own, talk over loopback. Without arguments the
+/// robots see parts in rendered single depth views; nothing is downloaded.
 #[derive(clap::Args, Debug)]
 pub struct DemoArgs {
     /// Time to train the second policy, seconds
@@ -43,7 +43,7 @@ pub struct DemoArgs {
     /// pairs drawn from the test split
     #[arg(long, value_name = "DIR")]
     pub data: Option<PathBuf>,
-    /// First policy, in f32 [default: the bundled one, for parts that for views in 8-bit integers]
+    /// First policy, in f32 [default: the bundled one; for built-in parts the one for views, in 8-bit integers]
     #[arg(long, value_name = "FILE.rgw")]
     pub weights: Option<PathBuf>,
     /// Pairs that each robot refines, at most
@@ -61,17 +61,17 @@ pub struct DemoArgs {
 #[derive(Default)]
 struct Round {
     initial: Vec<PairMetrics>,
-    /// By the policy alone.
+    /// Errors of the policy alone.
     policy: Vec<PairMetrics>,
-    /// Refined and compared with other poses.
+    /// Errors after refinement and comparison with other poses.
     verified: Vec<PairMetrics>,
 }
 
 impl DemoArgs {
-    /// Tells the story.
+    /// Runs the demo.
     ///
     /// # Errors
-    /// Anything that fails, a robot's refusal included.
+    /// Anything that fails, including a robot's refusal.
     pub async fn run(self) -> anyhow::Result<()> {
         let started = Instant::now();
         check_outputs([&self.json])?;
@@ -190,7 +190,7 @@ async fn refine_all(operator: &Client, scene: &Scene, version: u64) -> anyhow::R
     let share = scene.pairs.source.len() / ROBOTS.len();
     for (number, robot) in ROBOTS.iter().enumerate() {
         let mut round = Round::default();
-        // Of the policy alone, and verified.
+        // The policy alone, then verified.
         let mut on_robot = [Vec::new(), Vec::new()];
         for index in number * share..(number + 1) * share {
             let (source, target) = (&scene.pairs.source[index], &scene.pairs.target[index]);
@@ -257,7 +257,7 @@ fn table(before: &[Round], after: Option<&[Round]>) -> serde_json::Value {
     document.into()
 }
 
-/// All robots' pairs.
+/// The pairs of all robots.
 fn joined(rounds: &[Round]) -> Round {
     let all = |part: fn(&Round) -> &Vec<PairMetrics>| rounds.iter().flat_map(part).copied();
     Round {
@@ -281,7 +281,7 @@ pub(crate) async fn join(endpoint: &str) -> anyhow::Result<Session> {
     Ok(open(&args).await?)
 }
 
-/// A key for this demo only: whoever knows the seed knows it.
+/// A key for this demo only: whoever knows the seed knows the key.
 fn rand_seed(seed: u64) -> [u8; 32] {
     let mut key = [0; 32];
     key[..8].copy_from_slice(&seed.to_le_bytes());

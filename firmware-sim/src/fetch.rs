@@ -1,8 +1,8 @@
 //! Fetching a policy file by query, chunk by chunk, into the idle slot.
 //!
-//! What the policy in use has too is copied from it; what came before a lost link or a restart is kept.
-//! Robots of one fleet learn of a policy at the same moment: each waits a little while of its own before
-//! it asks, and longer after every failure.
+//! Chunks that the policy in use also has are copied from it. Chunks that came before a lost link or a restart are kept.
+//! All robots of a fleet learn of a policy at the same moment. So each robot waits for a short time of its own before it
+//! asks, and longer after every failure.
 
 use crate::flash::RobotFlash;
 use crate::policy::UpdateError;
@@ -16,33 +16,32 @@ use zenoh::bytes::ZBytes;
 use zenoh::handlers::FifoChannelHandler;
 use zenoh::query::Reply;
 
-/// Queries under way at once.
+/// Queries in flight at once.
 const IN_FLIGHT: usize = 8;
 /// A chunk that takes longer is asked for again.
 const CHUNK_TIMEOUT: Duration = Duration::from_secs(5);
-/// Rounds without a single new chunk after which the download is given up, until somebody announces the
-/// policy again.
+/// After so many rounds without a new chunk the download is given up, until the policy is announced again.
 const IDLE_ROUNDS: u32 = 4;
 /// Longest wait before the first round.
 const SPREAD: Duration = Duration::from_millis(100);
-/// Longest wait after the first round that failed; doubles with each.
+/// Longest wait after the first failed round; it doubles with each further one.
 const BACK_OFF: Duration = Duration::from_millis(200);
 
-/// Where a robot's own waits come from.
+/// Pseudo-random waiting times of one robot.
 #[derive(Clone, Debug)]
 pub(crate) struct Jitter {
     seed: [u8; 32],
 }
 
 impl Jitter {
-    /// Other robots wait at other times.
+    /// Seeded by the robot's name, so that robots wait for different times.
     pub(crate) fn of(robot: &str) -> Self {
         Jitter {
             seed: Sha256::digest(robot).into(),
         }
     }
 
-    /// A time between nothing and `longest`.
+    /// A time between zero and `longest`.
     fn wait(&mut self, longest: Duration) -> Duration {
         self.seed = Sha256::digest(self.seed).into();
         let [a, b, ..] = self.seed;
@@ -50,11 +49,11 @@ impl Jitter {
     }
 }
 
-/// Brings the file that `manifest` announces, whose signed form is `frame`, into the idle slot.
+/// Brings the file that `manifest` announces into the idle slot. `frame` is the signed manifest.
 ///
 /// # Errors
-/// `Chunk` for what does not come or is not what the manifest says, after several attempts; `Length`,
-/// `Frame`, `Zenoh`, `Slots`.
+/// `Chunk` if a chunk, after several attempts, does not come or is not the one in the manifest; `Length`, `Frame`, `Zenoh`,
+/// `Slots`.
 pub(crate) async fn download(
     session: &Session,
     fleet: &str,
@@ -105,7 +104,7 @@ pub(crate) async fn download(
     }
 }
 
-/// A download under way.
+/// A download in progress.
 struct Fetch<'a> {
     session: &'a Session,
     fleet: &'a str,
@@ -131,7 +130,7 @@ impl Fetch<'_> {
         Ok(bytes.as_chunks().0.to_vec())
     }
 
-    /// The chunks that have not come and that the policy in use does not have either.
+    /// The chunks that have not come yet. Chunks that the policy in use has are copied and not listed.
     async fn missing(&mut self) -> Result<VecDeque<u32>, UpdateError> {
         let mut buffer = vec![0; CHUNK_BYTES];
         let (mut missing, mut from) = (VecDeque::new(), 0);
@@ -144,8 +143,7 @@ impl Fetch<'_> {
         Ok(missing)
     }
 
-    /// Asks once for every missing chunk; those that fail are missing still, and the last reason is
-    /// returned.
+    /// Asks once for every missing chunk. Chunks that fail stay in `missing`, and the last reason is returned.
     async fn round(
         &mut self,
         missing: &mut VecDeque<u32>,
@@ -180,7 +178,7 @@ impl Fetch<'_> {
                     missing.push_back(index);
                 }
                 Err(error) => {
-                    // What still comes finds somebody who hears it.
+                    // Receive the answers that are still on their way.
                     for (_, _, replies) in waiting {
                         while replies.recv_async().await.is_ok() {}
                     }

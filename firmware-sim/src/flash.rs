@@ -1,7 +1,7 @@
 //! The robot's flash: memory that is lost with the process, or a file.
 //!
-//! As in [`reagent_slots::ram`], the file holds the complement of what is read: a new one is sparse, and
-//! grows with what is written.
+//! As in [`reagent_slots::ram`], the file holds the complement of the bytes that are read. A new file is therefore sparse
+//! and grows only as it is written.
 
 use embedded_storage_async::nor_flash::{
     ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
@@ -27,9 +27,9 @@ pub const FILE: &str = "flash.bin";
 /// Why the flash failed.
 #[derive(Debug)]
 pub enum FlashError {
-    /// In memory.
+    /// The flash in memory failed.
     Ram(RamError),
-    /// In a file.
+    /// The file failed.
     File(io::Error),
 }
 
@@ -44,16 +44,16 @@ impl NorFlashError for FlashError {
 pub enum RobotFlash {
     /// Lost with the process.
     Memory(RamFlash<Vec<u8>, WORD, BLOCK>),
-    /// Kept.
+    /// Kept in a file.
     File(StateFile),
 }
 
-/// A file that a robot has for itself.
+/// A file that only one robot uses.
 #[derive(Debug)]
 pub struct StateFile {
     file: File,
     path: PathBuf,
-    /// What the file was when it was opened.
+    /// Identity of the file when it was opened.
     opened: Handle,
 }
 
@@ -93,7 +93,7 @@ fn may_only_be_read(error: &io::Error) -> bool {
     kinds.contains(&error.kind())
 }
 
-/// The content of a file that is not written.
+/// The content of a file that cannot be written.
 fn copy(path: &Path) -> io::Result<Vec<u8>> {
     let mut file = File::open(path)?;
     file.try_lock_shared().map_err(not_locked)?;
@@ -114,7 +114,7 @@ fn not_locked(error: TryLockError) -> io::Error {
     }
 }
 
-/// A shorter file is one of an older layout, or was cut: what is missing is erased flash.
+/// Accepts a shorter file, of an older layout or cut off: the missing part counts as erased flash.
 fn checked_length(file: &File) -> io::Result<()> {
     let length = file.metadata()?.len();
     if length <= CAPACITY as u64 {
@@ -127,17 +127,17 @@ fn checked_length(file: &File) -> io::Result<()> {
 }
 
 impl RobotFlash {
-    /// Erased flash in memory; pages that nothing is written to cost none.
+    /// Erased flash in memory. Pages that are never written take no memory.
     pub fn in_memory() -> Self {
         RobotFlash::Memory(RamFlash::new(vec![0; CAPACITY]))
     }
 
-    /// Flash in the file `flash.bin` of a directory, both made where they are missing. What may only be read is
-    /// copied into memory: the robot starts with it, and forgets what comes later.
+    /// Flash in the file `flash.bin` of a directory. Both are created if they are missing. A read-only file is copied into
+    /// memory: the robot starts with its content and forgets later changes.
     ///
     /// # Errors
-    /// Those of the file system; `WouldBlock` where another robot holds the file; `InvalidData` for a file that is
-    /// longer than the flash.
+    /// Those of the file system; `WouldBlock` if another robot holds the file; `InvalidData` if the file is longer than the
+    /// flash.
     pub fn in_directory(directory: &Path) -> io::Result<Self> {
         let path = directory.join(FILE);
         match StateFile::open(directory, &path) {
@@ -154,7 +154,7 @@ impl RobotFlash {
         }
     }
 
-    /// Whether what is written is found again: not where the file was deleted or replaced.
+    /// Whether written data will be found again. False if the file was deleted or replaced.
     pub fn is_in_place(&self) -> bool {
         match self {
             RobotFlash::Memory(_) => true,
@@ -221,7 +221,7 @@ fn read_at(file: &mut File, offset: u32, bytes: &mut [u8]) -> io::Result<()> {
     Ok(())
 }
 
-/// Writes and waits until it is kept: what is written later is never kept without it.
+/// Writes, and waits until the data is on the disk: no later write can reach the disk before it.
 fn write_at(file: &mut File, offset: u32, bytes: &[u8]) -> io::Result<()> {
     file.seek(SeekFrom::Start(offset.into()))?;
     file.write_all(bytes)?;

@@ -39,17 +39,17 @@ const FLEET: &str = "fleet";
 const STARTING: usize = 8;
 /// Robots of one router, which takes 1000 sessions.
 const PER_ROUTER: u16 = 900;
-/// Shapes that the requests are about.
+/// Shapes in the requests.
 const PAIRS: usize = 16;
-/// A robot that has not taken the policy by then has failed.
+/// A robot that has not taken the policy within this time has failed.
 const UPDATE_TIME: Duration = Duration::from_secs(600);
 /// Time between two drawings of the table.
 const FRAME: Duration = Duration::from_millis(500);
 
 /// Run a whole fleet on this machine: routers, robots, an update and a load of requests, with their times
 ///
-/// Every robot has a Zenoh session of its own, to one of the routers over loopback. They fetch a policy of 2.5 MB in 8-bit
-/// integers; then one client asks for poses, first one request after the other, then several at once.
+/// Every robot has a Zenoh session of its own to one of the routers over loopback. The robots fetch a policy of 2.5 MB in
+/// 8-bit integers. Then one client asks for poses, first one at a time, then several at once.
 #[derive(clap::Args, Clone, Debug)]
 #[command(args_conflicts_with_subcommands = true)]
 pub struct FleetArgs {
@@ -61,10 +61,10 @@ pub struct FleetArgs {
     /// How many routers, each a process of its own, for at most 900 robots each
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=16))]
     pub routers: u16,
-    /// Requests one after the other, and as many again under load
+    /// Requests one at a time, and as many again under load
     #[arg(long, value_name = "N", default_value_t = 500, value_parser = clap::value_parser!(u64).range(1..))]
     pub requests: u64,
-    /// Requests under way at once under load
+    /// Requests in flight at once under load
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u16).range(1..))]
     pub in_flight: u16,
     /// Policy to ship [default: the bundled one, in 8-bit integers]
@@ -90,12 +90,12 @@ impl FleetArgs {
     /// Runs the command.
     ///
     /// # Errors
-    /// Anything that fails, a robot's refusal included.
+    /// Anything that fails, including a robot's refusal.
     pub async fn run(mut self) -> anyhow::Result<()> {
         if let Some(Command::Watch(args)) = self.command.take() {
             return args.run().await;
         }
-        // Asked to end, it takes its routers along.
+        // When asked to end, this process ends its routers, too.
         tokio::select! {
             outcome = self.work() => outcome,
             stopped = stop_requested() => Ok(stopped?),
@@ -158,7 +158,7 @@ impl FleetArgs {
                 memory.1
             );
         }
-        // Routers last: whoever leaves tells them.
+        // Routers last: robots and clients tell them when they leave.
         drop((publisher, client, robots));
         if let Some(path) = &self.json {
             let document = json!({
@@ -214,7 +214,7 @@ impl FleetArgs {
         Ok(robots)
     }
 
-    /// Asks for poses, so many at once, always whoever has the least to do.
+    /// Asks for poses, so many at once, and always asks the robot with the least to do.
     async fn load(
         &self,
         client: &Arc<Client>,
@@ -257,7 +257,7 @@ impl FleetArgs {
     }
 }
 
-/// Publishes a policy, and waits until every robot runs it: each one's time from the announcement.
+/// Publishes a policy and waits until every robot runs it. Returns each robot's time since the announcement.
 async fn update(
     publisher: &mut Publisher,
     robots: &[Node],
@@ -282,18 +282,18 @@ async fn update(
     Ok(Times::of(times.iter().map(|time| time.as_secs_f64() * 1e3)))
 }
 
-/// What a load of requests came to.
+/// Results of a load of requests.
 struct Load {
     poses: usize,
     failures: Vec<String>,
     seconds: f64,
-    /// From asking to knowing.
+    /// From the request to the answer.
     round_trip: Times,
     /// The registration itself.
     compute: Times,
     /// In the robot's queue.
     queue: Times,
-    /// All that is neither: frames, network, router, threads.
+    /// Everything else: frames, network, router, threads.
     overhead: Times,
 }
 
@@ -342,7 +342,7 @@ impl std::fmt::Display for Load {
     }
 }
 
-/// Draws the fleet while it works, where there is a terminal.
+/// Draws the fleet while it works, if there is a terminal.
 fn draw(table: Arc<Mutex<Table>>, client: Arc<Client>) -> tokio::task::JoinHandle<()> {
     tokio::spawn(async move {
         loop {

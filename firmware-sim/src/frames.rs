@@ -1,4 +1,4 @@
-//! Frames of a robot on the network: requests read, answers, refusals and traces sent.
+//! Frames of a robot on the network: reads requests, sends answers, refusals and traces.
 
 use crate::view::View;
 use reagent_core::wire::{
@@ -52,7 +52,7 @@ impl Outlet {
     }
 }
 
-/// The request in a payload; a refusal without id where there is none.
+/// The request in a payload, or a refusal without an id if there is none.
 pub(crate) fn read_request(payload: &[u8]) -> Result<RefineRequest<'_>, Refusal> {
     let reason = match wire::decode(payload) {
         Ok(Message::RefineRequest(request)) => return Ok(request),
@@ -80,7 +80,7 @@ pub(crate) fn send_refusal(query: &Query, refusal: Refusal) {
     }
 }
 
-/// A frame of any message but a request.
+/// The frame of any message except a request or a trace.
 pub(crate) fn small_frame(message: &Message<'_>) -> Vec<u8> {
     let mut buffer = [0; wire::SMALL_FRAME_BYTES];
     wire::encode(message, &mut buffer)

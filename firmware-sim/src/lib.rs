@@ -1,9 +1,9 @@
 //! Simulated robots on Zenoh: a node that fetches the fleet's policy and answers refine requests with
 //! `reagent_core`, and the client that asks.
 //!
-//! A policy flows `session -> node -> policy (signature) -> fetch (chunks) -> store (flash) -> policy (hash,
-//! parse, self-test) -> service`; a request flows `client -> node (queue) -> service -> client`. Where
-//! the node has a board, `bridge` takes the place of `service`, and both flow on over the line to it.
+//! A policy flows `session -> node -> policy (signature) -> fetch (chunks) -> store (flash) -> policy (hash, parse,
+//! self-test) -> service`. A request flows `client -> node (queue) -> service -> client`. If the node has a board, `bridge`
+//! replaces `service`, and policies and requests go on over the board's line.
 #![doc = "\n"]
 #![doc = include_str!("../README.md")]
 

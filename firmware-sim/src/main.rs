@@ -46,20 +46,20 @@ struct NodeArgs {
     /// Its own name in the fleet
     #[arg(long, value_name = "ID", value_parser = own_name)]
     robot: String,
-    /// Public key (64 hexadecimal digits) whose policies it takes; may be repeated
+    /// Public key (64 hexadecimal digits) whose policies it accepts; may be repeated
     #[arg(long, value_name = "HEX", value_parser = public_key, required_unless_present = "trust_any")]
     trust: Vec<VerifyingKey>,
-    /// Take policies signed by any key: whoever reaches the network decides what the robot does
+    /// Accept policies signed by any key: whoever reaches the network then decides what the robot does
     #[arg(long, conflicts_with = "trust")]
     trust_any: bool,
-    /// Directory that keeps the policy, so that it is there after a restart [default: none]
+    /// Directory that keeps the policy across restarts [default: none]
     #[arg(long, value_name = "DIR")]
     state: Option<PathBuf>,
-    /// Let a simulated microcontroller do the work: its image is built and run in QEMU, and takes policies
-    /// in int8 and clouds of at most 1024 points [default: this program does it]
+    /// Let a simulated microcontroller do the work. Its image is built and run in QEMU, and takes policies in int8 and
+    /// clouds of at most 1024 points [default: this program does the work]
     #[arg(long, value_enum, value_name = "BOARD")]
     board: Option<Kind>,
-    /// What clouds the board has memory for
+    /// Format of the clouds that the board has memory for
     #[arg(
         long,
         value_enum,
@@ -74,7 +74,7 @@ struct NodeArgs {
     session: SessionArgs,
 }
 
-/// Be a Zenoh router until Ctrl-C, where zenohd is not installed: without plugins, with the same configuration
+/// Be a Zenoh router until Ctrl-C, for when zenohd is not installed: without plugins, with the same configuration
 #[derive(clap::Args, Debug)]
 struct RouterArgs {
     #[command(flatten)]
@@ -105,7 +105,7 @@ impl NodeArgs {
         };
         tracing::info!("robot {} of fleet {}", config.robot, config.fleet);
         let node = Node::start_with(session, config, board).await?;
-        // A router with access control drops what a certificate may not say, and tells nobody.
+        // A router with access control silently drops what a certificate may not say.
         if has_certificate(&self.session)? {
             node.check_heard(&open(&self.session).await?).await?;
         }
@@ -138,7 +138,7 @@ fn start_board(kind: Kind, clouds: Clouds) -> anyhow::Result<Board> {
     Ok(board)
 }
 
-/// Refuses what no robot may be called.
+/// Refuses names that no robot may have.
 fn own_name(text: &str) -> Result<String, String> {
     match text {
         ANY => Err(NodeError::Reserved.to_string()),
@@ -162,8 +162,8 @@ fn main() -> ExitCode {
         Command::Node(_) | Command::Router(_) => {
             "warn,zenoh=error,zenoh_transport=error,zenoh_link_tcp=error,firmware_sim=info"
         }
-        // What such a command has to say is in its result or its one line of error; what Zenoh logs, such as a
-        // status that overtook the declaration of its key on a new connection, has no bearing on either.
+        // Such a command says all it has to say in its result or in its one line of error. What Zenoh logs does not matter to
+        // either, such as a status that overtook the declaration of its key on a new connection.
         #[cfg(feature = "demo")]
         _ => "warn,zenoh=off,firmware_sim=error",
     };

@@ -27,9 +27,9 @@ use zenoh::query::Queryable;
 use zenoh::session::TransportEventsListener;
 use zenoh::{Session, Wait};
 
-/// The robot id that `refine` takes for "whichever is there".
+/// The robot id by which `refine` means "any robot".
 pub const ANY: &str = "any";
-/// Time between two publications of the status, at least.
+/// Least time between two publications of the status.
 const STATUS_INTERVAL: Duration = Duration::from_millis(20);
 
 /// Why a node did not start.
@@ -45,10 +45,10 @@ pub enum NodeError {
         /// What is allowed.
         reason: reagent_core::Error,
     },
-    /// The name is the one that means every robot.
+    /// The name is the one that means any robot.
     #[error("a robot cannot be called {ANY:?}: clients use it for whichever robot is there")]
     Reserved,
-    /// A robot of this name answers already.
+    /// A robot of this name is already there.
     #[error("robot {robot:?} of fleet {fleet:?} is there already; give each robot its own name")]
     Duplicate {
         /// As given.
@@ -56,7 +56,7 @@ pub enum NodeError {
         /// As given.
         robot: String,
     },
-    /// What it says reaches nobody.
+    /// Nobody hears what it publishes.
     #[error(
         "nobody hears robot {robot:?} of fleet {fleet:?}: the router does not let its certificate speak under this name; \
          give each robot the configuration that was made for it"
@@ -67,7 +67,7 @@ pub enum NodeError {
         /// As given.
         robot: String,
     },
-    /// The system gives no thread for its work.
+    /// The system has no thread left for its work.
     #[error("no thread for the robot's work: {0}")]
     Worker(std::io::Error),
     /// The state directory cannot be used.
@@ -94,11 +94,11 @@ pub struct Node {
 }
 
 impl Node {
-    /// Starts a node on an open session. It answers at once, and serves as soon as it has a policy:
-    /// the one it kept, or the one announced now or later.
+    /// Starts a node on an open session. It answers at once, and serves as soon as it has a policy: one that it kept, or one that
+    /// is announced.
     ///
     /// # Errors
-    /// See [`NodeError`]; a damaged policy in the state directory is only logged.
+    /// See [`NodeError`]. A damaged policy in the state directory is only logged.
     pub async fn start(session: Session, config: NodeConfig) -> Result<Node, NodeError> {
         Node::start_with(session, config, None).await
     }
@@ -151,7 +151,7 @@ impl Node {
                 }
             })
             .await?;
-        // Of two that start at the same moment, the lower number stays.
+        // If two start at the same moment, the one with the lower number stays.
         let others = instances(&session, &status_key).await?;
         if others.iter().any(|&other| other < instance) {
             return Err(duplicate());
@@ -167,7 +167,7 @@ impl Node {
             view: view.clone(),
         };
         let runtime = Handle::current();
-        // A thread of its own: those that the runtime has for blocking work are 512, and this one stays.
+        // A thread of its own, since it never ends: the runtime has only 512 threads for blocking work.
         let work = move || {
             let _within = runtime.enter();
             match board {
@@ -218,15 +218,15 @@ impl Node {
     pub async fn stop(mut self) {
         for task in &mut self.tasks {
             task.abort();
-            // Cancelled, as asked.
+            // The error only says that the task was cancelled.
             task.await.ok();
         }
     }
 
-    /// Asks for the node's status from another session, as others do.
+    /// Asks for the node's status from another session, as other programs do.
     ///
     /// # Errors
-    /// `Unheard` where it is not this node that answers; `Zenoh`.
+    /// `Unheard` if this node does not answer; `Zenoh`.
     pub async fn check_heard(&self, from: &Session) -> Result<(), NodeError> {
         let NodeConfig { fleet, robot, .. } = self.config.clone();
         let key = keys::status(&fleet, &robot).map_err(|reason| NodeError::Name {
@@ -257,7 +257,7 @@ impl Drop for Node {
     }
 }
 
-/// Ends the work of whoever serves the queue.
+/// Closes the queue, which ends the work of its server.
 #[derive(Debug)]
 struct Closing(Arc<Queue>);
 
@@ -267,7 +267,7 @@ impl Drop for Closing {
     }
 }
 
-/// Publishes the status whenever it has changed; changes in quick succession are one publication.
+/// Publishes the status whenever it has changed. Changes in quick succession give one publication.
 async fn publish_status(session: Session, key: keys::Key, mut seen: watch::Receiver<View>) {
     loop {
         let frame = small_frame(&Message::Status(seen.borrow_and_update().status()));

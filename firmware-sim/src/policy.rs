@@ -1,4 +1,4 @@
-//! A policy on a robot: from signed manifest and fetched bytes to one that may be run.
+//! A policy on a robot: from a signed manifest and fetched bytes to a policy that may run.
 
 use crate::board::BoardError;
 use crate::flash::{FILE, FlashError};
@@ -13,7 +13,7 @@ use reagent_slots::SlotError;
 use sha2::{Digest, Sha256};
 use thiserror::Error;
 
-/// Most bytes of a policy file; a manifest that announces more is refused before any is fetched.
+/// Largest policy file in bytes. A manifest that announces more is refused before anything is fetched.
 pub const MAX_POLICY_BYTES: usize = 64 << 20;
 
 /// Why a policy was not taken. The one in use stays in use.
@@ -22,7 +22,7 @@ pub enum UpdateError {
     /// The announcement is not a frame of this protocol.
     #[error("manifest: {0}")]
     Frame(Error),
-    /// The announcement is a frame, but no signed manifest.
+    /// The announcement is a frame, but not a signed manifest.
     #[error("manifest: not a signed manifest")]
     NotAManifest,
     /// The signature does not match manifest and key.
@@ -34,7 +34,7 @@ pub enum UpdateError {
         /// The signer's public key, hexadecimal.
         key: String,
     },
-    /// The policy is not later than what is or was in use.
+    /// The policy is not newer than one that is or was in use.
     #[error("manifest: version {given} is not newer than {last}, which is or was in use")]
     NotNewer {
         /// As announced.
@@ -45,7 +45,7 @@ pub enum UpdateError {
     /// The policy goes to a part of the fleet first.
     #[error("manifest: version {0} goes to other robots first")]
     NotYet(Release),
-    /// The version leaves none for the policies after it.
+    /// The version is so high that too few remain for later policies.
     #[error("manifest: version {given} is too far ahead of {last}, which is or was in use")]
     FarAhead {
         /// As announced.
@@ -53,7 +53,7 @@ pub enum UpdateError {
         /// The latest that was in use.
         last: Release,
     },
-    /// The file's length or the chunks' is not allowed.
+    /// The length of the file or of its chunks is not allowed.
     #[error("manifest: {length} bytes in chunks of {chunk_length} are not allowed")]
     Length {
         /// Bytes of the file.
@@ -71,23 +71,23 @@ pub enum UpdateError {
         index: u32,
         /// How many there are.
         chunks: u32,
-        /// Where it was asked for.
+        /// The key that was asked.
         key: String,
-        /// What came instead.
+        /// What came instead of it.
         reason: String,
     },
     /// The bytes are not those of the manifest.
     #[error("policy file: SHA-256 {found} where the manifest says {expected}")]
     Sha256 {
-        /// Of the bytes.
+        /// SHA-256 of the bytes.
         found: String,
-        /// Of the manifest.
+        /// SHA-256 in the manifest.
         expected: String,
     },
-    /// The right bytes are not a policy that this robot can run.
+    /// The bytes are those of the manifest, but not a policy that this robot can run.
     #[error("policy file: {0}")]
     Policy(Error),
-    /// The node's board did not take it.
+    /// The node's board did not accept it.
     #[error("board: {0}")]
     Board(BoardError),
     /// This build cannot run such a file.
@@ -102,7 +102,7 @@ pub enum UpdateError {
         /// Network shape.
         shape: [u16; 8],
     },
-    /// The policy does not do here what it did where it was made.
+    /// The policy acts differently here from where it was made.
     #[error("policy file: the self-test failed, the policy acts otherwise here")]
     SelfTest,
     /// The slots in flash failed.
@@ -118,7 +118,7 @@ pub enum UpdateError {
         /// What is wrong with it.
         reason: Box<UpdateError>,
     },
-    /// What the state directory holds does not say how far the robot was.
+    /// The state directory does not say which version was in use last.
     #[error(
         "{path}: {reason}; put a backup back, or delete the file to begin as a new robot, which takes every version \
          that a trusted key has signed"
@@ -148,7 +148,7 @@ pub enum UpdateError {
 }
 
 impl UpdateError {
-    /// What others are told.
+    /// The reason as others are told it.
     pub fn why(&self) -> WhyNot {
         match self {
             UpdateError::Frame(_) | UpdateError::NotAManifest => WhyNot::Malformed,
@@ -173,7 +173,7 @@ impl UpdateError {
     }
 }
 
-/// What the system says of the file where that failed.
+/// The error in words; for a failed file, what the system says.
 fn of_slots(error: &SlotError<FlashError>) -> String {
     match error {
         SlotError::Flash(FlashError::File(reason)) => format!("{FILE}: {reason}"),
@@ -181,7 +181,7 @@ fn of_slots(error: &SlotError<FlashError>) -> String {
     }
 }
 
-/// Whose policies a robot takes.
+/// Whose policies a robot accepts.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Trust {
     /// Everybody's.
@@ -199,7 +199,7 @@ impl Trust {
     }
 }
 
-/// Which policy a frame claims to announce, checked by nobody; zeros where it is no manifest.
+/// Which policy a frame claims to announce, unchecked. Zeros if it is no manifest.
 pub(crate) fn claimed(frame: &[u8]) -> PolicyId {
     match wire::decode(frame) {
         Ok(Message::SignedManifest(signed)) => match wire::decode(signed.manifest) {
@@ -210,7 +210,7 @@ pub(crate) fn claimed(frame: &[u8]) -> PolicyId {
     }
 }
 
-/// Checks a frame from `…/policy/manifest`: right signature, and a trusted key.
+/// Checks a frame from `…/policy/manifest`: its signature, and that its key is trusted.
 ///
 /// # Errors
 /// `Frame`, `NotAManifest`, `Signature`, `Untrusted`, `Length`, `Incompatible`.
@@ -254,7 +254,7 @@ pub fn verified_manifest(frame: &[u8], trust: &Trust) -> Result<Manifest, Update
 #[derive(Debug)]
 pub struct LoadedPolicy {
     manifest: Manifest,
-    /// The file and zeros, on the 4-byte boundary that a policy is viewed on.
+    /// The file, padded with zeros, on the 4-byte boundary that a policy needs.
     words: Vec<u32>,
     /// Bytes of the file.
     length: usize,
@@ -293,13 +293,13 @@ impl LoadedPolicy {
     /// The policy in the file.
     ///
     /// # Errors
-    /// `Policy`; none as long as memory is intact.
+    /// `Policy`, only if memory is damaged.
     pub fn policy(&self) -> Result<Policy<'_>, UpdateError> {
         let policy = Policy::parse(self.bytes()).map_err(UpdateError::Policy)?;
         Ok(policy.with_packed(&self.packed))
     }
 
-    /// Has the policy do what its manifest says it does.
+    /// Tests that the policy does what its manifest says.
     ///
     /// # Errors
     /// `Policy`, `SelfTest`.
@@ -326,7 +326,7 @@ impl LoadedPolicy {
 
 #[cfg(test)]
 impl LoadedPolicy {
-    /// A bit flips in memory.
+    /// Flips a bit in memory.
     pub(crate) fn flip_a_bit(&mut self) {
         self.words[self.length / 8] ^= 1;
     }

@@ -15,25 +15,25 @@ use zenoh::query::QueryTarget;
 use zenoh::sample::SampleKind;
 use zenoh::session::ZenohId;
 
-/// A robot of this name that is there answers within this time. One whose link has just died does not, and
-/// its successor need not wait for longer.
+/// A running robot of this name answers within this time. One whose link has just died does not answer, and its successor need
+/// not wait longer.
 const ANSWER_TIME: Duration = Duration::from_secs(1);
 
-/// A number that no other start of a robot has, but for chance.
+/// A random number, almost certainly different at every start of every robot.
 pub(crate) fn draw_instance() -> u32 {
     let [a, b, c, d, ..] = RandomState::new().build_hasher().finish().to_le_bytes();
     u32::from_le_bytes([a, b, c, d])
 }
 
-/// The number of a session's liveliness token and of its requests: nobody else's, and whoever learns it learns nothing else
-/// of the session.
+/// The number of a session's liveliness token and of its requests. It belongs to this session alone and reveals nothing else
+/// about it.
 pub(crate) fn number_of(session: ZenohId) -> u64 {
     let hash: [u8; 32] = Sha256::digest(session.to_le_bytes()).into();
     let [a, b, c, d, e, f, g, h, ..] = hash;
     u64::from_be_bytes([a, b, c, d, e, f, g, h])
 }
 
-/// The instances that answer at a status key now.
+/// The instances that answer a query of a status key now.
 pub(crate) async fn instances(
     session: &Session,
     status_key: &keys::Key,
@@ -58,7 +58,7 @@ fn read_status(payload: &[u8]) -> Option<Status> {
     }
 }
 
-/// Watches what is published as this robot's status, and says where another robot publishes it.
+/// Watches what is published as this robot's status, and reports it if another robot publishes there.
 pub(crate) async fn watch_for_duplicates(
     session: &Session,
     status_key: &keys::Key,
@@ -83,7 +83,7 @@ pub(crate) async fn watch_for_duplicates(
         .await
 }
 
-/// Takes requests back: those whose clients say so, and those whose clients are gone.
+/// Takes requests back if their clients say so or are gone.
 pub(crate) async fn follow_clients(
     session: &Session,
     fleet: &str,
@@ -106,7 +106,7 @@ pub(crate) async fn follow_clients(
     let gone = session
         .liveliness()
         .declare_subscriber(named(keys::all_clients_alive(fleet))?.as_str())
-        // Those that are there already are to be known, so that their end is.
+        // Clients that are already there must be known, so that their end is noticed.
         .history(true)
         .callback(move |sample| {
             let number = keys::client_of(sample.key_expr().as_str());

@@ -1,4 +1,4 @@
-//! Requests that wait for a robot: bounded, each with a deadline, each answered once by whoever owns it.
+//! Requests that wait for a robot. Their number is bounded, each has a deadline, and its owner answers it exactly once.
 
 use crate::frames::{read_request, send_refusal};
 use crate::presence::number_of;
@@ -13,17 +13,17 @@ use tokio::sync::{Notify, watch};
 use zenoh::query::Query;
 use zenoh::session::ZenohId;
 
-/// Requests in hand, the one at work included; one more is refused as busy.
+/// Requests in hand, including the running one. One more is refused as busy.
 pub const PLACES: usize = 5;
-/// Of these, how many one session may hold, with all requests that do not say which session made them: they do not shut
-/// out the others.
+/// How many of these one session may hold, so that it does not shut out the others. Requests that do not say which session
+/// made them count, too.
 const SHARE: usize = PLACES - 1;
-/// Requests a second beyond which they are refused unread: several times what a robot can answer.
+/// More requests a second than this are refused unread. It is several times what a robot can answer.
 const RATE: f64 = 2000.0;
-/// Longest time that a request holds its place, whatever it asks for.
+/// Longest time that a request may hold its place, whatever deadline it asks for.
 const LONGEST_BUDGET: Duration = Duration::from_secs(600);
 
-/// A request on its way through the robot. Whoever holds it answers it, or drops it where nobody waits.
+/// A request on its way through the robot. Its holder answers it, or drops it if nobody waits.
 #[derive(Debug)]
 pub(crate) struct Job {
     pub(crate) query: Query,
@@ -33,7 +33,7 @@ pub(crate) struct Job {
     taken_back: Arc<AtomicBool>,
 }
 
-/// A request, and the session that made it, where it says so: nobody else takes it back.
+/// A request, and the session that made it, if known: only that session can take it back.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Asked {
     request: Cancel,
@@ -45,7 +45,7 @@ struct Asked {
 pub(crate) enum Stop {
     /// Its time has passed.
     Deadline,
-    /// Nobody waits for it any more.
+    /// Nobody waits for its answer any more.
     TakenBack,
 }
 
@@ -72,9 +72,9 @@ impl Job {
 pub(crate) struct Queue {
     state: Mutex<State>,
     allowance: Mutex<Allowance>,
-    /// Something to do for the worker.
+    /// The worker has something to do.
     arrived: Notify,
-    /// A deadline that may be earlier than the others.
+    /// A new deadline that may be earlier than the others.
     earlier: Notify,
     view: Arc<watch::Sender<View>>,
 }
@@ -82,7 +82,7 @@ pub(crate) struct Queue {
 #[derive(Debug, Default)]
 struct State {
     waiting: VecDeque<Job>,
-    /// The job at work, and how to tell that it has been taken back.
+    /// The running job, and the flag that says that it has been taken back.
     running: Option<(Asked, Arc<AtomicBool>)>,
     closed: bool,
 }
@@ -94,8 +94,8 @@ impl State {
         running.chain(self.waiting.iter().map(|job| job.asked))
     }
 
-    /// Whether there is a place for one more. Requests that do not say which session made them may be anybody's: they count
-    /// with those of every session, and leave each of them a place of its share.
+    /// Whether there is a place for one more. A request that does not say which session made it may be anybody's. So it counts
+    /// towards every session's share, and it is accepted only while every session keeps a place of its share.
     fn has_place(&self, session: Option<ZenohId>) -> bool {
         let held = self.held().count();
         let share = match session {
@@ -109,7 +109,7 @@ impl State {
     }
 }
 
-/// What is left of a second's requests.
+/// How many more requests are allowed now.
 #[derive(Debug)]
 struct Allowance {
     left: f64,
@@ -147,7 +147,7 @@ impl Queue {
         self.state.lock().expect("no holder panics")
     }
 
-    /// Puts a query into the queue, or refuses it at once: what is no request, and one too many.
+    /// Puts a query into the queue. Refuses it at once if it is no request or one too many.
     pub(crate) fn offer(&self, query: Query) {
         let arrived = Instant::now();
         let mut allowance = self.allowance.lock().expect("no holder panics");
@@ -216,12 +216,12 @@ impl Queue {
         }
     }
 
-    /// Gives the place of the job at work to others; before its answer is sent, so that whoever gets that finds it free.
+    /// Frees the place of the running job. Called before the answer is sent, so that whoever receives it finds the place free.
     pub(crate) fn done(&self) {
         self.state().running = None;
     }
 
-    /// Refuses jobs whose time passes while they wait, until the queue is closed.
+    /// Refuses waiting jobs whose deadline passes, until the queue is closed.
     pub(crate) async fn expire(&self) {
         loop {
             let now = Instant::now();
@@ -252,13 +252,13 @@ impl Queue {
         }
     }
 
-    /// Takes back one request of the session that says so.
+    /// Takes back one request, if it is this session's.
     pub(crate) fn take_back(&self, request: Cancel, session: ZenohId) {
         let session = Some(session);
         self.take_back_where(|asked| asked == Asked { request, session });
     }
 
-    /// Takes back every request of a session that has gone, by its number.
+    /// Takes back every request of the session with this number, which has gone.
     pub(crate) fn session_gone(&self, number: u64) {
         self.take_back_where(|asked| asked.session.map(number_of) == Some(number));
     }
@@ -276,7 +276,7 @@ impl Queue {
         }
     }
 
-    /// Takes jobs out of the queue.
+    /// Removes jobs from the queue.
     fn remove(&self, which: impl Fn(&Job) -> bool) -> Vec<Job> {
         let mut state = self.state();
         let (out, kept) = state.waiting.drain(..).partition(which);
@@ -284,8 +284,8 @@ impl Queue {
         Vec::from(out)
     }
 
-    /// Ends the work: the job under way is taken back, and those that wait are dropped, which tells their
-    /// clients at once that nobody answers.
+    /// Ends the work. The running job is taken back. Waiting jobs are dropped, which tells their clients at once that nobody
+    /// will answer.
     pub(crate) fn close(&self) {
         self.state().closed = true;
         self.take_back_where(|_| true);

@@ -32,8 +32,8 @@ use traces::Traces;
 
 /// Ask a robot for the pose that maps a source cloud onto a target cloud
 ///
-/// Poses are in the clouds' own units and coordinates: what lies far from the origin is sent relative to a point of its own,
-/// which is put back in f64. Clouds with more points than a robot takes are thinned.
+/// Poses are in the clouds' own units and coordinates. A cloud far from the origin is sent relative to a point of its own,
+/// which is added back in f64. Clouds with more points than a robot takes are thinned.
 #[derive(clap::Args, Clone, Debug)]
 pub struct RefineArgs {
     /// Fleet to ask (a-z A-Z 0-9 _ -)
@@ -50,36 +50,36 @@ pub struct RefineArgs {
     )]
     pub pairs: Option<PathBuf>,
     /// Cloud to move (.ply .pcd .xyz .txt .asc .csv .pts .npy .off .obj .stl)
-    /// Left out with --depth
+    /// Omit it with --depth
     #[arg(required_unless_present_any = ["pairs", "depth"])]
     pub source: Option<PathBuf>,
     /// Cloud that stays
     #[arg(required_unless_present_any = ["pairs", "depth"])]
     pub target: Option<PathBuf>,
-    /// What the source is.
+    /// Options for the source.
     #[command(flatten)]
     pub sources: SourceArgs,
     /// Refinement steps at most
     #[arg(long, value_name = "N", default_value_t = STEPS as u8)]
     pub steps: u8,
-    /// What follows the steps: fast (nothing), polish (closest points), verify (then compared with other poses), best (the most that
-    /// the robot has memory for); or refine (closest points from the start, without the policy) [default: best]
+    /// What follows the policy's steps: fast (nothing), polish (closest points), verify (also compared with other poses), best (the
+    /// most that the robot has memory for); or refine (closest points from the start, without the policy) [default: best]
     #[arg(long, value_name = "MODE")]
     pub mode: Option<Mode>,
     /// Where to start: none (turned in any way), identity, 12 numbers separated by commas (rows of [R | t]), or a file
     /// with them, also what --json wrote [default: identity]
     #[arg(long, value_name = "POSE", allow_hyphen_values = true)]
     pub init: Option<Initial>,
-    /// Time that the robot has for each answer, seconds; boards in a simulator need a minute and more
+    /// Time that the robot has for each answer, seconds; simulated boards need a minute and more
     #[arg(long, value_name = "SECONDS", default_value = "10", value_parser = seconds)]
     pub deadline: Duration,
     /// How coordinates are sent: i16 halves the bytes, and rounds to 1/65534 of a cloud's longest side
     #[arg(long, value_enum, value_name = "FORMAT", default_value_t = CloudFormat::F32)]
     pub cloud_format: CloudFormat,
-    /// Write what the robot did step by step, for `host-train replay`
+    /// Write what the robot did, step by step, for `host-train replay`
     #[arg(long, value_name = "FILE")]
     pub trace: Option<PathBuf>,
-    /// Seed of the subsampling
+    /// Seed of the thinning
     #[arg(long, value_name = "S", default_value_t = SEED)]
     pub seed: u64,
     /// Write every answer as JSON: pose, verdict, steps, times (milliseconds), policy version
@@ -99,7 +99,7 @@ pub enum CloudFormat {
     I16,
 }
 
-/// A time in seconds, from a millisecond on.
+/// A time in seconds, at least a millisecond.
 fn seconds(text: &str) -> Result<Duration, String> {
     let number = text.parse().ok();
     let time = number.and_then(|number| Duration::try_from_secs_f64(number).ok());
@@ -114,14 +114,14 @@ struct Sent {
     points: Vec<Point>,
     /// In the file's own coordinates.
     origin: Position,
-    /// Where the sensor stood, relative to the origin, of a source that is a view from one point.
+    /// Where the sensor stood, relative to the origin, if the cloud is a source seen from one point.
     view_point: Option<Point>,
-    /// What it saw besides, relative to the origin.
+    /// What else the sensor saw, relative to the origin.
     background: Vec<Point>,
 }
 
 impl Sent {
-    /// What was read, and says what the reader noticed.
+    /// The cloud that was read. Prints what the reader noticed.
     fn of(cloud: Prepared<'_>, path: &Path, view_point: Option<Position>) -> Sent {
         for note in &cloud.notes {
             eprintln!("{}: {note}", path.display());
@@ -148,9 +148,9 @@ impl RefineArgs {
     /// Runs the command.
     ///
     /// # Errors
-    /// Files that cannot be read, no session, and requests without a pose; of several pairs, after all of them have been asked for.
+    /// Files that cannot be read, no session, and requests without a pose. With several pairs, all of them are asked first.
     pub async fn run(self) -> anyhow::Result<()> {
-        // A file that cannot be written is known before anybody is asked.
+        // Check that the files can be written before any robot is asked.
         check_outputs([&self.trace, &self.json])?;
         if let Some(path) = &self.pairs {
             let pairs = PairSet::load(path)?;
@@ -174,7 +174,7 @@ impl RefineArgs {
         let mut seen = Sent::of(seen, &source, view_point);
         let model = Sent::of(model, &target, None);
         if let Some(view_point) = seen.view_point {
-            // The robot is sent what counts.
+            // Send only the background that counts.
             let clouds = [seen.points.as_slice(), &model.points];
             seen.background = that_counts(clouds, view_point.into(), &seen.background)?;
         }
@@ -287,7 +287,7 @@ impl Asking {
                     after.push(refined);
                     answers.push(answer.json([[0.0; 3]; 2]));
                 }
-                // The next one may be answered: by another robot, or by one that restarts.
+                // The next pair may be answered by another robot, or by one that restarts.
                 Err(error) => {
                     let why = one_line(error.as_ref());
                     println!("pair {index}: {why}");

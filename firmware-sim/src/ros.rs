@@ -1,5 +1,5 @@
-//! `firmware-sim ros`: a node of a ROS 2 network whose middleware is Zenoh (`rmw_zenoh`), without ROS: clouds in, the pose of a
-//! model in them out.
+//! `firmware-sim ros`: a node of a ROS 2 network whose middleware is Zenoh (`rmw_zenoh`), without ROS. Clouds go in, the pose of
+//! a model in them comes out.
 
 mod keys;
 mod messages;
@@ -33,17 +33,20 @@ use service::Services;
 use std::path::{Path, PathBuf};
 use std::pin::pin;
 
-/// Be a node of a ROS 2 network over rmw_zenoh (Jazzy and later): publish where a model is in the clouds of a topic, until Ctrl-C
+/// Be a node of a ROS 2 network over rmw_zenoh (Jazzy or later): publish where a model is in the clouds of a topic, until Ctrl-C
 ///
-/// Clouds are sensor_msgs/PointCloud2 of the object alone, in the model's unit or that of --unit. For each, ~/pose (geometry_msgs/PoseStamped) and
-/// ~/pose_with_covariance say where the model's frame is in the cloud's, as far as the pose is probably right; /diagnostics says
-/// what came of every cloud. The service ~/register (std_srvs/Trigger) registers the newest cloud and answers with the same as JSON. Settings are parameters, of which mode and on_request can be set; /parameter_events tells them. ~/model is the model, latched, in the frame of --tf or of the file's name. While one is registered, of those that come the newest is kept.
+/// Clouds are sensor_msgs/PointCloud2 of the object alone, in the model's unit or that of --unit. While one cloud is registered,
+/// only the newest of those that arrive is kept. If the pose is probably right, ~/pose (geometry_msgs/PoseStamped) and
+/// ~/pose_with_covariance give the model's frame in the cloud's frame. /diagnostics says what came of every cloud. ~/model is the
+/// model, latched, in the frame of --tf, or in one named after the file. The service ~/register (std_srvs/Trigger) registers the
+/// newest cloud and answers with the pose as JSON. Settings are parameters: mode and on_request can be set, and
+/// /parameter_events reports changes.
 #[derive(clap::Args, Clone, Debug)]
 pub struct RosArgs {
     /// Cloud or mesh of the object (.ply .pcd .xyz .txt .asc .csv .pts .npy .off .obj .stl)
     #[arg(long, value_name = "FILE")]
     pub model: PathBuf,
-    /// Unit of the model, where clouds are in metres, or of both, as in:mm: mm, cm, m, in, ft [default: that of the clouds]
+    /// Unit of the model if clouds are in metres, or both units, as in:mm. Units: mm, cm, m, in, ft [default: that of the clouds]
     #[arg(long, value_name = "UNIT[:UNIT]")]
     pub unit: Option<Units>,
     /// Topic of the clouds
@@ -52,19 +55,19 @@ pub struct RosArgs {
     /// The clouds are views from the origin of their frame, as a depth camera gives them
     #[arg(long)]
     pub view: bool,
-    /// Policy: a file, or a bundled one [default: reagent, of views views]
+    /// Policy: a file, or a bundled one [default: reagent, or views with --view; with --track the compact ones]
     #[arg(long, value_name = "FILE.rgw")]
     pub weights: Option<PathBuf>,
-    /// What follows the policy's steps: fast (nothing), polish (closest points), verify (then compared with other poses), best (the
+    /// What follows the policy's steps: fast (nothing), polish (closest points), verify (also compared with other poses), best (the
     /// most that there is memory for, here verify); or refine (closest points from the start, without the policy)
     #[arg(long, value_name = "MODE", default_value_t = Mode::Verify)]
     pub mode: Mode,
-    /// Where each starts: none (turned in any way), identity, 12 numbers (rows of [R | t] from the cloud to the model), or a file
-    /// with them [default: identity]
+    /// Where each registration starts: none (turned in any way), identity, 12 numbers (rows of [R | t] from the cloud to the model),
+    /// or a file with them [default: identity]
     #[arg(long, value_name = "POSE", allow_hyphen_values = true)]
     pub init: Option<Initial>,
-    /// Follow one object from cloud to cloud, as `host-train track` does: --mode is for where refinement from the last pose is not
-    /// enough, --init for an object that no cloud has shown
+    /// Follow one object from cloud to cloud, as `host-train track` does: --mode applies when refinement from the last pose is not
+    /// enough, --init as long as no cloud has shown the object
     #[arg(long)]
     pub track: bool,
     /// Register clouds only when the service ~/register asks for the newest one
@@ -79,13 +82,13 @@ pub struct RosArgs {
     /// The network's ROS_DOMAIN_ID
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = names::domain, allow_negative_numbers = true)]
     pub domain: u8,
-    /// Publish the pose as a transform on /tf, too, from the cloud's frame to this one
+    /// Also publish the pose as a transform on /tf, from the cloud's frame to this one
     #[arg(long, value_name = "FRAME", value_parser = names::frame)]
     pub tf: Option<String>,
     /// Seed by which points of a mesh are drawn
     #[arg(long, value_name = "S", default_value_t = SEED)]
     pub seed: u64,
-    /// The network: the router that `ros2 run rmw_zenoh_cpp rmw_zenohd` starts listens at tcp/HOST:7447.
+    /// The network. The router that `ros2 run rmw_zenoh_cpp rmw_zenohd` starts listens at tcp/HOST:7447.
     #[command(flatten)]
     pub session: SessionArgs,
 }
@@ -96,11 +99,11 @@ struct Registration {
     weights: WeightFile,
     request: Request,
     memory: Box<Memory>,
-    /// Where it follows an object.
+    /// The track, if one object is followed.
     tracking: Option<Tracking>,
-    /// Points of each cloud that are used at most.
+    /// Most points used of each cloud.
     points: Option<usize>,
-    /// Named by errors.
+    /// The topic, for error messages.
     topic: PathBuf,
 }
 
@@ -108,7 +111,7 @@ impl RosArgs {
     /// Runs the command.
     ///
     /// # Errors
-    /// Files that cannot be read, no session, and its failure; not clouds that cannot be registered.
+    /// Files that cannot be read, no session, or a session that fails. Clouds that cannot be registered are no error.
     pub async fn run(self) -> anyhow::Result<()> {
         let mut registration = self.registration()?;
         let namespace = self.namespace.trim_end_matches('/');
@@ -164,7 +167,7 @@ impl RosArgs {
         let mut stopped = pin!(stop_requested());
         loop {
             tokio::select! {
-                // However fast clouds come, requests have their turn.
+                // Requests come first, however fast clouds arrive.
                 biased;
                 stopped = &mut stopped => return Ok(stopped?),
                 call = services.next() => {
@@ -202,7 +205,7 @@ impl RosArgs {
         self.weights.as_deref().unwrap_or(Path::new(bundled))
     }
 
-    /// What it was started with.
+    /// The options that the node was started with.
     fn parameters(&self) -> Parameters {
         let path = |path: &Path| Value::text(path.to_string_lossy().into_owned());
         let settings = Settings {
@@ -261,7 +264,7 @@ impl Registration {
         PointCloud2::of(self.model.all.iter().map(placed), frame)
     }
 
-    /// The pose, and of an object that is followed, whether it is there.
+    /// The pose, and if an object is followed, whether it is there.
     fn register(&mut self, cloud: &PointCloud2) -> anyhow::Result<(Done, Option<TrackState>)> {
         let source = Prepared::of_positions(cloud.positions()?, &self.topic, self.points)?;
         let (policy, memory) = (self.weights.policy(), &mut self.memory);

@@ -1,4 +1,4 @@
-//! Routers that come and go, in the log: what else a robot says then is heard by nobody.
+//! Logs routers that come and go. Without a router, nobody hears anything else that a robot says.
 
 use crate::view::View;
 use std::sync::Arc;

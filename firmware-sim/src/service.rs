@@ -20,8 +20,8 @@ use std::time::{Duration, Instant};
 use tokio::runtime::Handle;
 use tokio::sync::watch;
 
-/// Answers queued requests until the queue is closed, always with the newest policy. A policy that
-/// arrives while a request runs is used from the next request on.
+/// Answers queued requests until the queue is closed, always with the newest policy. A policy that arrives while a request
+/// runs is used from the next request on.
 pub(crate) fn serve(
     queue: &Queue,
     mut policies: watch::Receiver<Option<Arc<LoadedPolicy>>>,
@@ -65,7 +65,7 @@ pub(crate) fn serve(
     reason = "one at a time, and most are jobs"
 )]
 pub(crate) enum Work {
-    /// Take up the policy that has come: checked and packed before the next request, which so need not wait for it.
+    /// Take up a new policy. It is checked and packed before the next request arrives, so that no request waits for it.
     Policy,
     Job(Job),
 }
@@ -84,14 +84,14 @@ pub(crate) fn next_work(
     })
 }
 
-/// A policy at work.
+/// A policy in use.
 struct Engine<'w, 's> {
     registrar: Registrar<'w, 's>,
     policy: PolicyId,
 }
 
 impl<'w, 's> Engine<'w, 's> {
-    /// With that policy, or why requests are refused.
+    /// Starts with that policy, or says why requests are refused.
     fn start(loaded: Option<&'w LoadedPolicy>, scratch: &'s mut Scratch) -> Result<Self, Reason> {
         let loaded = loaded.ok_or(Reason::NoPolicy)?;
         let policy = loaded.policy().map_err(|error| {
@@ -107,7 +107,7 @@ impl<'w, 's> Engine<'w, 's> {
     }
 }
 
-/// Working memory of registrations, in the alignment that the kernels read.
+/// Working memory of registrations, aligned as the kernels need it.
 struct Buffers {
     source: Box<[[f32; 3]]>,
     target: Box<[[f32; 3]]>,
@@ -145,7 +145,7 @@ impl From<Error> for Interrupted {
     }
 }
 
-/// Registers the clouds of a request; its trace too, where it wants one.
+/// Registers the clouds of a request. Also returns its trace, if it asks for one.
 fn answer(
     engine: Result<&mut Engine<'_, '_>, Reason>,
     buffers: &mut Buffers,
@@ -167,7 +167,7 @@ fn answer(
     let source = taken(Cloud::Source, &request.source, &mut buffers.source).map_err(refused)?;
     let target = taken(Cloud::Target, &request.target, &mut buffers.target).map_err(refused)?;
     let mut steps = Vec::new();
-    // Its points need not be checked: those that are no numbers are not looked at.
+    // The points need not be checked: those that are not finite are ignored.
     let background = request.background.copy_into(&mut buffers.background);
     let count = background.map_err(|error| refused(Reason::of(error, Cloud::Background)))?;
     let task = request.task(&buffers.background[..count]);

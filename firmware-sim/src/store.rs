@@ -1,4 +1,4 @@
-//! The robot's policies in flash, so that it starts without a host: see [`reagent_slots`].
+//! The robot's policies in flash, so that it can start without a host: see [`reagent_slots`].
 
 use crate::flash::{FILE, RobotFlash};
 use crate::policy::{LoadedPolicy, Trust, UpdateError, verified_manifest};
@@ -14,10 +14,10 @@ pub(crate) struct Store {
 }
 
 impl Store {
-    /// Opens the flash in a directory, or one in memory without.
+    /// Opens the flash in a directory, or a flash in memory if there is none.
     ///
     /// # Errors
-    /// `Store`; `Lost` where nothing in it says which version the robot must not go below.
+    /// `Store`; `Lost` if nothing in the flash says below which version the robot must not go.
     pub(crate) async fn open(directory: Option<&Path>) -> Result<Store, UpdateError> {
         let path = directory.map(|directory| directory.join(FILE));
         let path = path.unwrap_or_default().display().to_string();
@@ -25,7 +25,7 @@ impl Store {
         let flash = match directory {
             None => RobotFlash::in_memory(),
             Some(directory) => {
-                // A robot's file has its full length from the start: what this one held is lost.
+                // A robot's file has its full length from the start, so the content of this one is lost.
                 if found.as_ref().is_some_and(|found| found.len() == 0) {
                     let reason = SlotError::Lost;
                     return Err(UpdateError::Lost { path, reason });
@@ -58,7 +58,7 @@ impl Store {
         Ok(Store { slots, path })
     }
 
-    /// The policy that counts, verified as if it had just been fetched; `None` where there is none yet.
+    /// The policy in use, verified as if it had just been fetched; `None` if there is none yet.
     ///
     /// # Errors
     /// `Kept`.
@@ -84,20 +84,20 @@ impl Store {
         };
         let policy = self.load(slot, trust).await?;
         let (given, last) = (policy.manifest().release(), self.floor());
-        // Somebody has put an older one there.
+        // Somebody has put an older policy there.
         if given < last {
             return Err(UpdateError::NotNewer { given, last });
         }
         Ok(Some(policy))
     }
 
-    /// Release of the newest policy that was ever in use.
+    /// The release of the newest policy that was ever in use.
     pub(crate) fn floor(&self) -> Release {
         let Floor { epoch, version } = self.slots.floor();
         Release { epoch, version }
     }
 
-    /// Whether what is written is found again after a restart.
+    /// Checks that written data will be found again after a restart.
     ///
     /// # Errors
     /// `Gone`.
@@ -115,8 +115,8 @@ impl Store {
         &mut self.slots
     }
 
-    /// Tries the policy that was downloaded: verifies it as a whole and has it do what its manifest says it
-    /// does. It counts from then on, or the one before it goes on.
+    /// Tries the downloaded policy: verifies it as a whole and tests that it does what its manifest says. If it passes, it is in
+    /// use from then on; otherwise the one before it stays in use.
     pub(crate) async fn take(
         &mut self,
         manifest: &Manifest,

@@ -17,11 +17,11 @@ use zenoh::pubsub::Subscriber;
 use zenoh::query::{ConsolidationMode, QueryTarget};
 use zenoh::sample::Sample;
 
-/// How often a robot looks whether its state directory is there still.
+/// How often a robot checks that its state directory is still there.
 const LOOK_INTERVAL: Duration = Duration::from_secs(1);
-/// How often it asks who answers for a manifest: an announcement may have been lost.
+/// How often it asks for manifests, since an announcement may have been lost.
 const ASK_INTERVAL: Duration = Duration::from_secs(10);
-/// Somebody who serves a policy answers within this time. One that does not keeps the robot from nothing else.
+/// Publishers answer within this time. The robot waits no longer for one that does not.
 const ANSWER_TIME: Duration = Duration::from_secs(2);
 
 /// Takes policies into use.
@@ -32,14 +32,14 @@ pub(crate) struct Updates {
     jitter: Jitter,
     policies: watch::Sender<Option<Arc<LoadedPolicy>>>,
     view: Arc<watch::Sender<View>>,
-    /// The announcement refused last, and why.
+    /// The announcement that was refused last, and why.
     refused: Option<(Vec<u8>, WhyNot)>,
-    /// The manifests that were answered when it asked last.
+    /// The manifests that answered the last query.
     answers: Vec<Vec<u8>>,
 }
 
 impl Updates {
-    /// Starts from the policy kept in flash, if there is a good one.
+    /// Starts with the policy in flash, if there is a good one.
     pub(crate) async fn new(
         session: Session,
         config: NodeConfig,
@@ -68,8 +68,8 @@ impl Updates {
         self.policies.subscribe()
     }
 
-    /// Takes announced policies as they come, and asks for the manifest whenever somebody appears
-    /// who answers for it, and from time to time: an announcement that this robot did not hear is not missed.
+    /// Takes announced policies as they come. Also asks for manifests whenever a publisher appears, and from time to time, so that
+    /// an announcement that this robot did not hear is not missed.
     pub(crate) async fn follow(
         mut self,
         key: keys::Key,
@@ -106,7 +106,7 @@ impl Updates {
         }
     }
 
-    /// Says it once where the state directory is not there any more.
+    /// Reports once that the state directory is gone.
     fn look_for_state(&self) {
         let lost = self.store.check_in_place().err();
         self.view.send_if_modified(|view| {
@@ -119,7 +119,7 @@ impl Updates {
         });
     }
 
-    /// Asks everybody who answers for a manifest, and takes the newest policy that can be taken.
+    /// Asks all publishers for their manifests, and takes the newest policy that it can accept.
     async fn ask(&mut self, key: &keys::Key) -> zenoh::Result<()> {
         let asked = self.session.get(key.as_str()).target(QueryTarget::All);
         let asked = asked.consolidation(ConsolidationMode::None);
@@ -134,7 +134,7 @@ impl Updates {
             Reverse((policy.release(), policy.sha256))
         });
         answers.dedup();
-        // What was answered before has been considered.
+        // Earlier answers have been considered already.
         let before = std::mem::replace(&mut self.answers, answers.clone());
         for frame in answers.iter().filter(|frame| !before.contains(frame)) {
             if self.consider(frame).await {
@@ -144,7 +144,7 @@ impl Updates {
         Ok(())
     }
 
-    /// Takes the announced policy if it is trusted, newer and whole. Whether it is in use then.
+    /// Takes the announced policy if it is trusted, newer and whole. Returns whether it is in use then.
     async fn consider(&mut self, signed_manifest: &[u8]) -> bool {
         match self.update(signed_manifest).await {
             Ok(taken) => {
@@ -154,7 +154,7 @@ impl Updates {
                 }
                 true
             }
-            // What was announced and then asked for, too, is refused once.
+            // A policy that is both announced and asked for is refused only once.
             Err(error) => {
                 let now = Some((signed_manifest.to_vec(), error.why()));
                 if self.refused != now {
@@ -177,8 +177,8 @@ impl Updates {
             return Ok(None);
         }
         let (given, floor) = (manifest.release(), self.store.floor());
-        // Of two policies that were given one version, all robots end with the same. One whose policy was damaged
-        // in flash takes the same version again.
+        // If two policies have the same version, the hash decides, so that all robots end with the same one. A robot whose policy
+        // was damaged in flash takes the same version again.
         let order = |m: &Manifest| (m.release(), m.sha256);
         let last = in_use.as_ref().map_or(floor, |m| m.release().max(floor));
         if given < floor || in_use.is_some_and(|in_use| order(&manifest) <= order(&in_use)) {
@@ -213,11 +213,11 @@ impl Updates {
         self.view.send_modify(|view| view.use_policy(manifest));
     }
 
-    /// Says what was not taken: an announced policy, or the one that was kept.
+    /// Reports a policy that was not taken: an announced one, or the one in flash.
     fn refuse(&self, policy: Option<PolicyId>, error: UpdateError) {
         match &error {
             UpdateError::Kept { .. } => tracing::error!("{error}"),
-            // What two publishers say in turns is no fault of the robot.
+            // Two publishers with different policies are no fault of the robot.
             UpdateError::NotNewer { .. } | UpdateError::NotYet(_) => {
                 tracing::info!("policy not taken: {error}")
             }

@@ -1,4 +1,4 @@
-//! What can be seen of a node from outside.
+//! The state of a node as others see it.
 
 use crate::policy::UpdateError;
 use reagent_core::verdict::VERDICTS;
@@ -6,22 +6,22 @@ use reagent_core::wire::{Manifest, NotTaken, PolicyId, RefineReply, Status, Tall
 use reagent_link::metrics::Robot;
 use std::sync::Arc;
 
-/// A node's state; changes are watched with [`crate::node::Node::watch`].
+/// A node's state. [`crate::node::Node::watch`] follows its changes.
 #[derive(Clone, Debug, Default)]
 pub struct View {
     /// The policy in use.
     pub policy: Option<Manifest>,
-    /// Policies that were not taken since the start.
+    /// Policies refused since the start.
     pub updates_refused: u64,
-    /// Why the last of them was not.
+    /// Why the last of them was refused.
     pub last_refusal: Option<Arc<UpdateError>>,
-    /// The same for others, until a policy is taken.
+    /// The last refusal as others are told it, until a policy is taken.
     pub not_taken: Option<NotTaken>,
     /// What the policy in use has done.
     pub tally: Tally,
     /// Whether the state directory was deleted or replaced.
     pub state_lost: bool,
-    /// Routers that it is connected to; `None` before the first.
+    /// Routers that the node is connected to; `None` before the first one.
     pub routers: Option<usize>,
     /// Requests answered with a pose.
     pub served: u64,
@@ -29,18 +29,18 @@ pub struct View {
     pub refused: u64,
     /// Requests running or waiting.
     pub in_hand: u16,
-    /// Requests that their clients took back, or left.
+    /// Requests that their clients took back or abandoned.
     pub taken_back: u64,
     /// Poses by verdict, in the order of [`reagent_core::Verdict::ALL`].
     pub verdicts: [u32; VERDICTS],
-    /// Drawn at the node's start.
+    /// A random number, drawn at the node's start.
     pub instance: u32,
     /// Whether another robot of the same name has been seen.
     pub duplicate: bool,
 }
 
 impl View {
-    /// The frame that others see.
+    /// The status frame that others receive.
     pub fn status(&self) -> Status {
         Status {
             policy: self.policy.as_ref().map(Manifest::id),
@@ -54,7 +54,7 @@ impl View {
         }
     }
 
-    /// The same as figures of the robot of this name.
+    /// The status as metrics of the robot of this name.
     pub fn figures(&self, robot: &str) -> Robot {
         Robot {
             name: robot.into(),
@@ -94,7 +94,7 @@ impl View {
         self.tally = Tally::default();
     }
 
-    /// One that was announced, or that was kept: nobody asks for word of that.
+    /// Counts a refusal. `policy` is the announced policy, or `None` for the one in flash, about which nobody waits for word.
     pub(crate) fn refuse_policy(&mut self, policy: Option<PolicyId>, error: UpdateError) {
         self.updates_refused += 1;
         let reason = error.why();
@@ -105,7 +105,7 @@ impl View {
     pub(crate) fn count_served(&mut self, reply: &RefineReply) {
         self.served += 1;
         let RefineReply { verdict, .. } = *reply;
-        // A pose that was found without the policy says nothing of it.
+        // A pose that was found without the policy says nothing about the policy.
         if reply.steps > 0 {
             self.tally.count(verdict, reply.probability, reply.micros);
         }

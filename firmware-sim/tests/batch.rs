@@ -42,7 +42,7 @@ fn frame(message: &Message<'_>) -> Vec<u8> {
     frame.to_vec()
 }
 
-/// Robot `a`: it has a policy and nothing to do, answers one request, and dies over the second.
+/// Robot `a`. It has a policy and nothing to do, answers one request, and dies during the second.
 async fn short_lived(endpoint: &str) -> JoinHandle<()> {
     let args = SessionArgs {
         connect: vec![endpoint.into()],
@@ -115,7 +115,7 @@ async fn a_robot_that_dies_does_not_end_a_batch() {
     write_pairs(&folder.path().join("pairs.h5"));
     let (router, endpoint) = network().await;
 
-    // Nobody else is asked: what it had answered counts, and each of the others is told.
+    // No other robot is asked. The pair that was answered counts, and each other pair is reported.
     let dying = short_lived(&endpoint).await;
     let (output, robots) = refine("a", &endpoint, folder.path()).await;
     dying.await.expect("it dies in peace");
@@ -134,7 +134,7 @@ async fn a_robot_that_dies_does_not_end_a_batch() {
     assert!(error.starts_with(summary), "{error}");
     assert_eq!(error.lines().count(), 1, "{error}");
 
-    // Any robot may answer: another one takes its place.
+    // Any robot may answer, so another one takes its place.
     let config = NodeConfig {
         fleet: FLEET.into(),
         robot: "b".into(),

@@ -1,4 +1,4 @@
-//! Certificates that expire soon, that have expired, and that do not hold yet, as the program tells of them.
+//! What the program says of certificates that expire soon, have expired, or are not valid yet.
 #![cfg(all(feature = "demo", unix))]
 
 use std::io::{BufRead, BufReader};
@@ -22,7 +22,7 @@ fn program() -> Command {
     program
 }
 
-/// Makes the client's certificate anew, with other times.
+/// Makes the client's certificate again, with other times.
 fn renew(folder: &Path, times: &[&str]) -> bool {
     let script = "openssl req -new -key client.key -subj /CN=client | \
         openssl x509 -req -CA ca.pem -CAkey ca.key -CAcreateserial -sha256 \
@@ -73,7 +73,7 @@ fn a_certificate_that_has_expired_or_will_soon_is_told() {
         let said = String::from_utf8_lossy(&output.stderr).into_owned();
         (output, said)
     };
-    // With another's certificate, and with one that another authority has signed.
+    // With another peer's certificate, and with one that another authority has signed.
     let clouds = ["1 2 3", "2 3 5", "5 3 1", "4 4 9"].join("\n");
     std::fs::write(config("cloud.xyz"), clouds).expect("writable");
     let refine = |name: &str| {

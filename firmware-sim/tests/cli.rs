@@ -23,7 +23,7 @@ fn firmware_sim(arguments: &[&str]) -> Output {
     program.args(arguments).output().expect("the program runs")
 }
 
-/// Runs the program and takes the one line that it must have failed with.
+/// Runs the program, which must fail with one line, and returns that line.
 fn failure(arguments: &[&str]) -> String {
     let output = firmware_sim(arguments);
     let error = String::from_utf8_lossy(&output.stderr).into_owned();
@@ -37,7 +37,7 @@ fn text(path: &Path) -> &str {
     path.to_str().expect("a plain path")
 }
 
-/// Of a robot r1 of fleet f.
+/// The configuration of robot r1 of fleet f.
 fn config(state: Option<&Path>) -> NodeConfig {
     NodeConfig {
         fleet: "f".into(),
@@ -372,7 +372,7 @@ async fn a_state_directory_that_may_only_be_read_starts_on_the_policy_in_it() {
     node.args(["node", "--fleet", "f", "--robot", "r2", "--trust-any"])
         .args(["--connect", &endpoint, "--state", text(folder.path())])
         .env("RUST_LOG", "off");
-    // Nothing is forbidden to root.
+    // root may write everything.
     if folder.path().metadata().expect("it is there").uid() == 0 {
         node.uid(65534);
     }

@@ -1,4 +1,4 @@
-//! The examples in `deploy/`, read by the tools that they are for.
+//! The examples in `deploy/`, checked by the tools that they are for.
 #![cfg(unix)]
 
 use std::path::Path;
@@ -21,7 +21,7 @@ fn systemd_understands_every_line_of_the_units() {
         ("reagent-node@.service", "reagent-node@arm1.service"),
     ] {
         let text = std::fs::read_to_string(deploy("systemd").join(unit)).expect("readable");
-        // It looks for the program, which is installed nowhere here.
+        // The tool looks for the program, which is not installed here.
         let built = env!("CARGO_BIN_EXE_firmware-sim");
         let placed = text
             .replace("/usr/bin/firmware-sim", built)
@@ -35,11 +35,11 @@ fn systemd_understands_every_line_of_the_units() {
         return eprintln!("skipped: systemd-analyze is not installed");
     };
     let warnings = String::from_utf8_lossy(&said.stderr);
-    // It says what it does not know, and ends with status 0.
+    // The tool reports what it does not know, but ends with status 0.
     assert!(said.status.success() && warnings.is_empty(), "{warnings}");
 }
 
-/// The arguments of every command of a file that names this program first, a line each.
+/// The arguments of every command of this program in a file, one list for each command.
 fn commands(text: &str, program: &str) -> Vec<Vec<String>> {
     let joined = text.replace("\\\n", " ").replace("#     ", " ");
     // The curve's base point.
@@ -73,7 +73,7 @@ fn the_program_takes_the_commands_of_units_and_container() {
     }
     assert_eq!(found.len(), 3, "{found:?}");
     for arguments in found {
-        // What comes before is checked first.
+        // clap checks the arguments before it comes to --help.
         let program = Command::new(env!("CARGO_BIN_EXE_firmware-sim"))
             .args(&arguments)
             .arg("--help")
@@ -122,7 +122,7 @@ fn the_container_holds_the_program_and_all_that_it_needs() {
     );
     assert_eq!(line("ENTRYPOINT "), format!("[{:?}]", copied.1));
     assert!(text.contains(&format!("--state {}\n", line("VOLUME "))));
-    // Debian's smallest image has these: packages libc6 and libgcc-s1.
+    // Debian's smallest image has only these libraries, of the packages libc6 and libgcc-s1.
     let Ok(needs) = Command::new("ldd").arg(built).output() else {
         return eprintln!("skipped: ldd is not installed");
     };
@@ -158,7 +158,7 @@ fn nft_understands_the_limit_of_connections() {
     assert!(said.status.success(), "{warnings}");
 }
 
-/// Names and addresses, with a port or without one, of IPv4 and IPv6.
+/// Names, IPv4 and IPv6 addresses, with and without a port.
 #[test]
 fn the_router_is_reached_under_names_and_addresses() {
     let make_ca = |address: &str| {

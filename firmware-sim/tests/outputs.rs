@@ -1,4 +1,4 @@
-//! Files that commands write, and what a robot keeps: through links and devices, and on a full disk.
+//! Files that commands write, and files that a robot keeps: through links and devices, and on a full disk.
 #![cfg(all(feature = "demo", unix))]
 
 use ed25519_dalek::SigningKey;
@@ -27,7 +27,7 @@ struct Fleet {
     folder: tempfile::TempDir,
 }
 
-/// One test at a time: a process that another starts holds, for a moment, the locks of this one's files.
+/// Only one test runs at a time: a process that another test starts would hold the locks of this one's files for a moment.
 static ALONE: tokio::sync::Mutex<()> = tokio::sync::Mutex::const_new(());
 
 fn policy(seed: u64) -> WeightFile {
@@ -75,7 +75,7 @@ impl Fleet {
         shipped.expect("a good policy");
     }
 
-    /// Asks the robot, with these options besides.
+    /// Asks the robot, with these further options.
     async fn refine(&self, options: &[&Path]) -> Output {
         let mut program = Command::new(env!("CARGO_BIN_EXE_firmware-sim"));
         program.args(["refine", "--fleet", "f", "--robot", "r1"]);
@@ -117,7 +117,7 @@ async fn links_are_followed_modes_kept_and_devices_written_through() {
     let text = fs::read_to_string(&json).expect("readable");
     let answer: serde_json::Value = serde_json::from_str(&text).expect("JSON");
     assert_eq!(answer["robot"], "r1");
-    // What is open is told where it was looked for.
+    // What is undetermined is reported in the mode that looks for it.
     for (mode, is_looked_for) in [("polish", false), ("refine", false), ("verify", true)] {
         let options = [Path::new("--mode"), Path::new(mode), options[0], &json];
         let output = fleet.refine(&options).await;
@@ -138,7 +138,7 @@ async fn links_are_followed_modes_kept_and_devices_written_through() {
     let null = fs::symlink_metadata(null).expect("there");
     assert!(null.file_type().is_char_device());
 
-    // What cannot be written is known before anybody is asked, and leaves what was there.
+    // A file that cannot be written is noticed before any robot is asked, and old files stay.
     let before = fleet.node.watch().borrow().served;
     for option in ["--json", "--trace"] {
         let missing = at("no/such/file");
@@ -154,7 +154,7 @@ async fn links_are_followed_modes_kept_and_devices_written_through() {
     fleet.router.close().await.expect("it was open");
 }
 
-/// What a robot says of its state until it is there.
+/// What a robot says of its state directory until it is up.
 async fn said_of(router: &Session, endpoint: &str, state: &Path) -> String {
     let alive = keys::alive("f", "r2").expect("good names");
     let tokens = router.liveliness().declare_subscriber(alive.as_str());
@@ -167,7 +167,7 @@ async fn said_of(router: &Session, endpoint: &str, state: &Path) -> String {
     tokens.recv_async().await.expect("it comes up");
     node.kill().expect("it runs");
     let output = node.wait_with_output().expect("it was started");
-    // It is gone before the next one comes.
+    // Wait until it is gone, before the next robot starts.
     tokens.recv_async().await.expect("an open session");
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
@@ -190,7 +190,7 @@ async fn a_robot_that_knows_of_no_version_says_so() {
 struct Disk(tempfile::TempDir);
 
 impl Disk {
-    /// Of so many kilobytes; says why there is none.
+    /// A disk of so many kilobytes. If there is none, prints why.
     fn of(kilobytes: usize) -> Option<Disk> {
         let folder = tempfile::tempdir().expect("a temporary directory");
         let size = format!("size={kilobytes}k");
@@ -209,7 +209,7 @@ impl Disk {
         self.0.path().join(name)
     }
 
-    /// Leaves no room.
+    /// Fills the disk.
     fn fill(&self) {
         let mut bytes = 1 << 20;
         while bytes > 0 {
@@ -260,7 +260,7 @@ async fn on_a_full_disk_old_answers_and_traces_stay() {
 #[tokio::test(flavor = "multi_thread")]
 async fn a_robot_with_a_full_disk_keeps_its_policy_and_says_that_it_cannot_take_another() {
     let _alone = ALONE.lock().await;
-    // Room for one policy, and not for two.
+    // Room for one policy, but not for two.
     let Some(disk) = Disk::of(1600) else { return };
     let state = disk.at("state");
     let mut fleet = Fleet::start(Some(&state)).await;
@@ -275,7 +275,7 @@ async fn a_robot_with_a_full_disk_keeps_its_policy_and_says_that_it_cannot_take_
     assert_eq!(view.policy.map(|policy| policy.version), Some(1));
     fleet.node.stop().await;
 
-    // It starts on the old one.
+    // The robot starts with the old policy.
     let config = NodeConfig {
         fleet: "f".into(),
         robot: "r2".into(),

@@ -1,4 +1,5 @@
-//! `firmware-sim ros` on a network, with messages written here byte by byte. `tests/ros2.py` does it with what others write.
+//! `firmware-sim ros` on a network, with messages written here byte by byte. `tests/ros2.py` uses messages that other libraries
+//! write.
 #![cfg(all(feature = "demo", unix))]
 
 #[path = "ros/parameters.rs"]
@@ -105,7 +106,7 @@ fn node(endpoint: &str, model: &Path, options: &[&str]) -> Running {
     node
 }
 
-/// Ends a node and takes what it has said on standard error.
+/// Ends a node and returns what it wrote to standard error.
 fn complaints(mut node: Running) -> String {
     node.0.kill().expect("it runs");
     let mut said = String::new();
@@ -114,7 +115,7 @@ fn complaints(mut node: Running) -> String {
     said
 }
 
-/// A box's three faces, twice as long as wide.
+/// Three faces of a box that is twice as long as wide.
 fn part() -> Vec<[f32; 3]> {
     let point = |i: usize| {
         let [u, v] = [(i / 3 % 17) as f32 / 17.0, (i / 51) as f32 / 18.0];
@@ -123,7 +124,7 @@ fn part() -> Vec<[f32; 3]> {
     (0..900).map(point).collect()
 }
 
-/// A network with a node that knows the part, and the poses and diagnostics that it publishes.
+/// A network with a node that knows the part, and subscriptions to its poses and diagnostics.
 async fn looking_for_a_part(folder: &Path, options: &[&str]) -> (Session, Running, [Heard; 2]) {
     let model = folder.join("part.xyz");
     let lines = part().into_iter();
@@ -182,7 +183,7 @@ async fn clouds_come_in_and_poses_and_reasons_go_out() {
     let folder = tempfile::tempdir().expect("a temporary directory");
     let (session, _node, [poses, diagnostics]) = looking_for_a_part(folder.path(), &[]).await;
     let points = part();
-    // The model is there for whoever comes late, as `zenoh-ext` asks for it.
+    // Late subscribers get the model, by the query that `zenoh-ext` sends.
     let asked = session.get(format!("{MODEL}/@adv/**"));
     let asked = asked.accept_replies(ReplyKeyExpr::Any).await;
     let kept = asked.expect("an open session").recv_async().await;
@@ -207,7 +208,7 @@ async fn clouds_come_in_and_poses_and_reasons_go_out() {
         "{said:?}"
     );
     let pose = next(&poses).await;
-    // The header, and seven numbers, of which the last is a turn by nothing.
+    // The header and seven numbers. The last one, w, says that there is no turn.
     assert_eq!(
         pose[..24],
         *b"\0\x01\0\0\x07\0\0\0\x08\0\0\0\x07\0\0\0camera\0\0"
@@ -253,7 +254,7 @@ async fn a_model_in_the_frame_of_its_clouds_has_no_transform() {
         session.put(CLOUD, cloud).await.expect("an open session");
         let said = next(&diagnostics).await;
         assert!(String::from_utf8_lossy(&said).contains(reason), "{said:?}");
-        // It would come before the pose.
+        // A transform would come before the pose.
         next(&poses).await;
     }
     assert!(transforms.try_recv().expect("an open session").is_none());
@@ -261,7 +262,7 @@ async fn a_model_in_the_frame_of_its_clouds_has_no_transform() {
     assert_eq!(said.matches(reason).count(), 1, "{said}");
 }
 
-/// What a service answers, to a request of number 9 of a client.
+/// The answer of a service to a client's request number 9.
 async fn called<Q: Serialize, A: DeserializeOwned>(session: &Session, key: &str, request: &Q) -> A {
     let identity = [7; 16];
     let number = [9, 0, 0, 0, 0, 0, 0, 0];
@@ -280,12 +281,12 @@ async fn called<Q: Serialize, A: DeserializeOwned>(session: &Session, key: &str,
     answer.expect("what the service answers").0
 }
 
-/// What is read does not borrow from what it is read from.
+/// An answer that owns what was read.
 #[derive(Deserialize)]
 #[serde(bound = "A: DeserializeOwned")]
 struct Answer<A>(A);
 
-/// Whether a cloud was registered, and what is said of it. An empty message has one byte.
+/// Whether a cloud was registered, and the message about it. An empty request has one byte.
 async fn triggered(session: &Session) -> (bool, String) {
     called(session, REGISTER, &0u8).await
 }
@@ -312,7 +313,7 @@ async fn a_service_registers_the_newest_cloud() {
         );
         let turn = said["pose"]["orientation"][3].as_f64();
         assert!(turn.is_some_and(|w| w.abs() > 0.999), "{said}");
-        // It is published, too; of the cloud before it nothing is.
+        // The pose is published, too. Nothing is published for the cloud before it.
         next(&poses).await;
         let told = next(&diagnostics).await;
         assert!(String::from_utf8_lossy(&told).contains("converged"));
@@ -320,7 +321,7 @@ async fn a_service_registers_the_newest_cloud() {
     put(Cdr::cloud(&part()[..1])).await;
     let (success, said) = triggered(&session).await;
     assert!(!success && said.contains("point"), "{said}");
-    // What is no request of ROS is refused.
+    // A query that is no ROS request is refused.
     let asked = session.get(REGISTER).await.expect("an open session");
     let reply = asked.recv_async().await.expect("an answer");
     let refused = reply.into_result().expect_err("refused");

@@ -1,11 +1,11 @@
-//! What is wrong with an option, a name, an endpoint or a file is said in one line, with what would be right.
+//! One line says what is wrong with an option, a name, an endpoint or a file, and what would be right.
 #![cfg(feature = "demo")]
 
 use std::net::TcpListener;
 use std::path::Path;
 use std::process::Command;
 
-/// What the program says first on standard error, after it ended with this status.
+/// The first line on standard error of a program that must end with this status.
 fn said(folder: &Path, arguments: &str, status: i32) -> String {
     let mut program = Command::new(env!("CARGO_BIN_EXE_firmware-sim"));
     program.args(arguments.split(' ').map(|word| match word {
@@ -18,7 +18,7 @@ fn said(folder: &Path, arguments: &str, status: i32) -> String {
     assert_eq!(output.status.code(), Some(status), "{arguments}: {error}");
     let line = error.lines().find(|line| line.starts_with("error: "));
     let line = line.unwrap_or_else(|| panic!("{arguments}: {error}"));
-    // What clap adds are its usage and the way to its help.
+    // clap adds its usage and a hint to its help.
     assert!(status == 2 || error.trim_end().ends_with(line), "{error}");
     for internal in ["Json5Err", "Some(", "Single(", "location:", ".rs:"] {
         assert!(!line.contains(internal), "{arguments}: {line}");
@@ -252,7 +252,7 @@ fn files_that_are_none_are_named_once() {
     }
 }
 
-/// What cannot be listened on is no router that does not run.
+/// An endpoint that cannot be listened on is not reported as a router that does not run.
 #[test]
 fn endpoints_that_do_not_work_come_with_a_hint_that_fits() {
     let folder = tempfile::tempdir().expect("a temporary directory");

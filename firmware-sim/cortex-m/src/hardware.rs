@@ -1,4 +1,5 @@
-//! What the two boards have: a CMSDK UART, a counter, flash for a policy. All of the image's `unsafe`.
+//! The hardware of the two boards: a CMSDK UART, a counter, a watchdog, flash for a policy. Nearly all of the image's `unsafe` is
+//! here; `main` takes the flash.
 
 use core::arch::asm;
 use core::ptr::{addr_of, addr_of_mut};
@@ -8,7 +9,7 @@ mod addresses {
     pub(super) const UART: usize = 0x4000_4000;
     pub(super) const UART_RECEIVE_IRQ: usize = 0;
     pub(super) const FPGA_IO: usize = 0x4002_8000;
-    /// Rate of the counter; measured against the board's 100 Hz clock, like the other's.
+    /// Rate of the counter, measured against the board's 100 Hz clock, as on the other board.
     pub(crate) const HERTZ: u32 = 25_000_000;
     pub(super) const WATCHDOG: usize = 0x4000_8000;
     pub(super) const WATCHDOG_HERTZ: u32 = 25_000_000;
@@ -60,7 +61,7 @@ const NVIC_CLEAR_PENDING: usize = 0xe000_e280 + UART_RECEIVE_IRQ / 32 * 4;
 const NVIC_BIT: u32 = 1 << (UART_RECEIVE_IRQ % 32);
 
 impl Uart {
-    /// Sends and receives; the receive interrupt wakes the processor, and is never taken.
+    /// Enables sending and receiving. The receive interrupt wakes the processor but is never taken.
     pub(crate) fn open() -> Uart {
         // SAFETY: masks interrupts, touches no memory.
         unsafe { asm!("cpsid i", options(nomem, nostack)) };
@@ -79,7 +80,7 @@ impl Uart {
         })
     }
 
-    /// Sleeps until a byte has come, or the tick; not at all where the tick has come before ([`clear_tick`]).
+    /// Sleeps until a byte or the tick comes. Does not sleep if the tick is pending already ([`clear_tick`]).
     pub(crate) fn wait(&mut self) {
         write(NVIC_CLEAR_PENDING, NVIC_BIT);
         if read(STATE) & 2 == 0 {
@@ -103,8 +104,8 @@ pub(crate) fn ticks() -> u32 {
 const SYSTEM_TICK: usize = 0xe000_e010;
 const SYSTEM_CONTROL: usize = 0xe000_ed04;
 const CLEAR_PENDING_TICK: u32 = 1 << 25;
-/// Without a sign of life for as long the watchdog raises its interrupt, which hangs, and after as long again
-/// resets the board. A controller would take a few of its periods; a simulator may have to wait for its host.
+/// After this time without being fed, the watchdog raises its interrupt, which hangs. After as long again it resets the board. A
+/// real controller would use a few of its periods; a simulator may have to wait for its host.
 const WATCHDOG_SECONDS: u32 = 30;
 
 /// Starts the watchdog, and the tick that wakes the processor to feed it.
@@ -117,38 +118,38 @@ pub(crate) fn start_watchdog() {
     write(SYSTEM_TICK, 0b111);
 }
 
-/// Forgets that the tick has come, which it does about twice a second.
+/// Clears the pending tick, which comes about twice a second.
 pub(crate) fn clear_tick() {
     write(SYSTEM_CONTROL, CLEAR_PENDING_TICK);
 }
 
-/// A sign of life.
+/// Feeds the watchdog.
 pub(crate) fn feed_watchdog() {
     write(WATCHDOG + 0xc, 1);
 }
 
-/// Flash for one policy. The board's simulator has RAM there, which is erased and written like any.
+/// Flash for one policy. The board's simulator has RAM there, which can be written like any RAM.
 pub(crate) struct Flash(());
 
 impl Flash {
-    /// Bytes of it.
+    /// Bytes of the flash.
     pub(crate) const LENGTH: usize = 3 << 20;
 
     /// The one flash.
     ///
     /// # Safety
-    /// To be called once.
+    /// Must be called once only.
     pub(crate) unsafe fn take() -> Flash {
         Flash(())
     }
 
-    /// All of it.
+    /// All bytes.
     pub(crate) fn bytes(&self) -> &[u8] {
         // SAFETY: the linker script reserves it; writing takes `&mut self`.
         unsafe { core::slice::from_raw_parts(addr_of!(_policy_flash), Self::LENGTH) }
     }
 
-    /// Writes what fits.
+    /// Writes as many bytes as fit.
     pub(crate) fn write(&mut self, at: usize, bytes: &[u8]) {
         // SAFETY: as above.
         let all =
@@ -168,7 +169,7 @@ pub(crate) fn program_and_static_bytes() -> (u32, u32) {
     (program as u32, (statics_end - data) as u32)
 }
 
-/// Bytes of the stack that were used at the highest, and all of them: `Reset` has painted it.
+/// The most bytes of the stack used so far, and all its bytes. `Reset` has painted the stack.
 pub(crate) fn stack_bytes() -> (u32, u32) {
     let (mut at, start) = (addr_of!(_stack_end), addr_of!(_stack_start));
     let all = start.addr() - at.addr();

@@ -1,5 +1,5 @@
-//! Frames in and out of the serial line. While a registration runs its clouds fill the large buffer;
-//! what comes then goes into a small one, just to be answered.
+//! Frames over the serial line. While a registration runs, its clouds fill the large buffer. Frames that arrive then go into a
+//! small one, just to be answered.
 
 use crate::POINTS;
 use crate::hardware::{Uart, clear_tick, feed_watchdog};
@@ -11,7 +11,7 @@ pub(crate) struct Link {
     uart: Uart,
     decoder: Decoder,
     small: [u8; SMALL_FRAME_BYTES + CHECK_BYTES],
-    /// The frame under way goes into the small buffer.
+    /// Whether the current frame goes into the small buffer.
     skim: bool,
     waits: u8,
     /// Requests refused.
@@ -30,13 +30,13 @@ impl Link {
         }
     }
 
-    /// Waits for a frame in `space`, and gives its length. What is none is answered with a refusal.
+    /// Waits for a frame in `space` and returns its length. Anything that is no frame is refused.
     pub(crate) fn receive(&mut self, space: &mut [u8]) -> usize {
         loop {
             let Some(byte) = self.uart.receive() else {
                 self.uart.wait();
                 self.waits = self.waits.wrapping_add(1);
-                // Seconds where nothing comes; registers are slow where much does.
+                // Seconds apart if nothing comes. If much comes, not too often, since registers are slow.
                 if self.waits.is_multiple_of(16) {
                     feed_watchdog();
                     clear_tick();
@@ -61,7 +61,7 @@ impl Link {
         }
     }
 
-    /// Answers what has come meanwhile: the board is busy. Returns what was taken back.
+    /// Answers frames that have come meanwhile: the board is busy. Returns the request that was taken back, if any.
     pub(crate) fn glance(&mut self) -> Option<Cancel> {
         let mut cancel = None;
         while let Some(byte) = self.uart.receive() {
@@ -94,7 +94,7 @@ impl Link {
         self.send(&Message::Refusal(refusal));
     }
 
-    /// Sends any message that is no request.
+    /// Sends any message except a request.
     pub(crate) fn send(&mut self, message: &Message<'_>) {
         let mut buffer = [0; SMALL_FRAME_BYTES];
         if let Ok(frame) = wire::encode(message, &mut buffer) {

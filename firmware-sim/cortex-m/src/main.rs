@@ -1,9 +1,15 @@
 //! A robot's controller: refine requests over a serial line, the policy in flash, no heap.
 //!
-//! `main` checks the policy, waits for a frame, and answers each: a request with the steps taken and the pose,
-//! a question with status and resources, a manifest and chunks with the new policy. The work is sliced by
-//! [`Registrar::advance`]; between two slices the control loop has its turn, the line is served, and the
-//! watchdog gets its sign of life.
+//! `main` checks the policy and then serves frames:
+//!
+//! | frame | answer |
+//! |---|---|
+//! | a request | the steps taken, and the pose |
+//! | a question | status and resources |
+//! | a manifest, then chunks | status; the chunks go into flash as the new policy |
+//!
+//! [`Registrar::advance`] slices the work. Between two slices the control loop has its turn, the line is served, and the watchdog
+//! is fed.
 #![no_std]
 #![no_main]
 
@@ -26,7 +32,7 @@ use report::Report;
 
 /// Most points of each cloud.
 const POINTS: usize = 1024;
-/// Bytes of a point, codes on a grid or coordinates. Of the others half or twice as many fit.
+/// Bytes of a point: codes on a grid, or coordinates. Of the other kind, half or twice as many points fit.
 const POINT_BYTES: usize = if cfg!(feature = "grid") { 6 } else { 12 };
 /// The largest request.
 const REQUEST_WORDS: usize =
@@ -55,8 +61,8 @@ fn main() -> ! {
     }
 }
 
-/// Checks the policy, says what came of it and of an update before it, and answers requests until a new
-/// policy is announced.
+/// Checks the policy and reports the result, also that of an update before it. Then answers requests until a new policy is
+/// announced.
 fn serve(
     flash: &Flash,
     space: &mut [u32],
@@ -87,7 +93,7 @@ fn serve(
             }
             Ok(Message::Manifest(manifest)) => return manifest,
             Ok(Message::Ask) => report.send(link),
-            // It has been answered already.
+            // The request has been answered already.
             Ok(Message::Cancel(_)) => {}
             Ok(_) => link.refuse(refusal(Error::Frame)),
             Err(error) => link.refuse(refusal(error)),
@@ -95,7 +101,7 @@ fn serve(
     }
 }
 
-/// A registrar with the policy in flash, if that is whole and does what its manifest says.
+/// A registrar with the policy in flash, if that policy is undamaged and does what its manifest says.
 fn check<'f, 's>(
     flash: &'f Flash,
     space: &mut [u32],
@@ -120,7 +126,7 @@ fn check<'f, 's>(
     Some(registrar)
 }
 
-/// Takes the chunks of a policy into flash. Whatever else comes ends it.
+/// Writes the chunks of a policy into flash. Any other frame ends the update.
 #[inline(never)]
 fn update(
     manifest: Manifest,

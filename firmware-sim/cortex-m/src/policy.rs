@@ -1,5 +1,4 @@
-//! The policy in flash: behind its manifest's frame, read in place, tested before it serves, replaced chunk by
-//! chunk.
+//! The policy in flash. It follows its manifest's frame, is read in place, tested before it serves, and replaced chunk by chunk.
 
 use crate::hardware::{Flash, feed_watchdog};
 use crate::report::Report;
@@ -9,15 +8,15 @@ use reagent_core::wire::{
 };
 use reagent_core::{Cloud, Frame, Policy, Pose, Registrar, Registration};
 
-/// A policy that is whole.
+/// An undamaged policy.
 pub(crate) struct Loaded<'f> {
     pub(crate) id: PolicyId,
     pub(crate) policy: Policy<'f>,
-    /// What it must do in the self-test.
+    /// The actions that it must take in the self-test.
     golden: GoldenActions,
 }
 
-/// The policy in flash, if there is one and it is sound.
+/// The policy in flash, if there is one and it is undamaged.
 #[inline(never)]
 pub(crate) fn load(flash: &Flash) -> Result<Loaded<'_>, FlashCheck> {
     let bytes = flash.bytes();
@@ -46,9 +45,9 @@ fn manifest(header: &[u8]) -> Option<Manifest> {
 }
 
 impl Loaded<'_> {
-    /// Whether it does here what it did where it was made, in slices like any registration. `space` is for two
-    /// small clouds.
-    // Out of line, like the functions below and requests, so that their memory is not on the stack together.
+    /// Whether the policy acts here as it did where it was made. The test is sliced like any registration. `space` is for two small
+    /// clouds.
+    // Out of line, like the functions below and `refine`, so that their frames are not on the stack at the same time.
     #[inline(never)]
     pub(crate) fn test(
         &self,
@@ -80,7 +79,7 @@ impl Loaded<'_> {
     }
 }
 
-/// The clouds of the self-test in `space`.
+/// Draws the clouds of the self-test into `space`.
 #[inline(never)]
 fn test_clouds(space: &mut [u32]) -> Option<[&[[f32; 3]]; 2]> {
     let points = bytemuck::cast_slice_mut(space).as_chunks_mut::<3>().0;
@@ -90,7 +89,7 @@ fn test_clouds(space: &mut [u32]) -> Option<[&[[f32; 3]]; 2]> {
     Some([source, target])
 }
 
-/// A policy on its way into flash. The one before is gone from the start: there is room for one.
+/// A policy that is being written into flash. There is room for one only, so the one before is lost from the start.
 pub(crate) struct Update {
     manifest: Manifest,
     chunks: u32,
@@ -99,16 +98,16 @@ pub(crate) struct Update {
 
 /// What to do after a chunk.
 pub(crate) enum Progress {
-    /// Wait for the next one.
+    /// Wait for the next chunk.
     More,
     /// The policy is in flash.
     Done,
-    /// The chunk is not the one that should have come.
+    /// The chunk is not the expected one.
     Failed,
 }
 
 impl Update {
-    /// Erases the flash. `None` where the file would not fit.
+    /// Erases the header in flash. `None` if the file would not fit.
     pub(crate) fn begin(flash: &mut Flash, manifest: Manifest) -> Option<Update> {
         let chunks = manifest.chunks()?;
         if manifest.length as usize > Flash::LENGTH - FLASH_HEADER_BYTES {
@@ -122,7 +121,7 @@ impl Update {
         })
     }
 
-    /// Writes a chunk, and after the last the manifest, which makes it count.
+    /// Writes a chunk. After the last one it writes the manifest, which makes the policy valid.
     pub(crate) fn write(&mut self, flash: &mut Flash, chunk: Chunk<'_>) -> Progress {
         let at = self.next.wrapping_mul(self.manifest.chunk_length);
         let expected = self

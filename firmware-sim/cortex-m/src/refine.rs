@@ -8,7 +8,7 @@ use reagent_core::wire::{
 };
 use reagent_core::{Error, Frame, Pose, Registrar, Registration};
 
-/// Time since a moment, in ticks; asked for more often than the counter wraps.
+/// Ticks since its start. It must be read more often than the counter wraps.
 struct Clock {
     last: u32,
     ticks: u64,
@@ -34,8 +34,8 @@ impl Clock {
     }
 }
 
-/// Registers the clouds of a request, slice by slice; between two of them the control loop would have its
-/// turn, and here the line is served.
+/// Registers the clouds of a request, slice by slice. Between two slices a real controller would run its control loop; here the
+/// line is served.
 #[inline(never)]
 pub(crate) fn refine(
     registrar: Option<&mut Registrar<'_, '_>>,
@@ -66,7 +66,7 @@ pub(crate) fn refine(
         .map_err(because(Cloud::Target))?;
     let mut begun = 0;
     let mut steps = 0;
-    // After a stop on every axis each further step would see the same and stop again.
+    // After a stop on every axis, every further step would see the same and stop again.
     while steps < request.max_steps && !registration.is_settled() {
         if clock.micros() / 1000 > u64::from(request.budget_ms) {
             return Err(refused(Reason::Deadline));
@@ -110,7 +110,7 @@ pub(crate) fn refine(
     })
 }
 
-/// The refusal of what has no id.
+/// The refusal of a frame without an id.
 pub(crate) fn refusal(error: Error) -> Refusal {
     Refusal {
         id: 0,

@@ -1,4 +1,4 @@
-//! How the board is doing, and how long its work takes.
+//! The board's state, and how long its work takes.
 
 use crate::POINTS;
 use crate::hardware::{self, HERTZ};
@@ -8,15 +8,15 @@ use reagent_core::verdict::VERDICTS;
 use reagent_core::wire::{Board, FlashCheck, Message, PolicyId, Reason, Status};
 use reagent_core::{Error, Registrar, Registration, Verdict};
 
-/// Points of one slice of work. A control loop takes what its period leaves time for.
+/// Points of one slice of work. A real control loop would take what its period leaves time for.
 const SLICE: usize = 16;
 
-/// How the board is doing.
+/// The board's state.
 #[derive(Default)]
 pub(crate) struct Report {
     /// The policy that serves.
     pub(crate) policy: Option<PolicyId>,
-    /// What came of the check of the policy in flash.
+    /// Result of the check of the policy in flash.
     pub(crate) flash: FlashCheck,
     pub(crate) target_ticks: u32,
     pub(crate) steps_ticks: u32,
@@ -25,7 +25,7 @@ pub(crate) struct Report {
 }
 
 impl Report {
-    /// One slice of a registration, timed.
+    /// Does one slice of a registration and times it.
     ///
     /// # Errors
     /// As [`Registrar::advance`].

@@ -1,4 +1,4 @@
-//! Certificates that a session shows or believes: whether this machine's clock is within their time.
+//! Certificates that a session shows or trusts, and whether they are valid by this machine's clock.
 #![allow(
     clippy::disallowed_types,
     reason = "certificates hold by the clock, on a robot too"
@@ -10,7 +10,7 @@ use x509_parser::pem::parse_x509_pem;
 use zenoh::Config;
 
 const DAY: i64 = 24 * 3600;
-/// Who has less left is told.
+/// A certificate that expires sooner is reported.
 const SOON: i64 = 30 * DAY;
 
 /// A certificate in a file.
@@ -18,15 +18,15 @@ const SOON: i64 = 30 * DAY;
 pub struct Certificate {
     /// The file.
     pub path: PathBuf,
-    /// Seconds since 1970 from which it holds.
+    /// Start of its validity, seconds since 1970.
     pub from: i64,
-    /// Seconds since 1970 until which it holds.
+    /// End of its validity, seconds since 1970.
     pub until: i64,
-    /// Both as texts.
+    /// Both as text.
     times: [String; 2],
 }
 
-/// Those that a configuration names and that can be read; the others Zenoh refuses.
+/// The certificates that a configuration names, as far as they can be read. Zenoh refuses the others.
 pub fn named_in(config: &Config) -> Vec<Certificate> {
     let keys = [
         "connect_certificate",
@@ -64,12 +64,12 @@ impl Certificate {
         })
     }
 
-    /// Whether it holds at a time.
+    /// Whether it is valid at a time.
     pub fn holds(&self, now: i64) -> bool {
         (self.from..=self.until).contains(&now)
     }
 
-    /// What an operator should know of it at a time.
+    /// What an operator should know about it at a time.
     pub fn notice(&self, now: i64) -> Option<String> {
         let path = self.path.display();
         let [from, until] = &self.times;

@@ -1,5 +1,5 @@
-//! What a robot and a workstation share beyond the wire format of `reagent_core`: a robot never links the
-//! trainer, and the trainer never links a robot.
+//! What a robot and a workstation share beyond the wire format of `reagent_core`. A robot never links the trainer, and the trainer
+//! never links a robot.
 
 pub mod board;
 #[cfg(feature = "session")]

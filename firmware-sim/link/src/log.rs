@@ -1,4 +1,4 @@
-//! What programs log, on standard error.
+//! The log of the programs, on standard error.
 
 use crate::print;
 use clap::ValueEnum;
@@ -9,12 +9,12 @@ use tracing_subscriber::EnvFilter;
 /// How a program logs.
 #[derive(clap::Args, Clone, Copy, Debug)]
 pub struct LogArgs {
-    /// How the log is written to standard error; RUST_LOG says what is in it
+    /// How the log is written to standard error; RUST_LOG selects what is in it
     #[arg(long, value_enum, value_name = "FORMAT", default_value_t = Format::Text, global = true)]
     log: Format,
 }
 
-/// How a line of the log looks.
+/// Format of the log.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Format {
     /// Lines to read
@@ -24,7 +24,7 @@ enum Format {
 }
 
 impl LogArgs {
-    /// Logs from here on what RUST_LOG says, or else `level`.
+    /// Starts the log with the filter in RUST_LOG, or else with `level`.
     pub fn start(self, level: &str) {
         let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(level));
         let log = tracing_subscriber::fmt()
@@ -38,7 +38,7 @@ impl LogArgs {
         }
     }
 
-    /// The one line of error that a program ends with.
+    /// Prints the one line of error that a program ends with.
     pub fn failed(self, error: &(dyn Error + 'static)) {
         let error = one_line(error);
         match self.log {

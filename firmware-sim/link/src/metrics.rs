@@ -1,4 +1,4 @@
-//! Robots in the text format of Prometheus, and whether all is well, over HTTP.
+//! Serves metrics of robots in the text format of Prometheus, and whether all is well, over HTTP.
 
 use crate::certificate::Certificate;
 use http_body_util::Full;
@@ -26,17 +26,17 @@ use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::Semaphore;
 use tokio::task::JoinHandle;
 
-/// Connections at once; more wait.
+/// Most connections at once; more wait.
 const CONNECTIONS: usize = 64;
-/// Whoever has not asked by then is dropped.
+/// A client that has not sent its request within this time is dropped.
 const ASKING_TIME: Duration = Duration::from_secs(1);
-/// Whoever has not read by then is dropped, too.
+/// A client that has not read its answer within this time is dropped, too.
 const PATIENCE: Duration = Duration::from_secs(5);
 
-/// Where a program's figures are served.
+/// Where a program's metrics are served.
 #[derive(clap::Args, Clone, Copy, Debug, Default)]
 pub struct MetricsArgs {
-    /// Serve figures for Prometheus (/metrics) and whether all is well (/health) over HTTP, such as at 127.0.0.1:9100
+    /// Serve metrics for Prometheus (/metrics) and whether all is well (/health) over HTTP, for example at 127.0.0.1:9100
     #[arg(long, value_name = "ADDRESS:PORT", value_parser = address)]
     pub metrics: Option<SocketAddr>,
 }
@@ -46,23 +46,23 @@ fn address(text: &str) -> Result<SocketAddr, String> {
         .map_err(|_| "give a numeric address and a port, such as 127.0.0.1:9100".into())
 }
 
-/// A robot as it is known.
+/// What is known of a robot.
 #[derive(Clone, Debug)]
 pub struct Robot {
     /// Its name.
     pub name: String,
-    /// What it says of itself.
+    /// Its last status.
     pub status: Status,
     /// Whether it is there.
     pub online: bool,
-    /// Whether two speak under this name.
+    /// Whether two robots publish under this name.
     pub duplicate: bool,
 }
 
 /// What is served.
 #[derive(Clone, Debug, Default)]
 pub struct Figures {
-    /// Robots that are there or were.
+    /// Robots that are or were there.
     pub robots: Vec<Robot>,
     /// Certificates of the session.
     pub certificates: Vec<Certificate>,
@@ -80,10 +80,10 @@ pub struct MetricsError {
     pub reason: std::io::Error,
 }
 
-/// Serves until it is dropped.
+/// A server. It runs until it is dropped.
 #[derive(Debug)]
 pub struct Serving {
-    /// Where.
+    /// Where it listens.
     pub address: SocketAddr,
     task: JoinHandle<()>,
 }
@@ -95,7 +95,7 @@ impl Drop for Serving {
 }
 
 impl MetricsArgs {
-    /// Serves figures as they are when they are asked for, where an address was given.
+    /// Starts the server, if an address was given. Every request calls `figures`.
     ///
     /// # Errors
     /// The address cannot be listened on.
@@ -126,12 +126,12 @@ where
             Ok((stream, _)) => {
                 let figures = figures.clone();
                 tokio::spawn(async move {
-                    // Whoever asks badly or slowly hears nothing more.
+                    // A client that asks badly or slowly gets no answer.
                     let _ = tokio::time::timeout(PATIENCE, serve(stream, &*figures)).await;
                     drop(place);
                 });
             }
-            // Too many open files: some will be closed.
+            // There may be too many open files. Wait until some are closed.
             Err(error) => {
                 tracing::warn!("metrics: {error}");
                 tokio::time::sleep(PATIENCE).await;
@@ -177,7 +177,7 @@ type Sums = Family<Labels, Counter<f64, AtomicU64>>;
 type Values = Family<Labels, Gauge>;
 
 impl Figures {
-    /// In the text format of Prometheus, version 0.0.4.
+    /// The metrics in the text format of Prometheus, version 0.0.4.
     pub fn text(&self) -> String {
         let (up, runs, refuses, twice, in_hand) = (
             Values::default(),
@@ -355,7 +355,7 @@ mod tests {
         assert!(ask(address, &get("/")).await.starts_with("HTTP/1.1 404"));
         let posted = ask(address, "POST /metrics HTTP/1.1\r\nHost: x\r\n\r\n").await;
         assert!(posted.starts_with("HTTP/1.1 405"), "{posted}");
-        // Who comes while the silent ones fill every place waits until they are dropped.
+        // While silent clients fill every place, the next client waits until they are dropped.
         silent.push(TcpStream::connect(address).expect("it listens"));
         let began = Instant::now();
         let metrics = ask(address, &get("/metrics")).await;

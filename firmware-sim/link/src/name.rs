@@ -1,12 +1,12 @@
-//! Names of fleets and robots as command lines take them.
+//! Names of fleets and robots on command lines.
 
 use reagent_core::Error;
 use reagent_core::wire::keys;
 
-/// Refuses what is no name of a fleet or robot.
+/// Refuses text that is no name of a fleet or robot.
 ///
 /// # Errors
-/// What a name looks like.
+/// What a name must look like.
 pub fn name(text: &str) -> Result<String, Error> {
     keys::manifest(text).map(|_| text.into())
 }

@@ -1,6 +1,5 @@
-//! `print!`, `println!` and `eprintln!` of the commands: the standard library's panic where the reader has
-//! closed its end of the pipe (`host-train eval … | head -1`). Here what nobody reads is dropped, and the
-//! command goes on to write its files.
+//! `print!`, `println!` and `eprintln!` for the commands. Those of the standard library panic if the reader has closed its end of
+//! the pipe (`host-train eval … | head -1`). Here such output is dropped, and the command goes on to write its files.
 
 use std::fmt::Arguments;
 use std::io::{ErrorKind, Write};
@@ -23,7 +22,7 @@ macro_rules! eprintln {
     ($($arg:tt)*) => { $crate::print::stderr(format_args!("{}\n", format_args!($($arg)*))) };
 }
 
-/// Writes to standard output. A full disk ends the process with status 1: what was printed is the result.
+/// Writes to standard output. A full disk ends the process with status 1, since the output is the result.
 pub fn stdout(text: Arguments<'_>) {
     let mut out = std::io::stdout().lock();
     match out.write_fmt(text).and_then(|()| out.flush()) {
@@ -37,7 +36,7 @@ pub fn stdout(text: Arguments<'_>) {
     }
 }
 
-/// Writes to standard error, if anyone reads it: a long job does not end for want of a terminal.
+/// Writes to standard error, if anyone reads it. A long job does not end because there is no terminal.
 pub fn stderr(text: Arguments<'_>) {
     let _ = std::io::stderr().lock().write_fmt(text);
 }

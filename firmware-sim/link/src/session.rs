@@ -1,4 +1,4 @@
-//! Opening a Zenoh session that says at once what is wrong: the one definition for both ends.
+//! Opens a Zenoh session, and says at once what is wrong. Both ends use this one definition.
 
 use crate::certificate::{self, Certificate};
 use serde_json::Value;
@@ -25,10 +25,10 @@ pub struct SessionArgs {
     pub listen: Vec<String>,
 }
 
-/// Refuses what is no endpoint of a protocol that is built in.
+/// Refuses text that is no endpoint of a built-in protocol.
 ///
 /// # Errors
-/// What an endpoint looks like.
+/// What an endpoint must look like.
 pub fn endpoint(text: &str) -> Result<String, String> {
     match address(text).and_then(|address| address.rsplit_once(':')) {
         Some((host, port)) if !host.is_empty() && port.parse::<u16>().is_ok() => Ok(text.into()),
@@ -38,8 +38,8 @@ pub fn endpoint(text: &str) -> Result<String, String> {
     }
 }
 
-/// A loopback endpoint on which nothing listens. Where the system has more than one loopback address, it is at one of this
-/// process's own: no connection of another process takes its port before it is listened on.
+/// A loopback endpoint on which nothing listens. If the system has more than one loopback address, the endpoint has one of this
+/// process's own, so that no connection of another process takes its port before somebody listens there.
 ///
 /// # Errors
 /// No port is free.
@@ -62,7 +62,7 @@ fn address(endpoint: &str) -> Option<&str> {
 /// Why there is no session.
 #[derive(Debug, Error)]
 pub enum SessionError {
-    /// The configuration cannot be read or holds a wrong value.
+    /// The configuration cannot be read, or it holds a wrong value.
     #[error("zenoh configuration {origin}: {}", plain(.reason))]
     Config {
         /// File or option.
@@ -85,15 +85,15 @@ pub enum SessionError {
 /// How long an endpoint may take to answer, unless the configuration file says otherwise.
 const CONNECT_MS: &str = "3000";
 
-/// So many may connect and say nothing for so long before others are turned away, where Zenoh's default is 100 for
-/// 10 s; as in the configurations of `make-ca`.
+/// How many connections may say nothing, and for how long, as in the configurations of `make-ca`. More are turned away. Zenoh's
+/// default is 100 for 10 s.
 const AGAINST_SILENCE: [(&str, &str); 2] = [
     ("transport/unicast/accept_pending", "1000"),
     ("transport/unicast/accept_timeout", "3000"),
 ];
 
-/// Opens a session; an endpoint that does not answer is an error within a few seconds. Certificates that have expired
-/// or will soon are told in the log.
+/// Opens a session. An endpoint that does not answer is an error within a few seconds. The log reports certificates that have
+/// expired or will soon.
 ///
 /// # Errors
 /// See [`SessionError`].
@@ -125,7 +125,7 @@ pub async fn open(args: &SessionArgs) -> Result<Session, SessionError> {
     })
 }
 
-/// The first host to connect to that has no address, of which Zenoh says only that it does not answer.
+/// The first host to connect to that has no address. Zenoh says only that it does not answer.
 async fn without_address(args: &SessionArgs) -> Option<String> {
     for address in args.connect.iter().filter_map(|endpoint| address(endpoint)) {
         if let Err(error) = lookup_host(address).await {
@@ -162,7 +162,7 @@ pub fn certificates(args: &SessionArgs) -> Result<Vec<Certificate>, SessionError
     Ok(certificate::named_in(&config(args)?))
 }
 
-/// Whether the session proves who it is.
+/// Whether the session proves its identity.
 ///
 /// # Errors
 /// `Config`.
@@ -234,7 +234,7 @@ fn checked(endpoints: &Value) -> Result<(), String> {
     }
 }
 
-/// What Zenoh says, without the places in its sources that it names and without the shapes of its types.
+/// Zenoh's error without places in its source code and without the names of its types.
 pub fn plain(error: &zenoh::Error) -> String {
     let mut text = error.to_string();
     while let Some(place) = source_place(&text) {
@@ -248,7 +248,8 @@ pub fn plain(error: &zenoh::Error) -> String {
     parts.fold(before, |said, part| said + &part.replacen(')', "", 1))
 }
 
-/// What a parser says, and where, of `Message { msg: "…", location: Some(Location { line: 1, column: 9 }) }` and the like.
+/// The message and the place in a parser's error, such as
+/// `Message { msg: "…", location: Some(Location { line: 1, column: 9 }) }`.
 fn parsed(text: &str) -> Option<String> {
     let number = |name| {
         let (_, rest) = text.rsplit_once(name)?;
@@ -260,7 +261,7 @@ fn parsed(text: &str) -> Option<String> {
     Some(format!("{message}, line {line}, column {column}"))
 }
 
-/// Where a text says ` at FOLDER/FILE.rs:LINE.`
+/// The range of ` at FOLDER/FILE.rs:LINE.` in a text.
 fn source_place(text: &str) -> Option<Range<usize>> {
     let (before, after) = text.split_once(".rs:")?;
     let start = before.rfind(" at ")?;

@@ -1,10 +1,10 @@
-//! How a program that runs for long is asked to end.
+//! How a long-running program is asked to end.
 
 use std::io;
 use tokio::signal::ctrl_c;
 
-/// Waits for Ctrl-C, or for SIGTERM as service managers and containers send it: whoever ends then says farewell to
-/// the network, and is not missed until a lease has passed.
+/// Waits for Ctrl-C, or for SIGTERM as service managers and containers send it. The program can then leave the network properly,
+/// so that others notice at once and not only when a lease has passed.
 ///
 /// # Errors
 /// The system's.

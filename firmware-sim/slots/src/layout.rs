@@ -1,4 +1,4 @@
-//! Where things lie in flash.
+//! The layout of the flash.
 
 use core::ops::Range;
 use embedded_storage_async::nor_flash::NorFlash;
@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 pub const FRAME_BYTES: u32 = 1024;
 /// Bytes of one entry of the table of chunks: a SHA-256.
 pub const HASH_BYTES: u32 = 32;
-/// Bytes of a slot's head, before the frame. No flash that is supported writes longer words.
+/// Bytes of a slot's head, before the frame. No supported flash writes longer words.
 pub(crate) const HEAD_BYTES: u32 = 32;
 
 /// One of the two places for a policy.
@@ -30,21 +30,21 @@ impl Slot {
     }
 }
 
-/// Parts of the flash, in bytes from its start; each begins and ends with an erase block.
+/// Parts of the flash, in bytes from its start. Each consists of whole erase blocks.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Layout {
     /// The two copies of the record of which slot counts: at least two erase blocks each.
     pub records: [Range<u32>; 2],
     /// Slots A and B, of equal length.
     pub slots: [Range<u32>; 2],
-    /// Bytes of every chunk of a policy file but the last: whole erase blocks.
+    /// Bytes of every chunk of a policy file except the last: whole erase blocks.
     pub chunk: u32,
 }
 
 /// Why a layout cannot be used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum LayoutError {
-    /// A part does not begin or end with an erase block, or lies outside the flash, or overlaps another.
+    /// A part is not whole erase blocks, lies outside the flash, or overlaps another.
     #[error("flash layout: parts must be whole erase blocks within the flash that do not overlap")]
     Parts,
     /// A record has fewer than two erase blocks.
@@ -62,7 +62,7 @@ pub enum LayoutError {
 }
 
 impl Layout {
-    /// A layout over the whole of a flash: record, slot A, slot B, record.
+    /// A layout over a whole flash: record, slot A, slot B, record.
     pub fn over<F: NorFlash>(capacity: u32, chunk: u32) -> Layout {
         let block = F::ERASE_SIZE as u32;
         let record = 2 * block;

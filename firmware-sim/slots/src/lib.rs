@@ -1,17 +1,18 @@
-//! Two policy slots over NOR flash, and which of them counts: a cut of the power at any moment leaves
-//! the old policy or the new one, never neither. no_std, no alloc.
+//! Two policy slots in NOR flash, and a record of which one counts. If the power is cut at any moment, the old policy or the new
+//! one remains, never neither. no_std, no alloc.
 //!
-//! A new policy goes into the idle slot ([`Slots::begin`], [`Slots::write_chunk`]), is checked chunk by
-//! chunk ([`Slots::missing`]), tried ([`Slots::try_out`]) and then counts ([`Slots::confirm`]) or not
-//! ([`Slots::revert`]). The one moment at which it starts to count is the replacement of a small record
-//! kept by [`sequential_storage::map`]. No older version than one that was confirmed ever counts again.
+//! A new policy goes into the idle slot ([`Slots::begin`], [`Slots::write_chunk`]). It is checked chunk by chunk
+//! ([`Slots::missing`]) and tried ([`Slots::try_out`]). Then it counts ([`Slots::confirm`]) or not ([`Slots::revert`]). It starts to
+//! count at one moment: when a small record is replaced, which [`sequential_storage::map`] keeps. A version older than a confirmed
+//! one never counts again.
 //!
-//! There are two copies of the record, at both ends of the flash. One that is erased or damaged is written anew
-//! from the other; where both are, and the slots are not blank, nothing is taken for granted ([`SlotError::Lost`]).
-//! Who can write all of the flash can make it a new robot's, whose floor is none: only memory that counts and
-//! cannot be erased, which a simulated robot does not have, tells these apart.
+//! There are two copies of the record, at both ends of the flash. A copy that is erased or damaged is restored from the other. If
+//! both are lost and the slots are not blank, nothing can be known ([`SlotError::Lost`]).
 //!
-//! In flash, a slot is
+//! Whoever can write all of the flash can turn it into a new robot's flash, which has no floor. Only a counter in memory that
+//! cannot be erased could tell the two apart, and a simulated robot has none.
+//!
+//! A slot in flash:
 //!
 //! | bytes | content |
 //! |---|---|
@@ -20,8 +21,8 @@
 //! | 1056.. | SHA-256 of each chunk |
 //! | next erase block.. | the policy file |
 //!
-//! No mark says which chunks have come: a chunk is there if its bytes have its hash, so a partial
-//! download goes on after a cut without trusting anything that the cut may have torn.
+//! No mark says which chunks have come. A chunk is there if its bytes have its hash. So a partial download goes on after a cut
+//! without trusting anything that the cut may have torn.
 #![cfg_attr(not(test), no_std)]
 
 mod layout;
@@ -38,10 +39,10 @@ use record::{BUFFER, Copy, KEY, Record, reconcile};
 use sequential_storage::cache::{Cache, Uncached};
 use sequential_storage::map::{MapConfig, MapStorage};
 
-/// Why the slots could not do what they were asked.
+/// Why an operation on the slots failed.
 #[derive(Debug, thiserror::Error)]
 pub enum SlotError<E: core::fmt::Debug> {
-    /// The flash cannot be divided so.
+    /// The layout does not fit the flash.
     #[error(transparent)]
     Layout(#[from] LayoutError),
     /// The flash failed.
@@ -50,13 +51,13 @@ pub enum SlotError<E: core::fmt::Debug> {
     /// A copy of the record cannot be written.
     #[error("the record in flash is damaged: {0}")]
     Record(&'static str),
-    /// Both copies of the record are erased or damaged, though policies were there.
+    /// Both copies of the record are erased or damaged, although there were policies.
     #[error(
         "both copies of the record in flash are erased or damaged, so that nobody knows which policy was in use \
          and below which version it must not go"
     )]
     Lost,
-    /// The policy does not fit, or its manifest, or it has another chunk length than the layout.
+    /// The policy or its manifest does not fit, or its chunks have another length than the layout's.
     #[error("a policy of {length} bytes with a manifest of {frame} does not fit the slots")]
     TooLarge {
         /// Bytes of the policy file.
@@ -72,13 +73,13 @@ pub enum SlotError<E: core::fmt::Debug> {
         /// Its bytes.
         length: u32,
     },
-    /// The bytes of a chunk are not those that its hash stands for.
+    /// The bytes of a chunk do not have its hash.
     #[error("chunk {index} has another SHA-256 than the table says")]
     Hash {
         /// Its number.
         index: u32,
     },
-    /// The idle slot holds no whole policy.
+    /// The idle slot holds no complete policy.
     #[error("the idle slot holds no whole policy")]
     Incomplete,
     /// The version is below the floor.
@@ -86,7 +87,7 @@ pub enum SlotError<E: core::fmt::Debug> {
     Version {
         /// As given.
         version: Floor,
-        /// The newest that was ever confirmed.
+        /// The newest version that was ever confirmed.
         floor: Floor,
     },
 }
@@ -98,7 +99,7 @@ pub enum Boot {
     Empty,
     /// The policy that counts.
     Confirmed(Slot),
-    /// A trial was cut short; what counts is the slot before it, if there was one.
+    /// A trial was cut short. The slot before it counts, if there was one.
     Reverted(Option<Slot>),
 }
 
@@ -107,7 +108,7 @@ pub struct Slots<F: NorFlash> {
     flash: F,
     layout: Layout,
     record: Record,
-    /// Which copies of the record do not hold it.
+    /// Which copies in flash do not hold this record.
     stale: [bool; 2],
 }
 
@@ -115,7 +116,7 @@ pub struct Slots<F: NorFlash> {
 type Map<'f, F> = MapStorage<u8, &'f mut F, Cache<Uncached, Uncached, Uncached, u8>>;
 
 impl<F: NorFlash> Slots<F> {
-    /// Reads the record. Erased flash is a robot that never had a policy.
+    /// Reads the record. Erased flash belongs to a robot that never had a policy.
     ///
     /// # Errors
     /// `Layout`, `Flash`, `Lost`.
@@ -141,7 +142,7 @@ impl<F: NorFlash> Slots<F> {
         self.stale.contains(&true) && self.record != Record::default()
     }
 
-    /// Whether no copy of the record is there: the flash is new, or was wiped.
+    /// Whether there is no copy of the record: the flash is new, or was wiped.
     pub fn is_new(&self) -> bool {
         self.stale == [true; 2] && self.record == Record::default()
     }
@@ -168,7 +169,7 @@ impl<F: NorFlash> Slots<F> {
         }
     }
 
-    /// What to run after a start; ends a trial that a restart cut short.
+    /// What to run after a start. Ends a trial that a restart has cut short.
     ///
     /// # Errors
     /// `Flash`, `Record`.
@@ -189,18 +190,18 @@ impl<F: NorFlash> Slots<F> {
         self.record.confirmed
     }
 
-    /// The slot into which the next policy goes, or that is on trial.
+    /// The slot that is on trial, or that the next policy goes into.
     pub fn idle(&self) -> Slot {
         self.record.idle()
     }
 
-    /// Release of the newest policy that was ever confirmed: no older one is taken.
+    /// The release of the newest policy that was ever confirmed. No older policy is taken.
     pub fn floor(&self) -> Floor {
         self.record.floor
     }
 
-    /// Prepares the idle slot for a policy of `length` bytes with these hashes of its chunks. Where a
-    /// download of the same manifest was cut short, the chunks that came stay.
+    /// Prepares the idle slot for a policy of `length` bytes with these hashes of its chunks. If a download of the same manifest was
+    /// cut short, its chunks are kept.
     ///
     /// # Errors
     /// `TooLarge`, `Flash`, `Record`.
@@ -222,7 +223,7 @@ impl<F: NorFlash> Slots<F> {
             return Err(SlotError::TooLarge { length, frame });
         }
         self.revert().await?;
-        // There is a record before there is anything in a slot.
+        // Write a record before anything is in a slot.
         if self.stale.contains(&true) {
             self.store(self.record).await?;
         }
@@ -233,7 +234,7 @@ impl<F: NorFlash> Slots<F> {
         self.write_header(idle, &header, frame, table).await
     }
 
-    /// The lowest number from `from` of a chunk that has not come.
+    /// The lowest number, from `from` on, of a chunk that has not come.
     ///
     /// # Errors
     /// `Incomplete` before [`Slots::begin`]; `Flash`.
@@ -248,7 +249,7 @@ impl<F: NorFlash> Slots<F> {
         Ok(None)
     }
 
-    /// Keeps a chunk.
+    /// Writes a chunk.
     ///
     /// # Errors
     /// `Length`, `Hash` (nothing is written then); `Incomplete` before [`Slots::begin`]; `Flash`.
@@ -262,8 +263,8 @@ impl<F: NorFlash> Slots<F> {
         self.put_chunk(idle, &header, index, bytes).await
     }
 
-    /// Takes a chunk from the slot that counts, if that has the same: what did not change between two
-    /// policies is not fetched again. `buffer` holds at least a chunk.
+    /// Copies a chunk from the slot that counts, if that has the same one. So chunks that two policies share are not fetched again.
+    /// `buffer` has room for a chunk. Returns whether the chunk was copied.
     ///
     /// # Errors
     /// `Incomplete` before [`Slots::begin`], `Length` for a short buffer, `Flash`.
@@ -294,7 +295,7 @@ impl<F: NorFlash> Slots<F> {
         Ok(true)
     }
 
-    /// Puts the whole policy in the idle slot on trial: a start before [`Slots::confirm`] finds the old policy.
+    /// Puts the complete policy in the idle slot on trial. A start before [`Slots::confirm`] finds the old policy.
     ///
     /// # Errors
     /// `Incomplete`, `Flash`, `Record`.
@@ -310,10 +311,10 @@ impl<F: NorFlash> Slots<F> {
         Ok(self.idle())
     }
 
-    /// The policy on trial counts from here on, and no older one is taken any more.
+    /// Makes the policy on trial count. No older one is taken from here on.
     ///
     /// # Errors
-    /// `Incomplete` without a trial, `Version` for an older one than ever counted, `Flash`, `Record`.
+    /// `Incomplete` without a trial, `Version` if a newer one has ever counted, `Flash`, `Record`.
     pub async fn confirm(&mut self, version: Floor) -> Result<(), SlotError<F::Error>> {
         let Record {
             floor, on_trial, ..
@@ -333,7 +334,7 @@ impl<F: NorFlash> Slots<F> {
         .await
     }
 
-    /// Ends a trial, if there is one: the policy before it counts.
+    /// Ends a trial, if there is one. The policy before it counts.
     ///
     /// # Errors
     /// `Flash`, `Record`.
@@ -353,12 +354,12 @@ impl<F: NorFlash> Slots<F> {
         &self.flash
     }
 
-    /// Gives the flash back.
+    /// Returns the flash.
     pub fn destroy(self) -> F {
         self.flash
     }
 
-    /// Replaces the record, in its first copy and then in the second.
+    /// Replaces the record, first in the first copy, then in the second.
     async fn store(&mut self, record: Record) -> Result<(), SlotError<F::Error>> {
         let (mut bytes, mut buffer) = ([0; BUFFER], [0; BUFFER]);
         let bytes =
@@ -367,7 +368,7 @@ impl<F: NorFlash> Slots<F> {
         for copy in 0..self.layout.records.len() {
             let range = self.layout.records.get(copy).cloned().unwrap_or_default();
             if self.stale.get(copy) == Some(&true) {
-                // What is there may be damaged. The other copy is whole, or there never was a record.
+                // This copy may be damaged. The other one is intact, or there never was a record.
                 let erased = self.flash.erase(range.start, range.end).await;
                 erased.map_err(SlotError::Flash)?;
             }

@@ -1,4 +1,4 @@
-//! NOR flash in memory, whose power can be cut: a model for tests and simulated robots.
+//! NOR flash in memory whose power can be cut: a model for tests and simulated robots.
 
 use core::ops::Range;
 use embedded_storage_async::nor_flash::{
@@ -8,9 +8,9 @@ use embedded_storage_async::nor_flash::{
 /// Why the model refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RamError {
-    /// An address that is out of bounds or not whole words or blocks.
+    /// A range that is out of bounds, or not whole words or blocks.
     Address,
-    /// A word that was written already and not erased since.
+    /// A word that has been written and not erased since.
     NotErased,
     /// The power is off.
     PowerCut,
@@ -25,14 +25,14 @@ impl NorFlashError for RamError {
     }
 }
 
-/// Flash that writes words of `WRITE` bytes and erases blocks of `ERASE`. The memory holds the complement of what
-/// is read, so that erased flash is zeros, which cost nothing until something is written.
+/// Flash that writes words of `WRITE` bytes and erases blocks of `ERASE` bytes. The memory holds the complement of what is read. So
+/// erased flash is zeros in memory, which cost nothing until something is written.
 #[derive(Debug)]
 pub struct RamFlash<M, const WRITE: usize, const ERASE: usize> {
     memory: M,
-    /// Words to write and blocks to erase before the power goes; `None` for ever.
+    /// Words to write and blocks to erase before the power fails; `None` for never.
     left: Option<u32>,
-    /// What a torn word or block looks like.
+    /// State of the noise that a torn word or block holds.
     tear: u64,
     /// Words written and blocks erased so far.
     done: u32,
@@ -41,7 +41,7 @@ pub struct RamFlash<M, const WRITE: usize, const ERASE: usize> {
 impl<M: AsRef<[u8]> + AsMut<[u8]>, const WRITE: usize, const ERASE: usize>
     RamFlash<M, WRITE, ERASE>
 {
-    /// Flash over this memory, the complement of what is read.
+    /// Flash in this memory, which holds the complement of what is read.
     pub fn new(memory: M) -> Self {
         RamFlash {
             memory,
@@ -51,7 +51,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>, const WRITE: usize, const ERASE: usize>
         }
     }
 
-    /// Cuts the power within the word or block after `operations` of them; `tear` seeds what is left there.
+    /// Cuts the power within the word or block after so many operations. `tear` seeds the noise that is left there.
     pub fn cut_after(mut self, operations: u32, tear: u64) -> Self {
         self.left = Some(operations);
         self.tear = tear.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
@@ -63,12 +63,12 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>, const WRITE: usize, const ERASE: usize>
         self.done
     }
 
-    /// The next word or block: `Ok(true)` to do it, `Ok(false)` to tear it.
+    /// Whether the next word or block is done (`Ok(true)`) or torn (`Ok(false)`).
     fn spend(&mut self) -> Result<bool, RamError> {
         match &mut self.left {
             None => {}
             Some(0) => {
-                // The next one finds the power off.
+                // From the next operation on the power is off.
                 self.left = Some(u32::MAX);
                 return Ok(false);
             }

@@ -1,17 +1,17 @@
-//! What the robot remembers over power cuts: one small record, replaced as a whole.
+//! What the robot remembers across power cuts: one small record, replaced as a whole.
 
 use crate::layout::Slot;
 use serde::{Deserialize, Serialize};
 
 /// Key of the record in the map.
 pub(crate) const KEY: u8 = 0;
-/// Most bytes of an encoded record, and what the map needs beside.
+/// Most bytes of an encoded record, including what the map needs.
 pub(crate) const BUFFER: usize = 128;
 
-/// The release of the newest policy that was ever confirmed: none before it is taken.
+/// The release of the newest policy that was ever confirmed. No earlier one is taken.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct Floor {
-    /// Versions of different epochs have nothing to do with each other; a greater epoch is later.
+    /// A greater epoch is later. Versions of different epochs are not compared.
     pub epoch: u32,
     /// Grows within an epoch.
     pub version: u64,
@@ -32,7 +32,7 @@ pub(crate) struct Record {
     pub(crate) confirmed: Option<Slot>,
     /// See [`Floor`].
     pub(crate) floor: Floor,
-    /// Whether the policy in the idle slot is being tried. Found at a start, it did not end well.
+    /// Whether the policy in the idle slot is on trial. If this is set at a start, the trial failed.
     pub(crate) on_trial: bool,
 }
 
@@ -54,8 +54,8 @@ pub(crate) enum Copy {
     Whole(Record),
 }
 
-/// The record that two copies hold, and which of them do not hold just that. The first is written first: where
-/// both are whole it is as new as the other, whose floor counts all the same if it is higher.
+/// The record that two copies hold, and which of them differ from it. The first copy is written first. If both are intact, it is at
+/// least as new as the second. The higher floor of the two counts.
 pub(crate) fn reconcile(copies: [Copy; 2]) -> Option<(Record, [bool; 2])> {
     let record = match copies {
         [Copy::Whole(first), Copy::Whole(second)] => Record {

@@ -1,4 +1,4 @@
-//! What lies in one slot: head, signed manifest, table of chunks, file.
+//! The content of a slot: head, signed manifest, table of chunks, file.
 
 use crate::layout::{FRAME_BYTES, HASH_BYTES, HEAD_BYTES, Slot};
 use crate::{SlotError, Slots};
@@ -21,7 +21,7 @@ pub struct Header {
 }
 
 impl Header {
-    /// The head without its check sum.
+    /// The head without its checksum.
     fn fields(&self, chunk: u32) -> [u8; 16] {
         let [[a, b, c, d], [e, f, g, h], [i, j, k, l]] =
             [self.frame, self.length, chunk].map(u32::to_le_bytes);
@@ -40,7 +40,7 @@ fn words(bytes: &[u8]) -> [u32; 4] {
 }
 
 impl<F: NorFlash> Slots<F> {
-    /// What a slot's head says; `None` where there is none that is whole.
+    /// Reads a slot's head; `None` if there is none that is intact.
     ///
     /// # Errors
     /// `Flash`.
@@ -69,8 +69,8 @@ impl<F: NorFlash> Slots<F> {
         Ok((crc.finalize() == check).then_some(header))
     }
 
-    /// Copies a slot's signed manifest to the front of `buffer`; `None` where the slot holds none or the
-    /// buffer is too short. Who signed it is for the caller to check.
+    /// Copies a slot's signed manifest to the front of `buffer`; `None` if the slot holds none or the buffer is too short. The caller
+    /// must check who signed it.
     ///
     /// # Errors
     /// `Flash`.
@@ -93,7 +93,7 @@ impl<F: NorFlash> Slots<F> {
     /// Reads part of a slot's policy file.
     ///
     /// # Errors
-    /// `Flash`, for a range outside the flash too.
+    /// `Flash`, also for a range outside the flash.
     pub async fn read(
         &mut self,
         slot: Slot,
@@ -109,7 +109,7 @@ impl<F: NorFlash> Slots<F> {
         self.layout.range(slot).start + self.layout.header::<F>()
     }
 
-    /// Whether nothing was ever begun in a slot.
+    /// Whether nothing was ever written into a slot.
     pub(crate) async fn is_blank(&mut self, slot: Slot) -> Result<bool, SlotError<F::Error>> {
         let mut blank = true;
         let (start, length) = (self.layout.range(slot).start, self.layout.header::<F>());
@@ -275,7 +275,7 @@ impl<F: NorFlash> Slots<F> {
         Ok(equal)
     }
 
-    /// Writes whole words; what is missing in the last is left erased.
+    /// Writes whole words. The rest of the last word is left erased.
     async fn write_at(&mut self, at: u32, bytes: &[u8]) -> Result<(), SlotError<F::Error>> {
         let whole = bytes.len() / F::WRITE_SIZE * F::WRITE_SIZE;
         let (words, rest) = bytes.split_at(whole);

@@ -1,5 +1,5 @@
-//! The power is cut within every single word that an update writes and every block that it erases, and
-//! the robot starts again: it must run the old policy or the new one, and take the new one then.
+//! Cuts the power within every single word that an update writes and every block that it erases. Then the robot starts again. It must
+//! run the old policy or the new one, and then take the new one.
 
 #[path = "power_fail/record.rs"]
 mod record;
@@ -60,7 +60,7 @@ fn open(flash: Flash<'_>) -> Result<Slots<Flash<'_>>, SlotError<RamError>> {
     block_on(Slots::open(flash, layout))
 }
 
-/// Downloads, tries and confirms a policy; says how many chunks had to be fetched.
+/// Downloads, tries and confirms a policy. Returns how many chunks had to be fetched.
 fn update(slots: &mut Slots<Flash<'_>>, new: &Shipped) -> Result<u32, SlotError<RamError>> {
     block_on(async {
         slots
@@ -210,7 +210,7 @@ fn a_trial_that_a_restart_cuts_short_is_reverted() {
     });
     let tried = tried.expect("power");
     assert_eq!(content(&mut slots, tried).1, new.file);
-    // It hung, and the watchdog restarted it.
+    // The policy hung, and the watchdog restarted the robot.
     let mut slots = open(Flash::new(&mut memory)).expect("a record");
     assert_runs(&mut slots, &[&old], "after the watchdog");
     assert_eq!(

@@ -1,4 +1,4 @@
-//! A client that stays: robots know whether it is there, and it knows what robots have to do.
+//! A client that stays connected: robots know whether it is there, and it knows how busy the robots are.
 
 use super::robots::{Heard, Robots};
 use super::{RefineError, STATUS_TIME, read_status, refine_from};
@@ -15,15 +15,15 @@ use zenoh::query::{Querier, QueryTarget};
 use zenoh::sample::{SampleKind, SourceInfo};
 use zenoh::{Session, Wait};
 
-/// Asks the robots of one fleet. A request whose future is dropped is taken back, and so are all of them when
-/// the client or its link is gone: they hold no robot's queue.
+/// Asks the robots of one fleet. A request whose future is dropped is taken back. If the client or its link is gone, all its
+/// requests are, so that they block no robot's queue.
 #[derive(Debug)]
 pub struct Client {
     session: Session,
     fleet: String,
-    /// Under which robots see whether its session is there.
+    /// The number by which robots see whether its session is there.
     number: u64,
-    /// Asks robots how they are. Robots know the session's requests by its identity.
+    /// Asks robots for their status. Its identity also marks the session's requests.
     statuses: Querier<'static>,
     robots: Arc<Robots>,
     following: OnceCell<[Subscriber<()>; 2]>,
@@ -31,7 +31,7 @@ pub struct Client {
 }
 
 impl Client {
-    /// A client of a fleet, on an open session of its own: robots know its requests by that.
+    /// A client of a fleet, on an open session of its own, by which robots know its requests.
     ///
     /// # Errors
     /// `Request` for a bad fleet name, `Zenoh`.
@@ -54,7 +54,7 @@ impl Client {
         })
     }
 
-    /// Whose requests these are.
+    /// The sender of the requests.
     fn source(&self) -> SourceInfo {
         SourceInfo::new(self.statuses.id(), 0)
     }
@@ -84,11 +84,11 @@ impl Client {
         answer
     }
 
-    /// Sends a request to the robot that has the least to do. One that turns out to be busy, without a policy or
-    /// gone is passed over for the next, within the request's time.
+    /// Sends a request to the robot with the least to do. If that robot is busy, gone, without a policy or without memory for the
+    /// mode, the next one is asked, within the request's time.
     ///
     /// # Errors
-    /// As [`super::refine`], of the last robot asked; `NoRobot` where none is there.
+    /// As [`super::refine`], of the last robot asked; `NoRobot` if none is there.
     pub async fn refine_any(
         &self,
         request: &RefineRequest<'_>,
@@ -130,7 +130,7 @@ impl Client {
         }
     }
 
-    /// Gets to know every robot's status, from here on as it changes; [`Client::refine_any`] does it, too.
+    /// Asks every robot for its status and follows its changes from here on. [`Client::refine_any`] does this, too.
     ///
     /// # Errors
     /// `Zenoh`.
@@ -139,17 +139,17 @@ impl Client {
         following.map(|_| ())
     }
 
-    /// Changes whenever a robot is heard, or goes.
+    /// Changes whenever a robot is heard or goes away.
     pub fn changes(&self) -> watch::Receiver<()> {
         self.robots.changes.subscribe()
     }
 
-    /// The robots that are there or were, in the order of their names; none before [`Client::follow_robots`].
+    /// The robots that are or were there, sorted by name; none before [`Client::follow_robots`].
     pub fn heard(&self) -> Vec<Heard> {
         self.robots.all()
     }
 
-    /// Asks every robot for its status, and hears of every change from here on.
+    /// Asks every robot for its status and subscribes to every change from here on.
     async fn follow(&self) -> Result<[Subscriber<()>; 2], RefineError> {
         let named = |key: Result<keys::Key, _>| key.map_err(RefineError::Request);
         let status_key = named(keys::all_status(&self.fleet))?;
@@ -182,7 +182,7 @@ impl Client {
                 if sample.kind() == SampleKind::Delete {
                     return robots.gone(robot);
                 }
-                // It may have nothing to say of itself for a long time: a router was away, and not the robot.
+                // If only a router was away, the robot may publish nothing for a long time. So ask it.
                 let ask = ask_status(session.clone(), fleet.clone(), robot.into(), robots.clone());
                 runtime.spawn(ask);
             })
@@ -191,7 +191,7 @@ impl Client {
         Ok([status, alive])
     }
 
-    /// Asks every robot for its status once more: what they publish comes a moment late.
+    /// Asks every robot for its status once more, since what they publish comes a moment late.
     ///
     /// # Errors
     /// `Zenoh`.
@@ -237,7 +237,7 @@ fn passed_over(error: &RefineError) -> bool {
     }
 }
 
-/// A request under way. Dropped before it is answered, it is taken back.
+/// A request in flight. If it is dropped before it is answered, it is taken back.
 struct Asked<'c> {
     client: &'c Client,
     robot: &'c str,

@@ -17,14 +17,14 @@ pub(super) struct Robots {
     pub(super) changes: watch::Sender<()>,
 }
 
-/// A robot that was heard.
+/// A robot that has been heard.
 #[derive(Clone, Debug)]
 pub struct Heard {
     /// Its name.
     pub robot: String,
-    /// Its status as heard last.
+    /// Its last status.
     pub status: Status,
-    /// Two speak under this name in turns.
+    /// Whether two robots publish under this name in turns.
     pub duplicate: bool,
     /// Since when it has been away.
     pub offline_since: Option<SystemTime>,
@@ -32,17 +32,17 @@ pub struct Heard {
 
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Robot {
-    /// As heard last; none of a robot that was asked without having been heard.
+    /// The last status; none if the robot was asked but never heard.
     status: Option<Status>,
-    /// Who spoke under this name before whoever speaks now.
+    /// The instance that published under this name before the current one.
     former: Option<u32>,
     duplicate: bool,
     /// Requests of this client that it has not answered.
     pub(super) asked: u16,
-    /// It let a request's time pass without a word, and has not been heard since.
+    /// It let a request's time pass without an answer, and has not been heard since.
     is_silent: bool,
     offline_since: Option<SystemTime>,
-    /// How often it has gone.
+    /// How often it has gone away.
     pub(super) departures: u32,
 }
 
@@ -56,8 +56,8 @@ impl Robots {
         self.changes.send_replace(());
     }
 
-    /// As [`Self::heard`], of an answer to a question asked when the robot had gone so many times: if it has gone since, the
-    /// answer is late, and says nothing of now.
+    /// As [`Self::heard`], for an answer to a question. `departures` is how often the robot had gone away when it was asked. If it
+    /// has gone since, the answer is out of date and is ignored.
     pub(super) fn answered(&self, robot: &str, status: Status, departures: u32) {
         if self.departures(robot) == departures {
             self.heard(robot, status);
@@ -76,18 +76,18 @@ impl Robots {
         if let Some(last) = known.status.replace(status)
             && last.instance != status.instance
         {
-            // A restart is heard once; of two robots the first speaks again.
+            // After a restart the former instance stays silent. If there are two robots, it speaks again.
             known.duplicate |= known.former == Some(status.instance);
             known.former = Some(last.instance);
         }
     }
 
-    /// It has let a request's time pass without a word: others are asked first until it is heard.
+    /// The robot let a request's time pass without an answer: others are asked first until it is heard again.
     pub(super) fn silent(&self, robot: &str) {
         self.lock().entry(robot.into()).or_default().is_silent = true;
     }
 
-    /// Its liveliness token is gone: it, its link, or the router.
+    /// The robot's liveliness token is gone: the robot, its link, or the router is away.
     pub(super) fn gone(&self, robot: &str) {
         let mut robots = self.lock();
         let known = robots.entry(robot.into()).or_default();
@@ -97,7 +97,7 @@ impl Robots {
         self.changes.send_replace(());
     }
 
-    /// Those that were heard, in the order of their names.
+    /// The robots that have been heard, sorted by name.
     pub(super) fn all(&self) -> Vec<Heard> {
         let robots = self.lock();
         let heard = robots.iter().filter_map(|(name, robot)| {
@@ -111,8 +111,8 @@ impl Robots {
         heard.collect()
     }
 
-    /// The robot with a policy that has the least to do, and of those the one that has served least, but for
-    /// some. What it has of this client's may not be in its status yet.
+    /// The robot to ask next, except those in `but`: one that answers, with a policy, with the least to do, that has served least, in
+    /// this order. Requests of this client count even if they are not in the robot's status yet.
     pub(super) fn least(&self, but: &[String]) -> Option<String> {
         let load = |robot: &Robot| {
             let status = robot.status.filter(|_| robot.offline_since.is_none())?;

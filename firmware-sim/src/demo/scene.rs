@@ -1,4 +1,4 @@
-//! What the robots of the demo see, with which policy they begin, and what the second one is trained on.
+//! What the robots of the demo see, which policy they begin with, and what the second policy is trained on.
 
 use super::{DemoArgs, ROBOTS};
 use anyhow::{Context, bail, ensure};
@@ -16,7 +16,7 @@ use std::sync::Arc;
 
 /// Points of each cloud that a robot registers.
 const POINTS: usize = 1024;
-/// Parts of the site.
+/// Parts at the robots' site.
 const PARTS: usize = ROBOTS.len();
 /// Pairs on which the second policy must not be worse than the first.
 const COMPARED: u64 = 300;
@@ -30,7 +30,7 @@ pub(super) type Sampler = Arc<dyn Fn(&mut Rng, u64) -> Sample + Send + Sync>;
 pub(super) struct Scene {
     /// What the robots see, in a sentence.
     pub(super) description: String,
-    /// As many pairs as the robots share evenly.
+    /// The pairs to refine; every robot gets the same number.
     pub(super) pairs: PairSet,
     /// The policy that is published first.
     pub(super) first: WeightFile,
@@ -38,7 +38,7 @@ pub(super) struct Scene {
     pub(super) start: WeightFile,
     /// What is trained on, in a few words.
     pub(super) training_description: String,
-    /// Draws what is trained on.
+    /// Draws training samples.
     pub(super) training: Sampler,
     seed: u64,
 }
@@ -109,7 +109,7 @@ impl Scene {
         })
     }
 
-    /// Parts that no policy has seen, each in depth views of its own.
+    /// Parts that no policy has seen, in depth views.
     fn of_parts(args: &DemoArgs, wanted: usize) -> anyhow::Result<Scene> {
         let [first, start] = match &args.weights {
             Some(path) => {
@@ -143,7 +143,7 @@ impl Scene {
         })
     }
 
-    /// Both policies on pairs of the kind that is trained on, drawn apart from training.
+    /// Compares both policies on pairs like the training samples, but drawn separately.
     pub(super) fn compare(
         &self,
         first: &WeightFile,
@@ -152,7 +152,7 @@ impl Scene {
         Comparison::of(first, second, &self.draw(COMPARED, 0))
     }
 
-    /// What was trained, in the first policy's number format.
+    /// The trained policy in the first policy's number format.
     pub(super) fn finished(&self, trained: WeightFile) -> anyhow::Result<WeightFile> {
         if self.first.policy().f32().is_some() {
             return Ok(trained);
@@ -163,7 +163,7 @@ impl Scene {
         Ok(integers.run_like(&policy))
     }
 
-    /// Pairs of the kind that is trained on, drawn apart from training, after `skipped` others.
+    /// Draws pairs like the training samples, but separately, after `skipped` others.
     fn draw(&self, count: u64, skipped: u64) -> PairSet {
         let mut set = PairSet::default();
         for index in skipped..skipped + count {
@@ -176,7 +176,7 @@ impl Scene {
     }
 }
 
-/// The bundled policy for views in f32, which is not linked in.
+/// The f32 policy for views from the repository; it is not linked in.
 fn views_to_train_on() -> anyhow::Result<WeightFile> {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../core/weights/views.rgw");
     WeightFile::load(Path::new(path))

@@ -1,4 +1,4 @@
-//! What a fleet did, in numbers.
+//! Times of a fleet, summarised.
 
 use serde_json::{Value, json};
 
@@ -13,7 +13,7 @@ impl Times {
         Times(times)
     }
 
-    /// The time within which this share of them lies; NaN where there are none.
+    /// The time within which this share of them lies; NaN if there are none.
     pub(super) fn percentile(&self, percent: usize) -> f64 {
         let place = (self.0.len() * percent).div_ceil(100).max(1) - 1;
         self.0.get(place).copied().unwrap_or(f64::NAN)

@@ -1,4 +1,4 @@
-//! The routers of a fleet on one machine: processes of this program, each of which knows all before it.
+//! The routers of a fleet on one machine. Each is a process of this program and knows all routers before it.
 
 use anyhow::Context;
 use reagent_link::session::unused_endpoint;
@@ -8,7 +8,7 @@ use std::process::{Child, Command, Stdio};
 /// What a router logs when it listens.
 const UP: &str = "is up";
 
-/// Running routers. They end with this value.
+/// Running routers. They end when this value is dropped.
 pub(super) struct Routers {
     processes: Vec<Child>,
     /// Where each of them listens.
@@ -16,7 +16,7 @@ pub(super) struct Routers {
 }
 
 impl Routers {
-    /// Starts so many, the first of them at `listen` where that is given.
+    /// Starts so many routers, the first of them at `listen` if that is given.
     pub(super) fn start(count: usize, listen: Option<&str>) -> anyhow::Result<Routers> {
         let mut routers = Routers {
             processes: Vec::new(),
@@ -57,7 +57,7 @@ impl Routers {
         Ok(())
     }
 
-    /// The most memory that each of them has taken so far, in MiB, where the system tells.
+    /// The most memory that each of them has taken so far, in MiB, if the system tells.
     pub(super) fn memory_mib(&self) -> Vec<u64> {
         let ids = self
             .processes

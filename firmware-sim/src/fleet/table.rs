@@ -13,16 +13,16 @@ use std::fmt::Write;
 use std::io::IsTerminal;
 use std::time::SystemTime;
 
-/// Rows of robots at most; the rest is counted.
+/// Most rows of robots; the rest is only counted.
 const ROWS: usize = 24;
-/// Lines beside the robots', and that of the cursor.
+/// Lines besides those of the robots, including the cursor's.
 const OTHER_LINES: usize = 8;
 
-/// What is drawn, again and again, over what was drawn before.
+/// A table that is drawn again and again over its last drawing.
 #[derive(Debug)]
 pub(super) struct Table {
     in_place: bool,
-    /// Lines of the last drawing, to be drawn over.
+    /// Lines of the last drawing, which the next one covers.
     drawn: usize,
 }
 
@@ -34,7 +34,7 @@ impl Table {
         }
     }
 
-    /// Whether it is drawn in place; elsewhere every drawing is one more table.
+    /// Whether it is drawn in place. Otherwise every drawing is a new table.
     pub(super) fn is_live(&self) -> bool {
         self.in_place
     }
@@ -68,7 +68,7 @@ impl Table {
     }
 }
 
-/// Lines no longer than the terminal is wide: one that wraps would not be drawn over.
+/// Cuts lines to the terminal's width: a wrapped line would not be covered by the next drawing.
 fn cut(text: &str, width: usize) -> String {
     let lines = text
         .lines()
@@ -84,11 +84,11 @@ fn time_of_day(moment: SystemTime) -> String {
     format!("{hours:02}:{minutes:02}:{:02} UTC", seconds % 60)
 }
 
-/// Robots that do most first, those that are away last, and below them what all that are there do together.
+/// The busiest robots first, those that are away last, and below them the totals of those that are there.
 fn text(robots: &[Heard], rows: usize) -> String {
     let mut text = String::new();
     let mut line = |line: std::fmt::Arguments<'_>| {
-        // Strings take everything.
+        // Writing to a string cannot fail.
         writeln!(text, "{line}").ok();
     };
     let verdicts = Verdict::ALL.map(|verdict| format!("{:>15}", verdict.to_string()));

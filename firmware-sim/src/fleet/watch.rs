@@ -18,7 +18,7 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
-/// Time between two drawings in place, and between two lines of JSON at least.
+/// Least time between two drawings in place, or between two lines of JSON.
 const FRAME: Duration = Duration::from_millis(500);
 
 /// Show a running fleet: policies, queues and verdicts of its robots, until Ctrl-C
@@ -27,17 +27,16 @@ pub struct WatchArgs {
     /// Fleet to watch (a-z A-Z 0-9 _ -)
     #[arg(long, value_name = "NAME", value_parser = name)]
     pub fleet: String,
-    /// Print one table and end: with status 1 where no robot is there
+    /// Print one table and end; with status 1 if no robot is there
     #[arg(long)]
     pub once: bool,
     /// Print the fleet as a line of JSON whenever something has changed, instead of a table
     #[arg(long)]
     pub json: bool,
-    /// With --once: end with status 1 unless robots are there, all with one policy, none refused one, and no two
-    /// have one name
+    /// With --once: end with status 1 unless robots are there, all have one policy, none refused one, and no two have the same name
     #[arg(long, requires = "once")]
     pub check: bool,
-    /// Where its figures are served.
+    /// Where metrics are served.
     #[command(flatten)]
     pub metrics: MetricsArgs,
     /// The network.
@@ -49,7 +48,7 @@ impl WatchArgs {
     /// Runs the command.
     ///
     /// # Errors
-    /// No session; with `--once` that no robot is there, and with `--check` what else is wrong with the fleet.
+    /// No session; with `--once`, that no robot is there; with `--check`, anything else that is wrong with the fleet.
     pub async fn run(self) -> anyhow::Result<()> {
         let client = Client::new(open(&self.session).await?, &self.fleet).await?;
         client.follow_robots().await?;
@@ -62,7 +61,7 @@ impl WatchArgs {
         };
         let _metrics = self.metrics.serve(figures).await?;
         let mut changes = client.changes();
-        // A router with access control drops what a certificate may not hear, and tells nobody.
+        // A router with access control silently drops what a certificate may not hear.
         let nobody = match has_certificate(&self.session)? {
             true => "no robot is there, or the router does not let this certificate see robots",
             false => "no robot is there",
@@ -93,7 +92,7 @@ impl WatchArgs {
             let next = async {
                 tokio::time::sleep(pause).await;
                 if self.json {
-                    // The client is there as long as this.
+                    // The client exists as long as this function runs.
                     changes.changed().await.ok();
                 }
             };
@@ -105,7 +104,7 @@ impl WatchArgs {
     }
 }
 
-/// A fleet for programs. Times are seconds since 1970.
+/// A fleet as JSON. Times are seconds since 1970.
 fn document(robots: &[Heard]) -> Value {
     let robots: Vec<_> = robots.iter().map(robot).collect();
     json!({ "time": seconds(SystemTime::now()), "robots": robots })

@@ -5,7 +5,7 @@ use host_train::measure::metrics::{GroundTruth, PairMetrics, Summary};
 use reagent_core::Pose;
 use reagent_core::wire::RefineReply;
 
-/// Errors of a pair before and after a robot's answer.
+/// The errors of a pair before and after a robot's answer.
 ///
 /// # Errors
 /// Pairs that the metrics refuse.
@@ -29,15 +29,15 @@ pub(crate) fn errors(
 pub(crate) struct Row {
     name: String,
     pairs: usize,
-    /// Over all of them.
+    /// Means over all pairs.
     pub(crate) summary: Summary,
 }
 
 impl Row {
-    /// What the columns are.
+    /// The names of the columns.
     pub(crate) const HEADER: &str = "                          pairs   ISO R deg          ISO t              recall          AD below\n                                  median    mean     median   mean     (5 deg, .05)    .10 .05 .02 d";
 
-    /// The errors of some pairs.
+    /// The row for these errors.
     pub(crate) fn new(name: &str, pairs: &[PairMetrics]) -> Row {
         Row {
             name: name.into(),

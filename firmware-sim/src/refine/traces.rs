@@ -1,4 +1,4 @@
-//! Traces as robots publish them, kept in a file.
+//! Keeps the traces that robots publish in a file.
 
 use crate::client::{Client, MARGIN, RefineError};
 use anyhow::Context;
@@ -9,7 +9,7 @@ use zenoh::handlers::FifoChannelHandler;
 use zenoh::pubsub::Subscriber;
 use zenoh::sample::Sample;
 
-/// Traces as they come, and the file that they go to: frames as on a serial line.
+/// Collects traces and writes them to a file, as frames as on a serial line.
 pub(super) struct Traces {
     published: Subscriber<FifoChannelHandler<Sample>>,
     path: PathBuf,
@@ -50,7 +50,7 @@ impl Traces {
         Ok(())
     }
 
-    /// Writes the file, with what has come.
+    /// Writes the file with the traces that have come.
     pub(super) fn write(&self) -> anyhow::Result<()> {
         files::write(&self.path, &self.lines)
             .with_context(|| format!("cannot write {}", self.path.display()))

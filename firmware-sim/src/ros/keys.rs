@@ -1,5 +1,5 @@
-//! Names on the network, as `rmw_zenoh` has them: key expressions of topics and services, liveliness tokens of nodes, publishers,
-//! subscriptions and services, and the identities that follow from them.
+//! Names on the network, as in `rmw_zenoh`: key expressions of topics and services; liveliness tokens of nodes, publishers,
+//! subscriptions and services; and the identities that follow from the tokens.
 //!
 //! Source: `rmw_zenoh_cpp` of ROS 2 Jazzy and later, `docs/design.md` and `src/detail/liveliness_utils.cpp`.
 
@@ -8,7 +8,7 @@ use twox_hash::XxHash3_128;
 /// The type of a message or service, as both ends agree on it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Type {
-    /// As DDS names it.
+    /// Its DDS name.
     pub(crate) name: &'static str,
     /// SHA-256 of its definition (REP 2016).
     pub(crate) hash: &'static str,
@@ -69,7 +69,7 @@ pub(crate) const PARAMETER_EVENT: Type = Type {
     hash: "RIHS01_043e627780fcad87a22d225bc2a037361dba713fca6a6b9f4b869a5aa0393204",
 };
 
-/// Quality of service, where it is not that of `rmw_zenoh`'s default: reliable, volatile, the last 42.
+/// Quality of service, as far as it differs from `rmw_zenoh`'s default: reliable, volatile, the last 42.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Qos {
     /// Reliable, the last ten: publishers and services.
@@ -80,7 +80,7 @@ pub(crate) enum Qos {
     Transforms,
     /// Reliable, the last thousand: services and events of parameters.
     Parameters,
-    /// Reliable, the last one, which whoever subscribes later gets, too (transient local).
+    /// Reliable, the last one, also for later subscribers (transient local).
     Latched,
 }
 
@@ -101,14 +101,14 @@ impl Qos {
 #[derive(Clone, Debug)]
 pub(crate) struct Node {
     pub(crate) domain: u8,
-    /// Of the session, as Zenoh shows it.
+    /// The session's identity, as Zenoh shows it.
     pub(crate) zid: String,
     /// Absolute, such as `/` or `/arm`.
     pub(crate) namespace: String,
     pub(crate) name: String,
 }
 
-/// What a node has.
+/// What a node can declare.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Kind {
     Publisher,
@@ -116,16 +116,16 @@ pub(crate) enum Kind {
     Service,
 }
 
-/// The node's own number among what its session has.
+/// The node's own number within its session.
 const NODE_ID: u32 = 0;
 
-/// Slashes would begin another chunk of a key.
+/// Replaces slashes, which would begin another chunk of a key.
 fn mangled(name: &str) -> String {
     name.replace('/', "%")
 }
 
 impl Node {
-    /// Its absolute name.
+    /// The node's absolute name.
     pub(crate) fn full_name(&self) -> String {
         format!("{}/{}", self.namespace.trim_end_matches('/'), self.name)
     }
@@ -135,7 +135,7 @@ impl Node {
         format!("{}/{topic}", self.full_name())
     }
 
-    /// Where a topic's messages are published, and a service's requests asked.
+    /// The key on which a topic's messages are published, or a service's requests sent.
     pub(crate) fn topic_key(&self, topic: &str, of: Type) -> String {
         let topic = topic.trim_matches('/');
         format!("{}/{topic}/{}/{}", self.domain, of.name, of.hash)
@@ -176,12 +176,12 @@ impl Node {
 /// The identity of a publisher, subscription or client.
 pub(crate) type Gid = [u8; 16];
 
-/// It is XXH3-128 of its token, the low half first.
+/// The identity: XXH3-128 of the token, low half first.
 pub(crate) fn gid(token: &str) -> Gid {
     XxHash3_128::oneshot(token.as_bytes()).to_le_bytes()
 }
 
-/// What comes with every message: its number from 1, its time, and whose it is, as `zenoh-ext` serialises them.
+/// The attachment of every message: its number from 1, its time, and its sender, as `zenoh-ext` serialises them.
 pub(crate) fn attachment(sequence: i64, unix_ns: i64, gid: Gid) -> Vec<u8> {
     let mut bytes = Vec::with_capacity(33);
     bytes.extend(sequence.to_le_bytes());
@@ -191,7 +191,7 @@ pub(crate) fn attachment(sequence: i64, unix_ns: i64, gid: Gid) -> Vec<u8> {
     bytes
 }
 
-/// Number and sender of a message or request with such an attachment.
+/// The number and the sender in such an attachment.
 pub(crate) fn sender_of(attachment: &[u8]) -> Option<(i64, Gid)> {
     let (sequence, rest) = attachment.split_first_chunk()?;
     let (_unix_ns, rest) = rest.split_first_chunk::<8>()?;

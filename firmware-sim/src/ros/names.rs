@@ -1,13 +1,13 @@
-//! Names of ROS as a command line takes them: what is none is refused with what is wrong and what is taken.
+//! ROS names on the command line. A bad name is refused with what is wrong and what is allowed.
 //!
 //! Source: `rmw/validate_full_topic_name.h` and its neighbours.
 
 /// Longest name of a topic, `RMW_TOPIC_MAX_NAME_LENGTH`.
 pub(super) const TOPIC_BYTES: usize = 247;
-/// Of names and what is made of them.
+/// The rule for names, as error messages give it.
 const RULE: &str = "with names of letters, digits and single underscores that begin with no digit";
 
-/// A topic that begins at the root.
+/// An absolute topic.
 pub(super) fn topic(text: &str) -> Result<String, String> {
     let wrong = match text {
         "/" => Err("it has no name".into()),
@@ -49,7 +49,7 @@ pub(super) fn frame(text: &str) -> Result<String, String> {
     ))
 }
 
-/// A domain, as of ROS_DOMAIN_ID.
+/// A domain, as in ROS_DOMAIN_ID.
 pub(super) fn domain(text: &str) -> Result<u8, String> {
     let number = text.parse().ok().filter(|number| *number <= 232);
     number.ok_or_else(|| "a domain is a number from 0 to 232".into())
@@ -80,7 +80,7 @@ fn word(text: &str) -> Result<(), String> {
     }
 }
 
-/// Refuses a topic that is too long for a network of ROS.
+/// Refuses a topic that is too long for ROS.
 pub(super) fn short(topic: &str) -> Result<(), String> {
     match topic.len() {
         ..=TOPIC_BYTES => Ok(()),

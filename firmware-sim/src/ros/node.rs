@@ -1,4 +1,4 @@
-//! A node on the network: its tokens, what it publishes, and what it hears.
+//! A node on the network: its tokens, its publishers and its subscriptions.
 #![allow(
     clippy::disallowed_types,
     reason = "messages carry the time of who publishes them"
@@ -17,10 +17,10 @@ use zenoh::query::{Query, Queryable};
 use zenoh::sample::{Sample, SourceInfo};
 use zenoh::{Session, Wait};
 
-/// Time that the network has to tell of other nodes.
+/// How long to wait for the network's answer about other nodes.
 const PATIENCE: Duration = Duration::from_secs(1);
 
-/// A session with one node in it, as `rmw_zenoh`'s others see it.
+/// A session with one node in it, as other `rmw_zenoh` nodes see it.
 pub(crate) struct Member {
     session: Session,
     pub(crate) node: Node,
@@ -37,14 +37,14 @@ pub(crate) struct Publisher {
     _token: LivelinessToken,
 }
 
-/// A message of a topic of its own, which whoever subscribes later gets, too. Dropping it takes it off the graph.
+/// A message on a topic of its own. Later subscribers receive it, too. Dropping it takes it off the graph.
 pub(crate) struct Latched {
     _publisher: Publisher,
     _cache: Queryable<()>,
     _found: LivelinessToken,
 }
 
-/// A subscription to one topic, of which the newest message counts.
+/// A subscription to one topic that keeps only the newest message.
 pub(crate) struct Subscription {
     heard: pubsub::Subscriber<RingChannelHandler<Sample>>,
     _token: LivelinessToken,
@@ -91,7 +91,7 @@ impl Member {
         Ok(false)
     }
 
-    /// The token of its next publisher, subscription or service, and the identity that follows.
+    /// Declares the token of the next publisher, subscription or service. Returns it with the identity that follows from it.
     async fn declare(
         &mut self,
         kind: Kind,
@@ -103,7 +103,7 @@ impl Member {
         Ok((self.session.liveliness().declare_token(token).await?, gid))
     }
 
-    /// Publishes on a topic.
+    /// Declares a publisher of a topic.
     pub(crate) async fn publisher(
         &mut self,
         topic: &str,
@@ -121,8 +121,8 @@ impl Member {
         })
     }
 
-    /// Publishes one message for all who subscribe, now or later: those ask, where the publishers of `zenoh-ext` keep what they
-    /// published last, and are told that there is something to ask for.
+    /// Publishes one message for all current and later subscribers. Later ones query the key where publishers of `zenoh-ext` keep
+    /// their last messages. A liveliness token tells them that there is something to query.
     pub(crate) async fn latch(
         &mut self,
         topic: &str,
@@ -136,7 +136,7 @@ impl Member {
         );
         let kept_at = format!("{key}/@adv/pub/{}/{}/_", id.zid(), id.eid());
         let [bytes, attachment] = publisher.next(message);
-        // By this those who hear it twice know that it is one message.
+        // A subscriber that receives the message twice recognises it by this.
         let source = SourceInfo::new(id, 0);
         let first = publisher.publisher.put(bytes.clone());
         let first = first.attachment(attachment.clone());
@@ -144,7 +144,7 @@ impl Member {
         let answer = move |query: Query| {
             let reply = query.reply(&key, bytes.clone());
             let reply = reply.attachment(attachment.clone());
-            // Whoever asked is gone where it fails.
+            // It fails only if the subscriber is gone.
             let _ = reply.source_info(source.clone()).wait();
         };
         let cache = self.session.declare_queryable(&kept_at).callback(answer);
@@ -173,7 +173,7 @@ impl Member {
         Ok(())
     }
 
-    /// Hears a sensor's topic.
+    /// Subscribes to a sensor's topic.
     pub(crate) async fn subscribe(&mut self, topic: &str, of: Type) -> zenoh::Result<Subscription> {
         let key = self.node.topic_key(topic, of);
         let heard = self
@@ -191,7 +191,7 @@ impl Member {
     }
 }
 
-/// Time of whoever publishes or answers.
+/// The time now, by this machine's clock.
 pub(super) fn unix_ns() -> i64 {
     let since_1970 = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
     since_1970.map_or(0, |time| i64::try_from(time.as_nanos()).unwrap_or(i64::MAX))
@@ -205,7 +205,7 @@ impl Publisher {
         put.attachment(attachment).wait()
     }
 
-    /// The next message and what comes with it.
+    /// The next message and its attachment.
     fn next(&mut self, message: &impl Serialize) -> [ZBytes; 2] {
         self.published += 1;
         let attachment = keys::attachment(self.published, unix_ns(), self.gid);
@@ -214,13 +214,13 @@ impl Publisher {
 }
 
 impl Subscription {
-    /// The newest message that was not taken yet, once there is one.
+    /// Waits for the newest message that was not taken yet.
     pub(crate) async fn next(&self) -> zenoh::Result<Vec<u8>> {
         let sample = self.heard.recv_async().await?;
         Ok(sample.payload().to_bytes().into_owned())
     }
 
-    /// The same, if it is there.
+    /// That message, if it is there already.
     pub(crate) fn waiting(&self) -> zenoh::Result<Option<Vec<u8>>> {
         let sample = self.heard.try_recv()?;
         Ok(sample.map(|sample| sample.payload().to_bytes().into_owned()))

@@ -1,4 +1,4 @@
-//! What the node publishes of each cloud.
+//! What the node publishes for each cloud.
 
 use super::messages::{
     DiagnosticArray, DiagnosticStatus, ERROR, KeyValue, OK, PoseStamped, PoseWithCovarianceStamped,
@@ -28,17 +28,17 @@ pub(crate) struct Outputs {
     model: String,
 }
 
-/// What publishes transforms.
+/// The publisher of transforms.
 struct Transforming {
     publisher: Publisher,
-    /// The model's.
+    /// The model's frame.
     frame: String,
-    /// Why there is none from the newest cloud's frame.
+    /// Why there is no transform from the newest cloud's frame.
     refused: Option<String>,
 }
 
 impl Transforming {
-    /// Looks at a cloud's frame, and says what is wrong with it: `tf2` takes no transforms without frames, or to the same.
+    /// Checks a cloud's frame and reports what is wrong with it: `tf2` refuses transforms without a frame, or to the same frame.
     fn look_at(&mut self, cloud: &Header) {
         let wrong = match cloud.frame_id.trim_start_matches('/') {
             "" => Some("the clouds have no frame (frame_id)".into()),
@@ -58,7 +58,7 @@ impl Transforming {
 }
 
 impl Outputs {
-    /// Those of a node that looks for a model.
+    /// Declares the publishers of a node that looks for a model.
     pub(crate) async fn declare(
         member: &mut Member,
         model: String,
@@ -92,7 +92,7 @@ impl Outputs {
         })
     }
 
-    /// Publishes what comes of a message: a pose where it is probably right, and a diagnostic whatever it is. Says it, too.
+    /// Registers a message's cloud. Publishes a pose if it is probably right, and always a diagnostic. Also returns the result.
     pub(crate) fn answer(
         &mut self,
         registration: &mut Registration,
@@ -135,7 +135,7 @@ impl Outputs {
         })
     }
 
-    /// Tells what is wrong with a cloud.
+    /// Publishes what is wrong with a cloud.
     fn refuse(&mut self, header: Header, reason: String) -> zenoh::Result<Triggered> {
         self.tell(header, (ERROR, reason.clone()), vec![])?;
         Ok(Triggered {
@@ -206,13 +206,13 @@ fn document(header: &Header, done: &Done) -> String {
     .to_string()
 }
 
-/// Of a pose that was refined, in thousandths; nothing is certain.
+/// The probability of a refined pose, in thousandths and never 1: nothing is certain.
 fn probability(done: &Done) -> Option<f64> {
     let probability = f64::from(done.found.answer.probability?);
     Some((1e3 * probability).round().min(999.0) / 1e3)
 }
 
-/// What a diagnostic says of a registration.
+/// The values of a diagnostic about a registration.
 fn values(done: &Done, state: Option<TrackState>) -> Vec<KeyValue> {
     let mut values = vec![("ms", format!("{:.1}", done.ms))];
     values.extend(state.map(|state| ("state", state.to_string())));

@@ -1,5 +1,5 @@
-//! The node's settings as parameters of ROS: all can be read; the mode, and whether clouds are registered on request only, can
-//! be set while it runs.
+//! The node's settings as ROS parameters. All can be read. The mode, and whether clouds are registered only on request, can be set
+//! while the node runs.
 
 mod events;
 mod messages;
@@ -22,14 +22,14 @@ pub(super) const SERVICES: [(&str, Type); 6] = [
     ("set_parameters_atomically", keys::SET_PARAMETERS_ATOMICALLY),
 ];
 
-/// What can be set.
+/// The settings that can be changed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Settings {
     pub(super) mode: Mode,
     pub(super) on_request: bool,
 }
 
-/// The settings, and what the node was started with.
+/// The settings that can be changed, and the fixed options.
 pub(super) struct Parameters {
     pub(super) settings: Settings,
     fixed: Vec<(&'static str, Value)>,
@@ -43,7 +43,7 @@ impl Parameters {
         Parameters { settings, fixed }
     }
 
-    /// All of them, by name.
+    /// All parameters, sorted by name.
     fn all(&self) -> Vec<(&'static str, Value)> {
         let mut all = self.fixed.clone();
         all.extend([
@@ -54,7 +54,7 @@ impl Parameters {
         all
     }
 
-    /// The same, as messages have them.
+    /// All parameters as messages.
     pub(super) fn told(&self) -> Vec<Parameter> {
         let told = |(name, value): (&str, Value)| Parameter {
             name: name.into(),
@@ -63,7 +63,7 @@ impl Parameters {
         self.all().into_iter().map(told).collect()
     }
 
-    /// The value, or that there is none.
+    /// The value, or the value that means "not set".
     fn get(&self, name: &str) -> Value {
         let mut all = self.all().into_iter();
         let found = all.find(|(known, _)| *known == name);
@@ -90,7 +90,7 @@ impl Parameters {
         }
     }
 
-    /// The settings with another value, or why there are none.
+    /// The settings with one value changed, or why it cannot be.
     fn with(&self, settings: Settings, set: &Parameter) -> Result<Settings, String> {
         let Parameter { name, value } = set;
         let known = self.get(name);
@@ -122,7 +122,7 @@ impl Parameters {
         })
     }
 
-    /// Sets one, or all or none of several.
+    /// Sets all of these parameters, or none.
     fn set(&mut self, parameters: &[Parameter]) -> Result<(), String> {
         let mut all = parameters.iter();
         self.settings = all.try_fold(self.settings, |settings, set| self.with(settings, set))?;
@@ -131,7 +131,7 @@ impl Parameters {
 
     fn list(&self, request: &ListRequest) -> Listed {
         let names = self.all().into_iter().map(|(name, _)| name.to_owned());
-        // None has a dot, and so none is below a prefix.
+        // No name has a dot, so none is below a prefix.
         let listed = |name: &String| request.prefixes.is_empty() || request.prefixes.contains(name);
         Listed {
             names: names.filter(listed).collect(),
@@ -139,7 +139,7 @@ impl Parameters {
         }
     }
 
-    /// Answers a request to one of the services. Returns what was set.
+    /// Answers a request to one of the services. Returns the parameters that were set.
     pub(super) fn answer(&mut self, call: Call) -> Vec<Parameter> {
         let mut changed = Vec::new();
         let mut set = |parameters: Vec<Parameter>| {
@@ -242,7 +242,7 @@ mod tests {
             ),
         ] {
             let polish = one("mode", Value::text("polish".into()));
-            // Of several all are set, or none.
+            // Of several parameters, all are set or none.
             let said = parameters.set(&[polish, one(name, value)]);
             let said = said.expect_err("refused");
             assert!(said.contains(reason), "{said}");

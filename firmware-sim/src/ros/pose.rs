@@ -17,8 +17,8 @@ pub(crate) fn of(target_from_source: &Pose64) -> Pose {
     }
 }
 
-/// Its covariance along the axes of the cloud's frame: position first, then turns about them. None of a pose that was not
-/// refined.
+/// The pose's covariance along the axes of the cloud's frame: position first, then turns about these axes. `None` if the pose was
+/// not refined.
 pub(crate) fn covariance(done: &Done, model: &Prepared<'_>) -> Option<[[f64; 6]; 6]> {
     let covariance = done.found.answer.refinement?.refined.covariance;
     let near = covariance.about.to_array().map(f64::from);
@@ -26,9 +26,9 @@ pub(crate) fn covariance(done: &Done, model: &Prepared<'_>) -> Option<[[f64; 6];
     Some(of_inverse(covariance.matrix, about, &done.pose))
 }
 
-/// A registration's error `(ω, v)` is along the model's axes and about its centroid `a`. With the rotation `R` from the model to
-/// the cloud, the inverse errs by the turn `-R ω` and the shift `-R v + (p - a') × R ω`, whose `p` is the model's origin and `a'`
-/// its centroid in the cloud's frame.
+/// A registration's error `(ω, v)` is along the model's axes and about its centroid `a`. Let `R` be the rotation from the model to
+/// the cloud, `p` the model's origin in the cloud's frame, and `a'` its centroid there. Then the inverse errs by the turn `-R ω`
+/// and the shift `-R v + (p - a') × R ω`.
 fn of_inverse(
     matrix: [[f32; 6]; 6],
     about: Vector3<f64>,
@@ -79,7 +79,7 @@ mod tests {
         }
     }
 
-    /// Against poses that err by a little in one direction after the other, as the core says they do.
+    /// Compares with poses that err a little in one direction after the other, by the core's definition of the error.
     #[test]
     fn the_covariance_is_that_of_small_errors() {
         let turn = Rotation3::from_euler_angles(0.3, -0.8, 1.1);

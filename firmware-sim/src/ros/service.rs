@@ -1,4 +1,4 @@
-//! Services of a node: requests that come as queries, and their answers.
+//! Services of a node: requests arrive as queries.
 
 use super::keys::{self, Gid, Type};
 use super::node::unix_ns;
@@ -9,10 +9,10 @@ use zenoh::Wait;
 use zenoh::liveliness::LivelinessToken;
 use zenoh::query::{Query, Queryable};
 
-/// Requests that wait; those that come when so many do are dropped, as of a queue of ROS that is full.
+/// Most waiting requests. More are dropped, as in a full queue of ROS.
 const WAITING: usize = 10;
 
-/// The services of a node, whose requests are answered one after the other.
+/// The services of a node. Requests are answered one after the other.
 pub(crate) struct Services {
     calls: Receiver<Call>,
     sender: Sender<Call>,
@@ -27,10 +27,10 @@ pub(crate) struct Service {
 
 /// A request that waits for its answer.
 pub(crate) struct Call {
-    /// The type of the service that is asked.
+    /// The type of the service.
     pub(crate) of: Type,
     query: Query,
-    /// Its number, and whose it is: the answer has both.
+    /// The request's number and its client: the answer repeats both.
     sequence: i64,
     client: Gid,
 }
@@ -49,14 +49,14 @@ impl Services {
         self.declared.push(service);
     }
 
-    /// Takes queries for a service of a type.
+    /// A callback that takes queries for a service of this type.
     pub(crate) fn hear(&self, of: Type) -> impl Fn(Query) + Send + Sync + 'static {
         let sender = self.sender.clone();
         move |query| {
             let attachment = query.attachment().map(|bytes| bytes.to_bytes());
             match attachment.as_deref().and_then(keys::sender_of) {
                 Some((sequence, client)) => {
-                    // A query that is dropped is one without an answer.
+                    // A query that is dropped gets no answer.
                     let _ = sender.try_send(Call {
                         of,
                         query,
@@ -64,7 +64,7 @@ impl Services {
                         client,
                     });
                 }
-                // Whoever asked is gone where it fails.
+                // It fails only if the client is gone.
                 None => drop(query.reply_err(NO_SENDER).wait()),
             }
         }
@@ -77,11 +77,11 @@ impl Services {
     }
 }
 
-/// Said to queries that are no requests of ROS.
+/// The error for queries that are no ROS requests.
 const NO_SENDER: &str = "a request has an attachment of 33 bytes with its number, its time and its client, as rmw_zenoh has it";
 
 impl Call {
-    /// Reads what is asked and answers that, or says that it cannot be read.
+    /// Decodes the request and answers it, or answers that it cannot be read.
     pub(crate) fn reply<Q, A>(self, answer: impl FnOnce(Q) -> A)
     where
         Q: for<'b> Deserialize<'b>,
@@ -94,16 +94,16 @@ impl Call {
                 drop(payload);
                 self.answer(&answer);
             }
-            // Whoever asked is gone where it fails.
+            // It fails only if the client is gone.
             Err(error) => drop(self.query.reply_err(error.to_string()).wait()),
         }
     }
 
-    /// Answers it.
+    /// Sends the answer.
     pub(crate) fn answer(self, response: &impl Serialize) {
         let attachment = keys::attachment(self.sequence, unix_ns(), self.client);
         let reply = self.query.reply(self.query.key_expr(), to_cdr(response));
-        // Whoever asked is gone where it fails.
+        // It fails only if the client is gone.
         let _ = reply.attachment(attachment).wait();
     }
 }

@@ -1,4 +1,4 @@
-//! Parameters of the node: services, and events of what was set.
+//! Parameters of the node: services, and events about changes.
 
 use super::{Answer, CLOUD, Cdr, called, looking_for_a_part, next, part, triggered};
 use host_train::dataset::ros::cdr::from_cdr;
@@ -37,7 +37,7 @@ fn flag(value: bool) -> Value {
     (1, value, integer, double, text, a, b, c, d, e)
 }
 
-/// `rcl_interfaces/ParameterEvent`: stamp, node, and parameters that are new, changed and deleted.
+/// `rcl_interfaces/ParameterEvent`: stamp, node, and new, changed and deleted parameters.
 type Event = (i32, u32, String, [Vec<(String, Value)>; 3]);
 
 #[tokio::test(flavor = "multi_thread")]
@@ -85,14 +85,14 @@ async fn parameters_are_read_and_set() {
         !results[1].0 && results[1].1.contains("another --cloud"),
         "{results:?}"
     );
-    // What is set counts: mode fast has no probability.
+    // The new mode takes effect: mode fast has no probability.
     let cloud = Cdr::cloud(&part());
     session.put(CLOUD, cloud).await.expect("an open session");
     let (_, said) = triggered(&session).await;
     assert!(!said.contains("\"probability\":0"), "{said}");
     let values: Vec<Value> = called(&session, &get, &asked).await;
     assert_eq!(values[0], text("fast"));
-    // All or none, and what was set is told.
+    // All are set or none, and changes are published.
     let atomically = key(
         "set_parameters_atomically",
         "SetParametersAtomically",
@@ -107,7 +107,7 @@ async fn parameters_are_read_and_set() {
     assert!(!set && reason == "on_request is a bool", "{reason}");
     let (set, reason) = set_both("verify", flag(true)).await;
     assert!(set, "{reason}");
-    // What it started with may come before, to one who subscribed while that was told.
+    // The initial parameters may come first, if they were published during the subscription.
     let changes = async || loop {
         let event = from_cdr::<Answer<Event>>(&next(&events).await);
         let (_, _, node, [new, changed, deleted]) = event.expect("an event").0;

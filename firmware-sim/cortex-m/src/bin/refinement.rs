@@ -1,9 +1,9 @@
-//! Refinement and nothing else: requests with a start, over the serial line, in the modes `refine` and `verify`. No policy.
-//! It is there to be measured: what refinement takes of a microcontroller.
+//! Refinement and nothing else: requests with a start over the serial line, in the modes `refine` and `verify`. No policy. The
+//! image exists to measure what refinement needs of a microcontroller.
 #![no_std]
 #![no_main]
 
-// It needs no watchdog and no flash, and does not look at the line while it works.
+// This image needs no watchdog and no flash, and does not serve the line while it works.
 #[allow(dead_code)]
 #[path = "../hardware.rs"]
 mod hardware;
@@ -58,7 +58,7 @@ fn main() -> ! {
     }
 }
 
-/// Refines the start of a request; `ticks` is what that took.
+/// Refines the start of a request. Writes the time that it took into `ticks`.
 #[inline(never)]
 fn refine(
     space: &mut [u32],
@@ -108,7 +108,7 @@ fn refusal(id: u64, error: Error) -> Refusal {
     Refusal { id, reason }
 }
 
-/// What the board has and uses, and what the last request took.
+/// Reports what the board has and uses, and how long the last request took.
 fn report(link: &mut Link, steps_ticks: u32) {
     link.send(&Message::Status(Status::default()));
     let (program_bytes, static_bytes) = hardware::program_and_static_bytes();

@@ -1,5 +1,5 @@
-//! Registration and nothing else: no line, no frames. Not to be run: its size is what the library adds to a
-//! program, start-up code included.
+//! Registration and nothing else: no line, no frames. It is not meant to run. Its size is what the library adds to a program,
+//! including start-up code.
 #![no_std]
 #![no_main]
 
@@ -17,7 +17,7 @@ fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
 fn main() -> ! {
     static mut SCRATCH: Scratch = Scratch::new();
 
-    // The compiler must not know what they are.
+    // The compiler must not know their values.
     let file: &'static [u8] = black_box(&[]);
     let [source, target]: [&[[f32; 3]]; 2] = black_box([&[], &[]]);
     if let Ok(policy) = Policy::parse(file)

@@ -1,4 +1,4 @@
-//! A process of QEMU that plays a board: its start, its end, and the bytes that go in and out.
+//! A QEMU process that simulates a board: its start, its end, and its bytes in and out.
 
 use super::{BoardError, Kind};
 use reagent_core::wire::SMALL_FRAME_BYTES;
@@ -11,9 +11,9 @@ use std::time::Duration;
 
 /// The program that simulates boards.
 pub const QEMU: &str = "qemu-system-arm";
-/// A program of Linux that asks the kernel to end another with its parent, and becomes that other.
+/// A Linux program that runs another one and has the kernel end that when its parent ends.
 const SETPRIV: &str = "setpriv";
-/// A board that says nothing for longer is not working. A step takes seconds on a busy machine.
+/// A board that sends nothing for longer than this does not work. On a busy machine a step takes seconds.
 pub const SILENCE: Duration = Duration::from_secs(120);
 
 /// Whether boards can be simulated here.
@@ -32,14 +32,14 @@ fn not_started(error: io::Error) -> BoardError {
     }
 }
 
-/// The simulator, such that it ends when this process does, however that ends; where the system has no means
-/// for it, a killed process leaves it running.
+/// The command for the simulator. The simulator ends when this process does, however that ends. If the system cannot do this, it
+/// stays running when this process is killed.
 fn simulator() -> Result<Command, BoardError> {
     let setpriv = Command::new(SETPRIV).arg("--version").output();
     if !setpriv.is_ok_and(|output| output.status.success()) {
         return Ok(Command::new(QEMU));
     }
-    // It would only say that it cannot start what is not there.
+    // If QEMU is missing, `setpriv` would only say that it cannot start it.
     check_simulator()?;
     let mut qemu = Command::new(SETPRIV);
     qemu.args(["--pdeathsig", "KILL", "--", QEMU]);
@@ -53,9 +53,9 @@ fn no_thread() -> BoardError {
 /// How the simulator runs.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Simulation<'a> {
-    /// File with the content of the policy's flash at the start ([`super::flash_content`]).
+    /// A file with the initial content of the policy's flash ([`super::flash_content`]).
     pub flash: Option<&'a Path>,
-    /// One nanosecond of the board's time is one instruction, whatever the host's time is.
+    /// Whether an instruction takes exactly one nanosecond of the board's time, independent of the host's time.
     pub count_instructions: bool,
 }
 
@@ -92,8 +92,8 @@ impl Emulator {
         qemu.stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .stderr(Stdio::piped());
-        // The thread that starts the simulator lives as long as it: the kernel takes the end of that thread
-        // for the end of this process.
+        // The thread that starts the simulator must live as long as the simulator: the kernel takes the end of that thread for the
+        // end of this process.
         let (started, process) = channel();
         let (sender, frames) = channel();
         std::thread::spawn(move || {
@@ -116,12 +116,12 @@ impl Emulator {
         })
     }
 
-    /// Number of its process.
+    /// The number of its process.
     pub(super) fn process_id(&self) -> u32 {
         self.process.id()
     }
 
-    /// Puts bytes onto the line as they are.
+    /// Sends bytes unchanged.
     pub(super) fn send(&mut self, bytes: &[u8]) -> Result<(), BoardError> {
         let sent = self
             .input
@@ -139,7 +139,7 @@ impl Emulator {
         }
     }
 
-    /// What the simulator has left behind.
+    /// The error that the simulator has printed.
     fn why_stopped(&mut self) -> BoardError {
         self.process.kill().ok();
         self.process.wait().ok();
@@ -159,7 +159,7 @@ impl Drop for Emulator {
     }
 }
 
-/// Sends on every frame that comes, until the line is closed.
+/// Passes on every frame until the line is closed.
 fn read_frames(mut output: impl Read, frames: &Sender<Vec<u8>>) {
     let mut decoder = Decoder::new();
     let mut space = [0; SMALL_FRAME_BYTES + CHECK_BYTES];

@@ -25,24 +25,24 @@ pub enum BoardError {
     Build {
         /// As the compiler calls it.
         target: &'static str,
-        /// Where its sources are.
+        /// The folder of its sources.
         directory: String,
         /// What cargo says.
         reason: String,
     },
-    /// The process cannot be started or spoken to.
+    /// The process cannot be started, or its pipe fails.
     #[error("{QEMU}: {0}")]
     Process(#[from] io::Error),
     /// The board has stopped.
     #[error("the board has stopped: {0}")]
     Stopped(String),
-    /// The board says nothing.
+    /// The board sends nothing.
     #[error("the board says nothing for {} s", SILENCE.as_secs())]
     Silent,
-    /// The board has started anew, and what it was asked is forgotten.
+    /// The board has restarted, and has forgotten what it was asked.
     #[error("the board has started anew, probably by its watchdog")]
     Restarted,
-    /// The policy that the board has taken does not pass its checks.
+    /// The board has the policy, but the policy does not pass the board's checks.
     #[error("the board does not use its policy: {reason}")]
     PolicyUnfit {
         /// Why.

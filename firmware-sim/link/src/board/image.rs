@@ -1,21 +1,21 @@
-//! The image of `firmware-sim/cortex-m`, and what lies in a board's flash beside it.
+//! The image of `firmware-sim/cortex-m`, and the content of a board's flash beside it.
 
 use super::{BoardError, Kind};
 use reagent_core::wire::{self, FLASH_HEADER_BYTES, Manifest, Message};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// What the image has memory for: clouds of 1024 points each.
+/// Format of the clouds of 1024 points each that the image has memory for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum Clouds {
     /// As floats, or on a grid
     #[default]
     Floats,
-    /// On a grid of 16-bit codes, in half of the memory; half as many points as floats
+    /// On a grid of 16-bit codes, in half the memory; half as many points as floats
     Grid,
 }
 
-/// Builds the image with cargo and gives its path; a moment where nothing has changed.
+/// Builds the image with cargo and returns its path. This takes only a moment if nothing has changed.
 ///
 /// # Errors
 /// `NoTarget`, `Build`.
@@ -27,7 +27,7 @@ pub fn build_image(kind: Kind, clouds: Clouds) -> Result<PathBuf, BoardError> {
         directory: directory.display().to_string(),
         reason,
     };
-    // Each in a folder of its own, so that nobody's is replaced while it runs.
+    // Each kind has a folder of its own, so that no image is replaced while it runs.
     let (folder, features) = match clouds {
         Clouds::Floats => ("../../target/cortex-m", ""),
         Clouds::Grid => ("../../target/cortex-m-grid", "grid"),
@@ -57,7 +57,7 @@ pub fn build_image(kind: Kind, clouds: Clouds) -> Result<PathBuf, BoardError> {
         .join("release/reagent-cortex-m"))
 }
 
-/// What lies in a board's flash for a policy file: its manifest and itself.
+/// The content of a board's flash for a policy: the manifest and the file.
 pub fn flash_content(manifest: &Manifest, file: &[u8]) -> Vec<u8> {
     let mut content = vec![0; FLASH_HEADER_BYTES];
     let (length, frame) = content.split_at_mut(4);

@@ -1,6 +1,6 @@
-//! Which boards there are, and what compiler and emulator call them.
+//! The boards, and their names for the compiler and the emulator.
 
-/// The boards there are.
+/// A board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Kind {
     /// Cortex-M7, MPS2 with AN500
@@ -13,7 +13,7 @@ impl Kind {
     /// Every board.
     pub const ALL: [Kind; 2] = [Kind::CortexM7, Kind::CortexM55];
 
-    /// The compiler's name of its instruction set.
+    /// Its target for the compiler.
     pub fn target(self) -> &'static str {
         match self {
             Kind::CortexM7 => "thumbv7em-none-eabihf",
@@ -29,7 +29,7 @@ impl Kind {
         }
     }
 
-    /// What QEMU calls its machine.
+    /// The name of its machine in QEMU.
     pub fn machine(self) -> &'static str {
         match self {
             Kind::CortexM7 => "mps2-an500",

@@ -1,4 +1,4 @@
-//! The serial line to a board: messages out, frames in, and what is asked over it.
+//! The serial line to a board: messages out, frames in, and the requests over it.
 
 use super::emulator::Emulator;
 use super::{BoardError, Kind, Simulation};
@@ -9,7 +9,7 @@ use reagent_core::wire::{
 use std::ops::ControlFlow;
 use std::path::Path;
 
-/// Bytes of a policy that go to a board at once: what fits where a request's clouds on a grid do.
+/// Bytes of a policy that are sent to a board at once. They fit into the space of a request's clouds on a grid.
 const CHUNK_BYTES: u32 = 8 * 1024;
 
 /// A running board.
@@ -17,12 +17,12 @@ const CHUNK_BYTES: u32 = 8 * 1024;
 pub struct Board {
     kind: Kind,
     emulator: Emulator,
-    /// Reports that are due.
+    /// Reports that are expected.
     reports: u32,
 }
 
 impl Board {
-    /// Switches a board on. It speaks first: a status and a report.
+    /// Switches a board on. It first sends a status and a report.
     ///
     /// # Errors
     /// `NoQemu`, `Process`.
@@ -38,17 +38,17 @@ impl Board {
         })
     }
 
-    /// What it is.
+    /// Its kind.
     pub fn kind(&self) -> Kind {
         self.kind
     }
 
-    /// Number of the simulator's process.
+    /// The number of the simulator's process.
     pub fn process_id(&self) -> u32 {
         self.emulator.process_id()
     }
 
-    /// Puts bytes onto the line as they are.
+    /// Sends bytes unchanged.
     ///
     /// # Errors
     /// `Stopped`.
@@ -56,7 +56,7 @@ impl Board {
         self.emulator.send(bytes)
     }
 
-    /// Puts a frame onto the line.
+    /// Sends a frame.
     ///
     /// # Errors
     /// `Stopped`.
@@ -66,7 +66,7 @@ impl Board {
         self.send_bytes(&bytes)
     }
 
-    /// Puts a message that is no request onto the line.
+    /// Sends a message that is not a request.
     ///
     /// # Errors
     /// `Stopped`.
@@ -84,7 +84,7 @@ impl Board {
         self.emulator.receive()
     }
 
-    /// The next frame of which `pick` gives something; others are passed over.
+    /// Waits for a frame for which `pick` returns something. Others are skipped.
     ///
     /// # Errors
     /// `Restarted`; as [`Board::receive`].
@@ -98,7 +98,7 @@ impl Board {
                 continue;
             };
             if matches!(message, Message::Board(_)) {
-                // The board gives a report at its start, too.
+                // The board also sends a report when it starts.
                 self.reports = self.reports.checked_sub(1).ok_or(BoardError::Restarted)?;
             }
             if let Some(found) = pick(message) {
@@ -107,7 +107,7 @@ impl Board {
         }
     }
 
-    /// Asks how the board is.
+    /// Asks for the board's status and report.
     ///
     /// # Errors
     /// As [`Board::receive`].
@@ -117,7 +117,7 @@ impl Board {
         self.status_and_report()
     }
 
-    /// The status and the report that come at the start and after a question.
+    /// Waits for the status and the report, which come at the start and after a question.
     ///
     /// # Errors
     /// As [`Board::receive`].
@@ -134,8 +134,8 @@ impl Board {
         .map(|report| (status, report))
     }
 
-    /// Sends the frame of a request, and waits for its answer; `step` gets every step meanwhile. Where it
-    /// breaks off the request is taken back, and the answer is most likely a refusal for that.
+    /// Sends the frame of a request and waits for the answer. Meanwhile `step` gets every step. If `step` breaks off, the request is
+    /// taken back, and the answer is most likely a refusal that says so.
     ///
     /// # Errors
     /// `Restarted`; as [`Board::receive`].
@@ -180,7 +180,7 @@ impl Board {
             })),
             _ => None,
         };
-        // Answers that belong to nothing sent from here would be taken for others.
+        // Pending reports would be taken for answers to what follows.
         while self.reports > 0 {
             self.status_and_report()?;
         }

@@ -1,4 +1,4 @@
-//! Simulated boards: which there are, the image that they run, the emulator, and the serial line to it.
+//! Simulated boards: their kinds, the image that they run, the emulator, and the serial line to it.
 
 mod emulator;
 mod error;

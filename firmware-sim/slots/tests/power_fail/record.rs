@@ -1,4 +1,4 @@
-//! The two copies of the record: lost, or being made anew when the power is cut.
+//! The two copies of the record: lost, or being restored when the power is cut.
 
 use super::{CAPACITY, Flash, RECORD, Shipped, assert_runs, erased, open, update};
 use futures::executor::block_on;
@@ -38,14 +38,14 @@ fn a_copy_of_the_record_that_is_lost_is_made_anew_from_the_other() {
             assert!(slots.needs_repair(), "{what}");
             assert_runs(&mut slots, &[&old], &what);
             assert!(!slots.needs_repair(), "{what}");
-            // It is whole again: now the other one may go.
+            // The copy is restored. Now the other one may be lost.
             lose(&mut memory, other);
             let mut slots = open(Flash::new(&mut memory)).expect(&what);
             assert_runs(&mut slots, &[&old], &what);
             let back = update(&mut slots, &older);
             assert!(matches!(back, Err(SlotError::Version { .. })), "{what}");
 
-            // Both at once: nobody knows what counted.
+            // With both lost, nobody knows what counted.
             lose(&mut memory, lost);
             lose(&mut memory, other);
             let opened = open(Flash::new(&mut memory));

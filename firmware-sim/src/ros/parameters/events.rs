@@ -1,4 +1,4 @@
-//! What becomes of the parameters, told to all: `/parameter_events`.
+//! Publishes changes of parameters on `/parameter_events`.
 
 use super::messages::{Parameter, ParameterEvent};
 use crate::ros::keys::{self, Qos};
@@ -12,7 +12,7 @@ pub(crate) struct Events {
 }
 
 impl Events {
-    /// That of a node, which tells the parameters that it has from its start.
+    /// Declares the publisher, and publishes the parameters that the node starts with.
     pub(crate) async fn declare(
         member: &mut Member,
         new_parameters: Vec<Parameter>,
@@ -27,7 +27,7 @@ impl Events {
         Ok(events)
     }
 
-    /// Tells those that were set.
+    /// Publishes the parameters that were set.
     pub(crate) fn set(&mut self, parameters: Vec<Parameter>) -> zenoh::Result<()> {
         match parameters.is_empty() {
             true => Ok(()),

@@ -1,9 +1,9 @@
-//! Messages of the services of parameters and of their events, in the order of their definitions in `rcl_interfaces`.
+//! Messages of the parameter services and of parameter events. Fields are in the order of their definitions in `rcl_interfaces`.
 
 use host_train::dataset::ros::point_cloud2::Time;
 use serde::{Deserialize, Serialize};
 
-/// `ParameterType::PARAMETER_BOOL` and `PARAMETER_STRING`; 0 is no value.
+/// `ParameterType::PARAMETER_BOOL` and `PARAMETER_STRING`; 0 means no value.
 const BOOL: u8 = 1;
 const STRING: u8 = 4;
 
@@ -29,7 +29,7 @@ pub(crate) struct Parameter {
     pub(crate) value: Value,
 }
 
-/// `rcl_interfaces/ParameterDescriptor`, of which none here has a range.
+/// `rcl_interfaces/ParameterDescriptor`. No parameter here has a range.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Descriptor {
     pub(crate) name: String,
@@ -42,7 +42,7 @@ pub(crate) struct Descriptor {
     pub(crate) integer_range: Vec<[i64; 3]>,
 }
 
-/// The requests of `GetParameters`, `GetParameterTypes` and `DescribeParameters`, which answer with one for each name.
+/// The request of `GetParameters`, `GetParameterTypes` and `DescribeParameters`. They answer with one item for each name.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Named {
     pub(crate) names: Vec<String>,
@@ -62,7 +62,8 @@ pub(crate) struct Listed {
     pub(crate) prefixes: Vec<String>,
 }
 
-/// The requests of `SetParameters`, which answers with a result for each, and of `SetParametersAtomically`, which does with one.
+/// The request of `SetParameters`, which answers with one result for each parameter, and of `SetParametersAtomically`, which
+/// answers with one result for all.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct SetRequest {
     pub(crate) parameters: Vec<Parameter>,

@@ -158,6 +158,30 @@ fn nft_understands_the_limit_of_connections() {
     assert!(said.status.success(), "{warnings}");
 }
 
+/// The router's configuration is of the robots that are named: whoever forgets one is told.
+#[test]
+fn a_robot_that_is_not_named_again_is_told() {
+    if Command::new("openssl").arg("version").output().is_err() {
+        return eprintln!("skipped: openssl is not installed");
+    }
+    let folder = tempfile::tempdir().expect("a temporary directory");
+    let warned = |robots: &[&str]| {
+        let mut command = Command::new(deploy("make-ca"));
+        command.arg(folder.path()).args(["lab", "localhost"]);
+        let output = command.args(robots).output().expect("the script runs");
+        assert!(output.status.success(), "{output:?}");
+        String::from_utf8_lossy(&output.stderr).into_owned()
+    };
+    assert_eq!(warned(&["arm1", "arm2"]), "");
+    let said = warned(&["arm2", "arm3"]);
+    assert!(
+        said.starts_with("make-ca: arm1 has a certificate here and was not named"),
+        "{said}"
+    );
+    assert_eq!(said.lines().count(), 1, "{said}");
+    assert_eq!(warned(&["arm1", "arm2", "arm3"]), "");
+}
+
 /// Names, IPv4 and IPv6 addresses, with and without a port.
 #[test]
 fn the_router_is_reached_under_names_and_addresses() {

@@ -230,7 +230,14 @@ fn passed_over(error: &RefineError) -> bool {
         RefineError::Refused { refusal, .. } => {
             matches!(
                 refusal.reason,
-                Reason::Busy | Reason::NoPolicy | Reason::Internal | Reason::NoSuchMode(_)
+                Reason::Busy
+                    | Reason::NoPolicy
+                    | Reason::PolicyDamaged
+                    | Reason::FailedSelfTest
+                    | Reason::Internal
+                    | Reason::NoSuchMode(_)
+                    | Reason::TooManyPoints(..)
+                    | Reason::WrongVersion { .. }
             )
         }
         _ => false,
@@ -278,6 +285,31 @@ impl Drop for Asked<'_> {
             .wait()
         {
             tracing::debug!("request {} was not taken back: {error}", self.request.id);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use reagent_core::wire::{Cloud, Refusal};
+
+    #[test]
+    fn what_is_wrong_with_one_robot_does_not_end_the_search_for_another() {
+        let refused = |reason| RefineError::Refused {
+            robot: "arm1".into(),
+            refusal: Refusal { id: 1, reason },
+        };
+        for of_the_robot in [
+            Reason::PolicyDamaged,
+            Reason::FailedSelfTest,
+            Reason::TooManyPoints(Cloud::Source, 4096),
+            Reason::WrongVersion { spoken: 8 },
+        ] {
+            assert!(passed_over(&refused(of_the_robot)), "{of_the_robot:?}");
+        }
+        for of_the_request in [Reason::Malformed, Reason::BadPose, Reason::Deadline] {
+            assert!(!passed_over(&refused(of_the_request)), "{of_the_request:?}");
         }
     }
 }

@@ -18,7 +18,7 @@ use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
-/// Views on which policies are compared, and points of each.
+/// Views on which policies are compared, and points in each.
 const VIEWS: usize = 300;
 const POINTS: usize = 1024;
 
@@ -112,7 +112,7 @@ pub async fn run(args: PublishArgs) -> Result<(), PublishError> {
     let mut publisher = Publisher::new(session, &args.fleet, key)?;
     publisher.provenance = provenance;
     publisher.epoch = args.epoch;
-    // A router with access control drops what a certificate may not say, and tells nobody.
+    // A router with access control silently drops what a certificate may not publish.
     if !args.store && has_certificate(&args.session)? {
         publisher.listener = Some(open_session(&args.session).await?);
     }
@@ -139,7 +139,7 @@ pub async fn run(args: PublishArgs) -> Result<(), PublishError> {
     }
 }
 
-/// Publishes the policy as the arguments say, and tells what became of it.
+/// Publishes the policy as the arguments say, and reports the result.
 async fn ship(
     publisher: &mut Publisher,
     witness: &Witness,
@@ -181,7 +181,7 @@ async fn ship(
     tell_reception(publisher, &manifest, args).await
 }
 
-/// Ships to one part of the fleet after the other, and takes back what does worse.
+/// Ships to one part of the fleet after the other, and withdraws a policy that does worse.
 async fn roll_out(
     publisher: &mut Publisher,
     witness: &Witness,
@@ -215,7 +215,7 @@ async fn roll_out(
     Err(PublishError::Halted { halt, back })
 }
 
-/// Compares the policy with the one before it, and says what came of it.
+/// Compares the policy with the one before it, and reports the result.
 fn compare(
     on: &DataSource,
     old: &Path,
@@ -247,7 +247,7 @@ fn compare(
     Ok(())
 }
 
-/// Asks whoever sits at the terminal.
+/// Asks the user, if there is a terminal.
 fn confirmed() -> bool {
     if !std::io::stdin().is_terminal() {
         return false;
@@ -257,7 +257,7 @@ fn confirmed() -> bool {
     std::io::stdin().read_line(&mut answer).is_ok() && answer.trim().eq_ignore_ascii_case("y")
 }
 
-/// Says what robots make of the policy.
+/// Reports how the robots receive the policy.
 async fn tell_reception(
     publisher: &Publisher,
     manifest: &Manifest,
@@ -276,7 +276,7 @@ async fn tell_reception(
     Ok(())
 }
 
-/// As much of a file's name as a manifest holds.
+/// A file's name, cut to the length that a manifest holds.
 fn fitting(stem: &str) -> String {
     let mut name = PolicyName::new();
     stem.chars().try_for_each(|c| name.push(c)).ok();

@@ -78,8 +78,8 @@ pub(super) struct RegisterArgs {
     /// Most steps of the policy [default: 10]
     #[arg(long, value_name = "N", value_parser = steps)]
     steps: Option<usize>,
-    /// What to do: fast (the policy's steps alone), polish (then closest points), verify, which is best (then compared
-    /// with other poses), refine (closest points from the start, without the policy)
+    /// What to do: fast (the policy's steps alone), polish (then closest points), verify or best (then compared with
+    /// other poses), refine (closest points from the start, without the policy)
     #[arg(long, value_name = "MODE", default_value_t = Mode::Verify)]
     mode: Mode,
     #[command(flatten)]

@@ -1,5 +1,4 @@
-//! Loose clouds and meshes, one a file. The extension decides the format; standard input (`-`) is told by its
-//! contents.
+//! Loose clouds and meshes, one a file. The extension decides the format; standard input (`-`) is told by its contents.
 //!
 //! | extension | what is read |
 //! |---|---|

@@ -98,8 +98,7 @@ pub fn categories(models: Vec<Model>, labels: Range<u32>) -> Vec<Model> {
 }
 
 /// Splits a training split by mesh into `(training, validation)`, each in the given order. The second part has
-/// `fraction` (0 to 1) of the models, rounded, but at least one if there are two or more and the fraction is above
-/// 0.
+/// `fraction` (0 to 1) of the models, rounded, but at least one if there are two or more and the fraction is above 0.
 pub fn validation_split<T>(models: Vec<T>, seed: u64, fraction: f64) -> (Vec<T>, Vec<T>) {
     let share = (models.len() as f64 * fraction.clamp(0.0, 1.0)).round() as usize;
     let held_out = if fraction > 0.0 && models.len() > 1 {

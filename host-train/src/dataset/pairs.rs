@@ -18,8 +18,7 @@ use reagent_core::cloud::LARGEST_COORDINATE;
 use serde::Deserialize;
 use std::path::Path;
 
-/// Reads the symmetries in FILE.json beside a pairs file; `None` if there is no such file, or it is of another
-/// kind.
+/// Reads the symmetries in FILE.json beside a pairs file; `None` if there is no such file, or it is of another kind.
 fn symmetries(pairs: &Path, count: usize) -> Result<Option<Vec<Symmetry>>, DatasetError> {
     let Ok(text) = std::fs::read(pairs.with_extension("json")) else {
         return Ok(None);

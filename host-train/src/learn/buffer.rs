@@ -35,8 +35,7 @@ pub struct Buffer {
     pub problems: Vec<Problem>,
     /// Trajectories rolled out side by side.
     pub trajectories: usize,
-    /// Observations in the order they were made, step-major: trajectory `r` at step `s` is at `s * trajectories +
-    /// r`.
+    /// Observations in the order they were made, step-major: trajectory `r` at step `s` is at `s * trajectories + r`.
     pub observations: Vec<Observation>,
 }
 

@@ -22,8 +22,7 @@ pub struct Problem {
     pub chosen: Vec<Point>,
     /// What the policy looks at of both clouds.
     pub sight: Sight,
-    /// Centroid about which disentangled poses turn the source, without the points cut off under the first
-    /// estimate.
+    /// Centroid about which disentangled poses turn the source, without the points cut off under the first estimate.
     pub centroid: Vec3,
     /// The disentangled pose that registers the source.
     pub registering: Pose,

@@ -222,12 +222,11 @@ impl Parameters {
 
 /// How training finds the points that reach a feature's maximum.
 ///
-/// The trade-off was measured with the shipped policy on 32 noisy clouds of 1024 points and mini-batches from its
-/// own roll-outs (Xeon with AVX-512 VNNI and AMX, one thread, CPU time). In 8 bits, 2.0 % of the features come from
-/// another point than in f32, one whose value is close, so that features differ by 2.9e-4 in relative norm. The
-/// gradient of a mini-batch has a cosine of 0.998 to 0.99998 with that of the f32 search (0.9957 to 0.9998 within
-/// the embedding), and its norm agrees to 0.4 %: less than drawing other clouds changes. Embedding a cloud takes
-/// 0.43 ms instead of 1.6.
+/// The trade-off was measured with the shipped policy on 32 noisy clouds of 1024 points and mini-batches from its own
+/// roll-outs (Xeon with AVX-512 VNNI and AMX, one thread, CPU time). In 8 bits, 2.0 % of the features come from another
+/// point than in f32, one whose value is close, so that features differ by 2.9e-4 in relative norm. The gradient of a
+/// mini-batch has a cosine of 0.998 to 0.99998 with that of the f32 search (0.9957 to 0.9998 within the embedding), and
+/// its norm agrees to 0.4 %: less than drawing other clouds changes. Embedding a cloud takes 0.43 ms instead of 1.6.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum Search {

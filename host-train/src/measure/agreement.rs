@@ -20,9 +20,8 @@ pub struct Agreement {
     pub equal: Vec<f64>,
 }
 
-/// Compares the actions of every policy after the first with those of the first. Each step starts from the pose
-/// that the first has reached, so that a difference is not counted again for what it leads to. Other methods are
-/// skipped.
+/// Compares the actions of every policy after the first with those of the first. Each step starts from the pose that
+/// the first has reached, so that a difference is not counted again for what it leads to. Other methods are skipped.
 ///
 /// # Errors
 /// A pair with a cloud that the core refuses.

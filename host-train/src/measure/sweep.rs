@@ -174,8 +174,7 @@ pub struct Drawing<'a> {
     pub seed: u64,
 }
 
-/// Registers all pairs by every contestant at every value of one condition. `progress` is called once per
-/// registration.
+/// Registers all pairs by every contestant at every value of one condition. `progress` is called once per registration.
 ///
 /// # Errors
 /// A value outside the condition's range, before anything is measured; whatever [`evaluate`] refuses.

@@ -24,8 +24,7 @@ pub struct Best {
 pub struct Other {
     /// The pose, and how the clouds fit under it.
     pub refined: Refined,
-    /// Probability that it is right: that of the pose by itself, times its probability relative to the returned
-    /// pose.
+    /// Probability that it is right: that of the pose by itself, times its probability relative to the returned pose.
     pub probability: f32,
     /// Number of the start that it came from.
     pub start: usize,

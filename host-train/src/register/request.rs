@@ -22,7 +22,7 @@ const LEAST_WITHIN: f32 = 0.9;
 pub struct Request {
     /// Where the registration starts.
     pub start: Start,
-    /// What follows the policy's steps: nothing, refinement, or verification.
+    /// Which of the policy's steps, refinement and verification are done.
     pub mode: Mode,
     /// Most steps of the policy; 0 leaves the policy out.
     pub steps: usize,

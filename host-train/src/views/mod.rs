@@ -87,9 +87,8 @@ impl Object {
         &self.surface
     }
 
-    /// Adds a view of the undeformed mesh to a set. `None` in the rare case that nothing of it is seen. The
-    /// noise-free target is dense, because distances to the closest point of a sparse one would measure its
-    /// spacing.
+    /// Adds a view of the undeformed mesh to a set. `None` in the rare case that nothing of it is seen. The noise-free
+    /// target is dense, because distances to the closest point of a sparse one would measure its spacing.
     pub fn draw(&self, rng: &mut Rng, points: usize, set: &mut PairSet) -> Option<()> {
         let View {
             sample,
@@ -135,8 +134,7 @@ impl Object {
         None
     }
 
-    /// Points of one segmented depth image, in millimetres and the camera's frame; `None` if too few pixels are
-    /// left.
+    /// Points of one segmented depth image, in millimetres and the camera's frame; `None` if too few pixels are left.
     fn segment(
         &self,
         rng: &mut Rng,

@@ -51,8 +51,7 @@ pub struct BopModel {
     /// Largest distance between two of its vertices, millimetres, from `models_info.json`.
     pub diameter_mm: f64,
     /// Poses of the model in which it looks the same, millimetres, the identity included. A continuous symmetry is
-    /// divided into [`CONTINUOUS_STEPS`] turns, as in the BOP toolkit; each moves no point by more than .01
-    /// diameters.
+    /// divided into [`CONTINUOUS_STEPS`] turns, as in the BOP toolkit; each moves no point by more than .01 diameters.
     pub symmetries: Vec<Pose>,
     /// The mesh, millimetres; without faces if the model is a cloud.
     pub mesh: Mesh,

@@ -46,8 +46,7 @@ impl CloudFile {
         Ok(self)
     }
 
-    /// Adds a note if most vertices belong to no face, as in a cloud with a few triangles: only the surface is
-    /// used.
+    /// Adds a note if most vertices belong to no face, as in a cloud with a few triangles: only the surface is used.
     fn notice_loose_vertices(&mut self) {
         let Some(faces) = &self.faces else { return };
         let mut is_corner = vec![false; self.points.len()];

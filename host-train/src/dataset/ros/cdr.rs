@@ -17,8 +17,7 @@ pub enum CdrError {
     Content(String),
 }
 
-/// Encodes a message in little-endian CDR, with the encapsulation header of DDS. Messages hold nothing that CDR
-/// cannot.
+/// Encodes a message in little-endian CDR, with the encapsulation header of DDS. Messages hold nothing that CDR cannot.
 pub fn to_cdr(message: &impl Serialize) -> Vec<u8> {
     let mut bytes = vec![0, 1, 0, 0];
     let body = cdr_encoding::to_vec::<_, LittleEndian>(message);

@@ -190,8 +190,7 @@ impl PointCloud2 {
     /// All points, row by row. An organised cloud has points that are not finite where its sensor saw nothing.
     ///
     /// # Errors
-    /// Coordinates that are missing, of other types or reach beyond a point, and too few bytes for the rows and
-    /// points.
+    /// Coordinates that are missing, of other types or reach beyond a point, and too few bytes for the rows and points.
     pub fn positions(&self) -> Result<Vec<Position>, PointCloudError> {
         let [x, y, z] = ["x", "y", "z"].map(|name| Coordinate::of(self, name));
         let coordinates = [x?, y?, z?];

@@ -1,10 +1,9 @@
 //! The training loop: clouds in, checkpoints and metrics out.
 //!
-//! One update is Algorithm 1 of the paper, [`Trainer::update`]. It rolls out N trajectories of n steps from each of
-//! 32 problems with the stochastic policy, rewards them, computes returns and advantages, and goes once over the
-//! shuffled buffer in mini-batches. Clouds come in an endless sequence of shuffled epochs: the first clouds of an
-//! epoch fill the buffer that the last epoch left partly filled. No state but the number of updates lies between
-//! two updates.
+//! One update is Algorithm 1 of the paper, [`Trainer::update`]. It rolls out N trajectories of n steps from each of 32
+//! problems with the stochastic policy, rewards them, computes returns and advantages, and goes once over the shuffled
+//! buffer in mini-batches. Clouds come in an endless sequence of shuffled epochs: the first clouds of an epoch fill the
+//! buffer that the last epoch left partly filled. No state but the number of updates lies between two updates.
 //!
 //! # Known details of PPO
 //!

@@ -1,5 +1,4 @@
-//! Validation: the policy's errors on pairs of held-back meshes, with decisions made as exported policies make
-//! them.
+//! Validation: the policy's errors on pairs of held-back meshes, with decisions made as exported policies make them.
 
 use super::config::TrainConfig;
 use super::error::TrainError;

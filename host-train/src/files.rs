@@ -259,8 +259,7 @@ pub(crate) mod tests {
         assert_eq!(names(folder.path()), [""; 0]);
     }
 
-    /// Mounts a small file system on a folder, and returns a function that unmounts it. Needs the right to mount;
-    /// otherwise it says so.
+    /// Mounts a small file system on a folder, and returns a function that unmounts it. Says so if it may not mount.
     pub(crate) fn small_disk(folder: &Path) -> Option<impl FnOnce() + use<>> {
         let mount = |arguments: &[&str], folder: &Path| {
             let mut command = std::process::Command::new(arguments[0]);

@@ -143,8 +143,8 @@ fn recorder<'c>(
     }
 }
 
-/// A cloud in the order in which it is sent to a robot, neighbours next to each other: a robot without memory to
-/// sort it then takes half the time.
+/// A cloud as it is sent to a robot, neighbours next to each other: a robot without memory to sort it saves half the
+/// time.
 pub fn in_order(mut points: Vec<Point>) -> Vec<Point> {
     put_in_order(&mut points);
     points

@@ -13,8 +13,7 @@ use support::{fail, folder, read_json, run, succeed};
 /// Depth of the wall, tenths of a millimetre.
 const WALL: u16 = 9000;
 
-/// Rotation and translation error of the pose in `p.json`, degrees and millimetres, after its lengths are multiplied by
-/// `scale`.
+/// Rotation and translation error of the pose in `p.json` with its lengths times `scale`, degrees and millimetres.
 fn errors(at: &Path, scale: f32) -> (f32, f32) {
     let document = read_json(&at.join("p.json"));
     let row = |r: usize| -> [f32; 4] {

@@ -1,5 +1,4 @@
-//! Two scans by a lidar, whose points crowd in rings around the sensor: scene must be aligned with scene, not sensor
-//! with sensor.
+//! Two lidar scans, whose points crowd around the sensor: scene must be aligned with scene, not sensor with sensor.
 
 mod support;
 

@@ -108,8 +108,7 @@ async fn first_datagram(secured: &Secured) -> Vec<u8> {
     datagram
 }
 
-/// With robots on one router and operators on another, a robot that takes every session of its router shuts out only
-/// robots.
+/// With robots and operators on separate routers, a robot that takes every session of its router shuts out only robots.
 #[tokio::test(flavor = "multi_thread")]
 async fn a_zone_with_a_router_of_its_own_is_not_shut_out() {
     let Some(robots) = Secured::with_sessions(6).await else {

@@ -218,8 +218,7 @@ async fn nobody_takes_back_the_request_of_another_session() {
         let put = publisher.put(frame.to_vec()).source_info(source).await;
         put.expect("an open session");
     }
-    // Requests of a session without a token, such as older clients sent under a number of their own, belong to no other
-    // session.
+    // Requests of a session without a token, such as older clients sent under a number, belong to no other session.
     let unsaid = network.join().await;
     let source = unsaid.declare_publisher(key.as_str().to_owned()).await;
     let source = SourceInfo::new(source.expect("an open session").id(), 0);

@@ -1,5 +1,4 @@
-//! The image for microcontrollers, in QEMU: it computes the same bits as the host, and no bytes on its line can stop
-//! it.
+//! The image for microcontrollers, in QEMU: it computes the host's bits, and no bytes on its line can stop it.
 
 #[path = "firmware/bits.rs"]
 mod bits;

@@ -1,5 +1,4 @@
-//! Certificates are renewed while robots serve requests: nothing but the router is restarted, and every request gets
-//! its pose.
+//! Certificates are renewed while robots serve: only the router is restarted, and every request gets its pose.
 
 mod support;
 

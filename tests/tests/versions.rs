@@ -113,8 +113,7 @@ async fn without_a_version_the_time_counts_unless_versions_were_counted_by_hand(
         (0, Some(3), NOW, 4),
         (1, None, NOW, NOW),
         (1, Some(NOW), NOW + 9, NOW + 9),
-        // A clock went back, or another one is ahead: the time is kept, and publishing refuses it, so that somebody
-        // looks.
+        // A clock went back, or another one is ahead: publishing under the time is refused, so that somebody looks.
         (1, Some(NOW + 10), NOW, NOW),
         (2, Some(1), NOW, 2),
         // An epoch that is over.
@@ -221,8 +220,7 @@ async fn a_policy_is_stored_without_waiting_for_robots() {
     }
 }
 
-/// Signed with the wrong key, and then with the right one: what a robot said of the first is not taken as its answer to
-/// the second.
+/// Signed with the wrong key, then with the right one: what a robot said of the first is no answer to the second.
 #[tokio::test(flavor = "multi_thread")]
 async fn a_version_that_was_refused_is_taken_from_who_is_trusted() {
     let network = Network::start().await;

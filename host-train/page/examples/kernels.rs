@@ -1,4 +1,4 @@
-//! Checks that the byte kernels for WebAssembly give the portable kernels' logits, bit for bit; the tests run it in a
+//! Checks that WebAssembly's byte kernels give the portable kernels' logits, bit for bit; the tests run it in a
 //! browser.
 
 use reagent_core::kernels::Isa;

@@ -54,8 +54,7 @@ pub(crate) fn depth_scale(given: &Bound<'_, PyAny>) -> PyResult<f64> {
     given.extract().map_err(refused)
 }
 
-/// The word given, if some argument knows it, also as a default; otherwise the empty word, which every argument
-/// refuses.
+/// The word given, if some argument knows it, also as a default; otherwise the empty word, which all arguments refuse.
 pub(crate) fn word(given: &Bound<'_, PyAny>) -> PyResult<&'static str> {
     let given = given.extract::<PyBackedStr>().ok();
     let modes = Mode::ALL.map(Mode::name);

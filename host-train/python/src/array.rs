@@ -92,8 +92,7 @@ impl<'a> View<'a> {
         self.name
     }
 
-    /// The cloud, prepared for registration with at most so many points for the policy. The seed draws the points of a
-    /// mesh.
+    /// The cloud, prepared for registration, with at most so many points for the policy. The seed samples a mesh.
     pub(crate) fn prepared(
         self,
         points: Option<usize>,

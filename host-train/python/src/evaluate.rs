@@ -10,8 +10,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use reagent_core::Pose;
 
-/// Computes errors of poses against the true ones over all pairs, as a dict: what `host-train eval --json` reports of a
-/// method.
+/// Computes errors of poses against the true ones, as a dict: what `host-train eval --json` reports of a method.
 ///
 /// `found` and `truth` are arrays of poses (M, 4, 4) or (M, 3, 4). `sources` and `targets` are M clouds each; `raw`, if
 /// known, are M clouds in the targets' place without noise. Rotations are in degrees, translations in the clouds' unit.

@@ -8,9 +8,8 @@ use pyo3::prelude::*;
 use std::path::Path;
 
 /// A triangle mesh, for a part that has one. It goes where a cloud does: points of its surface are registered, the same
-/// that the command line draws from a file. With a `viewpoint`, and faces that enclose the part and are all wound the
-/// same way, surfaces that face away from the sensor count as unseen, so that one side of a wall is not taken for the
-/// other.
+/// that the command line draws. With a `viewpoint`, and faces that enclose the part and are all wound the same way,
+/// surfaces facing away from the sensor count as unseen, so that one side of a wall is not taken for the other.
 ///
 /// vertices: (V, 3), float32 or float64.
 /// faces: (F, 3), integers: the vertices of each triangle.

@@ -19,9 +19,9 @@ const _: () = assert!(POINTS == 1024);
 
 /// Follows an object through a stream of clouds, such as a camera's.
 ///
-/// Each pose is refined by closest points from the last one, which takes a few milliseconds. If the result is probably
-/// not right, and at every thirtieth cloud, the policy's steps and `mode` follow. A lost object is looked for
-/// alternately from the last pose and from anywhere.
+/// Each pose is refined by closest points from the last one, in a few milliseconds. If that is probably not right, and
+/// at every thirtieth cloud, the policy's steps and `mode` follow. A lost object is looked for alternately from the
+/// last pose and from anywhere.
 ///
 /// target: the object's model, as `register` takes it.
 /// init: where to look for it at first: a pose, "identity" or "anywhere".

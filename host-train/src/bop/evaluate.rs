@@ -149,7 +149,7 @@ impl Refinements {
         results
     }
 
-    /// All poses that are evaluated, with their errors, for registrations as in [`Self::results`]. Images are read
+    /// All poses that are evaluated, with their errors, for registrations as in [`Self::results`]. Reads the images
     /// again.
     ///
     /// # Errors

@@ -243,8 +243,7 @@ enum Scan {
     Bag(PathBuf, Bag),
 }
 
-/// Files and bags in their order; for folders, the clouds and bags in them, told by extension, in the order of their
-/// names.
+/// Files and bags in their order; for folders, the clouds and bags in them, told by extension and ordered by name.
 fn scans(paths: &[PathBuf], topic: Option<&str>) -> anyhow::Result<Vec<Scan>> {
     let scan = |path: PathBuf| {
         anyhow::Ok(match is_bag(&path) {

@@ -25,8 +25,7 @@ impl Pinhole {
         ((pixel - self.centre) / self.focal).extend(1.0)
     }
 
-    /// Whether the optical axis meets the image plane outside of the image, as in a crop, or with intrinsics of
-    /// another size.
+    /// Whether the optical axis meets the image plane outside of the image, as in a crop or an image of another size.
     pub fn is_off_centre(&self) -> bool {
         let [width, height] = self.size.map(|pixels| pixels as f32);
         let Vec2 { x, y } = self.centre;

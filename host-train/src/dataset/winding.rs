@@ -18,8 +18,7 @@ pub enum Winding {
 
 impl Mesh {
     /// The winding of the faces if they enclose one or several solids, all in the same way. `None` for a mesh with
-    /// holes or flipped faces, with edges that more than two faces share, or without volume. Coincident vertices
-    /// are merged.
+    /// holes, flipped faces or edges that more than two faces share, or without volume. Coincident vertices are merged.
     pub fn winding(&self) -> Option<Winding> {
         let mut merged = HashMap::new();
         let vertices = self.vertices.iter();

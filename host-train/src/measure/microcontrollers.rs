@@ -101,8 +101,7 @@ pub struct Measured {
     pub refinement: Vec<Refinement>,
 }
 
-/// Measures registration on every board, with the given policy and the bundled compact one, both in 8 bits, and
-/// then refinement.
+/// Measures registration on every board, in 8 bits, with the given policy and the compact one, and then refinement.
 ///
 /// # Errors
 /// See [`McuError`].

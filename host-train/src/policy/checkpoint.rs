@@ -107,8 +107,8 @@ pub struct Checkpoint {
 }
 
 impl Checkpoint {
-    /// The checkpoint that a path names: the file itself, or a run directory's best, else its last, else the one
-    /// before.
+    /// The checkpoint that a path names: the file itself, or a run directory's best, last or previous one, in this
+    /// order.
     pub fn find(run_or_checkpoint: &Path) -> Result<PathBuf, CheckpointError> {
         let candidates = [
             run_or_checkpoint.join(BEST),

@@ -6,9 +6,8 @@ use reagent_core::Error;
 use reagent_core::polish::{Refiner, Workspace};
 use std::collections::HashSet;
 
-/// Reduces a background, which is what was seen besides the source. It keeps the nearest point in each cell of the
-/// image in which free space is checked: some two thousand points at most, with bit for bit the same result as all
-/// points.
+/// Reduces a background, what was seen besides the source, to the nearest point in each cell of the image in which free
+/// space is checked: some two thousand points at most, with bit for bit the result of all points.
 ///
 /// # Errors
 /// Clouds that the core refuses.

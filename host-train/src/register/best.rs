@@ -103,8 +103,7 @@ fn refiner<'w>(
     Ok(refiner)
 }
 
-/// The poses that each registration compared, or the one that it refined, with the registration's place in `tried`:
-/// the most probable first.
+/// The poses that each registration compared, or refined, with its place in `tried`: the most probable first.
 fn candidates(
     refiner: &mut Refiner<'_>,
     tasks: &[Task<'_>],

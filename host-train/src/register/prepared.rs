@@ -174,8 +174,7 @@ impl<'a> Prepared<'a> {
     }
 }
 
-/// Outward normals at points drawn from a surface, from its faces' normals and winding. Points are looked up by
-/// their bits.
+/// Outward normals at points drawn from a surface, by the points' bits, from its faces' normals and winding.
 fn outward(winding: Winding, points: &[Point], normals: Vec<Point>) -> HashMap<[u32; 3], Point> {
     let outward = normals.into_iter().map(|normal| match winding {
         Winding::Outward => normal,

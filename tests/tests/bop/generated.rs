@@ -94,8 +94,7 @@ fn noise_is_that_of_the_sensor() {
         .collect();
     let mut errors: Vec<f64> = pairs.iter().map(|(a, b)| (a - b).abs() / 10.0).collect();
     errors.sort_by(f64::total_cmp);
-    // Most pixels lie on smooth surfaces .6 to 1.5 m away: deviations of 1.3 to 3.5 mm, with medians of two thirds of
-    // that.
+    // Most pixels lie on smooth surfaces .6 to 1.5 m away: deviations of 1.3 to 3.5 mm, medians of two thirds of that.
     let median = errors[errors.len() / 2];
     assert!((0.7..3.0).contains(&median), "{median}");
     assert!(pairs.len() > 160 * 120 / 2);

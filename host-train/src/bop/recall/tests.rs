@@ -153,8 +153,7 @@ fn what_is_hidden_does_not_count() {
     }
 }
 
-/// The true pose is visible in front of a measured depth, the estimate is behind it: its pixels count where the truth's
-/// do.
+/// The true pose is visible in front of a measured depth, the estimate is behind it: the truth's visible pixels count.
 #[test]
 fn an_estimate_behind_what_was_measured_counts_where_the_truth_is_visible() {
     let found = errors(1, &seen(|_, depth| depth), at(0.0, 130.0));

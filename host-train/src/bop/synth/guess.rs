@@ -17,8 +17,7 @@ const ROTATION_SIGMA_DEG: f32 = 6.0;
 const CENTRE_SIGMA: f32 = 2.0;
 /// Standard deviation of the distance, millimetres.
 const DEPTH_SIGMA_MM: f32 = 13.0;
-/// Standard deviation of the logarithm of a factor that all errors of an estimate share: some images are hard, others
-/// easy.
+/// Standard deviation of the logarithm of a factor that all errors of an estimate share: some images are hard.
 const SPREAD: f32 = 0.5;
 
 /// An initial estimate of a pose.

@@ -130,8 +130,7 @@ fn listed(list: &Path) -> anyhow::Result<Vec<Pair>> {
 }
 
 impl RegisterArgs {
-    /// Prints a line for each pair as soon as it is done. A pair that fails, or a file without a partner, has a line
-    /// with the reason.
+    /// Prints a line for each pair once it is done. A pair that fails, or a file without a partner, has the reason.
     pub(super) fn run_pairs(
         &self,
         weights: &WeightFile,

@@ -61,9 +61,8 @@ pub fn targets(root: &Path) -> Result<Option<BTreeSet<Target>>, BopError> {
     ))
 }
 
-/// The annotated objects to train on. If there is a [`TARGETS_FILE`], these are the objects that it lists, in the
-/// images of `test` that it does not list; otherwise those of the first of the folders `train_real`, `train_pbr`,
-/// `train` and `train_primesense`.
+/// The annotated objects to train on: with a [`TARGETS_FILE`], the objects that it lists, in the images of `test` that
+/// it does not list; otherwise those of the first of `train_real`, `train_pbr`, `train` and `train_primesense`.
 ///
 /// # Errors
 /// As [`Scenes::open`]; neither a list nor a folder; a list that leaves nothing to train on.

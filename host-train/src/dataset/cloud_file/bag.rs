@@ -91,8 +91,8 @@ impl Bag {
     /// Opens a bag: a file, or a folder with `metadata.yaml`. `topic` is optional if only one topic has clouds.
     ///
     /// # Errors
-    /// A path that is not a bag, or one of another kind; a topic that is missing or has no clouds; no topic given
-    /// and none or several with clouds.
+    /// A path that is not a bag, or one of another kind; a topic that is missing or has no clouds; none or several to
+    /// choose.
     pub fn open(path: &Path, topic: Option<&str>) -> Result<Bag, BagError> {
         let files = files(path)?;
         let mut topics = Topics::default();

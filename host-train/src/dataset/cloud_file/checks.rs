@@ -60,8 +60,7 @@ impl CloudFile {
         }
     }
 
-    /// Removes invalid points, their attributes, and the faces that have them as corners. Returns the number of
-    /// points removed.
+    /// Removes invalid points, their attributes, and the faces at them. Returns the number of points removed.
     fn drop_invalid(&mut self) -> usize {
         let valid = |p: &Position| p.iter().all(|x| x.abs() <= MAX_COORDINATE);
         let kept: Vec<bool> = self.points.iter().map(valid).collect();

@@ -105,8 +105,7 @@ const COORDINATES: [[&str; 3]; 6] = [
     ["east", "north", "height"],
 ];
 
-/// The columns of the coordinates: the first set of names that is complete, whatever else is there, or the only
-/// candidate for each axis.
+/// The columns of the coordinates: the first complete set of names, or else the only candidate for each axis.
 fn coordinates(names: &[String]) -> Option<[usize; 3]> {
     let place = |name: &str| names.iter().position(|n| n == name);
     let together = |[x, y, z]: [&str; 3]| Some([place(x)?, place(y)?, place(z)?]);

@@ -37,8 +37,7 @@ pub(super) fn decode<'a>(bytes: &'a [u8], notes: &mut Vec<Note>) -> Result<Cow<'
     })
 }
 
-/// Splits a line into content and comment. The comment begins at the first `#` that is not part of a number such as
-/// `1.#QNAN`: see [`number`].
+/// Splits a line into content and comment, which begins at the first `#` outside of a number ([`number`]).
 pub(super) fn without_comment(line: &str) -> (&str, &str) {
     let is_number = |at: usize| {
         let after = line[at + 1..].chars().next();

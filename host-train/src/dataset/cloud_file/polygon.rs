@@ -84,8 +84,7 @@ fn cut(points: &[Position], polygon: &[u32]) -> Result<Option<Vec<[u32; 3]>>, St
     Ok(Some(named.collect()))
 }
 
-/// Projects the outline onto its own plane, by Newell's normal, and scales its largest coordinate to 1; `None` if
-/// it has no area.
+/// Projects the outline onto its own plane, by Newell's normal, its largest coordinate at 1; `None` if it has no area.
 fn flattened(corners: &[Position]) -> Option<Vec<Vec2>> {
     let from_first: Vec<Vector3<f64>> = corners
         .iter()

@@ -253,8 +253,7 @@ mod tests {
         [7.0, 8.0, 9.0],
     ];
 
-    /// Two rows of two points, with fields in any order, of either width and byte order, and gaps in points and
-    /// after rows.
+    /// Two rows of two points: fields in any order, either width and byte order, gaps in points and after rows.
     fn cloud(
         order: [usize; 3],
         is_double: bool,

@@ -30,9 +30,8 @@ pub enum DataSource {
     Views(Meshes),
 }
 
-/// What a policy for views looks at. Of the source, points within 1.25 radii of the target's centre, since most
-/// starts err by less than a quarter of a radius; of the target, points that have some of the source near them,
-/// chosen anew every three steps.
+/// What a policy for views looks at. Of the source, points within 1.25 radii of the target's centre, since most starts
+/// err by less than .25; of the target, points near some of the source, chosen anew every three steps.
 const VIEWS: Sight = Sight {
     cut: Cut::from_header(20),
     focus: 3,

@@ -115,8 +115,7 @@ fn run_here(
         if epoch_of(trainer.updates) > epoch || trainer.updates == total {
             let samples_per_s = display.samples_per_s(trainer.updates);
             let errors = validate(config, trainer.result(), &validation)?;
-            // Where the source is cut, its Chamfer distance says nothing: the rest of it is not near the target
-            // even in place.
+            // A cut source is not near the target even in place, so its Chamfer distance says nothing.
             let error = match config.sight.cut {
                 Cut::NONE => errors.chamfer_mod,
                 _ => 100.0 - errors.adi_auc_pct,

@@ -25,8 +25,7 @@ const PERIOD: usize = 4;
 /// Features compared at once, which bounds the memory.
 const BLOCK: usize = 128;
 
-/// How to match and to register. Lengths other than the neighbourhoods' radii are in radii of the larger cloud
-/// about its mean.
+/// How to match and to register. Lengths, but for those of neighbourhoods, are in radii of the larger cloud.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FgrSettings {
     /// Neighbourhoods of normals.

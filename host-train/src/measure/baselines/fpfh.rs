@@ -72,8 +72,8 @@ fn simple(
     let mut counts = vec![[0u32; FPFH_BINS]; points.len()];
     for (i, list) in lists.iter().enumerate() {
         for &(j, squared) in list.iter().filter(|near| near.0 != i) {
-            // The angles belong to the unordered pair: where each point is in the other's list, one computation
-            // serves both.
+            // The angles belong to the unordered pair: if each point is in the other's list, one computation serves
+            // both.
             let mutual = holds(&lists[j], i, squared);
             if mutual && j < i {
                 continue;

@@ -1,5 +1,4 @@
-//! Iterative closest point (Besl and McKay 1992; point to plane: Chen and Medioni 1991; trimmed: Chetverikov et al.
-//! 2002).
+//! Iterative closest point (Besl and McKay 1992; planes: Chen and Medioni 1991; trimmed: Chetverikov et al. 2002).
 //!
 //! The rules are those of Open3D's `registration_icp`, so that numbers compare. Correspondences are the nearest
 //! target points within a fixed distance. Each iteration solves for the rigid transform, in closed form point to

@@ -46,8 +46,7 @@ pub struct PairMetrics {
     pub add: f64,
     /// Average distance of closest model points, for objects whose views are indistinguishable, in diameters.
     pub adi: f64,
-    /// ADI for an object that is known to have a symmetry, else ADD; the least over the poses that look like the
-    /// true one.
+    /// ADI if the object is known to have a symmetry, else ADD; the least over the poses that look like the true one.
     pub ad: f64,
 }
 

@@ -35,8 +35,7 @@ pub struct Refinement {
     pub verify_instructions: u64,
 }
 
-/// Refines a pose near the truth of the first pair, with a new target and with a prepared one, and then compares it
-/// with others.
+/// Refines a pose near the truth of the first pair, with a new and a prepared target, and compares it with others.
 pub(super) fn measure(kind: Kind, pairs: &PairSet) -> Result<Refinement, McuError> {
     let image = build_image(kind, Clouds::Floats)?.with_file_name("refinement");
     cannot_panic(&elf::read(&image)?)?;

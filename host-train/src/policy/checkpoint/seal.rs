@@ -1,5 +1,4 @@
-//! A checksum in the header of a safetensors file, and a fixed order of the header, so that equal contents make
-//! equal files.
+//! A checksum and a fixed order for the header of a safetensors file, so that equal contents make equal files.
 
 use serde_json::Value;
 use sha2::{Digest, Sha256};

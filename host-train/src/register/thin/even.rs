@@ -49,8 +49,7 @@ struct Grid {
 }
 
 impl Grid {
-    /// The grid in which at least `occupied` cells hold points, and few more. The cell size is narrowed down from
-    /// both sides.
+    /// The grid in which at least `occupied` cells hold points, and few more, found by narrowing the cell size.
     fn of(points: &[Point], occupied: usize) -> Option<Grid> {
         let (low, side) = bounds(points);
         let side = f64::from(side);

@@ -66,8 +66,7 @@ impl Records {
         }
     }
 
-    /// Offers the next schemas, channels and messages to `take`, and returns the first that it takes. Nothing
-    /// follows an error.
+    /// Offers the next schemas, channels and messages to `take`, and returns the first taken. Nothing follows an error.
     pub(super) fn find<T>(
         &mut self,
         mut take: impl FnMut(Record<'_>) -> Option<T>,

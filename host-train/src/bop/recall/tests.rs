@@ -153,7 +153,7 @@ fn what_is_hidden_does_not_count() {
     }
 }
 
-/// The true pose is visible in front of a measured depth, the estimate is behind it: the truth's visible pixels count.
+/// The truth is visible in front of a measured depth; the estimate behind it counts where the truth does.
 #[test]
 fn an_estimate_behind_what_was_measured_counts_where_the_truth_is_visible() {
     let found = errors(1, &seen(|_, depth| depth), at(0.0, 130.0));

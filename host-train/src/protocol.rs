@@ -54,9 +54,8 @@ impl Protocol {
     }
 }
 
-/// Draws `count` pairs. Each model is used at most once, in the data set's order, if there are enough of them;
-/// otherwise they are used in turn. Pair `i` depends only on its model, the seed and `i`. Without models there are
-/// no pairs.
+/// Draws `count` pairs. Each model is used at most once, in the data set's order, if there are enough of them; otherwise
+/// they are used in turn. Pair `i` depends only on its model, the seed and `i`. Without models there are no pairs.
 pub fn draw(models: &[Model], protocol: Protocol, count: usize, seed: u64) -> PairSet {
     let mut set = PairSet::default();
     for (i, model) in choose(models, count, seed).enumerate() {

@@ -143,8 +143,7 @@ fn recorder<'c>(
     }
 }
 
-/// A cloud as it is sent to a robot, neighbours next to each other: a robot without memory to sort it saves half the
-/// time.
+/// A cloud as it is sent to a robot, neighbours next to each other: a robot without memory to sort it saves half the time.
 pub fn in_order(mut points: Vec<Point>) -> Vec<Point> {
     put_in_order(&mut points);
     points

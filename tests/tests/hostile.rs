@@ -55,8 +55,7 @@ const SURFACE: usize = 16_384;
 /// Cases of each kind.
 const CASES: u64 = 24;
 const SEED: u64 = 2024;
-/// Most wrong poses called right, of some 125: today other things that look alike, and a view whose pose is slightly
-/// off.
+/// Most wrong poses called right, of some 125: today other things that look alike, and a view whose pose is slightly off.
 const MOST_WRONG: u32 = 5;
 /// Least shares of right poses that are called right, for whole clouds and for views.
 const LEAST_RIGHT: f64 = 0.97;

@@ -126,9 +126,8 @@ fn summaries_equal_the_reference() {
     }
 }
 
-/// The reference has no quartiles, so those of its errors, pair by pair, are compared. Of eight values they lie a
-/// quarter, a half and three quarters of the way between the second and third, the fourth and fifth, the sixth and
-/// seventh.
+/// The reference has no quartiles, so those of its errors, pair by pair, are compared. Of eight values they lie a quarter,
+/// a half and three quarters of the way between the second and third, the fourth and fifth, the sixth and seventh.
 #[test]
 fn quartiles_are_those_of_the_reference_s_errors() {
     for golden in Golden::available("metrics.safetensors") {

@@ -1,5 +1,4 @@
-//! Checks that WebAssembly's byte kernels give the portable kernels' logits, bit for bit; the tests run it in a
-//! browser.
+//! Checks that WebAssembly's byte kernels give the portable kernels' logits, bit for bit; the tests run it in a browser.
 
 use reagent_core::kernels::Isa;
 use reagent_core::net::Scratch;

@@ -42,9 +42,8 @@ pub struct Refinements {
 }
 
 impl Refinements {
-    /// Reads the folder `test` of a data set and the estimates for it, and draws each pair's source inside the
-    /// estimated mask (`mask_estimate`; `mask_visib` if a scene has none). A pair depends only on the seed and on its
-    /// index.
+    /// Reads the folder `test` of a data set and the estimates for it, and draws each pair's source inside the estimated
+    /// mask (`mask_estimate`; `mask_visib` if a scene has none). A pair depends only on the seed and on its index.
     ///
     /// The objects that `test_targets.json` lists are evaluated, and those without an estimate count as failures.
     /// Without such a list it is the objects that have an estimate. Several estimates of one object in one image are
@@ -149,8 +148,7 @@ impl Refinements {
         results
     }
 
-    /// All poses that are evaluated, with their errors, for registrations as in [`Self::results`]. Reads the images
-    /// again.
+    /// All poses that are evaluated, with their errors, for registrations as in [`Self::results`]. Reads the images again.
     ///
     /// # Errors
     /// An image that cannot be read any more.

@@ -50,8 +50,7 @@ pub struct File {
 /// the seed and `i`.
 ///
 /// # Errors
-/// A directory without models, with none of the split, or with too many; the first file that is unreadable or
-/// degenerate.
+/// A directory without models, with none of the split, or with too many; the first file that is unreadable or degenerate.
 pub fn load(dir: &Path, split: Split, seed: u64) -> Result<Vec<Model>, DatasetError> {
     let files = files(dir, split)?;
     if (files.len() * MESH_POINTS * size_of::<Point>()) as u64 > MAX_BYTES {

@@ -94,9 +94,9 @@ impl Activations {
         dense(parameters, first + 1, hidden, batch, &mut self.values);
     }
 
-    /// Writes the gradient of all heads' parameters into `gradient`, and that of the state, `[2F, batch]`. Given
-    /// are the gradients of the logits (translation, rotation; `[33, batch]` each) and of the values (`[batch]`),
-    /// which flows on into both heads; `None` leaves the value head's gradient zero.
+    /// Writes the gradient of all heads' parameters into `gradient`, and that of the state, `[2F, batch]`. Takes the
+    /// gradients of the logits (translation, rotation; `[33, batch]` each) and of the values (`[batch]`), which flow on
+    /// into both heads; `None` leaves the value head's gradient zero.
     pub fn backward(
         &mut self,
         parameters: &Parameters,

@@ -33,9 +33,8 @@ pub struct Latency {
     pub cpu_ms_best: f64,
     /// Registrations a second by [`batch::register`], all threads together.
     pub per_second: f64,
-    /// Share of the measured arithmetic peak that the fastest registration reached; `None` where no peak is known. In
-    /// f32 the peak is that of fused multiply-adds, although the last embedding layer runs on AMX tiles if there are
-    /// any.
+    /// Share of the measured arithmetic peak that the fastest registration reached; `None` where no peak is known. In f32
+    /// the peak is that of fused multiply-adds, although the last embedding layer runs on AMX tiles if there are any.
     pub share_of_peak: Option<f64>,
     /// Mean number of points embedded in a registration, the target's included, divided by the points of a cloud:
     /// 11 if each of ten steps looks at all points.

@@ -107,8 +107,7 @@ pub struct Checkpoint {
 }
 
 impl Checkpoint {
-    /// The checkpoint that a path names: the file itself, or a run directory's best, last or previous one, in this
-    /// order.
+    /// The checkpoint that a path names: the file itself, or a run directory's best, last or previous one, in this order.
     pub fn find(run_or_checkpoint: &Path) -> Result<PathBuf, CheckpointError> {
         let candidates = [
             run_or_checkpoint.join(BEST),
@@ -162,8 +161,7 @@ impl Checkpoint {
         }
     }
 
-    /// Writes the newest checkpoint of a run directory and keeps the one before it, so that there is always a whole
-    /// one.
+    /// Writes the newest checkpoint of a run directory and keeps the one before it, so that there is always a whole one.
     pub fn save_newest(&self, run: &Path) -> Result<(), CheckpointError> {
         let (last, next) = (run.join(LAST), run.join("next.safetensors"));
         self.save(&next)?;

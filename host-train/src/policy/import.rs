@@ -51,7 +51,7 @@ pub enum ImportError {
         /// File concerned.
         path: PathBuf,
     },
-    /// The network's parameter is missing from the state dict, or the state dict has one too many.
+    /// A parameter of the network is missing from the state dict, or one too many is in it.
     #[error("{}: {what} parameter \"{name}\"; this is not a checkpoint of the ReAgent network", path.display())]
     Names {
         /// File concerned.

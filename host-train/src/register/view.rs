@@ -123,8 +123,7 @@ fn normalised(pose: &Pose, frame: Frame) -> Vec<f64> {
     rows.iter().flatten().map(|x| rounded(*x)).collect()
 }
 
-/// Angle between the rotations, degrees, by `|R - R*| = 2 sqrt(2) sin(angle / 2)`; and distance between the
-/// translations.
+/// Angle between the rotations, degrees, by `|R - R*| = 2 sqrt(2) sin(angle / 2)`; and distance between the translations.
 fn errors(pose: &Pose, truth: &Pose) -> [f64; 2] {
     let difference = (pose.rotation - truth.rotation).to_cols_array();
     let norm = difference

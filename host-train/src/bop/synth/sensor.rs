@@ -114,8 +114,7 @@ impl Sensor {
     }
 }
 
-/// The depths that the sensor measures, millimetres, 0 for none. `noise` scales all of its noise; 0 gives the exact
-/// depths.
+/// The depths that the sensor measures, millimetres, 0 for none. `noise` scales all of its noise; 0 gives the exact depths.
 pub fn observe(rendered: &Rendered, noise: f32, rng: &mut Rng) -> Vec<f32> {
     let [width, height] = rendered.size;
     let depths = |column: usize, row: usize| {

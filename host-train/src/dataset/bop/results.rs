@@ -1,6 +1,5 @@
-//! Pose estimates in the BOP challenge's results format, one CSV row each: `scene_id,im_id,obj_id,score,R,t,time`.
-//! `R` is nine numbers row by row and `t` three (mm), separated by spaces; `time` is in seconds (-1 if it was not
-//! measured).
+//! Pose estimates in the BOP challenge's results format, one CSV row each: `scene_id,im_id,obj_id,score,R,t,time`. `R` is
+//! nine numbers row by row and `t` three (mm), separated by spaces; `time` is in seconds (-1 if it was not measured).
 
 use super::{BopError, json};
 use reagent_core::Pose;

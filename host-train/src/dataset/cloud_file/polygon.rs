@@ -8,9 +8,8 @@ use nalgebra::Vector3;
 /// Most corners of a concave outline that is divided; ear clipping takes the square of their number.
 const MAX_CORNERS: usize = 2048;
 
-/// Divides every polygon into triangles: convex ones by a fan from their first corner, concave ones by ear
-/// clipping. Others also become fans, with a note. `polygons` holds the corners of all, one after another, `sizes`
-/// the number of each.
+/// Divides every polygon into triangles: convex ones by a fan from their first corner, concave ones by ear clipping. Others
+/// also become fans, with a note. `polygons` holds the corners of all, one after another, `sizes` the number of each.
 pub(super) fn divide(
     file: &mut CloudFile,
     polygons: &[u32],

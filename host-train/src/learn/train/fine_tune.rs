@@ -18,9 +18,8 @@ const LEARNING_RATE: f32 = 2e-4;
 /// Decay of the exponential average ([`super::Method::average`]); a short run has a few hundred mini-batches.
 const AVERAGE: f32 = 0.98;
 
-/// Trains an f32 policy further by imitation until the time is up. The new policy looks and decides as the given
-/// one does. `sample` draws sample number `i` from a stream of its own; `progress` is told the number of updates
-/// done and the loss.
+/// Trains an f32 policy further by imitation until the time is up. The new policy looks and decides as the given one does.
+/// `sample` draws sample number `i` from a stream of its own; `progress` is told the number of updates done and the loss.
 ///
 /// # Errors
 /// [`TrainError::Diverged`] or [`TrainError::Policy`].

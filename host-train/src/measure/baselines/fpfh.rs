@@ -1,5 +1,4 @@
-//! Fast point feature histograms (Rusu, Blodow and Beetz 2009): pose-invariant descriptors of the surface around a
-//! point.
+//! Fast point feature histograms (Rusu, Blodow and Beetz 2009): pose-invariant descriptors of the surface around a point.
 
 use crate::dataset::Point;
 use crate::neighbours::wide;
@@ -72,8 +71,7 @@ fn simple(
     let mut counts = vec![[0u32; FPFH_BINS]; points.len()];
     for (i, list) in lists.iter().enumerate() {
         for &(j, squared) in list.iter().filter(|near| near.0 != i) {
-            // The angles belong to the unordered pair: if each point is in the other's list, one computation serves
-            // both.
+            // The angles belong to the unordered pair: if each point is in the other's list, one computation serves both.
             let mutual = holds(&lists[j], i, squared);
             if mutual && j < i {
                 continue;

@@ -77,8 +77,7 @@ fn arrays_of_both_orders_and_widths() {
         read(".npy", &image).expect("npy").points[3],
         [9.0, 10.0, 11.0]
     );
-    // A batch of one cloud is read as that cloud; in other arrays of three axes, the coordinates' place would be a
-    // guess.
+    // A batch of one cloud is read as that cloud; in other arrays of three axes, the coordinates' place would be a guess.
     let numbers: Vec<u8> = (0..60i32).flat_map(i32::to_le_bytes).collect();
     let batch = npy("<i4", "False", "1, 3, 20", &numbers);
     let file = read(".npy", &batch).expect("npy");

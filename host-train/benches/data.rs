@@ -1,5 +1,5 @@
-//! Loading and augmentation: `cargo bench -p host-train --bench data`. The load is measured where the data
-//! set lies beside the checkout.
+//! Loading and augmentation: `cargo bench -p host-train --bench data`. Loading is measured only if the data set lies
+//! beside the checkout.
 
 use criterion::{BatchSize, Criterion, criterion_group, criterion_main};
 use host_train::augment::{clean_sample, noisy_sample};

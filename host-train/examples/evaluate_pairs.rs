@@ -1,7 +1,7 @@
 //! Compares a policy with ICP on pairs of your own, whose true poses are known:
 //! `cargo run --release -p host-train --example evaluate_pairs`, or with a policy and pairs: `-- policy.rgw pairs.h5`.
 //!
-//! A file of pairs is what `host-train pairs` writes; any other source of clouds fills a `PairSet` as below.
+//! `host-train pairs` writes such files of pairs; for any other source of clouds, fill a `PairSet` as below.
 
 use host_train::dataset::pairs::{PairSet, Sample};
 use host_train::dataset::procedural;
@@ -14,7 +14,7 @@ use reagent_core::pipeline::Mode;
 use reagent_core::pose::rotation_from_euler;
 use std::path::Path;
 
-/// Twenty shapes, each seen turned by 20 degrees about z and moved along x, at every second of its points. Clouds are
+/// Twenty shapes. The source has every second point, turned by 20 degrees about z and moved along x. Clouds are
 /// normalised: the target's mean at the origin, its farthest point at 1.
 fn own_pairs() -> PairSet {
     let mut pairs = PairSet::default();

@@ -15,12 +15,12 @@ fn main() -> anyhow::Result<()> {
     let [scan, part, aligned] = &files[..] else {
         bail!("usage: register_clouds SCAN PART ALIGNED");
     };
-    // Any unit, the same for both. Seeds draw the points of meshes; clouds that are too large are thinned.
+    // Any unit, the same for both. The seeds draw the points of meshes; clouds that are too large are thinned.
     let (source, target) = (
         read_cloud(Path::new(scan), 1)?,
         read_cloud(Path::new(part), 2)?,
     );
-    // The core computes in f32: clouds far from zero are taken relative to a point of their own.
+    // The core computes in f32, so clouds far from zero are taken relative to an origin of their own.
     let origins = [source.origin(), target.origin()];
     let source_points = within_capacity(&source.relative_to(origins[0]));
     let target_points = within_capacity(&target.relative_to(origins[1]));

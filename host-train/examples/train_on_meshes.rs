@@ -1,7 +1,7 @@
 //! Trains a policy on a folder of your own meshes and writes it for robots:
 //! `cargo run --release -p host-train --example train_on_meshes -- MESHES RUN policy.rgw`.
 //!
-//! Two passes of imitation from the bundled policy on, a minute for a hundred meshes on 2 cores. For the paper's
+//! Two epochs of imitation, starting from the bundled policy: a minute for a hundred meshes on 2 cores. For the paper's
 //! whole schedule use `host-train train`, which calls the same functions.
 
 use anyhow::bail;
@@ -16,12 +16,12 @@ fn main() -> anyhow::Result<()> {
     let [meshes, run, policy] = &arguments[..] else {
         bail!("usage: train_on_meshes MESHES RUN POLICY.rgw");
     };
-    // Any data set that `--data` takes; of loose files, folders are categories.
+    // Any data set that `--data` takes; for loose files, folders are categories.
     let data: DataSource = meshes.parse().map_err(anyhow::Error::msg)?;
     let start = Path::new(run).with_extension("start.rgw");
     WeightFile::pretrained().save(&start)?;
 
-    // The paper's settings, but for what is said here.
+    // The paper's settings, except for those set here.
     let mut config = TrainConfig::new(Stage::Il, vec![data], run.into());
     config.categories = Categories::All;
     config.init = Some(start);

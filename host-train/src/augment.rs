@@ -1,7 +1,7 @@
 //! Augmentations and rigid offsets, always applied to fresh copies of a cloud.
 //!
-//! Distributions and their order are those of the paper's experiments; where the text gives no
-//! value, the authors' code does.
+//! Distributions and their order are those of the paper's experiments; values that the text does not give are from the
+//! authors' code.
 
 use crate::dataset::Point;
 use crate::dataset::pairs::Sample;
@@ -14,9 +14,9 @@ use reagent_core::pose::{centroid, rotation_from_euler};
 use serde::{Deserialize, Serialize};
 use std::f32::consts::{FRAC_PI_4, TAU};
 
-/// Standard deviation of the sensor noise, normalised units; clipped to [`JITTER_CLIP`].
+/// Standard deviation of the sensor noise, normalised units; the noise is clipped to [`JITTER_CLIP`].
 pub const JITTER_SIGMA: f32 = 0.01;
-/// Largest noise per coordinate.
+/// Largest noise per coordinate, normalised units.
 pub const JITTER_CLIP: f32 = 0.05;
 
 /// A random offset: each Euler angle U[0, 45) deg (positive only), each translation U[-0.5, 0.5).
@@ -24,8 +24,8 @@ pub fn random_rigid(rng: &mut Rng) -> Pose {
     random_rigid_within(rng, FRAC_PI_4, 0.5)
 }
 
-/// A random offset: each Euler angle U[0, `max_angle_rad`), each translation U[-`max_shift`, `max_shift`). The same
-/// stream gives the same offset but for its size.
+/// A random offset: each Euler angle U[0, `max_angle_rad`), each translation U[-`max_shift`, `max_shift`). Equal
+/// streams give the same offset up to these scales.
 pub fn random_rigid_within(rng: &mut Rng, max_angle_rad: f32, max_shift: f32) -> Pose {
     let mut unit = || rng.random_range(0.0..1.0f32);
     let angles = Vec3::from_array(std::array::from_fn(|_| unit() * max_angle_rad));
@@ -38,12 +38,12 @@ pub fn random_rigid_within(rng: &mut Rng, max_angle_rad: f32, max_shift: f32) ->
     }
 }
 
-/// Adds N(0, 0.01) clipped to 0.05 to every coordinate.
+/// Adds noise N(0, 0.01), clipped to 0.05, to every coordinate.
 pub fn jitter(rng: &mut Rng, points: &mut [Point]) {
     jitter_by(rng, points, JITTER_SIGMA, JITTER_CLIP);
 }
 
-/// Adds N(0, `sigma`) clipped to `clip` to every coordinate.
+/// Adds noise N(0, `sigma`), clipped to `clip`, to every coordinate.
 pub fn jitter_by(rng: &mut Rng, points: &mut [Point], sigma: f32, clip: f32) {
     for x in points.as_flattened_mut() {
         let noise: f32 = StandardNormal.sample(rng);
@@ -51,8 +51,8 @@ pub fn jitter_by(rng: &mut Rng, points: &mut [Point], sigma: f32, clip: f32) {
     }
 }
 
-/// What is left of a cloud on one side of a plane with a random normal: this share of the points, rounded up.
-/// Their order stays.
+/// Cuts a cloud by a plane with a random normal and keeps this share of the points, rounded up, on one side of it, in
+/// their order.
 pub fn crop(rng: &mut Rng, points: &mut Vec<Point>, share: f32) {
     let normal = random_direction(rng);
     let mut by_height: Vec<(f32, usize)> = points
@@ -67,7 +67,7 @@ pub fn crop(rng: &mut Rng, points: &mut Vec<Point>, share: f32) {
     *points = kept.into_iter().map(|i| points[i]).collect();
 }
 
-/// Replaces the first points of a cloud, this share of them, by points uniform in the unit ball.
+/// Replaces this share of a cloud's points, the first ones, by points uniform in the unit ball.
 pub fn clutter(rng: &mut Rng, points: &mut [Point], share: f32) {
     let replaced = (share * points.len() as f32).round() as usize;
     for p in points.iter_mut().take(replaced) {
@@ -162,18 +162,18 @@ pub fn affine(points: &mut [Point], map_of_point: &Affine3) {
     map(points, |p| map_of_point.transform_point3(p));
 }
 
-/// Uniform over all rotations.
+/// A rotation drawn uniformly from all rotations.
 pub fn random_rotation(rng: &mut Rng) -> Quat {
     let [x, y, z, w]: [f32; 4] = std::array::from_fn(|_| StandardNormal.sample(rng));
     Quat::from_xyzw(x, y, z, w).normalize()
 }
 
-/// Moves a source that lies on its target by a random rigid offset.
+/// Moves a source that is aligned with its target by a random rigid offset.
 pub fn misalign(rng: &mut Rng, source: Vec<Point>, target: Vec<Point>) -> Sample {
     misalign_by(random_rigid(rng), source, target)
 }
 
-/// Moves a source that lies on its target by `offset`.
+/// Moves a source that is aligned with its target by `offset`.
 pub fn misalign_by(offset: Pose, mut source: Vec<Point>, target: Vec<Point>) -> Sample {
     transform(&mut source, &offset);
     Sample {
@@ -205,7 +205,7 @@ fn with_noise(rng: &mut Rng, source: Vec<Point>, target: Vec<Point>) -> Sample {
     sample
 }
 
-/// Clean training sample: `k` points of the model, deformed by scale, shear and mirror.
+/// A clean training sample: `k` points of the model, deformed by scale, shear and mirror.
 pub fn clean_sample(rng: &mut Rng, model: &[Point], k: usize) -> Sample {
     let mut points = resample(rng, model, k);
     let deformed = random_affine(rng, centroid(&points));
@@ -213,8 +213,8 @@ pub fn clean_sample(rng: &mut Rng, model: &[Point], k: usize) -> Sample {
     clean_pair(rng, points)
 }
 
-/// Noisy training sample: the model deformed by scale (about the centroid of all its points), shear and mirror,
-/// then [`noisy_pair`]. Only the points that are drawn are deformed.
+/// A noisy training sample: the model deformed by scale (about the centroid of all its points), shear and mirror, then
+/// [`noisy_pair`]. Only the points that are drawn are actually deformed.
 pub fn noisy_sample(rng: &mut Rng, model: &[Point], k: usize) -> Sample {
     let deformed = random_affine(rng, centroid(model));
     let (mut source, mut target) = (resample(rng, model, k), resample(rng, model, k));
@@ -223,12 +223,12 @@ pub fn noisy_sample(rng: &mut Rng, model: &[Point], k: usize) -> Sample {
     with_noise(rng, source, target)
 }
 
-/// What observations of real objects have and whole shapes do not (ours; the paper trains without). Half of the
-/// samples are disturbed.
+/// Disturbances that observations of real objects have and whole shapes do not (ours; the paper trains without). They
+/// apply to half of the samples.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Disturbance {
-    /// Least share of a source's points that are left on one side of a random plane; the share is uniform between
-    /// this and 1.
+    /// Least share of a source's points that are kept on one side of a random plane; the share is uniform between this
+    /// and 1.
     pub min_overlap: f32,
     /// Largest share of a source's points that are replaced by points in the unit ball about the target's origin;
     /// the share is uniform between 0 and this.
@@ -236,7 +236,7 @@ pub struct Disturbance {
 }
 
 impl Disturbance {
-    /// Whole shapes and nothing else.
+    /// No disturbance: whole shapes only.
     pub const NONE: Disturbance = Disturbance {
         min_overlap: 1.0,
         max_outliers: 0.0,
@@ -250,7 +250,7 @@ impl Disturbance {
         let overlap = 1.0 - rng.random_range(0.0..=1.0 - self.min_overlap);
         crop(rng, &mut sample.source, overlap);
         let outliers = rng.random_range(0.0..=self.max_outliers);
-        // Where the target is, seen from the source.
+        // Outliers are placed about the target, so the source is first moved there.
         transform(&mut sample.source, &sample.target_from_source);
         clutter(rng, &mut sample.source, outliers);
         transform(&mut sample.source, &sample.target_from_source.inverse());

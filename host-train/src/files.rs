@@ -4,22 +4,22 @@ use std::fs::{self, OpenOptions};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
-/// Writes a file: to a temporary one beside its place, moved there when all of it is on the disk, so that no reader
-/// sees a part of it and a full disk loses nothing. A file that exists keeps its mode and owner, a new one gets
-/// those of any new file; symbolic links are followed. What is no regular file (a device, a pipe) is written
-/// through, and `-` is standard output.
+/// Writes a file whole or not at all: to a temporary file beside it, which replaces it once everything is on the disk.
+/// No reader sees a part of it, and a full disk loses nothing. An existing file keeps its mode and owner, a new one
+/// gets the usual ones; symbolic links are followed. Devices, pipes and other special files are written through, and
+/// `-` is standard output.
 ///
 /// # Errors
-/// The system's; what was there before is still there.
+/// The system's; the previous file is still there then.
 pub fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
     replace(path, bytes).map_err(plain)
 }
 
-/// The place at which [`write()`] would put its file, under one name however the path leads there; `None` where it would write
-/// through. What is there is left as it is.
+/// The place at which [`write()`] would put its file, under one name for all paths that lead there; `None` if it would
+/// write through. Nothing there is changed.
 ///
 /// # Errors
-/// The system's, where it would find no place.
+/// The system's, where [`write()`] could not put a file.
 pub fn place(path: &Path) -> io::Result<Option<PathBuf>> {
     if path == Path::new("-") {
         return Ok(Some(path.into()));
@@ -45,7 +45,7 @@ fn replace(path: &Path, bytes: &[u8]) -> io::Result<()> {
     commit(prepare(&target)?, bytes, |file| file.persist(&target))
 }
 
-/// The temporary file that is to take a target's place.
+/// Makes the temporary file that is to replace `target`.
 fn prepare(target: &Path) -> io::Result<tempfile::NamedTempFile> {
     let before = match OpenOptions::new().write(true).open(target) {
         Ok(file) => Some(file.metadata()?),
@@ -55,10 +55,10 @@ fn prepare(target: &Path) -> io::Result<tempfile::NamedTempFile> {
     temporary(target, before.as_ref())
 }
 
-/// Writes a file that only its owner may read, and that must not exist.
+/// Writes a file that only its owner may read, and that must not exist yet.
 ///
 /// # Errors
-/// The system's; no file is left then.
+/// The system's; no file is left behind.
 pub fn write_secret(path: &Path, bytes: &[u8]) -> io::Result<()> {
     let write = || {
         let file = tempfile::NamedTempFile::new_in(directory(path))?;
@@ -67,7 +67,7 @@ pub fn write_secret(path: &Path, bytes: &[u8]) -> io::Result<()> {
     write().map_err(plain)
 }
 
-/// What the system said, without the name of a temporary file.
+/// The system's message, without the name of a temporary file.
 fn plain(error: io::Error) -> io::Error {
     let text = error.to_string();
     match text.split_once(" at path ") {
@@ -76,7 +76,7 @@ fn plain(error: io::Error) -> io::Error {
     }
 }
 
-/// Whether something other than a file on a disk is at a path: a device, a pipe, or an open file of this process.
+/// Whether a path is something other than a file on a disk: a device, a pipe, or an open file of this process.
 pub fn is_special(path: &Path) -> bool {
     let opened = ["/dev/fd", "/dev/stdout", "/dev/stderr", "/proc"];
     fs::metadata(path).is_ok_and(|found| {
@@ -106,7 +106,7 @@ fn directory(path: &Path) -> &Path {
     }
 }
 
-/// Where a path leads, through symbolic links, whether or not a file is at their end.
+/// The path at the end of all symbolic links, whether or not a file is there.
 fn target(path: &Path) -> io::Result<PathBuf> {
     let mut path = path.to_path_buf();
     for _ in 0..40 {
@@ -118,7 +118,7 @@ fn target(path: &Path) -> io::Result<PathBuf> {
     Err(io::Error::other("too many symbolic links"))
 }
 
-/// A file beside the target with the mode and owner that the target has, or would get.
+/// Makes a file beside `target` with the mode and owner that the target has or would get.
 fn temporary(target: &Path, before: Option<&fs::Metadata>) -> io::Result<tempfile::NamedTempFile> {
     #[cfg_attr(not(unix), allow(unused_mut))]
     let mut builder = tempfile::Builder::new();
@@ -259,7 +259,7 @@ pub(crate) mod tests {
         assert_eq!(names(folder.path()), [""; 0]);
     }
 
-    /// Mounts a small file system on a folder; returns what takes it away. Needs the right to mount; else it says so.
+    /// Mounts a small file system on a folder, and returns a function that unmounts it. Says so if it may not mount.
     pub(crate) fn small_disk(folder: &Path) -> Option<impl FnOnce() + use<>> {
         let mount = |arguments: &[&str], folder: &Path| {
             let mut command = std::process::Command::new(arguments[0]);

@@ -1,4 +1,4 @@
-//! Exact nearest neighbours in one cloud: a kd-tree whose queries are f64.
+//! Exact nearest neighbours in one cloud, by a kd-tree in f64.
 
 use crate::dataset::Point;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
@@ -37,7 +37,7 @@ impl Neighbours {
         (found.item as usize, found.distance)
     }
 
-    /// Index and SQUARED distance of the `most` nearest points closer than `radius` to `query`, the nearest first.
+    /// Index and SQUARED distance of the `most` points nearest to `query` within `radius`, the nearest first.
     pub fn around(&self, query: Vector3<f64>, radius: f64, most: usize) -> Vec<(usize, f64)> {
         let Some(most) = NonZeroUsize::new(most) else {
             return Vec::new();
@@ -54,14 +54,14 @@ impl Neighbours {
             .collect()
     }
 
-    /// [`Neighbours::around`] every one of `points`.
+    /// [`Neighbours::around`] for each of `points`.
     pub fn lists(&self, points: &[Point], radius: f64, most: usize) -> Vec<Vec<(usize, f64)>> {
         let around = |&p: &Point| self.around(wide(p), radius, most);
         points.iter().map(around).collect()
     }
 }
 
-/// Refuses a cloud that holds a NaN or an infinity, naming the first such point.
+/// Refuses a cloud with a NaN or an infinity, and names the first such point.
 pub(crate) fn check_finite(points: &[Point]) -> Result<(), Error> {
     match points.iter().position(|p| p.iter().any(|x| !x.is_finite())) {
         Some(index) => Err(Error::NotFinite { index }),
@@ -87,7 +87,7 @@ mod tests {
             .fold(f64::INFINITY, f64::min)
     }
 
-    /// Planes, repeated points and shared coordinates are what scans and CAD shapes are made of.
+    /// Planes, repeated points and shared coordinates, because scans and CAD shapes consist of them.
     #[test]
     fn agrees_with_brute_force_on_flat_and_repeated_points() {
         let mut rng = stream(1, Purpose::Pairs, 0);

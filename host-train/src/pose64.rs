@@ -1,7 +1,7 @@
-//! Poses and coordinates as they come, in f64.
+//! Poses and coordinates in the files' own units, in f64.
 //!
-//! The core computes in f32, which resolves half a metre at 5,000 km. Clouds that lie far from the origin of
-//! their coordinates are therefore registered relative to a point of their own, taken off and put back in f64.
+//! The core computes in f32, which resolves only half a metre at 5,000 km. Clouds far from the origin of their
+//! coordinates are therefore registered relative to an origin of their own, which is subtracted and added back in f64.
 
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use reagent_core::{Error, Pose};
@@ -26,7 +26,7 @@ impl Pose64 {
         translation: Vector3::new(0.0, 0.0, 0.0),
     };
 
-    /// From the rows of a 3x4 matrix `[R | t]`; the values are taken as they are.
+    /// From the rows of a 3x4 matrix `[R | t]`, unchecked.
     pub fn from_rows([a, b, c]: [[f64; 4]; 3]) -> Pose64 {
         Pose64 {
             rotation: Matrix3::new(a[0], a[1], a[2], b[0], b[1], b[2], c[0], c[1], c[2]),
@@ -59,8 +59,8 @@ impl Pose64 {
         (self.rotation * Vector3::from(point) + self.translation).into()
     }
 
-    /// The pose between the files' coordinates, from that between coordinates relative to two origins:
-    /// `t = t' + o_target - R o_source`. The rotation is made orthonormal in f64.
+    /// The pose between the files' coordinates, given the pose between coordinates relative to two origins: `t = t' +
+    /// o_target - R o_source`. The rotation is made orthonormal in f64.
     pub fn of(
         target_from_source: Pose,
         source_origin: Position,
@@ -71,7 +71,7 @@ impl Pose64 {
         near.about(source_origin, target_origin)
     }
 
-    /// As [`Pose64::of`], of a pose in f64.
+    /// As [`Pose64::of`], for a pose in f64.
     pub fn about(&self, source_origin: Position, target_origin: Position) -> Pose64 {
         let turn = Rotation3::from_matrix_unchecked(self.rotation);
         let turn = UnitQuaternion::from_rotation_matrix(&turn).into_inner();
@@ -97,7 +97,7 @@ impl Pose64 {
     }
 }
 
-/// Rows of `[R | t]`, with all digits that a translation at 5,000 km needs.
+/// Rows of `[R | t]`, with as many digits as a translation at 5,000 km needs.
 impl fmt::Display for Pose64 {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for (i, [a, b, c, t]) in self.to_rows().into_iter().enumerate() {
@@ -108,7 +108,7 @@ impl fmt::Display for Pose64 {
     }
 }
 
-/// Fifteen significant digits, but none beyond a billionth.
+/// Formats a length with fifteen significant digits, but none beyond a billionth.
 fn shown(length: f64) -> String {
     let before = length.abs().max(1e-300).log10().floor().max(0.0) as usize;
     format!("{length:.*}", 15usize.saturating_sub(before).clamp(1, 9))
@@ -129,7 +129,7 @@ mod tests {
         let far = Pose64::of(near, source, target);
         let back = far.near(source, target);
         assert!((back.translation - near.translation).length() < 1e-6);
-        // A point near one origin lands where the small pose says, to a micrometre.
+        // A point near one origin lands where the small pose puts it, to a micrometre.
         let moved = far.apply([source[0] + 0.5, source[1] - 0.25, source[2] + 1.0]);
         let expected = near.apply([0.5, -0.25, 1.0].into());
         for axis in 0..3 {

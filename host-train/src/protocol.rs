@@ -27,7 +27,7 @@ use std::ops::Range;
 const POINTS: usize = 1024;
 /// Points of each cloud under the scan protocol.
 const SCAN_POINTS: usize = 2048;
-/// Index of the stream that chooses models; the streams before it belong to single pairs.
+/// Index of the stream that chooses models; streams with lower indices belong to single pairs.
 const CHOICE: u64 = u64::MAX;
 
 /// How pairs are drawn.
@@ -54,9 +54,8 @@ impl Protocol {
     }
 }
 
-/// Draws `count` pairs. Up to as many as there are models, each model is used at most once, in the data
-/// set's order; beyond that they are used in turn. Pair `i` depends on the seed and `i` only, given its
-/// model. No models, no pairs.
+/// Draws `count` pairs. Each model is used at most once, in the data set's order, if there are enough of them; otherwise
+/// they are used in turn. Pair `i` depends only on its model, the seed and `i`. Without models there are no pairs.
 pub fn draw(models: &[Model], protocol: Protocol, count: usize, seed: u64) -> PairSet {
     let mut set = PairSet::default();
     for (i, model) in choose(models, count, seed).enumerate() {
@@ -81,7 +80,7 @@ pub fn draw(models: &[Model], protocol: Protocol, count: usize, seed: u64) -> Pa
     set
 }
 
-/// The models that `count` pairs are drawn from, one a pair.
+/// The models that `count` pairs are drawn from, one per pair.
 fn choose(models: &[Model], count: usize, seed: u64) -> impl Iterator<Item = &Model> {
     let n = models.len();
     let mut chosen: Vec<usize> = if n == 0 {

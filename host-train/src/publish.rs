@@ -1,4 +1,4 @@
-//! Shipping policies: a signed announcement, and the file by query in small chunks.
+//! Shipping policies: a signed announcement, and the file in small chunks on request.
 
 mod command;
 mod comparison;
@@ -38,7 +38,7 @@ use version::greatest_after;
 use zenoh::query::{Query, Queryable};
 use zenoh::{Session, Wait};
 
-/// How long a router may take to make known what is announced.
+/// How long a router may take to pass on an announcement.
 const KNOWN_WITHIN: Duration = Duration::from_secs(2);
 
 /// Why a policy was not published.
@@ -47,76 +47,76 @@ pub enum PublishError {
     /// The signing key cannot be read.
     #[error(transparent)]
     Key(#[from] KeyError),
-    /// There is no session.
+    /// The session cannot be opened.
     #[error(transparent)]
     Session(#[from] SessionError),
-    /// The figures cannot be served.
+    /// The metrics cannot be served.
     #[error(transparent)]
     Metrics(#[from] reagent_link::metrics::MetricsError),
-    /// The policy file cannot be read or is none.
+    /// The policy file cannot be read, or is not a policy.
     #[error(transparent)]
     Weights(#[from] ExportError),
     /// A name cannot be used.
     #[error("{name:?}: {reason}")]
     Name {
-        /// Of a fleet or a policy.
+        /// Name of a fleet or a policy.
         name: String,
         /// What is wrong with it.
         reason: Error,
     },
-    /// The epoch is over.
+    /// The version belongs to an epoch that is over.
     #[error(
         "policy version {given} belongs to epoch {}, and {announced}, which {by}, is later whatever the version: give \
          --epoch {} with a greater version", .given.epoch, .announced.epoch
     )]
     Epoch {
-        /// As given.
+        /// The release that was to be published.
         given: Release,
-        /// The newest so far.
+        /// The newest release so far.
         announced: Release,
         /// Who has it.
         by: String,
     },
-    /// The version does not grow.
+    /// The version is not newer than the last one.
     #[error(
         "policy version {given} is not newer than {announced}, which {by}; give a higher --policy-version, or, where \
          that one should never have been, --epoch {} to begin anew", .announced.epoch.saturating_add(1)
     )]
     Version {
-        /// As given.
+        /// The release that was to be published.
         given: Release,
-        /// The newest so far.
+        /// The newest release so far.
         announced: Release,
         /// Who has it.
         by: String,
     },
-    /// The version leaves none for those after it.
+    /// The version leaves no versions for later policies.
     #[error(
         "policy version {given} is too far ahead of {last}, the newest so far: give a --policy-version of at most {}, \
          or --epoch {} to begin anew", greatest_after(.last), .last.epoch.saturating_add(1)
     )]
     FarAhead {
-        /// As given.
+        /// The release that was to be published.
         given: Release,
-        /// The newest so far.
+        /// The newest release so far.
         last: Release,
     },
-    /// What it says reaches nobody.
+    /// The announcement reaches nobody.
     #[error(
         "nobody hears this publisher of fleet {fleet:?}: the router does not let its certificate publish; give it the \
          configuration that was made for the trainer"
     )]
     Unheard {
-        /// As given.
+        /// Name of the fleet.
         fleet: String,
     },
-    /// Robots are there that should have taken the policy and have not.
+    /// Online robots should have taken the policy and have not.
     #[error("{}{}", .reception.one_line(), .reception.why_silent())]
     NotTaken {
-        /// What robots made of it.
+        /// The robots' reception of it.
         reception: Reception,
     },
-    /// The pairs that it is compared on cannot be read or registered.
+    /// The pairs for the comparison cannot be read or registered.
     #[error("{path}: {reason}")]
     Evaluation {
         /// The file.
@@ -131,10 +131,10 @@ pub enum PublishError {
     Worse {
         /// The policy before it.
         old: PathBuf,
-        /// By what.
+        /// How they compare.
         comparison: Comparison,
     },
-    /// A stage of the fleet does not do as well as before.
+    /// A stage of the fleet does worse than before.
     #[error("the roll-out halts: {halt}; {}", .back)]
     Halted {
         /// Why.
@@ -142,7 +142,7 @@ pub enum PublishError {
         /// What became of the policy.
         back: String,
     },
-    /// No storage has kept the policy.
+    /// The storages have not kept the whole policy.
     #[error(
         "{stored} of {chunks} chunks came back from {key}; does a router keep reagent/v1/** in a storage?"
     )]
@@ -151,13 +151,13 @@ pub enum PublishError {
         stored: usize,
         /// Chunks that were put.
         chunks: usize,
-        /// Where.
+        /// Key expression of the chunks.
         key: String,
     },
     /// The run that the policy came from has no record.
     #[error(transparent)]
     Run(#[from] TrainError),
-    /// The record of the evaluation, the hash in a run's record or the history cannot be read.
+    /// The record of the evaluation, the hash in a run's record, or the history cannot be read.
     #[error("{path}: {reason}")]
     Record {
         /// The file.
@@ -170,11 +170,11 @@ pub enum PublishError {
     Zenoh(#[from] zenoh::Error),
 }
 
-/// The newest policy of a publisher and its signed manifest, shared with whoever answers for it.
+/// A publisher's newest manifest, plain and as a signed frame, shared with whoever serves it.
 type Newest = Arc<Mutex<Option<(Manifest, Vec<u8>)>>>;
 
-/// Serves one fleet's policies for as long as it lives: answers for the newest manifest and for the
-/// chunks of every policy published, so that a robot half-way through an older one can finish.
+/// Serves one fleet's policies while it lives. It answers requests for the newest manifest and for the chunks of every
+/// policy published, so that a robot can finish an older one that it has begun.
 #[derive(Debug)]
 pub struct Publisher {
     session: Session,
@@ -183,14 +183,14 @@ pub struct Publisher {
     newest: Newest,
     queryables: Vec<Queryable<()>>,
     announcing: Option<Queryable<()>>,
-    /// What robots had refused when the newest policy was prepared.
+    /// What robots had refused before the newest policy was announced.
     refused_before: BTreeMap<String, NotTaken>,
-    /// Where the policies published from here on come from.
+    /// Provenance of the policies published from now on.
     pub provenance: Provenance,
-    /// The epoch of the policies published from here on: one more is the way back from a version that should never
+    /// Epoch of the policies published from now on. The next epoch is the way back from a version that should never
     /// have been.
     pub epoch: u32,
-    /// A session with the same rights, from which it is checked that what is announced is heard.
+    /// A session with the same rights, which checks that announcements are heard.
     pub listener: Option<Session>,
 }
 
@@ -218,8 +218,8 @@ impl Publisher {
     /// Serves a policy file's chunks and announces it to the fleet.
     ///
     /// # Errors
-    /// `Name` for a name longer than 32 bytes, `Version` for a version that does not grow or that somebody else
-    /// has announced with other content, `Epoch`, `FarAhead`, `Unheard` where there is a listener, `Zenoh`.
+    /// `Name` for a name longer than 32 bytes; `Version` for a version that is not newer, or that somebody else has
+    /// announced with other content; `Epoch`; `FarAhead`; `Unheard` if there is a listener; `Zenoh`.
     pub async fn publish(
         &mut self,
         version: u64,
@@ -232,7 +232,7 @@ impl Publisher {
         Ok(manifest)
     }
 
-    /// Answers for a policy's chunks, from here on.
+    /// Serves a policy's chunks from now on.
     async fn serve(&mut self, manifest: &Manifest, file: WeightFile) -> Result<(), PublishError> {
         let table = chunk_table(file.bytes()).concat();
         let chunks = keys::chunks(&self.fleet, &manifest.sha256).map_err(refused(&self.fleet))?;
@@ -245,7 +245,7 @@ impl Publisher {
         Ok(())
     }
 
-    /// Announces a policy that is served, now and to whoever asks from here on.
+    /// Announces a policy whose chunks are served, now and to whoever asks later.
     async fn announce(&mut self, manifest: &Manifest) -> Result<(), PublishError> {
         let signed = sign(&self.key, manifest);
         let key = keys::manifest(&self.fleet).map_err(refused(&self.fleet))?;
@@ -271,7 +271,7 @@ impl Publisher {
         }
     }
 
-    /// Asks for the newest manifest from another session, as robots do, until a router had time to make it known.
+    /// Asks for the newest manifest from another session, as robots do, until a router has had time to pass it on.
     async fn check_heard(&self, from: &Session) -> Result<(), PublishError> {
         let own = self.newest.lock().expect("no holder panics").clone();
         let own = own.map(|(manifest, _)| manifest.id());
@@ -290,7 +290,7 @@ impl Publisher {
         }
     }
 
-    /// The manifest of a policy that the fleet may be given.
+    /// Makes the manifest of a policy, and checks that the fleet may be given it.
     ///
     /// # Errors
     /// As [`Publisher::publish`].

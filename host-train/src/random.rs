@@ -1,4 +1,4 @@
-//! Seeded random streams: a stream depends on the seed and on what it is for, never on the thread.
+//! Seeded random streams: a stream depends on the seed and its purpose, never on the thread.
 
 use rand::seq::index;
 use rand::{RngExt, SeedableRng};
@@ -7,11 +7,11 @@ use rand_chacha::ChaCha8Rng;
 /// The generator used everywhere.
 pub type Rng = ChaCha8Rng;
 
-/// The seed where none is given.
+/// The default seed.
 pub const SEED: u64 = 42;
 
-/// By which points of a source, and of its target, are drawn: a mesh that is registered to itself must not be sampled at the
-/// very same points.
+/// Seeds of the points drawn from a source and from its target. They differ, because a mesh that is registered to
+/// itself must not be sampled at the very same points.
 pub const fn seeds(seed: u64) -> [u64; 2] {
     [seed, seed.wrapping_add(1)]
 }
@@ -55,8 +55,8 @@ pub fn stream(seed: u64, purpose: Purpose, index: u64) -> Rng {
     rng
 }
 
-/// Draws `k` items: without replacement while there are enough, else every item once and the
-/// rest with replacement. Empty input gives empty output.
+/// Draws `k` items: without replacement if there are enough, otherwise every item once and the rest with replacement.
+/// Empty input gives empty output.
 pub fn resample<T: Copy>(rng: &mut Rng, items: &[T], k: usize) -> Vec<T> {
     let n = items.len();
     if n == 0 {

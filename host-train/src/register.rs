@@ -28,22 +28,22 @@ use reagent_core::pipeline::{self, Answer, Progress, Task};
 use reagent_core::polish::Workspace;
 use reagent_core::{Error, Frame, Policy, Pose, Registrar, start};
 
-/// Points to which a cloud that exceeds the capacity is thinned.
+/// Number of points to which a cloud that exceeds the capacity is thinned.
 pub const SUBSAMPLE: usize = 2048;
 
 /// Where a registration starts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Start {
-    /// With the clouds as they lie.
+    /// From the clouds as they lie.
     Identity,
     /// From this target_from_source, a plain rigid transform.
     Pose(Pose64),
-    /// Nothing is known: the source may be turned in any way.
+    /// Anywhere: nothing is known, and the source may be turned in any way.
     None,
 }
 
 impl Start {
-    /// The pose of the first step, between coordinates relative to two origins.
+    /// The pose before the first step, between coordinates relative to two origins.
     pub fn near(&self, source_origin: Position, target_origin: Position) -> Pose {
         let pose = match self {
             Start::Pose(pose) => pose,
@@ -52,7 +52,7 @@ impl Start {
         pose.near(source_origin, target_origin)
     }
 
-    /// The same for the core.
+    /// The same as a start for the core.
     pub fn start(&self, source_origin: Position, target_origin: Position) -> start::Start {
         match self {
             Start::None => start::Start::Anywhere,
@@ -70,12 +70,12 @@ pub struct Registered {
     pub trace: Vec<Step>,
 }
 
-/// Working memory of a thread.
+/// Working memory of one thread.
 #[derive(Debug)]
 pub struct Memory {
-    /// Of the policy.
+    /// Memory of the policy.
     pub scratch: Scratch,
-    /// Of what follows it.
+    /// Memory of the refinement and verification after it.
     pub workspace: Workspace,
 }
 
@@ -95,8 +95,8 @@ impl Default for Memory {
     }
 }
 
-/// Registers `source [N, 3]` to `target [M, 3]`, both in the same unit of length ([`reagent_core::pipeline::register`]),
-/// with memory of its own, and keeps every step.
+/// Registers `source [N, 3]` to `target [M, 3]`, both in the same unit of length
+/// ([`reagent_core::pipeline::register`]). Allocates its memory, and keeps every step.
 ///
 /// # Errors
 /// Clouds or a start that the core refuses.
@@ -109,7 +109,7 @@ pub fn register(
     register_in(&mut Box::new(Memory::new()), policy, source, target, task)
 }
 
-/// The same in given memory.
+/// The same in memory that the caller gives.
 ///
 /// # Errors
 /// As [`register`].
@@ -129,7 +129,7 @@ pub fn register_in(
     Ok(Registered { answer, trace })
 }
 
-/// Keeps every step that the policy takes.
+/// An observer that keeps every step that the policy takes.
 fn recorder<'c>(
     trace: &mut Vec<Step>,
     frame: Frame,
@@ -143,13 +143,13 @@ fn recorder<'c>(
     }
 }
 
-/// A cloud as it is sent to a robot, neighbours one after the other: one without memory for an order takes half the time.
+/// A cloud as it is sent to a robot, neighbours next to each other: a robot without memory to sort it saves half the time.
 pub fn in_order(mut points: Vec<Point>) -> Vec<Point> {
     put_in_order(&mut points);
     points
 }
 
-/// A cloud within the core's capacity: itself, or [`SUBSAMPLE`] of its points ([`thin::thin`]).
+/// A cloud within the core's capacity: the cloud itself, or [`SUBSAMPLE`] of its points ([`thin::thin`]).
 pub fn within_capacity(points: &[Point]) -> Vec<Point> {
     match points.len() {
         ..=MAX_POINTS => points.to_vec(),

@@ -1,6 +1,6 @@
 //! Numbers in sentences.
 
-/// A number and what is counted, in the right one of its forms: "1 pose", "2 poses".
+/// A number with the right form of what is counted: "1 pose", "2 poses".
 pub fn count(number: usize, one: &str, several: &str) -> String {
     match number {
         1 => format!("1 {one}"),

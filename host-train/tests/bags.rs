@@ -1,4 +1,4 @@
-//! Bags of ROS 2 by `host-train register` and `track`, as `tests/bags.py` wrote them with what is not ours.
+//! ROS 2 bags in `host-train register` and `track`, written by `tests/bags.py` with software that is not ours.
 
 mod support;
 
@@ -18,7 +18,7 @@ fn bags() -> TempDir {
     folder
 }
 
-/// Angle in degrees and distance from where the part is in a message.
+/// Checks a pose of the part in a message: angle in degrees and distance from the truth.
 fn is_there(pose: &Value, number: usize) {
     let rows: [[f64; 4]; 3] = serde_json::from_value(pose.clone()).expect("a pose");
     let axis = Unit::new_normalize(Vector3::new(1.0, 2.0, 3.0));
@@ -57,7 +57,7 @@ fn a_message_is_registered() {
             number,
         );
     }
-    // Wherever clouds are read.
+    // A bag is read wherever clouds are.
     std::fs::write(at.join("list.txt"), "lz4.mcap part.xyz\n").expect("written");
     let said = succeed(at, "register --pairs list.txt");
     let line: Value = serde_json::from_str(&said).expect("a line");
@@ -75,7 +75,7 @@ fn a_message_is_registered() {
 fn all_messages_of_a_topic_are_followed() {
     let folder = bags();
     let at = folder.path();
-    // The folder of a bag, and in it a file that is none of its own.
+    // A bag's folder, which also holds a file that is not part of the bag.
     std::fs::create_dir(at.join("bag")).expect("created");
     std::fs::write(at.join("bag/metadata.yaml"), "").expect("written");
     std::fs::copy(at.join("lz4.mcap"), at.join("bag/bag_0.mcap")).expect("copied");
@@ -100,7 +100,7 @@ fn all_messages_of_a_topic_are_followed() {
         let summary = format!("{count} clouds: {} tracked, 1 found, 0 lost; ", count - 1);
         assert!(said.starts_with(&summary), "{said}");
     }
-    // An interrupted recording is followed to its end, which is told.
+    // An interrupted recording is followed to its end, and a message says so.
     let bytes = std::fs::read(at.join("lz4.mcap")).expect("a bag");
     std::fs::write(at.join("cut.mcap"), &bytes[..bytes.len() / 2]).expect("written");
     let output = run(at, "track part.xyz cut.mcap lz4.mcap");
@@ -154,7 +154,7 @@ fn what_is_wrong_with_a_bag_is_said() {
         "register lz4.mcap part.xyz --message 6",
         &["has 6 messages"],
     );
-    // Of a list, every source that is asked for a topic is a bag.
+    // With a topic, every source in a list must be a bag.
     let list = "lz4.mcap part.xyz\npart.xyz part.xyz\n";
     std::fs::write(at.join("list.txt"), list).expect("written");
     for wrong in [

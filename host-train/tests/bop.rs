@@ -53,7 +53,7 @@ fn poses_are_refined_from_estimates_to_results() {
         }
     }
 
-    // Refining the refined poses by nothing leaves the tables as they were.
+    // Refining the refined poses with no method leaves the tables unchanged.
     succeed(
         at,
         &format!("{eval} two.json --estimates refined-icp.csv --threads 2"),
@@ -115,7 +115,7 @@ fn usage_and_missing_data_are_explained() {
     );
 }
 
-/// The largest number of 16 bits is no depth, as 0 is.
+/// The largest number of 16 bits marks missing depth, as 0 does.
 #[test]
 fn pixels_that_are_marked_have_no_depth() {
     let folder = folder();
@@ -139,7 +139,7 @@ fn pixels_that_are_marked_have_no_depth() {
     assert_eq!(pixels(&scenes), before);
 }
 
-/// Free space is looked at from where the camera stood, before what it saw behind the object.
+/// Free space is seen from the camera, in front of what it saw behind the object.
 #[test]
 fn pairs_know_from_where_and_before_what_they_were_seen() {
     let folder = folder();
@@ -165,8 +165,8 @@ fn pairs_know_from_where_and_before_what_they_were_seen() {
     }
 }
 
-/// A face of a plate, half-way between both of its large faces: what is seen from above is the upper one, since the plate
-/// cannot stand before what was seen.
+/// A face of a plate, half-way between both of its large faces. Seen from above it is the upper one, since the plate
+/// cannot stand in front of what was seen.
 #[test]
 fn a_refinement_knows_from_where_the_source_was_seen() {
     let mut plate = Mesh::default();
@@ -190,7 +190,7 @@ fn a_refinement_knows_from_where_the_source_was_seen() {
         };
         set.push_view(sample, target.clone(), [0.3, 0.2, 4.0 * side], 0);
     }
-    // A file keeps it.
+    // A file keeps the view points.
     let folder = folder();
     let path = folder.path().join("views.h5");
     set.save(&path).expect("written");
@@ -210,7 +210,7 @@ fn a_refinement_knows_from_where_the_source_was_seen() {
     assert!(heights[0] > 0.12 && heights[1] < -0.12, "{heights:?}");
 }
 
-/// Views that are drawn as pairs know from where they were seen: the policy for views registers them.
+/// Views drawn as pairs have their view points, so that the policy for views registers them.
 #[test]
 fn view_points_are_written_with_the_pairs() {
     let folder = folder();
@@ -232,7 +232,7 @@ fn view_points_are_written_with_the_pairs() {
         };
         let seen = median(&mut sample.source.iter().map(|&p| Vec3::from(p)));
         assert!(seen > 2.0, "{seen} radii");
-        // What is seen is the side towards the camera.
+        // The side towards the camera is seen.
         nearer += u32::from(seen < median(&mut target.into_iter()));
     }
     assert!(nearer >= 19, "{nearer} of 24");

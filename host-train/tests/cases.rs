@@ -1,4 +1,4 @@
-//! Files as programs and sensors write them, each with its right value: see `tests/fixtures/cases`.
+//! Files as programs and sensors write them, each with its correct result: see `tests/fixtures/cases`.
 //!
 //! Unless said otherwise a file holds an L-shaped bracket of 100 x 40 x 60, turned by the inverse of [`truth`].
 
@@ -185,7 +185,7 @@ fn text_with_headers() {
     }
 }
 
-/// Also under the extensions that such files have.
+/// Text under the other extensions that such files have.
 #[test]
 fn text_under_every_extension() {
     let folder = folder();
@@ -251,7 +251,7 @@ fn georeferenced_clouds_keep_their_digits() {
         .collect();
     let [a, b, c] = pose.to_rows();
     for (written, number) in rows.iter().zip([a, b, c, [0.0, 0.0, 0.0, 1.0]].concat()) {
-        // The reader of JSON rounds the last digit.
+        // The JSON reader rounds the last digit.
         assert!(
             (written - number).abs() <= 4e-16 * number.abs(),
             "{written} {number}"
@@ -270,14 +270,14 @@ fn georeferenced_clouds_keep_their_digits() {
         std::array::from_fn(|c| printed[4 * r + c])
     }));
     assert!(errors(&printed, &pose, middle).1 < 1e-4, "{text}");
-    // So do the points that are written.
+    // The points that are written keep their digits, too.
     let before = read_file(&source).expect("read");
     let aligned = read_file(&at.join("aligned.xyz")).expect("written");
     let moved = before.moved(&pose).points;
     for (a, b) in aligned.points.iter().flatten().zip(moved.iter().flatten()) {
         assert!((a - b).abs() < 1e-6, "{a} {b}");
     }
-    // And each of its outputs is a start, with all digits.
+    // Each output is a valid start, with all digits.
     for start in ["p.json", "p.txt"] {
         std::fs::copy(at.join(start), at.join(format!("start-{start}"))).expect("copied");
         register(&format!("--init start-{start}"));

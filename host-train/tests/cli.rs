@@ -248,7 +248,7 @@ fn wrong_pairs_files_are_refused() {
     succeed(at, "eval --methods init --pairs p.h5 --poses bad.h5");
     fail(at, eval, &["bad.h5", "source"]);
 
-    // Well-formed, but a cloud is beyond the core's capacity: the pair is named.
+    // The pair is well formed, but a cloud is beyond the core's capacity: the pair is named.
     let mut set = PairSet::load(&at.join("p.h5")).expect("valid");
     for source in &mut set.source {
         source.resize(5000, [0.1, 0.2, 0.3]);
@@ -287,7 +287,7 @@ fn clouds_that_cannot_be_registered_are_refused() {
         "register --weights w.rgw good.xyz one.xyz",
         &["one.xyz", "1 point"],
     );
-    // What is invalid is left out and counted; what is left may be registered.
+    // Invalid points are left out and counted; the rest may be registered.
     let output = run(at, "register --weights w.rgw nan.xyz good.xyz");
     let stderr = String::from_utf8_lossy(&output.stderr);
     assert!(
@@ -328,7 +328,7 @@ fn signing_keys_are_never_logged() {
     for part in [key, &key[..16], &key[48..]] {
         assert!(!said.contains(part), "the key is in the log");
     }
-    // Nor as the bytes that it stands for.
+    // Nor the bytes that it encodes.
     let bytes: Vec<u8> = (0..4)
         .map(|i| u8::from_str_radix(&key[2 * i..2 * i + 2], 16).expect("hexadecimal"))
         .collect();
@@ -339,7 +339,7 @@ fn signing_keys_are_never_logged() {
     );
 }
 
-/// Nothing listens where it would be published: what is refused before that was compared.
+/// Nobody listens where it would be published; a refusal comes before that, from the comparison.
 #[test]
 fn a_policy_that_is_worse_on_views_is_not_published_unless_it_is_said() {
     let folder = folder();
@@ -383,7 +383,7 @@ fn one_file_cannot_be_two_outputs() {
             &["two outputs cannot be one file"],
         );
     }
-    // What is no file takes any number of them.
+    // Special files may be named for any number of outputs.
     #[cfg(unix)]
     fail(
         folder.path(),

@@ -1,7 +1,7 @@
-//! Corrupt files of every kind that is read: a typed error or other numbers, never a panic, and never more memory
-//! than the file's length explains.
+//! Corrupt files of every kind that is read give a typed error or other numbers, but never a panic, and never use more
+//! memory than the file's length explains.
 //!
-//! `PROPTEST_CASES` asks for more cases than the default.
+//! `PROPTEST_CASES` asks for more cases.
 
 #[path = "corrupt_files/damage.rs"]
 mod damage;
@@ -168,7 +168,7 @@ fn loose_clouds_and_meshes() {
     let dir = tempfile::tempdir().expect("temporary directory");
     for path in loose_files(dir.path()) {
         let whole = std::fs::read(&path).expect("written");
-        // A packed byte stands for up to 88, of which three copies are made.
+        // A packed byte expands to up to 88, of which three copies are made.
         let factor = if path.ends_with("packed.pcd") {
             300
         } else {
@@ -191,12 +191,12 @@ fn loose_clouds_and_meshes() {
     }
 }
 
-/// Every message of a bag.
+/// Reads every message of a bag.
 fn read_bag(path: &Path) -> Result<(), String> {
     let bag = Bag::open(path, Some("/camera/points")).map_err(|e| e.to_string())?;
     for message in bag.messages() {
         let message = message.map_err(|e| e.to_string())?;
-        // One that is no cloud is said to be none, and the others are read.
+        // A message that is not a cloud is refused, and the others are read.
         if let Ok((cloud, _)) = message.cloud() {
             assert!(cloud.points.iter().flatten().all(|x| x.is_finite()));
         }
@@ -211,7 +211,7 @@ fn bags_of_ros() {
     let fixtures = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/fixtures/bags");
     for name in ["lz4.mcap", "zstd.mcap", "two_topics.mcap"] {
         let whole = std::fs::read(fixtures.join(name)).expect("a fixture");
-        // A chunk may say that it is 4096 times as long as the file, and has twice the room where it grows.
+        // A chunk may claim 4096 times the file's length, and its buffer doubles as it grows.
         damage_and_read(&dir.path().join(name), &whole, 9000, 400, read_bag);
     }
 }

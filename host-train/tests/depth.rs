@@ -10,10 +10,10 @@ use reagent_tests::depth::{CAMERA, SIZE, camera_from_model, start, write_view};
 use std::path::Path;
 use support::{fail, folder, read_json, run, succeed};
 
-/// Where the wall is, tenths of a millimetre.
+/// Depth of the wall, tenths of a millimetre.
 const WALL: u16 = 9000;
 
-/// Degrees and millimetres between the pose that `--json p.json` has, its lengths multiplied by `scale`, and the true one.
+/// Rotation and translation error of the pose in `p.json` with its lengths times `scale`, degrees and millimetres.
 fn errors(at: &Path, scale: f32) -> (f32, f32) {
     let document = read_json(&at.join("p.json"));
     let row = |r: usize| -> [f32; 4] {
@@ -87,7 +87,7 @@ fn a_depth_image_is_registered_in_millimetres_and_other_units() {
     let (angle, shift) = errors(at, 1e3);
     assert!(angle < 1.0 && shift < 1.0, "{angle} deg, {shift} mm");
 
-    // A model without faces is one, too, and it is said.
+    // A model without faces is accepted, too, and a note says so.
     let vertices = CloudFile {
         faces: None,
         points: procedural::shape(1, 1)
@@ -181,7 +181,7 @@ fn depth_images_that_cannot_be_registered_are_refused_with_the_reason() {
     ] {
         fail(at, &register(&rest), &words);
     }
-    // Three pixels have a pose that nobody should act on.
+    // A pose from three pixels is one that nobody should act on.
     succeed(
         at,
         &register(&format!(
@@ -216,7 +216,7 @@ fn depth_images_that_cannot_be_registered_are_refused_with_the_reason() {
     }
 }
 
-/// A wall that is too far away, and a mask that holds labels in 16 bits.
+/// A wall out of the sensor's range, and a mask that holds 16-bit labels.
 #[test]
 fn pixels_that_are_marked_are_counted_and_labels_are_a_mask() {
     let folder = folder();
@@ -270,7 +270,7 @@ fn the_camera_of_another_size_is_pointed_out() {
     let folder = folder();
     let at = folder.path();
     write_view(at, WALL);
-    // Centres of pixels lie at whole numbers: the last row reaches down to 119.5.
+    // Pixel centres lie at whole numbers, so the last row reaches down to 119.5.
     for (camera, is_told) in [("200,200,79.5,119.6", true), ("200,200,-0.5,119.5", false)] {
         let register = format!(
             "register --depth depth.png --camera {camera} --depth-scale 0.1 part.ply --mask mask.png --json p.json"

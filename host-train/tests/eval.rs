@@ -47,7 +47,7 @@ fn register_writes_pose_trace_and_the_moved_cloud() {
         .collect();
     assert_eq!(lines.len(), 4);
     assert_eq!(lines[0]["registration"]["name"], "a.xyz to b.xyz");
-    // The trace has the policy's float32.
+    // The trace has the policy's float32 poses.
     for row in 0..3 {
         for column in 0..4 {
             let number = |value: &Value| value["target_from_source"][row][column].as_f64();
@@ -58,7 +58,7 @@ fn register_writes_pose_trace_and_the_moved_cloud() {
     }
     assert_eq!(result["source_points"], 200);
 
-    // The moved cloud needs no initial pose to be where the first registration ended.
+    // The moved cloud lies where the final pose puts it.
     let moved = host_train::dataset::cloud_file::read_cloud(&at.join("moved.ply"), 0)
         .expect("readable")
         .points;
@@ -74,7 +74,7 @@ fn register_writes_pose_trace_and_the_moved_cloud() {
     assert!((moved[0][0] - x).abs() < 1e-9, "{x} {:?}", moved[0]);
 }
 
-/// Beyond the capacity a part of the points is used, the same whatever the seed, and said so.
+/// Beyond the capacity a part of the points is used, the same for every seed, and a note says so.
 #[test]
 fn clouds_beyond_the_capacity_are_sampled() {
     let folder = folder();
@@ -127,7 +127,7 @@ fn agreement_is_with_the_first_policy_along_its_way() {
         shares.iter().all(|share| (0.0..1.0).contains(share)),
         "{shares:?}"
     );
-    // Whole axes of whole pairs.
+    // Shares are whole axes of whole pairs.
     assert!(
         shares
             .iter()
@@ -269,7 +269,7 @@ fn an_imported_checkpoint_reproduces_the_authors_poses() {
     }
 }
 
-/// A view shows a part of the target, which is far from it whatever the pose.
+/// The hidden part of a view's target is far from the source in any pose.
 #[test]
 fn of_views_no_chamfer_distance_is_printed() {
     let folder = folder();

@@ -1,4 +1,4 @@
-//! Two scans by a lidar, whose points crowd in rings about the sensor: the scene is laid on the scene, not sensor on sensor.
+//! Two lidar scans, whose points crowd around the sensor: scene must be aligned with scene, not sensor with sensor.
 
 mod support;
 
@@ -33,7 +33,7 @@ fn street(rng: &mut Rng) -> Vec<[Vec3; 2]> {
     boxes
 }
 
-/// What 32 beams see in a turn, relative to the sensor, with 2 cm of noise.
+/// What 32 beams see in one turn, relative to the sensor, with 2 cm of noise.
 fn scan(boxes: &[[Vec3; 2]], sensor: Vec3, rng: &mut Rng) -> Vec<Point> {
     let mut points = Vec::new();
     for beam in 0..32 {
@@ -63,7 +63,7 @@ fn scan(boxes: &[[Vec3; 2]], sensor: Vec3, rng: &mut Rng) -> Vec<Point> {
 fn the_scene_is_laid_on_the_scene_and_not_the_sensor_on_the_sensor() {
     let folder = folder();
     let at = folder.path();
-    // Scenes in which points spread as all are lead the sensor onto the sensor.
+    // In these scenes, points spread as all points are align sensor with sensor.
     for seed in 2..6 {
         let rng = &mut stream(seed, Purpose::Scene, 0);
         let boxes = street(rng);

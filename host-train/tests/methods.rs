@@ -74,12 +74,11 @@ fn every_method_runs_and_none_depends_on_the_threads() {
     );
 }
 
-/// A method and what it reaches: ISO R mean and median, ISO t mean, ADI AUC, recall.
+/// A method and its results: ISO R mean and median, ISO t mean, ADI AUC, recall.
 type Reached = (&'static str, [f64; 5]);
 
-/// What Open3D 0.20 reaches on the same pairs. FGR depends on its
-/// seed, and ICP after it still more: over eight seeds Open3D's mean ISO R of that lies between 4.2 and 8.8
-/// degrees on the first file, so that its means are not compared.
+/// Results of Open3D 0.20 on the same pairs. FGR depends on its seed, and ICP after it even more: over eight seeds,
+/// Open3D's mean ISO R after it lies between 4.2 and 8.8 degrees on the first file, so its means are not compared.
 #[test]
 fn baselines_agree_with_open3d() {
     let keys = [
@@ -171,7 +170,7 @@ fn a_sweep_measures_every_method_at_every_value() {
             }
         }
     }
-    // One value alone gives what it gave among the others.
+    // A single value gives the same result as it did among others.
     succeed(
         at,
         &format!("{sweep} --vary noise --values 0.02 --threads 2 --json one.json"),

@@ -1,5 +1,5 @@
-//! The page that registers in a browser gives the poses of the command line, to the bit, says the same of them, and says in
-//! sentences what is wrong with a file.
+//! The page that registers in a browser gives the command line's poses, bit for bit, says the same of them, and
+//! explains in sentences what is wrong with a file.
 
 mod support;
 
@@ -17,18 +17,18 @@ use std::path::{Path, PathBuf};
 use support::browser::{chromium, open};
 use support::{fail, folder, succeed};
 
-/// What a user does, for the drivers that follow.
+/// A user's actions, for the drivers below.
 const USER: &str = include_str!("support/drive_page/user.js");
 const REGISTER: &str = include_str!("support/drive_page/register.js");
 const WRONG: &str = include_str!("support/drive_page/wrong.js");
-/// Stands before the page's script.
+/// Runs before the page's script.
 const TRAP: &str = include_str!("support/drive_page/trap.js");
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
 }
 
-/// The browser and the program, or which of them is missing.
+/// The browser and the program; says which of them is missing.
 fn browser_and(program: &str) -> Option<(PathBuf, PathBuf)> {
     let wasm = root()
         .join("target/page/wasm32-unknown-unknown/release")
@@ -44,7 +44,7 @@ fn browser_and(program: &str) -> Option<(PathBuf, PathBuf)> {
     Some((browser, wasm))
 }
 
-/// What a driver finds on the page, with files of a folder at hand.
+/// Runs a driver on the page, with files of a folder at hand, and returns its findings.
 fn drive((browser, wasm): &(PathBuf, PathBuf), at: &Path, files: &[&str], driver: &str) -> Value {
     let command = format!("page --wasm {} --out try.html", wasm.display());
     succeed(at, &command);
@@ -65,12 +65,12 @@ fn drive((browser, wasm): &(PathBuf, PathBuf), at: &Path, files: &[&str], driver
     open(browser, at, "driven.html")
 }
 
-/// Two files of the folder.
+/// Two files of the folder, and what is expected of them.
 struct Case {
     scan: &'static str,
     part: &'static str,
     anywhere: bool,
-    /// What is said of the pose.
+    /// Expected words about the pose.
     words: &'static str,
 }
 
@@ -115,7 +115,7 @@ const CASES: [Case; 10] = [
     case("large.npy", "large.ply", "Right within 5 degrees"),
 ];
 
-/// The files that the cases name.
+/// Writes the files that the cases name.
 fn write_files(at: &Path) {
     let sample = |name: &str| {
         let file = format!("{name}.ply");
@@ -185,7 +185,7 @@ fn write_files(at: &Path) {
     write("large.ply", sampled(110_000, 3).map(placed).collect());
 }
 
-/// The same number may be written in several ways: bits are compared.
+/// Bits of the numbers in a text, since a number may be written in several ways.
 fn bits(text: &str) -> Vec<u64> {
     let numbers = text
         .split_whitespace()
@@ -260,14 +260,14 @@ fn the_page_registers_as_the_command_line_does() {
     assert_eq!(found["bars"], 66, "{found}");
     assert_eq!(found["views"], 1, "{found}");
     assert_eq!(found["requests"], 0, "{found}");
-    // The pose that the verdict is about is seen first.
+    // The pose that the verdict is about is shown first.
     let shown = |i: usize| found["where"][i].as_str().expect("text");
     assert!(
         shown(0).starts_with("answer \u{b7} verify: converged"),
         "{found}"
     );
     assert!(shown(1).starts_with("after step 2"), "{found}");
-    // What the colours mean, in the page's words.
+    // The legend of the colours, in the page's words.
     let legend = json!([
         "part",
         "scan as observed",
@@ -275,7 +275,7 @@ fn the_page_registers_as_the_command_line_does() {
         "scan after the step"
     ]);
     assert_eq!(found["legend"], legend, "{found}");
-    // Without a truth there are no errors.
+    // Without a true pose there are no errors.
     let table = found["table"].as_str().expect("text");
     assert!(
         table.contains("init") && !table.contains("ISO") && !table.contains('\u{2013}'),

@@ -1,4 +1,4 @@
-//! `host-train register` on files as users have them: every format, unit and size, and what is wrong with some.
+//! `host-train register` on files as users have them: every format, unit and size, and typical mistakes.
 
 mod support;
 
@@ -31,7 +31,7 @@ fn shape() -> Shape {
     procedural::shape(1, 1)
 }
 
-/// Points of the surface as a scanner with no preference would see them, in a frame of its own.
+/// Points drawn evenly from the surface, in a frame of their own.
 fn scan(count: usize, unit: f32) -> CloudFile {
     let rng = &mut host_train::random::stream(5, host_train::random::Purpose::Shape, 0);
     let (points, normals): (Vec<Point>, Vec<Point>) = shape()
@@ -280,7 +280,7 @@ fn what_cannot_be_registered_is_refused_in_one_line() {
     ] {
         fail(at, &format!("register {arguments}"), words);
     }
-    // Where it cannot be written, nothing is done.
+    // If the output cannot be written, nothing is done.
     let output = run(at, "register m.off m.off --json no/such/folder.json");
     assert!(output.stdout.is_empty() && output.status.code() == Some(1));
     let output = run(at, "register m.off m.off --fail-below 1");
@@ -307,7 +307,7 @@ fn clouds_in_different_units_are_pointed_out() {
     write_cloud(&at.join("m.ply"), &scan(500, 1.0)).expect("written");
     let output = run(at, "register m.ply m.off");
     assert_eq!(String::from_utf8_lossy(&output.stderr), "");
-    // Said beforehand, the units agree.
+    // With the unit stated, the sizes agree.
     let stated = run(at, "register mm.ply m.off --unit mm --json p.json");
     let stdout = String::from_utf8_lossy(&stated.stdout);
     assert!(!stdout.contains("sizes differ"), "{stdout}");
@@ -371,7 +371,7 @@ fn the_best_of_several_starts_is_given_out_and_the_next_best_are_listed() {
                 other["target_from_source"].as_array().map(Vec::len),
                 Some(3)
             );
-            // It fits far worse than the one given out.
+            // It fits far worse than the result.
             assert!(other["probability"].as_f64() < Some(0.05), "{other}");
             assert!(other["residual"][0].as_f64() > document["polish"]["residual"][0].as_f64());
         }
@@ -380,7 +380,7 @@ fn the_best_of_several_starts_is_given_out_and_the_next_best_are_listed() {
     succeed(at, &alone);
     let document = read_json(&at.join("p.json"));
     assert!(document.get("start").is_none() && document.get("others").is_none());
-    // Asked for, they are there, were it none.
+    // The list is there if it was asked for, even if it is empty.
     succeed(at, &format!("{alone} --best 1"));
     assert_eq!(
         read_json(&at.join("p.json"))["others"],

@@ -1,4 +1,4 @@
-//! What `host-train register` says of a pose besides the pose.
+//! Remarks of `host-train register` on a pose.
 
 mod support;
 
@@ -32,7 +32,7 @@ fn much_that_lies_off_the_target_is_pointed_out() {
     let folder = folder();
     let at = folder.path();
     let scan = scan(at);
-    // A quarter as many points on a table below.
+    // A table below the part, with a quarter as many points.
     let low = scan.iter().map(|p| p[2]).fold(f32::MAX, f32::min);
     let table = (0..375).map(|i| {
         [
@@ -78,7 +78,7 @@ fn write_array(path: &Path, numbers: impl Iterator<Item = f32>) {
     std::fs::write(path, array.into_iter().chain(numbers).collect::<Vec<u8>>()).expect("written");
 }
 
-/// The whole scene in the source's place, or a depth in another unit.
+/// The source is the whole scene, or a depth in another unit.
 #[test]
 fn where_sizes_differ_the_options_of_the_source_at_hand_are_named() {
     let folder = folder();
@@ -119,7 +119,7 @@ fn where_sizes_differ_the_options_of_the_source_at_hand_are_named() {
     );
     let said = succeed(at, &format!("{depth} --depth-scale 1"));
     assert!(!said.contains("sizes differ"), "{said}");
-    // Taken for a cloud, it is told what it may be.
+    // Taken for a cloud, the file is described as what it may be.
     write_array(
         &at.join("depth.npy"),
         (0..160 * 120).map(|i| (i % 97) as f32),
@@ -153,14 +153,14 @@ fn a_view_point_that_a_source_names_is_told_with_the_option_that_takes_it() {
     let words = "s.pcd: its viewpoint (0.5, -1, 8) is not used";
     let advice = "; if the sensor stood there: --view 0.5,-1,8\n";
     assert!(said.contains(&format!("{words}{advice}")), "{said}");
-    // Where it was given, and of the target, no option is to be named.
+    // No option is named if it was given, or for the target.
     for options in ["s.pcd part.ply --view 0.5,-1,8", "part.ply s.pcd"] {
         let said = told(options);
         assert!(said.contains(words) && !said.contains("stood"), "{said}");
     }
 }
 
-/// A line of many pairs is the document of one pair after the names, and starts the next registration.
+/// A line about one of many pairs is a single pair's document after the names, and starts the next registration.
 #[test]
 fn lines_of_pairs_are_as_the_document_of_one_pair() {
     let folder = folder();
@@ -212,7 +212,7 @@ fn lines_of_pairs_are_as_the_document_of_one_pair() {
     );
 }
 
-/// Of a cloud that has no partner where it starts.
+/// The source has no partner where it starts.
 #[test]
 fn a_last_refinement_that_is_dropped_is_told() {
     let folder = folder();
@@ -243,9 +243,9 @@ fn a_mesh_is_not_written_of_a_cloud_and_that_is_said_before_any_work() {
         fail(at, &register, &[name, "a cloud without faces is no mesh"]);
         assert!(run(at, &register).stdout.is_empty());
     }
-    // Of a target that is a cloud nothing is written.
+    // The target may be a cloud, since it is not written.
     succeed(at, "register part.ply s.ply --out a.stl");
-    // Nor has the format digits for a place that far away.
+    // Nor does the format have digits for a place that far away.
     let part = read_file(&at.join("part.ply")).expect("read");
     let far = CloudFile {
         points: part

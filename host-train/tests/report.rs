@@ -1,5 +1,5 @@
-//! The report of a real small run, in a browser: it renders, the slider moves the cloud, and the browser has
-//! nothing to complain of and nothing to fetch.
+//! The report of a small real run, in a browser: it renders, the slider moves the cloud, and the browser reports no
+//! errors and fetches nothing.
 
 mod support;
 
@@ -8,7 +8,7 @@ use std::process::Command;
 use support::browser::{chromium, open};
 use support::{fail, folder, succeed};
 
-/// Drives the page as a user does and writes what it found into the document.
+/// Drives the page as a user would, and writes its findings into the document.
 const DRIVER: &str = include_str!("support/drive_report.js");
 
 #[test]
@@ -23,7 +23,7 @@ fn a_registration_is_written_as_a_page() {
         part.display()
     );
     succeed(at, &command);
-    // The same view as the report's of the trace.
+    // The report shows the trace in the same view.
     succeed(at, "report look.jsonl --out report.html");
     let view = |name: &str| {
         let page = std::fs::read_to_string(at.join(name)).expect("written");
@@ -134,7 +134,7 @@ fn inputs_that_are_none_are_refused_on_one_line() {
     assert!(!at.join("r.html").exists());
 }
 
-/// As `host-train … | head -0`: the reader is gone before anything is written.
+/// As with `host-train … | head -0`: the reader is gone before anything is written.
 #[test]
 fn a_closed_pipe_ends_no_command() {
     let folder = folder();

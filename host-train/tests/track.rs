@@ -1,4 +1,4 @@
-//! `host-train track`: views of a part that moves before a camera, goes away and comes back.
+//! `host-train track`: views of a part that moves in front of a camera, goes away and comes back.
 
 mod support;
 
@@ -24,7 +24,7 @@ const CAMERA: Pinhole = Pinhole {
 const PART: u64 = 7;
 const OTHER: u64 = 11;
 
-/// Turning by 3 degrees and moving by 3 mm from one view to the next.
+/// The part's pose: from each view to the next it turns by 3 degrees and moves by 3 mm.
 fn camera_from_part(view: usize) -> Pose {
     let t = view as f32;
     Pose {
@@ -40,7 +40,7 @@ fn shape(index: u64) -> Mesh {
     mesh
 }
 
-/// What the camera sees of it, millimetres.
+/// The camera's view of a mesh, millimetres.
 fn seen(mesh: &Mesh, at: &Pose) -> Vec<Point> {
     let place = Affine3A::from_mat3_translation(at.rotation, at.translation);
     let image = CAMERA.inverse_depths(mesh, &place);
@@ -73,7 +73,7 @@ fn lines(text: &str) -> Vec<Value> {
     text.lines().map(line).collect()
 }
 
-/// Angle in degrees and distance of the part's centre in millimetres from where it is in a view.
+/// Error of a line's pose in a view: angle in degrees, and distance of the part's centre in millimetres.
 fn errors(line: &Value, view: usize) -> (f32, f32) {
     let rows = serde_json::from_value(line["target_from_source"].clone()).expect("a pose");
     let truth = camera_from_part(view);
@@ -93,7 +93,7 @@ fn a_part_is_tracked_said_to_be_lost_and_found_again() {
     write_part(&at("part.ply"));
     std::fs::create_dir(at("views")).expect("created");
     let (part, other) = (shape(PART), shape(OTHER));
-    // Another thing takes its place in views 20 to 25, and nothing is seen in view 26.
+    // Another object takes its place in views 20 to 25, and view 26 shows nothing.
     for view in 0..40 {
         let path = at(&format!("views/{view:02}.ply"));
         match view {
@@ -132,7 +132,7 @@ fn a_part_is_tracked_said_to_be_lost_and_found_again() {
             state != "lost",
             "{line}"
         );
-        // What is open is looked for where poses are compared.
+        // What is undetermined is only found where poses are compared.
         let is_compared = mode == "verify" && state != "lost";
         assert_eq!(line.get("undetermined").is_some(), is_compared, "{line}");
         if state == "lost" {
@@ -169,7 +169,7 @@ fn files_units_and_starts_are_those_of_register() {
         .map(f32::to_string)
         .collect::<Vec<_>>();
     let init = format!("--init {} --view origin", start.join(","));
-    // Files in their order; the pose is that of a scaled cloud.
+    // Files are taken in their order; the pose is that of the scaled cloud.
     for (unit, factor) in [("--scale 1", 1.0), ("--unit mm:mm", 1.0)] {
         let said = succeed(
             folder.path(),
@@ -181,7 +181,7 @@ fn files_units_and_starts_are_those_of_register() {
             assert!(angle < 1.0 && distance < 1.0 * factor, "{line}");
         }
     }
-    // A file that cannot be read is a line of its own, and the others go on.
+    // A file that cannot be read gets a line of its own, and the others go on.
     let output = run(
         folder.path(),
         &format!("track part.ply 0.npy bad.npy 1.npy {init} --json lines.jsonl"),

@@ -1,4 +1,4 @@
-//! Training runs from outside: killed at random moments, asked to stop, resumed, out of room.
+//! Training runs as a user sees them: killed at random moments, asked to stop, resumed, out of disk space.
 #![cfg(unix)]
 
 mod support;
@@ -48,7 +48,7 @@ fn a_run_killed_at_random_moments_ends_as_an_undisturbed_one() {
             true => start(at, "train --resume --out killed"),
             false => start(at, &format!("{TRAIN} --out killed")),
         };
-        // The moment is what is random here; nothing is waited for. The last attempts run to their end.
+        // Only the moment is random; nothing is waited for. The last attempts run to their end.
         let moment = Duration::from_millis(rng.random_range(20..1500));
         if attempt < 8 {
             std::thread::sleep(moment);
@@ -115,7 +115,7 @@ fn what_cannot_be_resumed_is_named() {
         &format!("{again} --expert greedy --alpha 0.1"),
         &["method.expert", "method.ppo.alpha"],
     );
-    // More epochs are the same run.
+    // With more epochs it is still the same run.
     let output = run(at, &format!("{again} --epochs 4"));
     assert!(output.status.success());
     assert_eq!(updates(&at.join("run")), (0..16).collect::<Vec<_>>());
@@ -141,7 +141,7 @@ fn a_full_disk_is_named_before_training_starts() {
     assert_eq!(stderr.lines().count(), 1, "nothing was trained: {stderr}");
 }
 
-/// A run directory stands for its best policy, also where no robot could run it.
+/// A run directory stands for its best policy, even if no robot could run that.
 #[test]
 fn run_directories_are_evaluated() {
     let folder = folder();
@@ -155,7 +155,7 @@ fn run_directories_are_evaluated() {
     let pairs = "--data procedural --protocol m40-models --count 2 --per-step";
     let table = succeed(at, &format!("eval --weights wide deep {pairs}"));
     assert!(table.contains("wide") && table.contains("deep"), "{table}");
-    // Its poses can be refined all the same.
+    // Its poses can still be refined.
     let refined = "--methods policy+icp,policy+polish,policy+verify --json deep.json";
     let pairs = "--data procedural --protocol m40-models --count 2";
     succeed(at, &format!("eval --weights deep {refined} {pairs}"));

@@ -1,4 +1,4 @@
-//! A depth image of a part, made: what a camera sees half a metre ahead, before a wall.
+//! A synthetic depth image of a part: a camera's view of it half a metre ahead, in front of a wall.
 
 use glam::{Affine3A, Vec2, Vec3};
 use host_train::dataset::cloud_file::{CloudFile, write_cloud};
@@ -14,7 +14,7 @@ pub const SIZE: [usize; 2] = [160, 120];
 /// The camera, as `--camera` takes it.
 pub const CAMERA: &str = "200,200,79.5,59.5";
 
-/// Where the part is; lengths are millimetres.
+/// The part's true pose; lengths are millimetres.
 pub fn camera_from_model() -> Pose {
     Pose {
         rotation: rotation_from_euler(Vec3::new(2.0, 0.4, -0.7)),
@@ -22,7 +22,7 @@ pub fn camera_from_model() -> Pose {
     }
 }
 
-/// A start some 14 degrees and 12 mm off, as `--init` takes it.
+/// A start about 14 degrees and 12 mm off, as `--init` takes it.
 pub fn start() -> String {
     let off = Pose {
         rotation: rotation_from_euler(Vec3::new(0.15, -0.15, 0.1)),
@@ -33,8 +33,8 @@ pub fn start() -> String {
     numbers.join(",")
 }
 
-/// Writes a part of 80 mm as a mesh, `part.ply`, and what a camera sees of it before a wall: `depth.png` in tenths of a
-/// millimetre, as the wall's distance is, and `mask.png`.
+/// Writes a part of 80 mm as a mesh, `part.ply`, and a camera's view of it in front of a wall: `depth.png` in tenths of
+/// a millimetre, like the wall's distance, and `mask.png`.
 pub fn write_view(at: &Path, wall: u16) {
     let mut mesh = procedural::shape(1, 1).mesh;
     for vertex in &mut mesh.vertices {

@@ -1,7 +1,7 @@
-//! What the integration tests share: golden numbers, where optional data lies, a depth image, and a network.
+//! Shared parts of the integration tests: golden numbers, the place of optional data, a depth image, and a network.
 //!
-//! Golden numbers are outputs of the authors' PyTorch implementation of ReAgent for recorded inputs. Small
-//! extracts are in `tests/fixtures`; the complete file is used where it lies beside the checkout.
+//! Golden numbers are outputs of the authors' PyTorch implementation of ReAgent for recorded inputs. Small extracts are
+//! in `tests/fixtures`; the complete file is used if it lies beside the checkout.
 
 pub mod depth;
 pub mod network;
@@ -17,7 +17,7 @@ pub struct Golden {
 }
 
 impl Golden {
-    /// The complete reference file; prints why a test is skipped where it is absent.
+    /// The complete reference file. If it is absent, prints why a test is skipped.
     pub fn full() -> Option<Golden> {
         let origin = shared("fixtures/reagent_reference.safetensors")?;
         Some(Golden::read(origin))
@@ -32,7 +32,7 @@ impl Golden {
         )
     }
 
-    /// The extract, and the complete file where there is one.
+    /// The extract, and the complete file if there is one.
     pub fn available(file: &str) -> Vec<Golden> {
         [Golden::extract(file)]
             .into_iter()
@@ -83,7 +83,7 @@ impl Golden {
     }
 }
 
-/// A file or folder of the optional data beside the checkout; says so on stderr where it is absent.
+/// A file or folder of the optional data beside the checkout. If it is absent, says so on stderr.
 pub fn shared(path: &str) -> Option<PathBuf> {
     let full = Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("../../shared")

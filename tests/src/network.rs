@@ -1,9 +1,9 @@
-//! A Zenoh network of a test's own, on loopback.
+//! A private Zenoh network for a test, on loopback.
 
 use reagent_link::session::{SessionArgs, open, unused_endpoint};
 use zenoh::Session;
 
-/// A router at an endpoint.
+/// Opens a router at an endpoint.
 pub async fn router(endpoint: &str) -> Session {
     let args = SessionArgs {
         listen: vec![endpoint.into()],
@@ -12,7 +12,7 @@ pub async fn router(endpoint: &str) -> Session {
     open(&args).await.expect("the port is free")
 }
 
-/// A router, and the endpoint that it listens at.
+/// Opens a router, and returns it with the endpoint that it listens on.
 pub async fn network() -> (Session, String) {
     let endpoint = unused_endpoint().expect("a free port");
     (router(&endpoint).await, endpoint)

@@ -1,5 +1,5 @@
-//! Object pose refinement on data in BOP layout: golden vectors, a generated data set read back, and what
-//! is said of broken ones.
+//! Object pose refinement on data in BOP layout: golden vectors, a generated data set that is read back, and messages
+//! about broken ones.
 
 #[path = "bop/broken.rs"]
 mod broken;
@@ -49,7 +49,7 @@ fn close(ours: &[[f32; 3]], theirs: &[[f32; 3]], tolerance: f32) {
 #[test]
 fn alignment_and_normalisation_equal_the_reference() {
     for golden in Golden::available("linemod.safetensors") {
-        // Camera to model by the true pose, and by the estimate.
+        // From the camera's frame to the model's, by the true pose and by the estimate.
         let seen = cloud(&golden, "linemod.cam_points");
         let (_, t) = golden.f32("linemod.gt_translation");
         let (_, r) = golden.f32("linemod.gt_rotation");
@@ -118,7 +118,7 @@ fn generated(noise: f32, seed: u64) -> TempDir {
     dir
 }
 
-/// The tables' rows of registrations.
+/// Rows of the tables for these registrations.
 fn rows(found: &Refinements, target_from_source: &[Pose]) -> Vec<ObjectRow> {
     let estimated = found.estimated(target_from_source).expect("images");
     table::objects(&found.models, &estimated).expect("rows")

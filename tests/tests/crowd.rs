@@ -1,4 +1,4 @@
-//! One who opens more sessions than anybody needs, and those who open them and say nothing.
+//! A member who opens more sessions than anybody needs, and strangers who connect and say nothing.
 
 mod support;
 
@@ -13,11 +13,11 @@ use support::{Network, key, random_cloud, random_policy, request, until};
 use tokio::net::UdpSocket;
 use zenoh::Session;
 
-/// Set for the process within a network of its own.
+/// Set in the process that has its own network namespace.
 const WITHIN: &str = "REAGENT_LIMITED";
 const LIMITED: &str = "one_address_takes_no_more_connections_than_the_kernel_lets_it";
 
-/// A session of one robot's certificate after the other, until no more come.
+/// Opens sessions with one robot's certificate until no more are accepted.
 async fn crowd(secured: &Secured, most: usize) -> Vec<Session> {
     let mut sessions = Vec::new();
     while sessions.len() < most {
@@ -75,7 +75,7 @@ async fn one_address_takes_no_more_connections_than_the_kernel_lets_it() {
 
     let sessions = crowd(&secured, 10).await;
     assert_eq!(sessions.len(), 4);
-    // From another address there is room, also while a stranger begins a handshake and says nothing more.
+    // There is still room for another address, even while a stranger begins a handshake and then says nothing.
     let stranger = UdpSocket::bind("127.0.0.3:0").await.expect("loopback");
     let hello = first_datagram(&secured).await;
     let router = ("127.0.0.1", secured.port);
@@ -91,7 +91,7 @@ async fn one_address_takes_no_more_connections_than_the_kernel_lets_it() {
     open(&other).await.expect("room for others");
 }
 
-/// What a QUIC client says first.
+/// The first datagram of a QUIC client.
 async fn first_datagram(secured: &Secured) -> Vec<u8> {
     let trap = UdpSocket::bind("127.0.0.1:0").await.expect("a free port");
     let port = trap.local_addr().expect("it is bound").port();
@@ -108,7 +108,7 @@ async fn first_datagram(secured: &Secured) -> Vec<u8> {
     datagram
 }
 
-/// Robots on one router, operators on another: a robot that takes every session of its own shuts out robots at most.
+/// With robots and operators on separate routers, a robot that takes every session of its router shuts out only robots.
 #[tokio::test(flavor = "multi_thread")]
 async fn a_zone_with_a_router_of_its_own_is_not_shut_out() {
     let Some(robots) = Secured::with_sessions(6).await else {
@@ -131,7 +131,7 @@ async fn a_zone_with_a_router_of_its_own_is_not_shut_out() {
     answer.expect("a pose");
 }
 
-/// As many as a router waits for at once, each of which says nothing.
+/// As many strangers as a router waits for at once, none of whom says anything.
 #[tokio::test(flavor = "multi_thread")]
 async fn those_who_connect_and_say_nothing_keep_nobody_out() {
     let network = Network::start().await;

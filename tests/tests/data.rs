@@ -1,4 +1,4 @@
-//! Data sets, pairs files and checkpoints on real files, where those lie beside the checkout.
+//! Data sets, pairs files and checkpoints on real files, if these lie beside the checkout.
 
 use host_train::dataset::modelnet::{self, Split};
 use host_train::dataset::pairs::{PairSet, load_poses};
@@ -64,7 +64,7 @@ fn a_data_set_is_recognised_by_what_lies_there() {
         "{missing}"
     );
 
-    // As the archive of ScanObjectNN unpacks.
+    // The layout in which ScanObjectNN's archive unpacks.
     let archive = tempfile::tempdir().expect("temporary directory");
     let inner = archive.path().join("h5_files/main_split_nobg");
     std::fs::create_dir_all(&inner).expect("folder");
@@ -98,7 +98,7 @@ fn protocols_take_their_categories_and_hold_to_their_clouds() {
                 .chain(&set.target)
                 .all(|cloud| cloud.len() == 1024)
         );
-        // Clean clouds register exactly onto points of the model, noisy ones to the noise and the sampling.
+        // Clean clouds register exactly onto points of the model, noisy ones up to noise and sampling.
         let nearest = (0..100).map(|i| {
             let p = set.target_from_source[7].apply(set.source[7][i].into());
             let raw = set.raw.as_ref().expect("raw")[7].iter();
@@ -141,7 +141,7 @@ fn pairs_files_load_and_survive_a_round_trip() {
         );
         assert!(set.raw.iter().flatten().all(|cloud| cloud.len() == 2048));
         assert!(set.label.iter().all(|label| labels.contains(label)));
-        // transform_gt maps the source onto the noise-free target: to the noise and the sampling.
+        // transform_gt maps the source onto the noise-free target, up to noise and sampling.
         let raw = &set.raw.as_ref().expect("raw")[0];
         let nearest = set.source[0].iter().take(100).map(|&p| {
             let p = set.target_from_source[0].apply(p.into());
@@ -210,7 +210,7 @@ fn the_reference_checkpoint_has_the_papers_layers() {
 
 #[test]
 fn the_built_in_data_set_does_not_change_unnoticed() {
-    // A weights file trained on these shapes is only comparable while the shapes stay: seed 1, numbers 0 to 2.
+    // Weights trained on these shapes are comparable only while the shapes stay the same: seed 1, numbers 0 to 2.
     let sums = [0, 1, 2].map(|index| {
         let points = procedural::model(1, index).points;
         points

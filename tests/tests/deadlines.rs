@@ -1,4 +1,4 @@
-//! Requests that run out of time, are taken back, or go to whoever has the least to do.
+//! Requests that run out of time, are cancelled, or go to the robot that has the least to do.
 
 mod support;
 
@@ -14,7 +14,7 @@ use zenoh::sample::SourceInfo;
 
 type Answer = Result<RefineReply, RefineError>;
 
-/// A fleet of these robots, with a policy.
+/// A fleet of these robots, each with a policy.
 async fn fleet(network: &Network, robots: &[&str]) -> Vec<Node> {
     let mut publisher = publisher(network).await;
     let published = publisher.publish(1, "first", random_policy(1)).await;
@@ -33,7 +33,7 @@ async fn client(network: &Network) -> Arc<Client> {
     Arc::new(client.expect("a good name"))
 }
 
-/// A request that keeps a robot at work for seconds.
+/// A request that occupies a robot for seconds.
 fn long(cloud: &[[f32; 3]]) -> RefineRequest<'_> {
     RefineRequest {
         max_steps: 255,
@@ -41,7 +41,7 @@ fn long(cloud: &[[f32; 3]]) -> RefineRequest<'_> {
     }
 }
 
-/// Asks a robot for something long.
+/// Sends a robot a request that takes long.
 fn occupy(client: &Arc<Client>, robot: &'static str, id: u64) -> JoinHandle<Answer> {
     let client = client.clone();
     tokio::spawn(async move {
@@ -74,7 +74,7 @@ async fn deadlines_hold_at_work_and_in_the_queue() {
     let answer = client.refine("r1", &none).await;
     assert!(is_refused(&answer, Reason::Deadline), "{answer:?}");
 
-    // Behind a request that takes long: answered in time all the same, while the first goes on.
+    // A request behind one that takes long is answered in time, while the first goes on.
     let first = occupy(&client, "r1", 1);
     until(&nodes[0], |view| view.in_hand == 1).await;
     let waiting = RefineRequest {
@@ -92,13 +92,13 @@ async fn deadlines_hold_at_work_and_in_the_queue() {
 #[tokio::test(flavor = "multi_thread")]
 async fn requests_that_nobody_waits_for_free_their_places() {
     let network = Network::start().await;
-    // One client was there before the robot.
+    // This client was there before the robot.
     let leaving = client(&network).await;
     let nodes = fleet(&network, &["r1"]).await;
     let staying = client(&network).await;
     let cloud = random_cloud(1, 20);
 
-    // One at work and one in the queue are given up by a client that stays.
+    // A client that is still there gives up one request at work and one in the queue.
     let asked: Vec<_> = (1..=2).map(|id| occupy(&leaving, "r1", id)).collect();
     until(&nodes[0], |view| view.in_hand == 2).await;
     asked.iter().for_each(JoinHandle::abort);
@@ -116,7 +116,7 @@ async fn requests_that_nobody_waits_for_free_their_places() {
     let answer = staying.refine("r1", &request(&cloud, &cloud)).await;
     assert!(answer.is_ok(), "{answer:?}");
 
-    // A cancellation of something else changes nothing, and neither does rubbish.
+    // Neither the cancellation of something else nor rubbish changes anything.
     let last = occupy(&staying, "r1", 6);
     until(&nodes[0], |view| view.in_hand == 1).await;
     let key = keys::cancel(FLEET, "r1").expect("good names");
@@ -142,7 +142,7 @@ async fn one_client_does_not_shut_out_the_others() {
     let more: Vec<_> = (2..=9).map(|id| occupy(&greedy, "r1", id)).collect();
     let view = until(&nodes[0], |view| view.refused == 5).await;
     assert_eq!(view.in_hand, 4);
-    // There is a place left, for somebody else who says so.
+    // There is a place left for another client that says who it is.
     let cloud = random_cloud(1, 20);
     let session = greedy.session();
     let unsaid = client::refine(session, FLEET, "r1", &request(&cloud, &cloud)).await;
@@ -163,7 +163,7 @@ async fn requests_that_do_not_say_whose_they_are_leave_a_place_for_others() {
     let cloud = random_cloud(1, 4096);
     let mut asked = Vec::new();
     for id in 1..=8 {
-        // Some under no number, some under one each.
+        // Some requests carry no client number, others one number each.
         let (session, cloud) = (session.clone(), cloud.clone());
         asked.push(tokio::spawn(async move {
             let request = RefineRequest {
@@ -176,7 +176,7 @@ async fn requests_that_do_not_say_whose_they_are_leave_a_place_for_others() {
     }
     let view = until(&nodes[0], |view| view.refused == 5).await;
     assert_eq!(view.in_hand, 3);
-    // Any of them may be one session's, which so gets one more, and leaves a place.
+    // All of them may belong to one session, which thus gets one more place, and leaves one.
     let first = occupy(&other, "r1", 1);
     until(&nodes[0], |view| view.in_hand == 4).await;
     let second = occupy(&other, "r1", 2).await.expect("it ends");
@@ -193,7 +193,7 @@ async fn nobody_takes_back_the_request_of_another_session() {
     let network = Network::start().await;
     let nodes = fleet(&network, &["r1"]).await;
     let stranger = network.join().await;
-    // Whoever may see liveliness tokens learns the victim's number.
+    // Whoever may see liveliness tokens learns the victim's client number.
     let tokens = keys::all_clients_alive(FLEET).expect("a good name");
     let tokens = stranger.liveliness().declare_subscriber(tokens.as_str());
     // The router may hear of the client first.
@@ -218,7 +218,7 @@ async fn nobody_takes_back_the_request_of_another_session() {
         let put = publisher.put(frame.to_vec()).source_info(source).await;
         put.expect("an open session");
     }
-    // What was asked by a session without a token, as by clients of before under a number of their own, belongs to no other's.
+    // Requests of a session without a token, such as older clients sent under a number, belong to no other session.
     let unsaid = network.join().await;
     let source = unsaid.declare_publisher(key.as_str().to_owned()).await;
     let source = SourceInfo::new(source.expect("an open session").id(), 0);
@@ -236,7 +236,7 @@ async fn nobody_takes_back_the_request_of_another_session() {
     let guessed = keys::client_alive(FLEET, number ^ 1).expect("a good name");
     let posing = stranger.liveliness().declare_token(guessed.as_str()).await;
     drop(posing.expect("an open session"));
-    // Its own token, and others that spell the number in another way.
+    // Its own token, and others that spell the number differently.
     let alive = token.key_expr().as_str();
     let digits = format!("{number:016x}");
     let spelled = |other: String| alive.replace(&digits, &other);
@@ -249,7 +249,7 @@ async fn nobody_takes_back_the_request_of_another_session() {
         let posing = stranger.liveliness().declare_token(posing).await;
         drop(posing.expect("an open session"));
     }
-    // What came before this is known to the robot.
+    // The robot has seen everything that came before this.
     let time = std::time::Duration::from_secs(60);
     let answer = client::ask(&stranger, &refine, "r1", vec![0], time).await;
     assert!(
@@ -264,7 +264,7 @@ async fn nobody_takes_back_the_request_of_another_session() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn requests_carry_the_number_of_their_sessions_token() {
-    // A robot of before knows them by that alone.
+    // An older robot tells clients apart by that number alone.
     let network = Network::start().await;
     let robot = network.join().await;
     let key = keys::refine(FLEET, "before").expect("good names");
@@ -321,17 +321,17 @@ async fn any_robot_is_the_one_with_the_least_to_do() {
         let (robot, _) = newcomer.refine_any(&small).await.expect("a pose");
         robot
     };
-    // Nobody has anything to do: whoever has served less.
+    // Nobody has anything to do, so the one that has served less is asked.
     assert_eq!(least().await, "a");
     until(&nodes[0], |view| view.served == 1).await;
     assert_eq!(least().await, "b");
     until(&nodes[1], |view| view.served == 1).await;
-    // One is at work.
+    // Now one robot is at work.
     let busy = occupy(&operator, "a", 1);
     until(&nodes[0], |view| view.in_hand == 1).await;
     assert_eq!(least().await, "b");
 
-    // One that claims to have nothing to do, and is not there: the next one is asked.
+    // A robot that claims to have nothing to do, but is not there: the next one is asked.
     let idle = nodes[1].watch().borrow().status();
     let idle = wire::Status { served: 0, ..idle };
     let mut frame = [0; wire::SMALL_FRAME_BYTES];

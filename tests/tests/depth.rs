@@ -1,4 +1,4 @@
-//! A depth image in a request: a robot answers what the workstation does.
+//! A depth image in a request: a robot gives the same answer as the workstation.
 
 mod support;
 
@@ -11,17 +11,17 @@ use serde_json::Value;
 use std::path::Path;
 use support::{FLEET, Network, publisher, until};
 
-/// Where the wall is, tenths of a millimetre: near enough to be looked at.
+/// Depth of the wall, tenths of a millimetre: near enough to matter.
 const WALL: u16 = 5600;
 
-/// The command of a client.
+/// The command line of a client.
 #[derive(Parser)]
 struct Refine {
     #[command(flatten)]
     args: RefineArgs,
 }
 
-/// What a command wrote.
+/// The document that a command wrote.
 fn document(path: &Path) -> Value {
     let text = std::fs::read_to_string(path).expect("written");
     serde_json::from_str(&text).expect("JSON")
@@ -49,7 +49,7 @@ async fn a_robot_answers_what_the_workstation_does() {
     write_view(folder.path(), WALL);
     let (depth, mask, part) = (at("depth.png"), at("mask.png"), at("part.ply"));
     let start = start();
-    // From a guess, from nowhere, and in another unit, in which nothing fits.
+    // From an estimate, from anywhere, and in another unit, in which nothing fits.
     for (init, scale) in [(start.as_str(), "1"), ("none", "1"), ("none", "0.5")] {
         let source = [
             "--depth",
@@ -103,7 +103,7 @@ async fn a_robot_answers_what_the_workstation_does() {
         let probability = |of: &Value| of["probability"].as_f64().map(|p| p as f32);
         assert_eq!(probability(&here), probability(&there));
         assert_eq!(here["verdict"] == "converged", scale == "1", "{here}");
-        // A trace of it is done again to the bit.
+        // Its trace is replayed bit for bit.
         let replay = Cli::try_parse_from(["host-train", "replay", &trace]);
         let replay = replay.expect("good usage");
         tokio::task::block_in_place(|| replay.run()).expect("the same");

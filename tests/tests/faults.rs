@@ -1,4 +1,4 @@
-//! Networks that fail: routers, links and publishers that go and come back.
+//! Networks that fail: routers, links and publishers go and come back.
 
 mod support;
 
@@ -40,7 +40,7 @@ fn config(robot: &str) -> NodeConfig {
     }
 }
 
-/// Asks, and sees that the answer or its absence comes in time.
+/// Sends a request, and checks that the answer or its absence comes in time.
 async fn ask_in_time(
     client: &Client,
     request: &RefineRequest<'_>,
@@ -86,7 +86,7 @@ async fn a_router_that_is_killed_and_back_costs_no_request_beyond_its_deadline()
     let while_away = ask_in_time(&client, &quick).await;
     assert!(while_away.is_err(), "{while_away:?}");
 
-    // Everybody finds the new one, and the fleet goes on: requests, and updates.
+    // Everybody finds the new router, and the fleet goes on with requests and updates.
     let args = SessionArgs {
         listen: vec![network.endpoint.clone()],
         ..SessionArgs::default()
@@ -100,7 +100,7 @@ async fn a_router_that_is_killed_and_back_costs_no_request_beyond_its_deadline()
     until(&node, |view| view.policy.as_ref() == Some(&second)).await;
 }
 
-/// Waits until a client sees its fleet so.
+/// Waits until the robots that a client has heard are as wanted.
 async fn until_heard(client: &Client, wanted: impl Fn(&[Heard]) -> bool) {
     let mut changes = client.changes();
     let seen = async {
@@ -136,7 +136,7 @@ async fn a_client_that_stays_sees_idle_robots_again_when_the_router_is_back() {
         ..SessionArgs::default()
     };
     let _router = open(&args).await.expect("the port is free again");
-    // Nobody asks the robot for anything.
+    // No request reaches the robot meanwhile.
     until_heard(&client, is_there).await;
     let cloud = random_cloud(1, 20);
     let (robot, _) = client
@@ -161,7 +161,7 @@ async fn a_bad_link_makes_updates_and_answers_late_and_never_wrong() {
     let session = network.join().await;
     let policy = int8_policy();
     let new = manifest(1, "first", &policy).expect("a good policy");
-    // The link is cut twice on the way.
+    // The link is cut twice during the transfer.
     let answered = Arc::new(AtomicU32::new(0));
     let (file, cutting, count) = (
         policy.bytes().to_vec(),
@@ -183,7 +183,7 @@ async fn a_bad_link_makes_updates_and_answers_late_and_never_wrong() {
     );
     let host = host.await;
     host.announce(&session).await;
-    // It asks again when its link is back, and somebody answers.
+    // When its link is back it asks again, and somebody answers.
     let announced = keys::manifest(FLEET).expect("a good name");
     let (answer, reply_key) = (ZBytes::from(host.signed.clone()), announced.clone());
     let answering = session.declare_queryable(announced.as_str()).complete(true);
@@ -268,7 +268,7 @@ async fn of_two_publishers_that_race_every_robot_takes_the_same() {
     }
     let mut one = publisher(&network).await;
     let mut other = Publisher::new(network.join().await, FLEET, key(2)).expect("a good name");
-    // Under one version: neither may know of the other in time, but the robots agree.
+    // Both use one version: neither may know of the other in time, but the robots agree.
     let (a, b) = tokio::join!(
         one.publish(5, "one", random_policy(1)),
         other.publish(5, "other", random_policy(2)),
@@ -280,7 +280,7 @@ async fn of_two_publishers_that_race_every_robot_takes_the_same() {
     for node in &nodes {
         until(node, |view| view.policy.as_ref() == Some(&last)).await;
     }
-    // One after the other: whoever comes late is told so.
+    // Now one after the other: the later publisher is refused.
     let published = one.publish(7, "seven", random_policy(3)).await;
     published.expect("a good policy");
     for version in [6, 7] {
@@ -290,7 +290,7 @@ async fn of_two_publishers_that_race_every_robot_takes_the_same() {
             "{late:?}"
         );
     }
-    // The same under the same version is not a race: a second source of it.
+    // The same policy under the same version is not a conflict, but a second source of it.
     let again: WeightFile = random_policy(3);
     let again = other.publish(7, "seven", again).await;
     assert!(again.is_ok(), "{again:?}");

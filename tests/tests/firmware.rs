@@ -1,4 +1,4 @@
-//! The image for microcontrollers, in QEMU: the same bits as here, and no byte on its line stops it.
+//! The image for microcontrollers, in QEMU: it computes the host's bits, and no bytes on its line can stop it.
 
 #[path = "firmware/bits.rs"]
 mod bits;
@@ -47,7 +47,7 @@ static POLICY: LazyLock<WeightFile> = LazyLock::new(|| {
     WeightFile::from_parameters_int8(&parameters, &calibration).expect("deployable")
 });
 
-/// A small policy, for what goes over the line: it takes as long as its bytes.
+/// A small policy for what goes over the line, because its transfer takes as long as it has bytes.
 static COMPACT: LazyLock<WeightFile> = LazyLock::new(|| {
     let models = procedural::models(2, 8);
     let calibration = protocol::draw(&models, Protocol::M40Models, 8, 2);
@@ -98,7 +98,7 @@ fn refusal(board: &mut Board) -> Refusal {
     board.wait_for(pick).expect("it runs")
 }
 
-/// A request that must be answered with these steps, whatever came before.
+/// Checks that a request is answered with the right steps, whatever came before.
 fn still_answers(file: &WeightFile, board: &mut Board, id: u64) {
     let mut rng: Rng = stream(id, Purpose::Shape, 0);
     let (source, target) = (cloud(&mut rng, 12), cloud(&mut rng, 9));
@@ -178,7 +178,7 @@ fn bad_requests_are_refused_by_name() {
             malformed(Reason::WrongVersion { spoken })
         );
 
-        // A line that loses its end, and one that another is put into.
+        // A frame that loses its end, and one that another frame interrupts.
         let bytes = line(&whole);
         board
             .send_bytes(&bytes[..bytes.len() / 2])
@@ -201,7 +201,7 @@ fn bad_requests_are_refused_by_name() {
         );
         assert_eq!(refusal(&mut board), malformed(Reason::Malformed));
 
-        // While it works, a second request is refused with its own id; the third may come too late for that.
+        // While it works, a second request is refused with that request's id; a third may come too late for that.
         let requests = [
             request(20, 2, &large[..200], &large[..200]),
             request(21, 1, &good, &good),
@@ -251,7 +251,7 @@ fn a_million_random_bytes_leave_it_answering() {
         let mut rng: Rng = stream(kind as u64, Purpose::Shape, 1);
         let mut sent = 0;
         while sent < BYTES {
-            // Runs without zeros too, so that long frames come as well as short ones.
+            // Some runs have no zeros, so that there are long frames as well as short ones.
             let low = u8::from(rng.random_bool(0.3));
             let length = rng.random_range(1..40_000).min(BYTES - sent);
             let bytes: Vec<u8> = (0..length).map(|_| rng.random_range(low..=255)).collect();
@@ -282,7 +282,7 @@ fn a_policy_comes_over_the_line_and_counts_when_it_is_whole() {
         let reason = Reason::NoPolicy;
         assert_eq!(refused, Err(Refusal { id: 1, reason }));
 
-        // One bit of the file is wrong, or one chunk is missing, or the file is too large.
+        // One bit of the file is wrong, one chunk is missing, or the file is too large.
         let mut damaged = COMPACT.bytes().to_vec();
         damaged[100_000] ^= 1;
         assert!(matches!(
@@ -340,7 +340,7 @@ async fn a_board_serves_a_fleet() {
     let traces = traces.expect("an open session");
     let mut rng: Rng = stream(5, Purpose::Shape, 0);
     let (source, target) = (cloud(&mut rng, 20), cloud(&mut rng, 30));
-    // A simulated line takes as long as the machine has other work to do.
+    // A simulated line is slower when the machine has other work to do.
     let request = RefineRequest {
         budget_ms: u32::MAX,
         trace: true,
@@ -366,7 +366,7 @@ async fn a_board_serves_a_fleet() {
         (bits(reply.target_from_source), reply.policy_version),
         (last, 3)
     );
-    // What the board did, done again here.
+    // What the board did is replayed here.
     let trace = traces.recv_async().await.expect("an open session");
     let again = replay(
         &line(&trace.payload().to_bytes()),
@@ -375,7 +375,7 @@ async fn a_board_serves_a_fleet() {
     let again = &again.expect("a trace")[0];
     assert_eq!((again.steps, &again.difference), (expected.len(), &None));
 
-    // What nobody waits for ends on the board, too.
+    // A request that nobody waits for any more ends on the board, too.
     let leaving = Client::new(network.join().await, FLEET).await;
     let leaving = leaving.expect("a good name");
     let long = RefineRequest {
@@ -389,7 +389,7 @@ async fn a_board_serves_a_fleet() {
     let view = until(&node, |view| view.in_hand == 0).await;
     assert_eq!((view.taken_back, view.served), (1, 1));
 
-    // A policy that its flash has no room for: it keeps the one it has, and says why.
+    // Its flash has no room for this policy, so it keeps the one it has, and says why.
     let float = publisher.publish(4, "f32", WeightFile::pretrained());
     float.await.expect("it is announced");
     let view = until(&node, |view| view.updates_refused == 1).await;

@@ -1,4 +1,4 @@
-//! Policies on their way from publishers to robots, on real Zenoh sessions over loopback.
+//! Policies on their way from publishers to robots, over real Zenoh sessions on loopback.
 
 mod support;
 
@@ -60,7 +60,7 @@ async fn a_corrupted_file_is_refused_and_the_old_policy_kept() {
     let node = network.node(FLEET, "r1").await;
     until(&node, |view| view.policy.is_some()).await;
 
-    // One bit of one chunk on its way: the chunk is asked for again, and the rest is kept.
+    // One bit of one chunk is flipped on its way: that chunk is asked for again, and the others are kept.
     let session = network.join().await;
     let good = random_policy(2);
     let flipped = manifest(2, "flipped", &good).expect("a good policy");
@@ -84,7 +84,7 @@ async fn a_corrupted_file_is_refused_and_the_old_policy_kept() {
     assert!((2..10).contains(&again), "{again} chunks asked for again");
     drop(host);
 
-    // A file whose chunks are those of its table, but which is another than the manifest says.
+    // A file whose chunks match its table, but that is not the one in the manifest.
     let mut other = manifest(3, "other", &good).expect("a good policy");
     other.sha256 = [3; 32];
     let host = Host::of_file(&session, other, good.bytes().to_vec()).await;
@@ -148,7 +148,7 @@ async fn only_newer_policies_with_a_trusted_signature_are_fetched() {
         assert!(expected(&error), "{error}");
     }
 
-    // An older one is not even fetched, and that is said.
+    // An older policy is not even fetched, and the robot says so.
     let older = sign(
         &key(1),
         &wire::Manifest {
@@ -232,7 +232,7 @@ async fn a_restarted_robot_has_its_policy_without_a_host() {
         "{error}"
     );
 
-    // What it ran before comes again, an older policy does not.
+    // The policy that it ran before comes again; an older one does not.
     let mut publisher = publisher(&network).await;
     let published = publisher.publish(1, "older", random_policy(1)).await;
     published.expect("a good policy");

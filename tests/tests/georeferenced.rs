@@ -1,4 +1,4 @@
-//! Clouds in coordinates of a country, through a robot that computes in f32: poses in all their digits.
+//! Clouds in national grid coordinates, registered by a robot that computes in f32: poses keep all their digits.
 
 mod support;
 
@@ -31,7 +31,7 @@ async fn a_robot_registers_what_lies_far_from_the_origin() {
     let network = Network::start().await;
     let node = network.node(FLEET, "r1").await;
     let policy = WeightFile::pretrained();
-    // It answers for the policy's chunks.
+    // The publisher serves the policy's chunks.
     let mut publisher = publisher(&network).await;
     let published = publisher.publish(1, "p", policy).await;
     published.expect("a good policy");
@@ -76,7 +76,7 @@ async fn a_robot_registers_what_lies_far_from_the_origin() {
         let place = |pose: &Pose64| Vector3::from(pose.apply(middle.into()));
         (angle, (place(found) - place(&truth)).norm())
     };
-    // From the identity, and from what was written.
+    // From the identity, and from the pose that was written.
     for init in [None, Some(Initial::File(json.clone()))] {
         args(init).run().await.expect("a pose");
         let (angle, distance) = off(&pose(&json));
@@ -85,7 +85,7 @@ async fn a_robot_registers_what_lies_far_from_the_origin() {
             "{angle} degrees, {distance} m"
         );
     }
-    // A start counts that is known to be none.
+    // Starting from anywhere works, too.
     let anywhere = "none".parse().expect("a word");
     args(Some(anywhere)).run().await.expect("a pose");
     let (angle, distance) = off(&pose(&json));

@@ -1,4 +1,4 @@
-//! The mathematics and the network against the numbers of the authors' implementation.
+//! The mathematics and the network, compared with the numbers of the authors' implementation.
 
 #[path = "golden/network.rs"]
 mod network;
@@ -163,7 +163,7 @@ fn euler_angles_go_there_and_back() {
                 "row {i}"
             );
             let ours = euler_from_rotation(&matrix);
-            // Near gimbal lock many angles give one matrix: compare matrices there.
+            // Near gimbal lock many angles give one matrix, so matrices are compared.
             if (5..=12).contains(&i) {
                 assert!(
                     rotation_from_euler(ours).abs_diff_eq(matrix, 1e-3),

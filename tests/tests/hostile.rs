@@ -1,5 +1,6 @@
-//! What a user's clouds may be: in other units, of few points, repeated, with marks of what is invalid, of another object,
-//! mirrored, far from the origin, a single view of it or of another. Nothing wrong is called right, and what is right is.
+//! Users' clouds may be in other units, sparse, repeated, marked with invalid points, of another object, mirrored, far
+//! from the origin, or a single view of the object or of another one. No wrong pose may be called right, and right
+//! poses should be.
 
 use glam::Vec3;
 use host_train::augment::random_rigid_within;
@@ -49,22 +50,22 @@ const KINDS: [Kind; 11] = [
     Kind::View,
     Kind::OtherView,
 ];
-/// Points of a surface from which distances are measured.
+/// Points of a surface that distances are measured to.
 const SURFACE: usize = 16_384;
 /// Cases of each kind.
 const CASES: u64 = 24;
 const SEED: u64 = 2024;
-/// Wrong poses called right, at most, of some 125: today other things that look alike, and a view whose pose is somewhat off.
+/// Most wrong poses called right, of some 125: today other things that look alike, and a view whose pose is slightly off.
 const MOST_WRONG: u32 = 5;
-/// Shares of right poses called right, at least, of whole clouds and of views.
+/// Least shares of right poses that are called right, for whole clouds and for views.
 const LEAST_RIGHT: f64 = 0.97;
 const LEAST_RIGHT_OF_VIEWS: f64 = 0.9;
 
-/// Two clouds as in files, and where they come from.
+/// Two clouds as files hold them, and where they come from.
 struct Case {
     source: Vec<Position>,
     target: Vec<Position>,
-    /// Points of the thing in the source's frame: the thing as the source shows it.
+    /// Points of the object as the source shows it, in the source's frame.
     seen: Vec<Point>,
     /// Many points of the model.
     surface: Vec<Point>,
@@ -78,7 +79,7 @@ impl Kind {
     }
 }
 
-/// Rendered views with a sensor's noise, an estimator's masks and starts, of twice as many shapes as there are cases.
+/// Rendered views with a sensor's noise and an estimator's masks and starts, of twice as many shapes as cases.
 static VIEWED: LazyLock<PairSet> = LazyLock::new(|| {
     let mut set = PairSet::default();
     let shapes = 2 * CASES as usize;
@@ -86,7 +87,7 @@ static VIEWED: LazyLock<PairSet> = LazyLock::new(|| {
     set
 });
 
-/// A rendered view, and the model or another.
+/// A rendered view with its model or with another one.
 fn view(kind: Kind, number: usize) -> Case {
     let (set, cases) = (&*VIEWED, CASES as usize);
     let shown = set.target_from_source[number].inverse();
@@ -127,7 +128,7 @@ fn case(kind: Kind, number: u64) -> Case {
         .iter()
         .map(|&p| back.apply(p.into()).to_array())
         .collect();
-    // Samples that share no point, with a little noise.
+    // The samples share no points and have a little noise.
     let count = if kind == Kind::Few { 40 } else { 800 };
     let mut drawn = |cloud: &[Point], first: usize| -> Vec<Position> {
         let points = cloud.iter().skip(first).step_by(2).take(count);
@@ -179,7 +180,7 @@ fn case(kind: Kind, number: u64) -> Case {
     }
 }
 
-/// As a file holds it, read back relative to its own origin.
+/// Writes a cloud to a file and reads it back, relative to its own origin.
 fn read(folder: &Path, cloud: &[Position]) -> (Vec<Point>, Position) {
     let path = folder.join("cloud.xyz");
     let mut text = String::new();
@@ -191,7 +192,7 @@ fn read(folder: &Path, cloud: &[Position]) -> (Vec<Point>, Position) {
     (file.relative_to(file.origin()), file.origin())
 }
 
-/// Whether what the source shows lies on the model under a pose: ADI below .02 diameters.
+/// Whether the source's object lies on the model under a pose: ADI below .02 diameters.
 fn fits(case: &Case, pose: &Pose64) -> bool {
     let some = case.seen.iter().step_by(8);
     let distances = some.clone().map(|p| {
@@ -209,7 +210,7 @@ fn fits(case: &Case, pose: &Pose64) -> bool {
     mean < 0.02 * diameter(&case.surface)
 }
 
-/// Largest distance between two points, of some.
+/// Largest distance between two points, over a sample.
 fn diameter(points: &[Point]) -> f32 {
     let some = || points.iter().step_by(points.len().div_ceil(512));
     let pairs =
@@ -217,7 +218,7 @@ fn diameter(points: &[Point]) -> f32 {
     pairs.fold(0.0, f32::max).sqrt()
 }
 
-/// Whether the pose is right, and the verdict.
+/// Whether the pose of a case is right, and its verdict.
 fn outcome(kind: Kind, number: u64) -> Result<(bool, Verdict), Error> {
     let case = case(kind, number);
     let folder = tempfile::tempdir().expect("a temporary folder");
@@ -265,7 +266,7 @@ fn nothing_wrong_is_called_right_and_what_is_right_is() {
             // Without enough information nothing is called right.
             Kind::Few | Kind::Repeated => assert_eq!((a, c), (0, 0), "{told}"),
             Kind::View => views = [c + d, c],
-            // Where these fit it is by chance, and what is said instead is true as well.
+            // A right pose is by chance here, and another verdict on it is true as well.
             Kind::Other | Kind::OtherMarked | Kind::OtherView | Kind::Mirrored | Kind::Units => {}
             Kind::Plain | Kind::Marked | Kind::Georeferenced => {
                 whole = [whole[0] + c + d, whole[1] + c];

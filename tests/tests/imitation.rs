@@ -1,5 +1,5 @@
-//! The combined loss and its gradient against the reference, and against finite differences; returns and
-//! advantages, and what the authors' order of them does.
+//! The combined loss and its gradient compared with the reference and with finite differences; returns and advantages,
+//! and the effect of the authors' order of them.
 
 use glam::Vec3;
 use host_train::learn::buffer::{Buffer, Observation};
@@ -102,7 +102,7 @@ fn all_parts_of_the_loss_equal_the_reference() {
     expect("loss.ppo", ppo);
     expect("loss.total_alpha2", combined.total);
 
-    // The reference's own ratios say how many are outside the range, and how far they moved.
+    // The reference's own ratios give the share outside the range and the distance that they moved.
     let (_, ratios) = golden.f32("loss.ratio");
     let n = ratios.len() as f64;
     let outside = ratios.iter().filter(|r| !(0.8..=1.2).contains(*r)).count();
@@ -173,7 +173,7 @@ fn one_step_on_the_combined_loss_equals_the_reference() {
             assert!((norm - f64::from(expected)).abs() <= 1e-4 * norm, "{name}");
             let (_, first) = golden.f32(&format!("loss.after_adam_first8.{name}"));
             for ((&value, expected), &g) in values.iter().zip(first).zip(gradients) {
-                // The first step is the rate times the gradient's sign: noise where there is no gradient.
+                // The first step is the rate times the gradient's sign, which is noise where there is no gradient.
                 let close = (value - expected).abs() < 1e-6 || g.abs() < 1e-6;
                 assert!(close, "{name}: {value} {expected} {g}");
             }
@@ -215,7 +215,7 @@ fn returns_and_advantages_equal_the_reference() {
         assert!((o.discounted_return - returns[row]).abs() < 1e-5, "{i}");
         assert!((o.advantage - advantages[row]).abs() < 1e-5, "{i}");
     }
-    // With a value after the last step, the return is the old one and the discounted value.
+    // With a value after the last step, the return is the old one plus the discounted value.
     let settings = PpoSettings::new(2.0);
     let plain = buffer.clone();
     buffer.compute_returns(&settings, &[3.0; 4]);
@@ -233,8 +233,8 @@ fn returns_and_advantages_equal_the_reference() {
     }
 }
 
-/// In the authors' code samples are step-major and returns cloud-major, so nearly all samples learn from
-/// the return of another cloud at another step. Ours keep their own.
+/// In the authors' code samples are step-major and returns cloud-major, so nearly all samples learn from the return of
+/// another cloud at another step. Here each sample keeps its own.
 #[test]
 fn the_authors_order_gives_samples_the_returns_of_others() {
     let Some(golden) = Golden::full() else { return };
@@ -262,8 +262,8 @@ fn the_authors_order_gives_samples_the_returns_of_others() {
     };
     assert_eq!(own(32, 10), 2, "of the 320 samples of one trajectory");
 
-    // A reward of 1 in trajectory 1's first step only: ours credits that step, theirs, by their order,
-    // the first trajectory's fifth sample.
+    // A reward of 1 in only trajectory 1's first step: our code credits that step, theirs, because of the order, the
+    // first trajectory's fifth sample.
     let (trajectories, steps) = (3usize, 4usize);
     let mut rewards = [0.0; 12];
     rewards[steps] = 1.0;
@@ -289,7 +289,7 @@ fn gradients_equal_finite_differences_on_a_small_shape() {
     method.ppo.entropy_weight = 0.3;
     method.ppo.normalise_advantages = true;
     method.ppo.clip_values = true;
-    // With other seeds a ReLU may switch within the step of the difference.
+    // With other seeds a ReLU may switch within the difference step.
     let mut trainer = trainer(Parameters::random(shape, 8), method);
     let cloud = |seed: u64| -> Vec<[f32; 3]> {
         host_train::dataset::procedural::model(seed, 0).points[..60].to_vec()

@@ -1,10 +1,10 @@
-//! The modules of the core stand in the layers that its `lib.rs` lists: none imports from its own or a later one.
+//! The modules of the core are in the layers that its `lib.rs` lists: none imports from its own layer or a later one.
 
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// The layer of each module, as `lib.rs` says.
+/// The layer of each module, according to `lib.rs`.
 fn layers(lib: &str) -> BTreeMap<String, usize> {
     let lines = lib
         .lines()
@@ -17,7 +17,7 @@ fn layers(lib: &str) -> BTreeMap<String, usize> {
     modules.collect()
 }
 
-/// Code without comments and unit tests, which end a file.
+/// The code without comments and without unit tests, which end a file.
 fn code(text: &str) -> String {
     let end = text.find("mod tests {").unwrap_or(text.len());
     let lines = text[..end].lines();
@@ -25,7 +25,7 @@ fn code(text: &str) -> String {
     code.collect::<Vec<_>>().join("\n")
 }
 
-/// Modules of the crate that code names.
+/// Modules of the crate that a piece of code names.
 fn imports(code: &str) -> impl Iterator<Item = &str> {
     code.split("crate::").skip(1).map(|rest| {
         let end = rest.find(|c: char| !c.is_ascii_lowercase() && c != '_');
@@ -49,7 +49,7 @@ fn sources(directory: &Path, found: &mut Vec<PathBuf>) {
     }
 }
 
-/// What stands in the wrong place.
+/// The imports that are in the wrong place.
 fn faults(layers: &BTreeMap<String, usize>, module: &str, code: &str) -> Vec<String> {
     let Some(layer) = layers.get(module) else {
         return vec![format!("{module} has no layer in lib.rs")];

@@ -1,4 +1,4 @@
-//! The paper's metrics against the authors' own code (`metrics.*` of the golden file).
+//! The paper's metrics compared with the authors' own code (`metrics.*` of the golden file).
 
 use glam::Vec3;
 use host_train::measure::metrics::{Errors, GroundTruth, PairMetrics, Summary, auc};
@@ -54,7 +54,7 @@ fn errors_of_each_pair_equal_the_reference() {
             1e-4,
         );
         check(&golden, "metrics.t_mae", m.iter().map(|m| m.t_mae), 1e-6);
-        // The reference takes the arc cosine in f32: 1e-2 degrees near 0.
+        // The reference computes the arc cosine in f32: 1e-2 degrees near 0.
         check(
             &golden,
             "metrics.r_iso",
@@ -126,8 +126,8 @@ fn summaries_equal_the_reference() {
     }
 }
 
-/// The reference has no quartiles: those of its errors, pair by pair, are the measure. Of eight values they lie a
-/// quarter, a half and three quarters of the way between the second and third, the fourth and fifth, the sixth and seventh.
+/// The reference has no quartiles, so those of its errors, pair by pair, are compared. Of eight values they lie a quarter,
+/// a half and three quarters of the way between the second and third, the fourth and fifth, the sixth and seventh.
 #[test]
 fn quartiles_are_those_of_the_reference_s_errors() {
     for golden in Golden::available("metrics.safetensors") {
@@ -167,7 +167,7 @@ fn quartiles_are_those_of_the_reference_s_errors() {
         assert!((s.add_auc_pct - area("metrics.no_raw.add")).abs() < 1e-9);
         assert!((s.adi_auc_pct - area("metrics.no_raw.adi")).abs() < 1e-9);
 
-        // The lists for plots are the errors of each pair, in their order.
+        // The lists for plots are the errors of each pair, in the order of the pairs.
         let errors = Errors::of(&pairs);
         check(
             &golden,
@@ -182,7 +182,7 @@ fn quartiles_are_those_of_the_reference_s_errors() {
     }
 }
 
-/// Moving both clouds and the true pose with them changes no error but the Euler angles'.
+/// Moving both clouds, and the true pose with them, changes no error but that of the Euler angles.
 #[test]
 fn errors_do_not_depend_on_the_frame_of_the_source() {
     let golden = Golden::extract("metrics.safetensors");

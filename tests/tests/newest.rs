@@ -1,4 +1,4 @@
-//! Several publishers of one fleet: whoever comes late gets the newest policy that anybody serves.
+//! Several publishers of one fleet: a robot that comes late gets the newest policy that anybody serves.
 
 mod support;
 
@@ -72,7 +72,7 @@ async fn an_announcement_that_was_lost_is_asked_for() {
     let node = late(&network, "r1").await;
     runs(&node, 10).await;
 
-    // It answers, and its announcement is not heard.
+    // It answers, but its announcement is not heard.
     let session = network.join().await;
     let policy = int8_policy();
     let second = manifest(11, "second", &policy).expect("a good policy");
@@ -102,7 +102,7 @@ async fn one_that_never_answers_keeps_no_robot_from_what_another_announces() {
     let mut publisher = publisher(&network).await;
     let published = publisher.publish(10, "policy", int8_policy()).await;
     published.expect("a good policy");
-    // Zenoh itself gives an answer ten seconds.
+    // Zenoh itself waits ten seconds for an answer.
     let taken = timeout(Duration::from_secs(6), runs(&node, 10)).await;
     taken.expect("the robot does not wait for the one that never answers");
 }

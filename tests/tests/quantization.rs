@@ -23,12 +23,12 @@ fn integers() -> WeightFile {
     as_shipped(file)
 }
 
-/// The same network deciding as exported policies do: both ways after the first steps.
+/// The same network with the decision rule of exported policies: both ways after the first steps.
 fn as_shipped(file: WeightFile) -> WeightFile {
     file.deciding(Decision::default())
 }
 
-/// A compact network that nobody trained, in f32 and in 8-bit integers.
+/// An untrained compact network, in f32 and in 8-bit integers.
 fn compact() -> (WeightFile, WeightFile) {
     let parameters = Parameters::random(nn::Shape::COMPACT, 5);
     let integer = WeightFile::from_parameters_int8(&parameters, &pairs(1, 24)).expect("deployable");
@@ -36,7 +36,7 @@ fn compact() -> (WeightFile, WeightFile) {
     (as_shipped(float), as_shipped(integer))
 }
 
-/// Ten steps of one registration.
+/// Ten steps of one registration, and the pose after them.
 fn steps(isa: Isa, policy: Policy<'_>, pairs: &PairSet, i: usize) -> (Vec<Step>, Pose) {
     let mut scratch = Box::new(Scratch::new());
     let mut registrar = Registrar::with_isa(isa, policy, &mut scratch);
@@ -102,7 +102,7 @@ fn a_compact_network_is_small_and_runs_in_both_formats() {
     );
 }
 
-/// 97 % do when 64 clouds set the ranges (with 24 it is 93 %): `tests/MEASURED.md` has the shares.
+/// 97 % agree when 64 clouds set the ranges (with 24 it is 93 %): `tests/MEASURED.md` has the shares.
 #[test]
 fn first_actions_agree_with_f32() {
     let (float, integer) = (WeightFile::pretrained(), integers());

@@ -1,4 +1,4 @@
-//! What a robot did, done again on the host from its trace.
+//! A robot's registrations, replayed on the host from its traces.
 
 mod support;
 
@@ -51,7 +51,7 @@ async fn what_a_robot_did_comes_out_the_same_and_every_change_is_found() {
                 initial: Some([[0., -1., 0., 0.5], [1., 0., 0., 0.], [0., 0., 1., -2.]]),
                 ..request(&source, &source)
             };
-            // One that is not asked for is not published.
+            // A trace that is not asked for is not published.
             let quiet = RefineRequest {
                 trace: false,
                 ..request
@@ -84,7 +84,7 @@ async fn what_a_robot_did_comes_out_the_same_and_every_change_is_found() {
     let Ok(Message::Trace(trace)) = wire::decode(&traces[1]) else {
         panic!("it is a trace");
     };
-    // In 8-bit integers other kernels come to the same.
+    // In 8-bit integers other kernels give the same result.
     let portable = Trace {
         kernels: KernelName::try_from(Isa::PORTABLE.name()).expect("fits"),
         ..trace.clone()

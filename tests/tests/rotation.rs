@@ -1,4 +1,4 @@
-//! Certificates made anew while robots are asked: nobody is restarted but the router, and every request has its pose.
+//! Certificates are renewed while robots serve: only the router is restarted, and every request gets its pose.
 
 mod support;
 
@@ -16,15 +16,15 @@ use tokio::task::JoinSet;
 use tokio::time::timeout;
 
 const ROTATION: &str = "a_rotation_of_all_certificates_under_load_loses_no_request";
-/// Requests under way at once.
+/// Requests in flight at once.
 const IN_FLIGHT: u64 = 4;
 /// Poses before the rotation, and after it.
 const POSES: u64 = 50;
-/// What a robot has for a pose. One that was under way when the router died may be waited for as long.
+/// A robot's time for a pose. A request in flight when the router died may wait for as long.
 const BUDGET_MS: u32 = 5000;
-/// A request without a pose is asked again when a robot is heard, or after this time.
+/// A request without a pose is repeated when a robot is heard, or after this time.
 const AGAIN: Duration = Duration::from_secs(1);
-/// A request is asked again until this time has passed.
+/// A request is repeated until this time has passed.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 #[tokio::test(flavor = "multi_thread")]
@@ -73,7 +73,7 @@ async fn a_rotation_of_all_certificates_under_load_loses_no_request() {
     };
     reach(POSES).await;
     let before = robots.each_ref().map(|robot| robot.watch().borrow().served);
-    // With another authority: whoever still shows an old certificate is not let in.
+    // The new certificates are of another authority: whoever still shows an old one is not let in.
     secured.renew();
     drop(router);
     let _router = start_router();
@@ -88,7 +88,7 @@ async fn a_rotation_of_all_certificates_under_load_loses_no_request() {
     }
 }
 
-/// Asks until there is a pose: how often it took another attempt.
+/// Asks until there is a pose, and returns the number of further attempts.
 async fn ask(client: &Client, seed: u64) -> u64 {
     let cloud = random_cloud(seed, 64);
     let request = RefineRequest {
@@ -102,7 +102,7 @@ async fn ask(client: &Client, seed: u64) -> u64 {
         let mut changes = client.changes();
         match client.refine_any(&request).await {
             Ok(_) => return attempts,
-            // No router, or no robot that it knows of yet: asked again when one is heard.
+            // There is no router, or none that knows a robot yet: asks again when one is heard.
             Err(RefineError::NoRobot { .. } | RefineError::Deadline { .. }) => {
                 timeout(AGAIN, changes.changed()).await.ok();
                 attempts += 1;

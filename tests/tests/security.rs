@@ -1,4 +1,4 @@
-//! Who may do what, with the configurations that `firmware-sim/deploy/make-ca` writes, on real sessions over QUIC.
+//! Permissions, with the configurations that `firmware-sim/deploy/make-ca` writes, on real sessions over QUIC.
 
 mod support;
 
@@ -14,7 +14,7 @@ use zenoh::Wait;
 
 /// What is forbidden is not answered within this time.
 const SILENCE: Duration = Duration::from_millis(500);
-/// What is allowed is, however busy the machine is.
+/// What is allowed is answered within this time, however busy the machine is.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 #[tokio::test(flavor = "multi_thread")]
@@ -30,7 +30,7 @@ async fn everybody_does_their_part_and_nothing_else() {
     let published = published.expect("a good policy, which others hear of");
     until(&arm1, |view| view.policy.is_some()).await;
 
-    // A client asks by name and by load, takes back what it no longer wants, and reads traces.
+    // A client asks by name and by load, cancels what it no longer wants, and reads traces.
     let client = Client::new(secured.join("client").await, LAB).await;
     let client = client.expect("a good name");
     let traces = keys::all_traces(LAB).expect("a good name");
@@ -68,7 +68,7 @@ async fn everybody_does_their_part_and_nothing_else() {
     }
     until(&arm1, |view| view.taken_back == 2).await;
 
-    // What is larger than any request does not reach the robot.
+    // A message larger than any request does not reach the robot.
     let refused = arm1.watch().borrow().refused;
     let refine = keys::refine(LAB, "arm1").expect("good names");
     let too_large = vec![0; wire::REQUEST_BYTES + 1];
@@ -96,7 +96,7 @@ async fn everybody_does_their_part_and_nothing_else() {
     );
     drop(arm9);
 
-    // The trainer is told what robots make of a policy, and so is a client that tries to publish one.
+    // The trainer learns how robots receive a policy, and so does a client that tries to publish one.
     let told = publisher.reception(&published, PATIENCE);
     let told = told.await.expect("an open session");
     assert_eq!(
@@ -111,7 +111,7 @@ async fn everybody_does_their_part_and_nothing_else() {
     let told = told.await.expect("an open session");
     assert_eq!((told.taken.len(), told.silent.len()), (0, 1), "{told}");
     drop(impostor);
-    // A robot's certificate sees no other robots: that nobody hears it is told all the same.
+    // A robot's certificate cannot see other robots, but it learns that nobody hears it.
     let robot = secured.join("arm2").await;
     let mut impostor = Publisher::new(robot, LAB, key(1)).expect("a good name");
     impostor.listener = Some(secured.join("arm2").await);
@@ -120,7 +120,7 @@ async fn everybody_does_their_part_and_nothing_else() {
         matches!(unheard, Err(PublishError::Unheard { .. })),
         "{unheard:?}"
     );
-    // In stages, too, before any robot is waited for.
+    // The same holds for stages, before any robot is waited for.
     let file = random_policy(2);
     let fourth = impostor.prepare(4, "fourth", &file).await;
     let fourth = fourth.expect("a good policy");
@@ -135,7 +135,7 @@ async fn everybody_does_their_part_and_nothing_else() {
     );
     drop(impostor);
 
-    // Two who are in, and go beyond their part: a client, and a robot.
+    // Two members who exceed their permissions: a client and a robot.
     let announced = keys::manifest(LAB).expect("a good name");
     let witness = secured.join("arm1").await;
     let heard = witness.declare_subscriber(announced.as_str()).await;
@@ -144,7 +144,7 @@ async fn everybody_does_their_part_and_nothing_else() {
     let signed = sign(&key(1), &newer);
     let other = secured.join("arm2").await;
     let status = keys::status(LAB, "arm1").expect("good names");
-    // On a session of its own: what a session puts, it hears itself.
+    // On a separate session, because a session hears what it puts itself.
     let listener = secured.join("arm2").await;
     let overheard = listener.declare_subscriber("reagent/v1/lab/**").await;
     let overheard = overheard.expect("an open session");
@@ -156,7 +156,7 @@ async fn everybody_does_their_part_and_nothing_else() {
         let put = session.delete(status.as_str()).await;
         put.expect("an open session");
     }
-    // A robot does not answer for another, and does not ask it.
+    // A robot cannot answer for another robot, and cannot ask it.
     let posing = other.declare_queryable(refine.as_str()).complete(true);
     let posing = posing.callback(|query| {
         query.reply_err("mine").wait().expect("an open session");
@@ -174,7 +174,7 @@ async fn everybody_does_their_part_and_nothing_else() {
         );
         assert!(unheard, "{asked:?}");
     }
-    // The trainer has no business with robots, and nobody has with the router's administration.
+    // The trainer may not ask robots, and nobody may use the router's administration.
     let trainer = secured.join("trainer").await;
     let asked = client::ask(&trainer, &refine, "arm1", frame, SILENCE).await;
     assert!(
@@ -186,7 +186,7 @@ async fn everybody_does_their_part_and_nothing_else() {
     while let Ok(reply) = administration.recv_async().await {
         assert!(reply.result().is_err(), "{reply:?}");
     }
-    // Whatever the client put came before its request was answered; what the witness hears next is the trainer's.
+    // The client's publications came before the answer to its request, so the witness hears the trainer's next.
     let published = publisher.publish(2, "second", random_policy(2)).await;
     let second = published.expect("a good policy");
     let sample = heard.recv_async().await.expect("an open session");
@@ -215,7 +215,7 @@ async fn strangers_are_not_let_in() {
         std::fs::write(&path, text).expect("writable");
         path
     };
-    // Trusting the right router, with a certificate of another authority, and without one.
+    // They trust the right router, but have a certificate of another authority, or none.
     let other_authority = text.replace(&format!("{mine}/client"), &format!("{theirs}/client"));
     assert_ne!(other_authority, text);
     let anonymous = text
@@ -223,7 +223,7 @@ async fn strangers_are_not_let_in() {
         .filter(|line| !line.contains("mtls") && !line.contains("connect_"))
         .collect::<Vec<_>>()
         .join("\n");
-    // And a right one that does not trust the router.
+    // This one has the right certificate, but does not trust the router.
     let other_router = text.replace(&format!("{mine}/ca.pem"), &format!("{theirs}/ca.pem"));
     let plain = SessionArgs {
         connect: vec![format!("quic/127.0.0.1:{}?multistream=0", secured.port)],
@@ -242,7 +242,7 @@ async fn strangers_are_not_let_in() {
     let [a, b, c, d] = attempts.each_ref().map(open);
     let (a, b, c, d) = tokio::join!(a, b, c, d);
     for (attempt, outcome) in attempts.iter().zip([a, b, c, d]) {
-        // In TLS 1.3, which QUIC uses, a client learns that it was refused after it believes itself connected.
+        // In TLS 1.3, which QUIC uses, a client may believe itself connected before it learns that it was refused.
         if let Ok(session) = outcome {
             let key = keys::all_status(LAB).expect("a good name");
             let replies = session.get(key.as_str()).timeout(SILENCE).await;
@@ -252,6 +252,6 @@ async fn strangers_are_not_let_in() {
             }
         }
     }
-    // The one who belongs here is.
+    // A client that belongs here is let in.
     secured.join("client").await;
 }

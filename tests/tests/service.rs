@@ -1,4 +1,4 @@
-//! Robots answering refine requests, on real Zenoh sessions over loopback.
+//! Robots that answer refine requests, over real Zenoh sessions on loopback.
 
 mod support;
 
@@ -35,7 +35,7 @@ async fn refused(session: &Session, request: &RefineRequest<'_>) -> Reason {
     }
 }
 
-/// A runtime has a bounded number of threads for work that blocks, and more robots than that fit one program.
+/// A runtime limits the threads for blocking work, and one program may hold more robots than that.
 #[test]
 fn robots_work_however_few_threads_the_runtime_has_for_what_blocks() {
     let runtime = tokio::runtime::Builder::new_multi_thread()
@@ -123,7 +123,7 @@ async fn every_bad_request_is_refused_with_its_reason() {
         (&good, &good[..2], Reason::TooFewPoints(Cloud::Target, 2)),
         (&many, &good, Reason::TooManyPoints(Cloud::Source, 4097)),
         (&good, &many, Reason::TooManyPoints(Cloud::Target, 4097)),
-        // Longer than any request: refused by its beginning.
+        // Longer than any request: refused after its first bytes.
         (&many, &many, Reason::TooManyPoints(Cloud::Source, 4097)),
         (&nan, &good, Reason::NotFinite(Cloud::Source, 17)),
         (&good, &same, Reason::BadCloud),
@@ -156,7 +156,7 @@ async fn every_bad_request_is_refused_with_its_reason() {
             other => panic!("not refused: {other:?}"),
         }
     }
-    // After all that it still serves.
+    // After all that the robot still serves.
     let reply = client::refine(&session, FLEET, "r1", &request(&good, &good)).await;
     assert!(reply.is_ok(), "{reply:?}");
     assert_eq!(until(&node, |view| view.served == 1).await.refused, 15);
@@ -197,7 +197,7 @@ async fn a_full_queue_is_refused_and_every_request_answered() {
             Err(other) => panic!("neither pose nor busy: {other}"),
         }
     }
-    // Two places are for those who say whose their requests are.
+    // Two places are kept for clients that say who they are.
     assert!(
         poses >= PLACES - 2 && busy > 0,
         "{poses} poses, {busy} busy"
@@ -277,7 +277,7 @@ async fn a_second_robot_of_the_same_name_is_noticed() {
     assert!(matches!(error, NodeError::Duplicate { .. }), "{error}");
     assert!(error.to_string().contains("r1"), "{error}");
 
-    // One that was out of reach when it started.
+    // A robot that was out of reach when it started.
     let foreign = wire::Status {
         instance: 1,
         ..wire::Status::default()

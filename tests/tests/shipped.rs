@@ -1,4 +1,4 @@
-//! The policies in core/weights: what their records say, and what they do.
+//! The policies in core/weights: their records and their results.
 
 use host_train::dataset::procedural;
 use host_train::measure::eval::{EvalSettings, evaluate};

@@ -1,7 +1,7 @@
-//! Many requests to a fleet whose routers, robots and publisher are killed all the time: none is lost, none answered
-//! twice.
+//! Many requests to a fleet whose routers, robots and publisher are killed all the time: none is lost, and none
+//! answered twice.
 //!
-//! `REAGENT_SOAK=20000` asks so many; fewer without.
+//! `REAGENT_SOAK=20000` sets their number; by default there are fewer.
 
 mod support;
 
@@ -27,20 +27,20 @@ use zenoh::query::ConsolidationMode;
 const SOAK: &str = "no_request_is_lost_or_answered_twice_while_everybody_is_killed";
 const SEED: u64 = 1;
 const ROBOTS: [&str; 4] = ["r0", "r1", "r2", "r3"];
-/// Requests under way at once.
+/// Requests in flight at once.
 const IN_FLIGHT: usize = 12;
-/// Requests between two deaths, at most.
+/// Most requests between two kills.
 const PACE: usize = 60;
-/// How long whoever is killed stays away, at most.
+/// Longest time that a killed member stays away.
 const AWAY: Duration = Duration::from_millis(500);
-/// A question to a robot takes no longer.
+/// Longest time for a question to one robot.
 const ANSWER: Duration = Duration::from_secs(5);
-/// A request that no robot answers is asked again when the fleet changes, or after this time.
+/// A request that no robot answers is repeated when the fleet changes, or after this time.
 const AGAIN: Duration = Duration::from_millis(100);
-/// A request is asked again, of the next robot, until this time has passed.
+/// A request is repeated, to the next robot, until this time has passed.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// The files of a fleet, and what it consists of.
+/// The files of a fleet, and its members.
 struct Fleet {
     folder: tempfile::TempDir,
     members: Vec<(Vec<String>, Option<Member>)>,
@@ -86,7 +86,7 @@ impl Fleet {
         fleet
     }
 
-    /// Writes the configuration of a member, which waits for routers for as long as it takes.
+    /// Writes the configuration of a member, which waits for routers as long as it takes.
     fn config(&self, name: &str, listen: Option<&str>, connect: &[&String]) -> String {
         let path = self.folder.path().join(format!("{name}.json5"));
         let config = serde_json::json!({
@@ -107,7 +107,7 @@ impl Fleet {
         open(&args).await.expect("routers that come")
     }
 
-    /// Starts a member; a publisher with the next version of the other policy.
+    /// Starts a member; a publisher starts with the next version of the other policy.
     fn revive(&mut self, member: usize) {
         let (role, process) = &mut self.members[member];
         let mut role = role.clone();
@@ -120,8 +120,8 @@ impl Fleet {
         *process = Some(Member::start(SOAK, &role));
     }
 
-    /// Kills one after the other at random, each within a few requests, and starts them again; those that have ended by
-    /// themselves, too. Goes on until `poses` ends.
+    /// Kills members at random, one after another, each within a few requests, and restarts them, as well as those that
+    /// have ended by themselves. Goes on until `poses` ends.
     async fn suffer(&mut self, mut poses: watch::Receiver<u64>, allowed: &Semaphore) -> Deaths {
         let mut rng = stream(SEED, Purpose::Shape, 0);
         let mut deaths = Deaths::default();
@@ -131,7 +131,7 @@ impl Fleet {
             let more = rng.random_range(1..=PACE);
             begun += more as u64;
             allowed.add_permits(more);
-            // Not all: some are under way when the next one dies.
+            // Not all of them, so that some are in flight when the next member dies.
             let enough = begun.saturating_sub(IN_FLIGHT as u64);
             while *poses.borrow() < enough {
                 let reached = poses.wait_for(|&poses| poses >= enough);
@@ -152,7 +152,7 @@ impl Fleet {
         }
     }
 
-    /// Starts again whoever has ended, as a service manager does: how many.
+    /// Restarts all members that have ended, as a service manager does, and returns their number.
     fn revive_the_dead(&mut self) -> u64 {
         let mut count = 0;
         for member in 0..self.members.len() {
@@ -166,8 +166,8 @@ impl Fleet {
     }
 }
 
-/// Who was killed how often, and how many ended and were started again, such as a robot whose name the network still
-/// held for the one before it.
+/// How often each member was killed, and how many ended by themselves and were restarted, such as a robot whose name
+/// the network still held for its predecessor.
 #[derive(Debug, Default)]
 struct Deaths {
     routers: u64,
@@ -187,11 +187,11 @@ struct Counts {
     foreign: AtomicU64,
 }
 
-/// Every answer to a query, poses by their id.
+/// Every answer to a query; poses by their request's id.
 async fn answers(session: &Session, robot: &str, frame: Vec<u8>) -> Vec<Result<u64, Reason>> {
     let key = keys::refine(FLEET, robot).expect("good names");
     let asked = session.get(key.as_str()).payload(frame).timeout(ANSWER);
-    // All that come, also two of one robot.
+    // All answers, including two from one robot.
     let asked = asked.consolidation(ConsolidationMode::None);
     let replies = asked.await.expect("an open session");
     let mut answers = Vec::new();
@@ -203,7 +203,7 @@ async fn answers(session: &Session, robot: &str, frame: Vec<u8>) -> Vec<Result<u
         match wire::decode(&payload) {
             Ok(Message::RefineReply(reply)) => answers.push(Ok(reply.id)),
             Ok(Message::Refusal(refusal)) => answers.push(Err(refusal.reason)),
-            // Zenoh's word for a time that has passed.
+            // Zenoh's reply when the time has passed.
             _ if payload == b"Timeout" => {}
             other => panic!("{other:?}: {}", String::from_utf8_lossy(&payload)),
         }
@@ -211,7 +211,7 @@ async fn answers(session: &Session, robot: &str, frame: Vec<u8>) -> Vec<Result<u
     answers
 }
 
-/// Asks one robot after the other until there is a pose.
+/// Asks one robot after another until there is a pose.
 async fn ask(client: &Client, id: u64, counts: &Counts) {
     let cloud = random_cloud(id % 7, 16);
     let request = RefineRequest {
@@ -237,7 +237,7 @@ async fn ask(client: &Client, id: u64, counts: &Counts) {
                 counts.foreign.fetch_add(foreign, Ordering::Relaxed);
                 return;
             }
-            // Gone, full, or without its policy yet.
+            // It is gone, full, or still without its policy.
             None | Some(Err(Reason::Busy | Reason::NoPolicy)) => {
                 counts.again.fetch_add(1, Ordering::Relaxed);
                 timeout(AGAIN, changes.changed()).await.ok();
@@ -278,7 +278,7 @@ async fn no_request_is_lost_or_answered_twice_while_everybody_is_killed() {
         }
         requests.join_all().await;
         let answered = *poses.borrow();
-        // The end of the deaths.
+        // This ends the kills.
         drop(poses);
         answered
     };

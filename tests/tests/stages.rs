@@ -1,4 +1,4 @@
-//! A policy in stages through a fleet of 200: one that is worse and says nothing of it is caught at the first one.
+//! A policy in stages through a fleet of 200: one that is worse, and does not say so, is caught at the first stage.
 
 mod support;
 
@@ -17,9 +17,9 @@ use std::time::Duration;
 use support::{FLEET, Network, publisher, until};
 
 const ROBOTS: usize = 200;
-/// Robots that share a session.
+/// Number of robots that share a session.
 const TOGETHER: usize = 25;
-/// Poses by which a stage is judged.
+/// Number of poses by which a stage is judged.
 const POSES: u64 = 100;
 /// Points of each cloud of a request.
 const POINTS: usize = 256;
@@ -30,7 +30,7 @@ fn good_policy() -> WeightFile {
     WeightFile::load(&weights.join("reagent-compact-int8.rgw")).expect("it is bundled")
 }
 
-/// The same with every seventh weight negated: a file without a fault that does what its manifest says.
+/// The same with every seventh weight negated: a valid file that passes its self-test.
 fn worse_policy() -> WeightFile {
     let good = good_policy();
     let mut bytes = good.bytes().to_vec();
@@ -48,7 +48,7 @@ fn worse_policy() -> WeightFile {
     WeightFile::from_bytes(&bytes).expect("a sound file")
 }
 
-/// Asks robots for poses, every other time one that has the newest policy, without end.
+/// Asks robots for poses without end; every other request goes to one that has the newest policy.
 async fn ask_on_and_on(client: Client, pairs: PairSet) {
     client.follow_robots().await.expect("an open session");
     for id in 0.. {
@@ -137,7 +137,7 @@ async fn a_policy_that_is_silently_worse_is_caught_at_the_first_stage_of_a_fleet
     });
     assert_eq!(have_it.count(), 1, "of {ROBOTS} robots");
 
-    // One that is no worse goes through all stages, and those that took the other one take it, too.
+    // A policy that is no worse passes all stages, and the robots that took the other one take it, too.
     let manifest = publisher.prepare(3, "as good", &good_policy()).await;
     let manifest = manifest.expect("a sound policy");
     let outcome = publisher
@@ -150,7 +150,7 @@ async fn a_policy_that_is_silently_worse_is_caught_at_the_first_stage_of_a_fleet
     load.abort();
 }
 
-/// That others come first was said at the stage before, and is no word of this one.
+/// A robot's "not yet" at the stage before is not its answer to this stage.
 #[tokio::test(flavor = "multi_thread")]
 async fn a_stage_has_its_robots_before_it_is_judged() {
     let network = Network::start().await;

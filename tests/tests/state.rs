@@ -1,4 +1,4 @@
-//! What a robot keeps over restarts: damaged, deleted, or put back to what it was.
+//! What a robot keeps over restarts when it is damaged, deleted, or put back to an earlier state.
 
 mod support;
 
@@ -17,7 +17,7 @@ async fn start(network: &Network, state: &Path) -> Result<Node, NodeError> {
     Node::start(network.join().await, config(state)).await
 }
 
-/// A robot that has taken these versions, and its state.
+/// The state of a robot that has taken these versions.
 async fn state_of(network: &Network, state: &Path, versions: &[u64]) -> PathBuf {
     let node = start(network, state).await.expect("good names");
     let mut publisher: Publisher = publisher(network).await;
@@ -60,7 +60,7 @@ async fn a_lost_record_does_not_lead_back_to_an_old_version() {
         node.stop().await;
     }
 
-    // Both copies erased, and the file cut at its front and at its end.
+    // Both copies erased, or the file cut at its front or at its end.
     let mut erased = whole.clone();
     erased[..RECORD].fill(0);
     erased[end..].fill(0);
@@ -117,7 +117,7 @@ async fn a_damaged_kept_policy_is_told_by_its_file_and_not_as_an_announcement() 
     let network = Network::start().await;
     let file = state_of(&network, folder.path(), &[1]).await;
     let mut bytes = std::fs::read(&file).expect("readable");
-    // Within the first slot's manifest.
+    // A bit within the first slot's manifest.
     bytes[RECORD + 40] ^= 1;
     std::fs::write(&file, bytes).expect("writable");
     let node = start(&network, folder.path()).await.expect("it starts");
@@ -136,7 +136,7 @@ async fn a_state_directory_deleted_under_a_robot_is_noticed() {
     let state = folder.path().join("state");
     let network = Network::start().await;
     let node = start(&network, &state).await.expect("good names");
-    // One publisher: whoever is new is asked for its policy besides announcing it, and refused twice.
+    // One publisher, since a new one is asked for its policy besides announcing it, and would be refused twice.
     let mut publisher = publisher(&network).await;
     let published = publisher.publish(1, "first", int8_policy()).await;
     published.expect("a good policy");
@@ -144,7 +144,7 @@ async fn a_state_directory_deleted_under_a_robot_is_noticed() {
     std::fs::remove_dir_all(&state).expect("deletable");
     until(&node, |view| view.state_lost).await;
 
-    // What it could not keep it does not take, and it says so.
+    // The robot does not take what it cannot keep, and it says so.
     let published = publisher.publish(2, "second", int8_policy()).await;
     published.expect("a good policy");
     let view = until(&node, |view| view.updates_refused == 1).await;

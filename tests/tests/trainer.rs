@@ -1,4 +1,4 @@
-//! The trainer's parts: what roll-outs record, what a step does to the parameters, and roll-outs that decide.
+//! Parts of the trainer: what roll-outs record, what a step does to the parameters, and roll-outs that decide.
 
 use host_train::augment::{clean_sample, noisy_sample};
 use host_train::dataset::pairs::PairSet;
@@ -28,7 +28,7 @@ fn problems(count: u64, points: usize) -> Vec<Problem> {
         .collect()
 }
 
-/// A small network in training.
+/// A trainer with a small network.
 fn small(method: Method) -> Trainer {
     let shape = Shape {
         embed: [16, 16, 32],
@@ -70,7 +70,7 @@ fn rewards_belong_to_the_steps_that_earned_them() {
     }
     assert!(met[0] > 0 && met[1] > 0, "{met:?}");
 
-    // A step that stops on all axes leaves the distance as it is, bit by bit.
+    // A step that stops on all axes leaves the distance unchanged, bit for bit.
     let mut method = Method::new(2.0);
     method.follow = Follow::Expert;
     let mut solved = problems(2, 50);
@@ -94,12 +94,12 @@ fn trajectories_follow_whom_they_should() {
             all().all(|o| o.action == o.expert),
             follow == Follow::Expert
         );
-        // The trajectories of one problem are equal unless chance is in them.
+        // The trajectories of one problem are equal unless they are random.
         let equal = all()
             .enumerate()
             .all(|(i, o)| o.action == buffer.observations[i / runs * runs + i % 4].action);
         assert_eq!(equal, follow != Follow::Stochastic, "{follow:?}");
-        // The probability of what was done is that of the policy that did it.
+        // The recorded probability is that under the policy that took the action.
         for o in all().filter(|_| follow == Follow::Argmax) {
             assert!(o.log_probability.iter().all(|&p| p > -(11f32.ln())));
         }
@@ -174,7 +174,7 @@ fn the_trainer_registers_as_the_robot_does() {
     }
 }
 
-/// What a policy for views looks at is chosen alike in training and on robots, at the start and after every few steps.
+/// The trainer and robots agree on what a policy for views looks at, at the start and after every few steps.
 #[test]
 fn the_trainer_looks_where_the_robot_does() {
     let network = WeightFile::pretrained();

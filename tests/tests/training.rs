@@ -1,4 +1,4 @@
-//! Training runs: exact resumption, runs that cannot start, runs that break, and every option.
+//! Training runs: exact resumption, runs that cannot start, runs that diverge, and every option.
 
 use host_train::learn::env::Accumulation;
 use host_train::learn::expert::Expert;
@@ -44,7 +44,7 @@ fn a_resumed_run_has_the_bits_of_an_uninterrupted_one() {
     assert_eq!(whole, parts);
 }
 
-/// The lines of a run's metrics without what depends on the clock.
+/// The lines of a run's metrics, without what depends on the clock.
 fn metrics(out: &Path) -> Vec<Value> {
     let text = std::fs::read_to_string(out.join("metrics.jsonl")).expect("the run's metrics");
     let lines = text.lines().map(|line| {
@@ -57,8 +57,8 @@ fn metrics(out: &Path) -> Vec<Value> {
     lines.collect()
 }
 
-/// A run that was killed in the middle of an epoch, after a checkpoint and before the next: metrics lie
-/// beyond the checkpoint, and a buffer spans the end of an epoch.
+/// A run that was killed in the middle of an epoch, between two checkpoints: some metrics are newer than the
+/// checkpoint, and a buffer spans the end of an epoch.
 #[test]
 fn a_killed_run_goes_on_as_if_nothing_had_happened() {
     let folder = tempfile::tempdir().expect("a temporary directory");
@@ -260,7 +260,7 @@ fn the_average_is_what_is_exported() {
     let path = folder.path().join("c");
     checkpoint.save(&path).expect("written");
     assert_eq!(parameters_of(&path).expect("just written"), averaged);
-    // What the robot would accumulate in another way is refused.
+    // Parameters that the robot would accumulate differently are refused.
     checkpoint.accumulation = Accumulation::Local;
     checkpoint.save(&path).expect("written");
     let refused = parameters_of(&path).expect_err("not deployable");

@@ -1,4 +1,4 @@
-//! Updates that are cut short, changed in part, or do not do what they should.
+//! Updates that are cut short, partly changed, or do not do what they should.
 
 mod support;
 
@@ -48,7 +48,7 @@ async fn a_node_killed_half_way_goes_on_where_it_was() {
     let view = until(&node, |view| view.policy.is_some()).await;
     assert_eq!(view.policy.as_ref(), Some(&new));
     let rest = new.chunks().expect("chunks") - 100;
-    // Of the eight under way when the node was killed, some had come.
+    // Of the eight in flight when the node was killed, some had arrived.
     assert!(
         (rest..=rest + 8).contains(&host.asked()),
         "{} of {rest}",
@@ -66,7 +66,7 @@ async fn only_what_changed_is_fetched() {
     let chunks = first.expect("a good policy").chunks().expect("chunks");
     until(&node, |view| view.policy.is_some()).await;
 
-    // The same but for one weight: its chunk changes, and the last one, with the check sum.
+    // The same but for one weight: its chunk changes, and the last one with the checksum.
     let mut parameters = Parameters::random(Shape::PAPER, 5);
     parameters.values[0] += 1.0;
     let policy = WeightFile::from_parameters(&parameters).expect("deployable");
@@ -132,7 +132,7 @@ async fn a_stored_policy_needs_no_publisher() {
     let view = until(&node, |view| view.policy.is_some()).await;
     assert_eq!(view.policy, Some(stored));
 
-    // Who comes after the publisher is told what is there.
+    // A later publisher is told what is there.
     let mut next = support::publisher(&network).await;
     for version in [0, 1] {
         let older = next.store(version, "older", &random_policy(2)).await;

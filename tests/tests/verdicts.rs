@@ -1,4 +1,4 @@
-//! What is said of clouds that have no right pose, or too little to tell it: each file stands for a kind of fault.
+//! Verdicts on clouds that have no right pose, or too little to tell it: each file stands for one kind of fault.
 
 use host_train::dataset::cloud_file::read_cloud;
 use host_train::policy::WeightFile;
@@ -44,7 +44,7 @@ fn what_was_not_measured_is_refused() {
     for one_place in ["one-point", "zeros"] {
         assert_eq!(refused(one_place).err(), Some(Error::NoExtent));
     }
-    // A reader may leave the mark out and say so; then it is another object as before.
+    // A reader may leave the mark out and say so; then it is another object, as before.
     match refused("other-one-fltmax") {
         Err(error) => assert_eq!(error, Error::OutOfRange { index: 5 }),
         Ok(answer) => assert_ne!(answer.verdict, Verdict::Converged),

@@ -22,7 +22,7 @@ async fn a_version_far_ahead_is_refused_by_both_ends() {
         panic!("{far:?}");
     };
 
-    // A publisher that does not mind.
+    // A publisher that does not check.
     let session = network.join().await;
     let far = manifest(u64::MAX, "far", &file).expect("a good policy");
     let host = Host::of_file(&session, far, file.bytes().to_vec()).await;
@@ -49,13 +49,13 @@ async fn a_greater_epoch_is_the_way_back() {
     let node = network.node(FLEET, "r1").await;
     let mut careless = publisher(&network).await;
     let file = int8_policy();
-    // A trainer whose clock was in the future, before there were other versions.
+    // A trainer whose clock was in the future published before there were other versions.
     let future = careless.publish(NOW * 2, "future", file.clone()).await;
     let future = future.expect("a good policy");
     until(&node, |view| view.policy.as_ref() == Some(&future)).await;
     drop(careless);
 
-    // What nobody announces any more is known by whoever runs it.
+    // The robots that run a policy make it known even when nobody announces it any more.
     let mut publisher = publisher(&network).await;
     let back = publisher.publish(NOW, "back", file.clone()).await;
     let error = back.expect_err("the robot would not take it").to_string();
@@ -68,7 +68,7 @@ async fn a_greater_epoch_is_the_way_back() {
     let back = back.expect("a new epoch");
     until(&node, |view| view.policy.as_ref() == Some(&back)).await;
 
-    // The time is too far ahead of a version counted by hand: the next one without a version goes on from there.
+    // The time is too far ahead of a version counted by hand, so the next default version follows that one.
     let next = publisher.default_version(NOW).await;
     let next = next.expect("an open session");
     assert_eq!(next, 8);
@@ -76,7 +76,7 @@ async fn a_greater_epoch_is_the_way_back() {
     let counted = counted.expect("a newer version");
     until(&node, |view| view.policy.as_ref() == Some(&counted)).await;
 
-    // The old epoch is over, whatever the version, and the way on is said.
+    // The old epoch is over, whatever the version, and the message says how to go on.
     publisher.epoch = 0;
     let old = publisher.publish(NOW * 2 + 1, "old", file.clone()).await;
     assert!(matches!(old, Err(PublishError::Epoch { .. })), "{old:?}");
@@ -113,7 +113,7 @@ async fn without_a_version_the_time_counts_unless_versions_were_counted_by_hand(
         (0, Some(3), NOW, 4),
         (1, None, NOW, NOW),
         (1, Some(NOW), NOW + 9, NOW + 9),
-        // A clock that went back, or another's that is ahead: somebody should look.
+        // A clock went back, or another one is ahead: publishing under the time is refused, so that somebody looks.
         (1, Some(NOW + 10), NOW, NOW),
         (2, Some(1), NOW, 2),
         // An epoch that is over.
@@ -170,7 +170,7 @@ async fn publishers_are_told_who_took_a_policy_and_who_did_not_and_why() {
     assert_eq!(told.silent, []);
 }
 
-/// Whoever waits for nobody is told of nobody, and that is no failure.
+/// A publisher that waits for no robots is told of none, and that is not a failure.
 #[tokio::test(flavor = "multi_thread")]
 async fn a_policy_is_stored_without_waiting_for_robots() {
     #[derive(clap::Parser)]
@@ -220,7 +220,7 @@ async fn a_policy_is_stored_without_waiting_for_robots() {
     }
 }
 
-/// Signed with the wrong key, and then with the right one: what a robot said of the first is not taken for the second's.
+/// Signed with the wrong key, then with the right one: what a robot said of the first is no answer to the second.
 #[tokio::test(flavor = "multi_thread")]
 async fn a_version_that_was_refused_is_taken_from_who_is_trusted() {
     let network = Network::start().await;
@@ -241,7 +241,7 @@ async fn a_version_that_was_refused_is_taken_from_who_is_trusted() {
     let mut stranger = Publisher::new(network.join().await, FLEET, key(2)).expect("a good name");
     let untrusted = [("a".to_owned(), WhyNot::Untrusted)];
     assert_eq!(told(&mut stranger, 60).await.refused, untrusted);
-    // Of the wrong key again, when the time is over.
+    // With the wrong key again, and no time to wait.
     assert_eq!(told(&mut stranger, 0).await.refused, untrusted);
     drop(stranger);
     let mut publisher = publisher(&network).await;
@@ -261,14 +261,14 @@ async fn a_policy_that_is_announced_and_asked_for_is_refused_once() {
     let node = node.expect("good names");
     let policy = int8_policy();
     for version in 1..=4 {
-        // Whoever is new is heard, and then asked.
+        // A new publisher is heard, and then asked.
         let mut stranger = Publisher::new(network.join().await, FLEET, key(2));
         let stranger = stranger.as_mut().expect("a good name");
         let published = stranger.publish(version, "foreign", policy.clone()).await;
         published.expect("a good policy");
         until(&node, |view| view.updates_refused == version).await;
     }
-    // Taken when all that came before has been considered.
+    // This one is taken when everything before it has been considered.
     let mut publisher = publisher(&network).await;
     let published = publisher.publish(5, "own", policy).await;
     published.expect("a good policy");

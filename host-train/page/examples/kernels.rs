@@ -1,4 +1,4 @@
-//! Whether the kernels in bytes for WebAssembly give the logits of the portable ones, to the bit; a browser runs it in the tests.
+//! Checks that WebAssembly's byte kernels give the portable kernels' logits, bit for bit; the tests run it in a browser.
 
 use reagent_core::kernels::Isa;
 use reagent_core::net::Scratch;
@@ -8,10 +8,10 @@ type Cloud = Vec<[f32; 3]>;
 
 /// Pairs of clouds.
 const PAIRS: usize = 60;
-/// Steps of each.
+/// Steps of each pair.
 const STEPS: usize = 5;
 
-/// How many pairs were compared; 0 where two differ, or no kernels of the machine's own are found.
+/// Number of pairs compared; 0 if two results differ, or this machine has no kernels of its own.
 #[allow(unsafe_code)] // the name alone
 #[unsafe(no_mangle)]
 pub extern "C" fn compared() -> usize {
@@ -26,7 +26,7 @@ fn compare() -> Result<usize, Error> {
     };
     let mut compared = 0;
     for pair in 0..PAIRS {
-        // Every fifth is stretched, so that codes reach their ends.
+        // Every fifth is stretched, so that codes reach the ends of their range.
         let stretch = if pair % 5 == 0 { 50.0 } else { 1.0 };
         let mut cloud = || -> Cloud {
             let points = 3 + pair * 37 % 300;
@@ -44,7 +44,7 @@ fn compare() -> Result<usize, Error> {
     Ok(compared)
 }
 
-/// Bits of the logits of all steps.
+/// Bits of the logits of all steps of a registration.
 fn logits(isa: Isa, [source, target]: &[Cloud; 2]) -> Result<Vec<u32>, Error> {
     let mut scratch = Box::new(Scratch::new());
     let mut registrar = Registrar::with_isa(isa, Policy::pretrained_compact()?, &mut scratch);

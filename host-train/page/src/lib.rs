@@ -2,10 +2,10 @@
 //!
 //! | call | what |
 //! |---|---|
-//! | `input(length)` | room for so many bytes, which the script sets |
-//! | `read(cloud, name)` | reads the scan (0) or the part (1) of them: the first `name` bytes are the file's name |
-//! | `register(anywhere)` | registers both; `anywhere`: nothing is known of how the scan is turned |
-//! | `answer()`, `answer_length()` | the JSON that the last call answered, `{"error": …}` where it failed |
+//! | `input(length)` | memory for so many bytes, which the script fills |
+//! | `read(cloud, name)` | reads the scan (0) or the part (1) from these bytes; the first `name` of them are the file's name |
+//! | `register(anywhere)` | registers both; `anywhere` says that nothing is known of the scan's orientation |
+//! | `answer()`, `answer_length()` | the JSON answer of the last call, `{"error": …}` if it failed |
 
 use host_train::dataset::cloud_file::read_bytes;
 use host_train::random::{SEED, seeds};
@@ -24,7 +24,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// The policy's name.
 const POLICY: &str = "compact";
-/// What the page calls source and target.
+/// The page's names for source and target.
 const NAMES: Names<'_> = ["scan", "part"];
 
 struct Page {
@@ -51,7 +51,7 @@ fn page() -> MutexGuard<'static, Page> {
     PAGE.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Room for the bytes of the next file.
+/// Memory for the bytes of the next file.
 #[allow(unsafe_code)] // the name alone
 #[unsafe(no_mangle)]
 pub extern "C" fn input(length: usize) -> *mut u8 {
@@ -78,14 +78,14 @@ pub extern "C" fn register(anywhere: u32) {
     page.answer(registered);
 }
 
-/// Where the last answer lies.
+/// Address of the last answer.
 #[allow(unsafe_code)]
 #[unsafe(no_mangle)]
 pub extern "C" fn answer() -> *const u8 {
     page().answer.as_ptr()
 }
 
-/// Its bytes.
+/// Length of the last answer, bytes.
 #[allow(unsafe_code)]
 #[unsafe(no_mangle)]
 pub extern "C" fn answer_length() -> usize {
@@ -157,7 +157,7 @@ impl Page {
     }
 }
 
-/// What is said of a pose, as on the command line.
+/// The sentences about a pose, as on the command line.
 fn sentences(done: &Done) -> Vec<String> {
     let Some(found) = &done.found.answer.refinement else {
         return Vec::new();

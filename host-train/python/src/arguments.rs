@@ -1,4 +1,4 @@
-//! Arguments other than arrays. A refusal names the argument, whatever was given.
+//! Arguments other than arrays. A refusal names the argument, whatever its value.
 
 use crate::error::bad;
 use crate::policy::Policy;
@@ -9,11 +9,11 @@ use reagent_core::dims::MAX_POINTS;
 use reagent_core::pipeline::Mode;
 use std::ops::RangeInclusive;
 
-/// Steps of the policy, and poses to tell: as many as the command line takes.
+/// Range of policy steps and of poses to report, as on the command line.
 const COUNTS: RangeInclusive<usize> = 1..=65535;
-/// Points that the policy may be told to see.
+/// Range of points that the policy may see.
 const POINTS: RangeInclusive<usize> = 16..=MAX_POINTS;
-/// No machine has so many cores that more threads would gain anything.
+/// Range of threads: no machine has so many cores that more would help.
 const THREADS: RangeInclusive<usize> = 1..=512;
 
 pub(crate) fn steps(given: &Bound<'_, PyAny>) -> PyResult<usize> {
@@ -54,7 +54,7 @@ pub(crate) fn depth_scale(given: &Bound<'_, PyAny>) -> PyResult<f64> {
     given.extract().map_err(refused)
 }
 
-/// A word that an argument knows, as a default is given, too; of anything else the empty one, which every argument refuses.
+/// The word given, if some argument knows it, also as a default; otherwise the empty word, which all arguments refuse.
 pub(crate) fn word(given: &Bound<'_, PyAny>) -> PyResult<&'static str> {
     let given = given.extract::<PyBackedStr>().ok();
     let modes = Mode::ALL.map(Mode::name);

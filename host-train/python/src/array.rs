@@ -1,4 +1,4 @@
-//! Arrays of Python as clouds, poses and points.
+//! Python arrays as clouds, poses and points.
 
 use crate::error::{CloudError, bad};
 use crate::mesh::Mesh;
@@ -16,12 +16,12 @@ use pyo3::prelude::*;
 use pyo3::{PyTypeInfo, intern};
 use std::path::Path;
 
-/// Those of the command line.
+/// The command line's seeds.
 pub(crate) const SEEDS: [u64; 2] = seeds(SEED);
 
-/// A cloud where Python holds it.
+/// A cloud whose numbers stay where Python has them.
 pub(crate) struct Cloud<'py> {
-    /// The argument's.
+    /// Name of the argument.
     name: String,
     numbers: Numbers<'py>,
 }
@@ -32,7 +32,7 @@ enum Numbers<'py> {
     F64(PyReadonlyArray2<'py, f64>),
 }
 
-/// The same, for use while Python goes on.
+/// The same, usable while Python goes on.
 #[derive(Clone, Copy)]
 pub(crate) struct View<'a> {
     name: &'a str,
@@ -42,22 +42,22 @@ pub(crate) struct View<'a> {
 #[derive(Clone, Copy)]
 enum Rows<'a> {
     Mesh(&'a Mesh),
-    /// As Rust has them.
+    /// Points in Rust's layout.
     Points(&'a [Point]),
     F32(ArrayView2<'a, f32>),
     F64(ArrayView2<'a, f64>),
 }
 
 impl<'py> Cloud<'py> {
-    /// Of an array (N, 3) of f32 or f64 in any order, or of what `numpy.asarray` makes one of. Nothing is copied unless NumPy
-    /// has to; masked points become NaN, and are left out later.
+    /// Takes an array (N, 3) of f32 or f64 in any memory order, or what `numpy.asarray` makes one of. Nothing is copied
+    /// unless NumPy has to. Masked points become NaN and are left out later.
     pub(crate) fn new(name: impl Into<String>, given: &Bound<'py, PyAny>) -> PyResult<Cloud<'py>> {
         let name = name.into();
         let numbers = Numbers::of(&name, given)?;
         Ok(Cloud { name, numbers })
     }
 
-    /// The same, or a mesh.
+    /// The same for an array or a mesh.
     pub(crate) fn or_mesh(
         name: impl Into<String>,
         given: &Bound<'py, PyAny>,
@@ -92,7 +92,7 @@ impl<'a> View<'a> {
         self.name
     }
 
-    /// The cloud, ready to be registered, of which the policy sees so many points at most. The seed decides which of a mesh.
+    /// The cloud, prepared for registration, with at most so many points for the policy. The seed samples a mesh.
     pub(crate) fn prepared(
         self,
         points: Option<usize>,
@@ -104,7 +104,7 @@ impl<'a> View<'a> {
         }
     }
 
-    /// The same, to be kept.
+    /// The same as a copy that can be kept.
     pub(crate) fn copied(
         self,
         points: Option<usize>,
@@ -117,7 +117,7 @@ impl<'a> View<'a> {
         }
     }
 
-    /// A copy in f32, as it is.
+    /// A copy of all points in f32.
     pub(crate) fn points(self) -> Vec<Point> {
         match self.rows {
             Rows::Points(rows) => rows.to_vec(),
@@ -127,7 +127,7 @@ impl<'a> View<'a> {
         }
     }
 
-    /// The same in f64; of a mesh its vertices.
+    /// A copy of all points in f64; the vertices of a mesh.
     pub(crate) fn positions(self) -> Vec<Position> {
         fn of<T: Copy + Into<f64>>(rows: ArrayView2<'_, T>) -> Vec<Position> {
             rows.outer_iter()
@@ -169,7 +169,7 @@ impl<'py> Numbers<'py> {
         let array = if is_plain(&array)? {
             array.into_any()
         } else {
-            // Another byte order, or addresses that are no multiples of a number's size.
+            // Another byte order, or unaligned numbers.
             let plain = if size == 4 { "float32" } else { "float64" };
             array.call_method1(intern!(given.py(), "astype"), (plain,))?
         };
@@ -188,7 +188,7 @@ fn is_plain(array: &Bound<'_, PyUntypedArray>) -> PyResult<bool> {
     Ok(aligned && array.dtype().is_native_byteorder() == Some(true))
 }
 
-/// What NumPy makes of it.
+/// The array that NumPy makes of the argument.
 fn as_array<'py>(name: &str, given: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyUntypedArray>> {
     let py = given.py();
     if given.is_exact_instance(&PyUntypedArray::type_object(py)) {
@@ -208,7 +208,7 @@ fn as_array<'py>(name: &str, given: &Bound<'py, PyAny>) -> PyResult<Bound<'py, P
     Ok(array.cast_into::<PyUntypedArray>()?)
 }
 
-/// The same; NaN where an array is masked.
+/// The same object, or for a masked array one with NaN where it is masked.
 pub(crate) fn without_mask<'py>(given: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
     let py = given.py();
     let masked = py.import(intern!(py, "numpy.ma"))?;
@@ -220,7 +220,7 @@ pub(crate) fn without_mask<'py>(given: &Bound<'py, PyAny>) -> PyResult<Bound<'py
     wide.call_method1(intern!(py, "filled"), (f64::NAN,))
 }
 
-/// Numbers of any shape in f64, of which none may be masked.
+/// Numbers of any shape in f64; masked ones are refused.
 pub(crate) fn numbers<'py>(
     name: &str,
     given: &Bound<'py, PyAny>,
@@ -245,7 +245,7 @@ pub(crate) fn numbers<'py>(
         return Err(bad(name, format!("expected {expected}, found {dtype}")));
     }
     let masked = py.import(intern!(py, "numpy.ma"))?;
-    // Of a list, too.
+    // Also within a list.
     let marked = masked.call_method1(intern!(py, "asarray"), (given,))?;
     let is_masked = masked.call_method1(intern!(py, "is_masked"), (marked,))?;
     if is_masked.is_truthy()? {
@@ -256,7 +256,7 @@ pub(crate) fn numbers<'py>(
     wide.map_err(unreadable)?.extract()
 }
 
-/// Poses: one, 4x4 or the 3x4 `[R | t]` of it, or one for each of several pairs.
+/// One pose, 4x4 or its first three rows `[R | t]`, or one for each of several pairs.
 pub(crate) enum Poses {
     One(Pose64),
     Each(Vec<Pose64>),
@@ -298,7 +298,7 @@ pub(crate) fn poses(name: &str, given: &Bound<'_, PyAny>) -> PyResult<Poses> {
     })
 }
 
-/// Points: one, or one for each of several pairs.
+/// One point, or one for each of several pairs.
 pub(crate) enum Positions {
     One(Position),
     Each(Vec<Position>),
@@ -324,7 +324,7 @@ pub(crate) fn positions(name: &str, given: &Bound<'_, PyAny>) -> PyResult<Positi
     }
 }
 
-/// A pose as an array of four rows.
+/// A pose as a 4x4 array.
 pub(crate) fn matrix<'py>(py: Python<'py>, [a, b, c]: [[f64; 4]; 3]) -> Bound<'py, PyArray2<f64>> {
     PyArray2::from_owned_array(py, arr2(&[a, b, c, [0.0, 0.0, 0.0, 1.0]]))
 }

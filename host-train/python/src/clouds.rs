@@ -8,9 +8,9 @@ use pyo3::prelude::*;
 
 /// Clouds of several pairs.
 pub(crate) enum Clouds<'py> {
-    /// The same for all.
+    /// The same cloud for all pairs.
     One(Cloud<'py>),
-    /// One each.
+    /// One cloud for each pair.
     Each(Vec<PyResult<Cloud<'py>>>),
 }
 

@@ -21,17 +21,17 @@ create_exception!(
 );
 create_exception!(reagent, PolicyError, Error, "A file that is no policy.");
 
-/// What is wrong with the argument of this name.
+/// The error for an argument with this name.
 pub(crate) fn bad(name: &str, what: impl std::fmt::Display) -> PyErr {
     Error::new_err(format!("{name}: {what}"))
 }
 
-/// A refused cloud, which knows its name.
+/// The error for a refused cloud, which carries its name.
 pub(crate) fn bad_cloud(error: &cloud_file::CloudError) -> PyErr {
     CloudError::new_err(error.to_string())
 }
 
-/// Why a policy was not loaded: a file that cannot be read is an `OSError`.
+/// The error for a policy that was not loaded; an `OSError` if the file cannot be read.
 pub(crate) fn bad_policy(error: &ExportError) -> PyErr {
     let text = chain(error);
     match error {
@@ -40,12 +40,12 @@ pub(crate) fn bad_policy(error: &ExportError) -> PyErr {
     }
 }
 
-/// The system refused threads.
+/// The error for threads that the system refused.
 pub(crate) fn no_threads(error: &dyn error::Error) -> PyErr {
     PyOSError::new_err(format!("cannot start threads: {}", chain(error)))
 }
 
-/// An error and what caused it, in one line.
+/// An error and its causes in one line.
 fn chain(error: &dyn error::Error) -> String {
     let mut text = error.to_string();
     let mut cause = error.source();

@@ -10,11 +10,11 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use reagent_core::Pose;
 
-/// Errors of poses against the true ones, over all pairs, as a dict: what `host-train eval --json` reports of a method.
+/// Computes errors of poses against the true ones, as a dict: what `host-train eval --json` reports of a method.
 ///
-/// `found` and `truth` are arrays of poses (M, 4, 4) or (M, 3, 4); `sources` and `targets` are M clouds each, and `raw` are M
-/// clouds without noise in the target's place, if they are known. Rotations are in degrees, translations in the
-/// clouds' unit; `recall_r5_t005` counts poses within 5 degrees and .05 of it, which is meant for clouds of radius 1.
+/// `found` and `truth` are arrays of poses (M, 4, 4) or (M, 3, 4). `sources` and `targets` are M clouds each; `raw`, if
+/// known, are M clouds in the targets' place without noise. Rotations are in degrees, translations in the clouds' unit.
+/// `recall_r5_t005` counts poses within 5 degrees and .05 units, which is meant for clouds of radius 1.
 ///
 /// >>> import numpy, reagent
 /// >>> clouds = numpy.random.default_rng(1).normal(size=(2, 100, 3))
@@ -77,7 +77,7 @@ pub(crate) fn evaluate<'py>(
     Ok(errors)
 }
 
-/// One a pair, in f32.
+/// One pose for each pair, in f32.
 fn each_pose(name: &str, given: &Bound<'_, PyAny>) -> PyResult<Vec<Pose>> {
     let near = |pose: Pose64| pose.near([0.0; 3], [0.0; 3]);
     match poses(name, given)? {

@@ -1,4 +1,4 @@
-//! The package's functions: what a [`Registrar`] with the bundled policies does.
+//! The package's functions: those of a [`Registrar`] with the bundled policies.
 
 use crate::arguments;
 use crate::registrar::Registrar;
@@ -8,10 +8,10 @@ use pyo3::types::PyList;
 
 /// Registers `source` to `target`: finds the rigid transform that maps the source onto the target.
 ///
-/// Clouds are arrays of float32 or float64 of shape (N, 3), both in one unit of length, or whatever `numpy.asarray` makes
-/// such arrays of. They are read where they lie, and must not be written to meanwhile. Points that are NaN, infinite or
-/// beyond 1e12, and masked points, are left out. A cloud of more than 4096 points is thinned to 2048 for the policy, and a
-/// last refinement uses all of them.
+/// Clouds are arrays of float32 or float64 of shape (N, 3), both in one unit of length, or whatever `numpy.asarray`
+/// turns into such arrays. They are read in place, and must not be written to meanwhile. Points that are NaN, infinite
+/// or beyond 1e12, and masked points, are left out. A cloud of more than 4096 points is thinned to 2048 for the policy,
+/// and a last refinement uses up to 20,000.
 ///
 /// init: where to start: a pose (4x4, or the 3x4 of it), "identity" (as the clouds lie; the default) or "anywhere" (the
 ///     source may be turned in any way; the command line's `--init none`). Of several, in a list or an array (K, 4, 4), each
@@ -19,8 +19,8 @@ use pyo3::types::PyList;
 /// mode: "fast" (the policy's steps alone), "polish" (then closest points), "verify" (then compared with other poses) or
 ///     "refine" (closest points from the start, without the policy).
 /// viewpoint: where the sensor stood in the source's coordinates, if the source is a view from one point.
-/// steps: the policy's steps at most.
-/// points: points of each cloud that the policy sees at most.
+/// steps: most steps of the policy.
+/// points: most points of each cloud that the policy sees.
 /// dense: whether the pose is refined at last on up to 20,000 points of each cloud: "auto" (where a cloud was thinned), "always" or "never".
 /// best: how many of the most probable poses to tell: the first is given out, those that follow are `others`.
 ///
@@ -58,11 +58,11 @@ pub(crate) fn register(
     )
 }
 
-/// Registers what a depth camera saw to `target`: finds the rigid transform that maps the camera's frame (x right, y down, z
-/// ahead) onto the target's. What would stand in front of the background counts against a pose, too.
+/// Registers what a depth camera saw to `target`: finds the rigid transform that maps the camera's frame (x right, y
+/// down, z ahead) onto the target's. Anything that would stand in front of the background also counts against a pose.
 ///
-/// depth, camera, mask, depth_scale: as of `points_of_depth`; with the scale, depths are in the target's unit.
-/// Other arguments are as of `register`.
+/// depth, camera, mask, depth_scale: as for `points_of_depth`; scaled depths are in the target's unit.
+/// Other arguments are as for `register`.
 ///
 /// >>> import numpy, reagent
 /// >>> v, u = numpy.mgrid[:40, :40]
@@ -105,7 +105,7 @@ pub(crate) fn register_depth(
     )
 }
 
-/// Refines a pose by closest points, without the policy: for tracking. Arguments are as of `register`.
+/// Refines a pose by closest points, without the policy: for tracking. Arguments are as for `register`.
 ///
 /// >>> import numpy, reagent
 /// >>> cloud = numpy.random.default_rng(1).normal(size=(500, 3)) * [3, 2, 1]
@@ -127,8 +127,8 @@ pub(crate) fn refine(
     Registrar::bundled().refine(py, source, target, init, viewpoint, points, dense, best)
 }
 
-/// Refines a pose that something else found and compares it with others, without the policy: says how likely it is right,
-/// or gives a better one. Arguments are as of `register`.
+/// Refines a pose that something else found and compares it with others, without the policy. Says how likely it is
+/// right, or gives a better one. Arguments are as for `register`.
 ///
 /// >>> import numpy, reagent
 /// >>> cloud = numpy.random.default_rng(1).normal(size=(500, 3)) * [3, 2, 1]
@@ -153,9 +153,9 @@ pub(crate) fn verify(
 /// Registers many pairs over threads: a list of Registrations in the order of the pairs.
 ///
 /// `sources` and `targets` are sequences of as many clouds, or one array of shape (N, 3) for all pairs; `init` and
-/// `viewpoint` are one, or an array with one for each pair. Other arguments are as of `register`. The first pair that cannot
-/// be registered raises its exception, or has it in its place in the list with `return_exceptions`. Results depend on
-/// neither the order nor the number of threads.
+/// `viewpoint` are one, or an array with one for each pair. Other arguments are as for `register`. The first pair that
+/// cannot be registered raises its exception; with `return_exceptions` its place in the list has it instead. Results
+/// depend on neither the order nor the number of threads.
 ///
 /// >>> import numpy, reagent
 /// >>> cloud = numpy.random.default_rng(1).normal(size=(500, 3)) * [3, 2, 1]

@@ -7,12 +7,12 @@ use numpy::PyUntypedArrayMethods;
 use pyo3::prelude::*;
 use std::path::Path;
 
-/// A triangle mesh, for a part of which there is one. It goes where a cloud does: points of its surface are registered, those that the
-/// command line takes of a file. Where there is a `viewpoint`, and the faces enclose the part and are all turned the same way, what
-/// faces away from the sensor counts as unseen: one side of a wall is not taken for the other.
+/// A triangle mesh, for a part that has one. It goes where a cloud does: points of its surface are registered, the same
+/// that the command line draws. With a `viewpoint`, and faces that enclose the part and are all wound the same way,
+/// surfaces facing away from the sensor count as unseen, so that one side of a wall is not taken for the other.
 ///
 /// vertices: (V, 3), float32 or float64.
-/// faces: (F, 3), integers: vertices of each triangle.
+/// faces: (F, 3), integers: the vertices of each triangle.
 ///
 /// >>> import numpy, reagent
 /// >>> corners = numpy.array([[0, 0, 0], [3, 0, 0], [0, 2, 0], [0, 0, 1.0]])

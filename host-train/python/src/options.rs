@@ -11,24 +11,24 @@ use pyo3::pybacked::PyBackedStr;
 use pyo3::types::{PySequence, PyString};
 use reagent_core::pipeline::Mode;
 
-/// What is to be done with one pair, or with each of several.
+/// What to do with one pair, or with each of several.
 pub(crate) struct Options {
     common: Request,
-    /// Several for one pair, or one for each of several pairs.
+    /// Starts: several for one pair, or one for each of several pairs.
     starts: Option<Vec<Start>>,
     best: usize,
     view_points: Option<Vec<[f64; 3]>>,
-    /// Points of each cloud that the policy sees at most.
+    /// Most points of each cloud that the policy sees.
     pub(crate) points: Option<usize>,
 }
 
-/// What is to be done with a pair.
+/// What to do with a pair.
 #[derive(Clone)]
 pub(crate) struct Asked {
     pub(crate) request: Request,
-    /// From each of these; the request's own is not looked at.
+    /// The starts, in place of the request's own.
     pub(crate) starts: Vec<Start>,
-    /// How many of the most probable poses are told.
+    /// Number of the most probable poses to report.
     pub(crate) best: usize,
 }
 
@@ -82,7 +82,7 @@ impl Options {
         self
     }
 
-    /// Whether the mode compares poses.
+    /// Refuses a mode that does not compare poses.
     fn compares_poses(&self) -> PyResult<()> {
         match self.common.mode {
             Mode::Fast => Err(bad(
@@ -93,7 +93,7 @@ impl Options {
         }
     }
 
-    /// For one pair.
+    /// The options for a single pair.
     pub(crate) fn one(&self) -> PyResult<Asked> {
         if self.view_points.is_some() {
             return Err(bad("viewpoint", "expected one, for one pair of clouds"));
@@ -112,7 +112,7 @@ impl Options {
         })
     }
 
-    /// For each of so many pairs.
+    /// The options for each of so many pairs.
     pub(crate) fn each(&self, pairs: usize) -> PyResult<Vec<Asked>> {
         let starts = each("init", &self.starts, self.common.start, pairs)?;
         let points = self.view_points.as_ref();
@@ -130,7 +130,7 @@ impl Options {
     }
 }
 
-/// What is given for each of so many pairs, or the same for all.
+/// The values for each of so many pairs: those given, or the common one for all.
 fn each<T: Clone>(name: &str, given: &Option<Vec<T>>, common: T, pairs: usize) -> PyResult<Vec<T>> {
     match given {
         None => Ok(vec![common; pairs]),
@@ -150,7 +150,7 @@ enum Starts {
 }
 
 fn start(given: &Bound<'_, PyAny>) -> PyResult<Starts> {
-    // Words and poses, which are no array.
+    // Words and poses in a sequence, which is not an array.
     if let Ok(listed) = given.cast::<PySequence>()
         && !given.is_instance_of::<PyString>()
         && !given.is_instance_of::<PyUntypedArray>()

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 
 self_cell!(
-    /// A policy and the bytes that it looks at: checked and packed once.
+    /// A policy and the bytes that it refers to, checked and packed once.
     struct Checked {
         owner: WeightFile,
         #[covariant]
@@ -21,7 +21,7 @@ self_cell!(
 
 type View<'a> = weights::Policy<'a>;
 
-/// A policy: the network, and how steps follow from what it says.
+/// A policy: the network, and how steps follow from its outputs.
 ///
 /// >>> import reagent
 /// >>> reagent.Policy.pretrained("int8")
@@ -33,7 +33,7 @@ pub struct Policy {
     checked: Arc<Checked>,
 }
 
-/// The policies where none is named: the command line's, for whole clouds and for views.
+/// The default policies, those of the command line: for whole clouds and for views.
 static DEFAULTS: [OnceLock<Policy>; 2] = [const { OnceLock::new() }; 2];
 
 impl Policy {
@@ -52,7 +52,7 @@ impl Policy {
         Some(Policy::new(name.into(), file?))
     }
 
-    /// The one that the command line takes where none is named.
+    /// The default policy for a request, as on the command line.
     pub(crate) fn fitting(request: &Request) -> &'static Policy {
         let is_view = request.view_point.is_some();
         let name = if is_view { VIEWS } else { REAGENT };
@@ -81,10 +81,10 @@ impl Policy {
 
     /// Reads a policy file (.rgw), as `host-train export` writes it.
     ///
-    /// Raises OSError where it cannot be read, and PolicyError where it is no policy.
+    /// Raises OSError if it cannot be read, and PolicyError if it is not a policy.
     #[staticmethod]
     fn load(py: Python<'_>, path: PathBuf) -> PyResult<Policy> {
-        // A name alone would stand for a bundled policy.
+        // A bare name would stand for a bundled policy.
         let path = std::path::absolute(path)?;
         let file = py.detach(|| WeightFile::load(&path));
         let file = file.map_err(|error| bad_policy(&error))?;
@@ -107,7 +107,7 @@ impl Policy {
         }
     }
 
-    /// SHA-256 of the file, in hexadecimal digits: the policy's name in a fleet.
+    /// SHA-256 of the file, in hexadecimal digits: the policy's identity in a fleet.
     #[getter]
     fn sha256(&self) -> String {
         const_hex::encode(self.checked.borrow_owner().sha256())

@@ -18,16 +18,16 @@ use reagent_core::weights;
 use std::path::Path;
 use std::sync::Mutex;
 
-/// Pairs that a thread does between two looks at whether the user wants to stop.
+/// Pairs that a thread registers between two checks for an interrupt by the user.
 const BETWEEN_LOOKS: usize = 64;
 
-/// Working memory that no registration uses at the moment.
+/// Working memory that no registration is using.
 static IDLE: Mutex<Vec<Box<Memory>>> = Mutex::new(Vec::new());
 
 /// Registers with a policy of its own, packed once. One object may be used by several threads at a time.
 ///
-/// Where no `policy` is given, it is the bundled "reagent", or "views" of a source seen from a `viewpoint`; `threads` are those of `register_batch`, all that there
-/// are where none are given.
+/// If no `policy` is given, it is the bundled "reagent", or "views" for a source seen from a `viewpoint`. `threads` are
+/// those of `register_batch`; by default, as many as the machine has cores.
 ///
 /// >>> import numpy, reagent
 /// >>> registrar = reagent.Registrar(reagent.Policy.pretrained("int8"))
@@ -54,7 +54,7 @@ impl Registrar {
         }
     }
 
-    /// The policy, unless none was given.
+    /// The policy; None if none was given.
     #[getter]
     fn policy(&self) -> Option<Policy> {
         self.policy.clone()
@@ -201,7 +201,7 @@ impl Registrar {
 }
 
 impl Registrar {
-    /// With the bundled policies.
+    /// A registrar with the bundled policies.
     pub(crate) fn bundled() -> Registrar {
         Registrar {
             policy: None,
@@ -283,19 +283,19 @@ impl Registrar {
     }
 }
 
-/// Does something with memory that is kept for the next call.
+/// Calls `of` with memory that is kept for later calls.
 fn with_memory<T>(of: impl FnOnce(&mut Memory) -> T) -> T {
     let idle = IDLE.try_lock().ok().and_then(|mut idle| idle.pop());
     let mut memory = idle.unwrap_or_else(|| Box::new(Memory::new()));
     let found = of(&mut memory);
-    // A lock that is held, as it may be in a forked process, costs new memory and no more.
+    // If the lock is held, for example in a forked process, this only costs new memory.
     if let Ok(mut idle) = IDLE.try_lock() {
         idle.push(memory);
     }
     found
 }
 
-/// Registers what was checked to be arrays of points.
+/// Registers views of arrays that have been checked.
 fn register_views(
     policy: weights::Policy<'_>,
     memory: &mut Memory,
@@ -310,10 +310,10 @@ fn register_views(
     register_prepared(policy, memory, [source, target], names, asked)
 }
 
-/// Why there is no pose.
+/// Why a registration gave no pose.
 enum Ended {
     Refused(reagent_core::Error),
-    /// By the user, for instance.
+    /// Stopped, for instance by the user.
     Stopped(PyErr),
 }
 

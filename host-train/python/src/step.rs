@@ -16,7 +16,7 @@ pub struct Step {
 }
 
 impl Step {
-    /// Between clouds of these origins.
+    /// A step between clouds with these origins.
     pub(crate) fn new(taken: trace::Step, origins: [Position; 2]) -> Step {
         Step { taken, origins }
     }
@@ -42,25 +42,25 @@ impl Step {
         PyArray1::from_owned_array(py, arr1(&self.taken.rotation_rad.map(f64::from)))
     }
 
-    /// Which of the eleven translations was taken along x, y, z; 5 is stop.
+    /// Number of the translation taken along x, y, z, of the eleven; 5 is stop.
     #[getter]
     fn translation_id(&self) -> (u8, u8, u8) {
         self.taken.translation_id.into()
     }
 
-    /// Which of the eleven rotations was taken about x, y, z; 5 is stop.
+    /// Number of the rotation taken about x, y, z, of the eleven; 5 is stop.
     #[getter]
     fn rotation_id(&self) -> (u8, u8, u8) {
         self.taken.rotation_id.into()
     }
 
-    /// How likely the policy held each translation: (3, 11), float32.
+    /// Probability of each translation under the policy: (3, 11), float32.
     #[getter]
     fn translation_probability<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray2<f32>>> {
         probabilities(py, self.taken.translation_probability.as_ref())
     }
 
-    /// How likely the policy held each rotation: (3, 11), float32.
+    /// Probability of each rotation under the policy: (3, 11), float32.
     #[getter]
     fn rotation_probability<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray2<f32>>> {
         probabilities(py, self.taken.rotation_probability.as_ref())

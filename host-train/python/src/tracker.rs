@@ -1,4 +1,4 @@
-//! Tracking: where an object is from one cloud of a stream to the next.
+//! Tracking: an object's pose from one cloud of a stream to the next.
 
 use crate::arguments;
 use crate::array::{Cloud, SEEDS};
@@ -14,19 +14,20 @@ use pyo3::prelude::*;
 use reagent_core::pipeline::Mode;
 use std::sync::{Mutex, PoisonError};
 
-// A signature tells Python numbers, and not the names of constants.
+// The Python signature needs a number, not the name of a constant.
 const _: () = assert!(POINTS == 1024);
 
 /// Follows an object through a stream of clouds, such as a camera's.
 ///
-/// Closest points alone lead from the last pose to the next, which takes a few milliseconds. Where that gives no pose that is probably
-/// right, and at every thirtieth cloud, the policy's steps and `mode` do; a lost object is looked for alternately from the last pose and from anywhere.
+/// Each pose is refined by closest points from the last one, in a few milliseconds. If that is probably not right, and
+/// at every thirtieth cloud, the policy's steps and `mode` follow. A lost object is looked for alternately from the
+/// last pose and from anywhere.
 ///
 /// target: the object's model, as `register` takes it.
-/// init: where it is looked for at first: a pose, "identity" or "anywhere".
+/// init: where to look for it at first: a pose, "identity" or "anywhere".
 /// viewpoint: where the sensor stands in the clouds' coordinates, if each is a view from there.
-/// policy: the bundled "compact", or "views-compact" where there is a `viewpoint`, if none is given.
-/// points: points of each cloud that are used at most; fewer take less time.
+/// policy: by default the bundled "compact", or "views-compact" with a `viewpoint`.
+/// points: most points of each cloud that are used; fewer take less time.
 ///
 /// Several threads may use one object, one after the other.
 ///
@@ -46,7 +47,7 @@ pub struct Tracker {
     state: Mutex<State>,
 }
 
-/// What is known from the clouds so far, and working memory.
+/// What the clouds so far have shown, and working memory.
 struct State {
     tracking: Tracking,
     memory: Box<Memory>,
@@ -98,8 +99,8 @@ impl Tracker {
         })
     }
 
-    /// Registers the next cloud. Of what is returned, `state` is "found", "tracked" or "lost"; of a lost object the pose is not to be
-    /// relied on. A cloud that is refused, such as an empty one, counts as one without the object.
+    /// Registers the next cloud. In the result, `state` is "found", "tracked" or "lost"; the pose of a lost object is
+    /// not reliable. A cloud that is refused, such as an empty one, counts as one without the object.
     fn follow(&self, py: Python<'_>, source: &Bound<'_, PyAny>) -> PyResult<Registration> {
         let source = Cloud::or_mesh("source", source)?;
         let source = source.view();

@@ -1,4 +1,4 @@
-//! The distributions, against the moments that the paper's protocol gives them.
+//! The distributions, compared with the moments that the paper's protocol implies.
 
 use super::*;
 use crate::random::{Purpose, Rng, stream};
@@ -131,7 +131,7 @@ fn noise_has_its_deviation_and_its_clip() {
         mean.abs() < 2e-5 && (deviation - 0.01).abs() < 2e-5,
         "{mean} {deviation}"
     );
-    // Of 12 million normal numbers about 7 lie beyond 5 deviations: the clip is met, and holds.
+    // Of 12 million normal numbers about 7 lie beyond 5 deviations, so the clip is reached.
     let largest = noise.iter().map(|x| x.abs()).fold(0.0, f64::max);
     assert_eq!(largest as f32, JITTER_CLIP);
 }
@@ -146,7 +146,7 @@ fn every_point_is_drawn_equally_often() {
         first[points[0][0] as usize] += 1;
         points.iter().for_each(|p| drawn[p[0] as usize] += 1);
     }
-    // 3000 and 125 expected; five deviations of the binomial.
+    // 3000 and 125 expected, within five standard deviations of the binomial.
     assert!(
         drawn.iter().all(|&n| (2780..3220).contains(&n)),
         "{drawn:?}"
@@ -159,7 +159,7 @@ fn every_point_is_drawn_equally_often() {
 
 #[test]
 fn noisy_clouds_are_drawn_independently() {
-    // Distances between points survive rigid offsets; here, the clouds themselves are compared without noise.
+    // Distances between points survive rigid offsets; these clouds are compared without noise.
     let cloud: Vec<Point> = (0..2048).map(|i| [i as f32, 0.0, 0.0]).collect();
     let mut rng = rng(6);
     let common: Vec<f64> = (0..50)
@@ -211,7 +211,7 @@ proptest! {
     }
 }
 
-/// Mean distance from the points of the moved source to their nearest of the target.
+/// Mean distance from the points of the moved source to their nearest target points.
 fn misfit(sample: &Sample) -> f32 {
     let nearest = |&p: &Point| {
         let seen = sample.target_from_source.apply(p.into());

@@ -1,4 +1,4 @@
-//! Test pairs of a data set in BOP layout, and refined poses back in the camera's frame.
+//! Test pairs of a data set in BOP layout, and the conversion of refined poses back to the camera's frame.
 
 use super::normalise::Normalisation;
 use super::recall::PoseErrors;
@@ -18,41 +18,40 @@ use std::path::Path;
 
 /// Points of source and target (the paper's).
 const POINTS: usize = 1024;
-/// Points of the background across an object's width: some for every cell in which free space is looked at.
+/// Points of the background across an object's width: several for every cell in which free space is checked.
 const ACROSS: usize = 32;
 
-/// An annotated object and its estimate, if it has one.
+/// An annotated object, and its estimate if it has one.
 type Matched = (Instance, Option<Estimate>);
-/// A sample, if the object has a depth inside its mask.
+/// A sample; `None` if the object has no depth inside its mask.
 type Drawn = Result<Option<(Sample, Normalisation, Seen)>, BopError>;
 
-/// Annotated objects with the estimates from which they are refined. Clouds take 24 kB a pair, and what is seen around the
+/// Annotated objects with the estimates that are to be refined. A pair's clouds take 24 kB, what is seen around the
 /// object up to 100 kB.
 #[derive(Clone, Debug)]
 pub struct Refinements {
-    /// What is registered: the observed source placed by the estimate, and the model, in normalised units. The label
-    /// is the object's id.
+    /// The pairs to register, in normalised units: the observed source, placed by the estimate, and the model. The
+    /// label is the object's id.
     pub set: PairSet,
     refined: Vec<(Instance, Estimate, Normalisation)>,
     /// Objects that cannot be refined: no depth inside the mask, or no estimate at all.
     rest: Vec<Matched>,
     scenes: Scenes,
-    /// The objects.
+    /// The data set's models.
     pub models: Models,
 }
 
 impl Refinements {
-    /// Reads the folder `test` of a data set and the estimates for it, and draws the source of each pair inside
-    /// the estimated mask (`mask_estimate`; where a scene has none, `mask_visib`). A pair depends on the
-    /// seed and on its place only.
+    /// Reads the folder `test` of a data set and the estimates for it, and draws each pair's source inside the estimated
+    /// mask (`mask_estimate`; `mask_visib` if a scene has none). A pair depends only on the seed and on its index.
     ///
-    /// What is evaluated: the objects that `test_targets.json` lists, of which those without an estimate count as
-    /// failures; without such a list, the objects that have an estimate. Several estimates of one object in one
-    /// image go, best score first, each to the nearest annotation that is free. `count` takes that many, spread
+    /// The objects that `test_targets.json` lists are evaluated, and those without an estimate count as failures.
+    /// Without such a list it is the objects that have an estimate. Several estimates of one object in one image are
+    /// assigned, best score first, to the nearest annotation that is free. `count` takes only that many objects, spread
     /// evenly over all.
     ///
     /// # Errors
-    /// A file that is missing or not as it should be; no estimate that belongs to an annotated object.
+    /// A file that is missing or malformed; no estimate that belongs to an annotated object.
     pub fn open(
         root: &Path,
         estimates: &Path,
@@ -128,14 +127,14 @@ impl Refinements {
         })
     }
 
-    /// Objects to be evaluated that cannot be refined, and how many of these have no estimate.
+    /// Number of objects to evaluate that cannot be refined, and how many of these have no estimate.
     pub fn unrefined(&self) -> (usize, usize) {
         let missing = self.rest.iter().filter(|(_, e)| e.is_none()).count();
         (self.rest.len(), missing)
     }
 
-    /// The refined poses, millimetres, in the camera's frame, with the score of the estimate; an object that
-    /// cannot be refined keeps its estimate. `target_from_source` has one registration a pair of the set.
+    /// The refined poses in the camera's frame, millimetres, with the estimates' scores; an object that cannot be
+    /// refined keeps its estimate. `target_from_source` has one registration for each pair of the set.
     pub fn results(&self, target_from_source: &[Pose]) -> Vec<Estimate> {
         let refined = self.refined.iter().zip(target_from_source);
         let refined = refined.map(|((_, estimate, frame), pose)| Estimate {
@@ -149,7 +148,7 @@ impl Refinements {
         results
     }
 
-    /// All poses that are evaluated, with their errors, for registrations as in [`Self::results`]. Images are read once more.
+    /// All poses that are evaluated, with their errors, for registrations as in [`Self::results`]. Reads the images again.
     ///
     /// # Errors
     /// An image that cannot be read any more.
@@ -184,7 +183,7 @@ impl Refinements {
     }
 }
 
-/// From where and before what an object was seen, where the estimate places it, in normalised units.
+/// The view point and background of an object that the estimate places in the model's frame, in normalised units.
 fn seen(image: &DepthImage, estimate: &Pose, frame: &Normalisation) -> Seen {
     let model_from_camera = estimate.inverse();
     let placed = |point: Vec3| frame.point(model_from_camera.apply(point));
@@ -197,7 +196,7 @@ fn seen(image: &DepthImage, estimate: &Pose, frame: &Normalisation) -> Seen {
     }
 }
 
-/// Each annotated object with its estimate, if it has one.
+/// Each annotated object, with its estimate if it has one.
 fn matched(instances: &[Instance], mut estimates: Vec<Estimate>) -> Vec<Matched> {
     let mut places: BTreeMap<(u32, u32, u32), Vec<usize>> = BTreeMap::new();
     for (place, i) in instances.iter().enumerate() {

@@ -1,8 +1,8 @@
-//! The units in which a pose is refined, and back to millimetres in the camera's frame.
+//! The units in which a pose is refined, and the way back to millimetres in the camera's frame.
 //!
-//! With μ and s the mean of the target's points and the distance of the farthest from it, `n = (m - μ) / s`
-//! takes the model's frame to normalised units. A pose `m' = R m + t` becomes `n' = R n + (t + R μ - μ) / s`.
-//! (The authors' code takes `t / s`, which leaves out the mean; it is exact only where the mean is zero.)
+//! Let μ be the mean of the target's points and s the distance of the farthest from it. `n = (m - μ) / s` takes the
+//! model's frame to normalised units, and a pose `m' = R m + t` becomes `n' = R n + (t + R μ - μ) / s`. (The authors'
+//! code takes `t / s`, which is exact only if the mean is zero.)
 
 use crate::dataset::Point;
 use crate::dataset::mesh;
@@ -14,13 +14,13 @@ use reagent_core::Pose;
 pub struct Normalisation {
     /// Mean of the target's points, in the model's frame.
     pub centre: Vec3,
-    /// Distance of the farthest of them from it.
+    /// Distance of the farthest point from the mean.
     pub scale: f32,
 }
 
 impl Normalisation {
-    /// Moves the target's mean to the origin and scales its farthest point to distance 1; the same for the
-    /// source. `None` (and nothing changed) where all points of the target coincide.
+    /// Moves the target's mean to the origin and scales its farthest point to distance 1, and does the same to the
+    /// source. `None`, with nothing changed, if all points of the target coincide.
     pub fn of(source: &mut [Point], target: &mut [Point]) -> Option<Normalisation> {
         let (centre, scale) = mesh::normalise(target)?;
         let frame = Normalisation { centre, scale };
@@ -30,12 +30,12 @@ impl Normalisation {
         Some(frame)
     }
 
-    /// A point in the model's frame, millimetres, in normalised units.
+    /// A point of the model's frame, millimetres, in normalised units.
     pub fn point(&self, point: Vec3) -> Point {
         ((point - self.centre) / self.scale).to_array()
     }
 
-    /// A pose in the model's frame, millimetres, in normalised units.
+    /// A pose in the model's frame, millimetres, converted to normalised units.
     pub fn normalised(&self, pose: &Pose) -> Pose {
         let shift = pose.translation + pose.rotation * self.centre - self.centre;
         Pose {
@@ -44,7 +44,7 @@ impl Normalisation {
         }
     }
 
-    /// A pose in normalised units in the model's frame, millimetres: the inverse of [`Self::normalised`].
+    /// A pose in normalised units, converted to the model's frame, millimetres: the inverse of [`Self::normalised`].
     pub fn restored(&self, pose: &Pose) -> Pose {
         let shift = self.scale * pose.translation + self.centre - pose.rotation * self.centre;
         Pose {
@@ -53,8 +53,8 @@ impl Normalisation {
         }
     }
 
-    /// The refined pose, millimetres: where the model is when the source, placed in the model's frame by
-    /// `estimate`, has been registered by `target_from_source` in normalised units.
+    /// The refined pose, camera_from_model, millimetres. `target_from_source` registers, in normalised units, a source
+    /// that `estimate` placed in the model's frame.
     pub fn refined(&self, estimate: &Pose, target_from_source: &Pose) -> Pose {
         let model_from_estimated = self.restored(target_from_source);
         estimate.after(model_from_estimated.inverse())
@@ -73,8 +73,8 @@ mod tests {
         }
     }
 
-    /// A camera sees points of a model at the true pose. Placed by the estimate, normalised, moved by the
-    /// registration that takes them to where they are on the model, they say that the refined pose is the true one.
+    /// A camera sees points of a model at the true pose. They are placed by the estimate, normalised, and registered
+    /// onto the model; the refined pose is then the true one.
     #[test]
     fn a_perfect_registration_gives_the_true_pose() {
         let model: Vec<Vec3> = (0..40)

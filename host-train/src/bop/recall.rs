@@ -1,13 +1,13 @@
 //! BOP's average recall: Hodaň et al., BOP Challenge 2020 on 6D Object Localization, section 2.
 //!
-//! | error | of an estimated pose | right below | |
+//! | error | definition for an estimated pose | right below | |
 //! |---|---|---|---|
 //! | VSD | share of the visible pixels of both poses whose distances from the camera differ by τ or more, or that only one of them has | θ = .05, .1, … .5 | for each of τ = .05, .1, … .5 diameters |
 //! | MSSD | largest distance of a vertex between both poses, least over the object's symmetries | .05, .1, … .5 diameters | |
 //! | MSPD | the same in the image, pixels | 5, 10, … 50 | of an image that is 640 pixels wide |
 //!
-//! A recall is the share of all poses that are right, those included that were not estimated; an average recall the mean of an
-//! error's recalls over its thresholds. AR is the mean of the three.
+//! A recall is the share of all poses that are right, including those that were not estimated; an error's average
+//! recall is the mean of its recalls over the thresholds. AR is the mean of the three.
 
 use crate::dataset::bop::BopModel;
 use crate::dataset::depth::DepthImage;
@@ -16,15 +16,15 @@ use glam::{Affine3A, Vec3};
 use reagent_core::Pose;
 use serde::Serialize;
 
-/// Thresholds of each error.
+/// Number of thresholds of each error.
 const THRESHOLDS: usize = 10;
-/// The first of VSD's and MSSD's, and its distance to the next.
+/// First threshold of VSD and MSSD, and the distance to the next.
 const STEP: f64 = 0.05;
-/// The same of MSPD's, pixels.
+/// The same for MSPD, pixels.
 const PIXEL_STEP: f64 = 5.0;
-/// Width of an image for which those hold, pixels.
+/// Width of an image to which these apply, pixels.
 const WIDTH: f64 = 640.0;
-/// By how much a surface may lie behind what was measured and still be visible, millimetres.
+/// How far a surface may lie behind the measured depth and still count as visible, millimetres.
 const VISIBLE_MM: f32 = 15.0;
 
 /// Errors of one estimated pose.
@@ -39,14 +39,14 @@ pub struct PoseErrors {
 }
 
 impl PoseErrors {
-    /// Of an object that was not estimated.
+    /// Errors of an object that was not estimated.
     pub const MISSING: PoseErrors = PoseErrors {
         vsd: [1.0; THRESHOLDS],
         mssd: f64::INFINITY,
         mspd: f64::INFINITY,
     };
 
-    /// Of an estimate; poses are camera_from_model, millimetres, as `seen` is.
+    /// Errors of an estimate; poses are camera_from_model, in millimetres like `seen`.
     pub fn of(model: &BopModel, seen: &DepthImage, truth: &Pose, estimate: &Pose) -> PoseErrors {
         let project = |p: Vec3| match p.z > 0.0 {
             true => seen.camera.project(p).extend(0.0),
@@ -75,7 +75,7 @@ pub struct AverageRecall {
 }
 
 impl AverageRecall {
-    /// Of the errors of all poses.
+    /// Average recalls over the errors of all poses.
     pub fn of(errors: impl IntoIterator<Item = PoseErrors>) -> AverageRecall {
         let errors: Vec<PoseErrors> = errors.into_iter().collect();
         let recalls = |error: &dyn Fn(&PoseErrors) -> f64, step: f64| {
@@ -99,8 +99,7 @@ impl AverageRecall {
     }
 }
 
-/// The least over the symmetries of the largest distance between a vertex under the estimate and under the truth, each seen by
-/// `of`.
+/// Largest distance of a vertex between estimate and truth, both seen through `of`; the least over the symmetries.
 fn largest_distance(
     model: &BopModel,
     truth: &Pose,
@@ -118,7 +117,7 @@ fn largest_distance(
         let mut largest = 0.0f32;
         for (v, at) in model.mesh.vertices.iter().zip(&estimated) {
             let apart = of(turned.apply(*v)).distance_squared(*at);
-            // Infinity less infinity: neither is in the image.
+            // Infinity minus infinity: neither is in the image.
             largest = largest.max(if apart.is_nan() { f32::INFINITY } else { apart });
             if largest >= least {
                 break;
@@ -129,7 +128,7 @@ fn largest_distance(
     f64::from(least).sqrt()
 }
 
-/// For each τ; 1 where neither pose has a visible pixel.
+/// VSD for each τ; 1 if neither pose has a visible pixel.
 fn visible_surface_discrepancy(
     model: &BopModel,
     seen: &DepthImage,
@@ -147,7 +146,7 @@ fn visible_surface_discrepancy(
         if inverse_truth == 0.0 && inverse_estimate == 0.0 {
             continue;
         }
-        // Depths along a ray become distances.
+        // Converts depths along the ray to distances.
         let ray = ray_length(&seen.camera, pixel);
         let measured = seen.depth(pixel) * ray;
         let is_seen = |inverse: f32| {
@@ -175,7 +174,7 @@ fn visible_surface_discrepancy(
     })
 }
 
-/// Length of the ray through a pixel, to depth 1.
+/// Length of the ray through a pixel to depth 1.
 fn ray_length(camera: &Pinhole, pixel: usize) -> f32 {
     let width = camera.size[0];
     camera.ray(pixel % width, pixel / width).length()

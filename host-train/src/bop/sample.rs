@@ -1,4 +1,4 @@
-//! Samples of the `bop` protocol: what is trained on, and what is tested.
+//! Samples of the `bop` protocol, for training and for tests.
 
 use super::normalise::Normalisation;
 use super::segment::{inside, patch};
@@ -21,10 +21,10 @@ use std::path::Path;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Magnitude {
-    /// U[0, 1] times the maximum, as the paper says.
+    /// U[0, 1] times the maximum, as in the paper.
     #[default]
     Uniform,
-    /// The product of two uniform draws times the maximum, as the authors' code has it: mean a quarter.
+    /// The product of two uniform draws times the maximum, as in the authors' code: the mean is a quarter.
     Product,
 }
 
@@ -33,10 +33,10 @@ pub enum Magnitude {
 pub struct BopSampling {
     /// Points of source and target.
     pub points: usize,
-    /// Least share of the source's points that lie on the object; the share is uniform from here to 1.
+    /// Least share of the source's points that lie on the object; the share is uniform between this and 1.
     pub least_foreground: f64,
-    /// Largest rotation of the initial error, degrees; the angle is uniform from 0, the axis that of a
-    /// uniformly random rotation.
+    /// Largest rotation of the initial error, degrees. The angle is uniform from 0, the axis that of a uniformly random
+    /// rotation.
     pub rotation_deg: f32,
     /// Largest translation of the initial error, normalised units; the direction is uniform.
     pub translation: f32,
@@ -57,9 +57,9 @@ impl Default for BopSampling {
 }
 
 impl BopSampling {
-    /// One training sample: a segment of what is seen, taken to the model's frame by the true pose, normalised
-    /// with the target drawn from the model's `surface`, then moved by a random error. `None` where no pixel
-    /// of the object has a depth, or the surface has no extent.
+    /// One training sample. A segment of the image is taken to the model's frame by the true pose, normalised with the
+    /// target, which is drawn from the model's `surface`, and then moved by a random error. `None` if no pixel of the
+    /// object has a depth, or the surface has no extent.
     pub fn training(
         &self,
         rng: &mut Rng,
@@ -98,7 +98,7 @@ impl BopSampling {
 }
 
 /// One test sample: `points` random points inside the mask, taken to the model's frame by the estimate and normalised
-/// with the target drawn from the model's `surface`. `None` as in [`BopSampling::training`].
+/// with the target, which is drawn from the model's `surface`. `None` as in [`BopSampling::training`].
 pub fn test_sample(
     rng: &mut Rng,
     seen: &DepthImage,
@@ -112,8 +112,8 @@ pub fn test_sample(
     placed(source, target, estimate, truth)
 }
 
-/// A source in the camera's frame, taken to the model's frame by the estimate and normalised with the target.
-/// `None` where the target has no extent.
+/// Takes a source in the camera's frame to the model's frame by the estimate, and normalises it with the target. `None`
+/// if the target has no extent.
 pub fn placed(
     mut source: Vec<Point>,
     mut target: Vec<Point>,
@@ -130,7 +130,7 @@ pub fn placed(
     Some((sample, frame))
 }
 
-/// Takes a point that `estimate` has placed in the model's frame to where it is on the model.
+/// The transform that takes a point placed in the model's frame by `estimate` to its true place on the model.
 pub fn placed_from(estimate: &Pose, truth: &Pose) -> Pose {
     truth.inverse().after(*estimate)
 }
@@ -143,14 +143,14 @@ pub struct BopTraining {
     sampling: BopSampling,
 }
 
-/// Objects of which less than this is visible are not trained on (BOP's own limit for test targets).
+/// Objects less visible than this are not trained on (BOP's own limit for test targets).
 const LEAST_VISIBLE: f32 = 0.1;
 
 impl BopTraining {
-    /// Opens the training images of a data set in BOP layout; see [`training_scenes`] for which these are.
+    /// Opens the training images of a data set in BOP layout; [`training_scenes`] says which these are.
     ///
     /// # Errors
-    /// A file that is missing or not as it should be; no object that is visible enough.
+    /// A file that is missing or malformed; no object that is visible enough.
     pub fn open(root: &Path, seed: u64, sampling: BopSampling) -> Result<BopTraining, BopError> {
         let models = Models::open(root, seed)?;
         let mut scenes = training_scenes(root, &models)?;
@@ -173,13 +173,13 @@ impl BopTraining {
         self.models.iter().map(|model| model.surface.as_slice())
     }
 
-    /// The annotated objects; a sample's index is a place in this list.
+    /// The annotated objects; a sample's index refers to this list.
     pub fn instances(&self) -> &[Instance] {
         &self.scenes.instances
     }
 
-    /// Holds back the objects of about `share` of the images, at least one image and not all of them where
-    /// there are two or more: (for training, for validation). The choice depends on the seed only.
+    /// Splits by image: (for training, for validation). About `share` of the images are held back, at least one and not
+    /// all if there are two or more. The choice depends only on the seed.
     pub fn split(self, seed: u64, share: f64) -> (BopTraining, BopTraining) {
         let mut images: Vec<(u32, u32)> = self
             .instances()
@@ -198,8 +198,8 @@ impl BopTraining {
         (training, validation)
     }
 
-    /// Adds up to `count` pairs for validation to a set, spread evenly over the annotated objects, drawn as training
-    /// samples are.
+    /// Adds up to `count` validation pairs to a set, drawn like training samples and spread evenly over the annotated
+    /// objects.
     ///
     /// # Errors
     /// As [`BopTraining::sample`].
@@ -215,11 +215,11 @@ impl BopTraining {
         Ok(())
     }
 
-    /// Draws a sample of the annotated object number `index` (modulo their number). It depends on the object and
-    /// on the stream only. An object without any depth in its mask gives way to the next one.
+    /// Draws a sample of annotated object number `index` (modulo their number). It depends only on the object and on
+    /// the stream. An object without any depth in its mask is replaced by the next one.
     ///
     /// # Errors
-    /// An image that is missing or unreadable; no object at all with a depth.
+    /// An image that is missing or unreadable; no object with any depth.
     pub fn sample(&self, index: usize, rng: &mut Rng) -> Result<Sample, BopError> {
         let instances = self.instances();
         for step in 0..instances.len() {

@@ -1,4 +1,4 @@
-//! Source clouds out of a depth image and a mask.
+//! Source clouds from a depth image and a mask.
 
 use crate::dataset::Point;
 use crate::dataset::depth::DepthImage;
@@ -6,13 +6,12 @@ use crate::random::Rng;
 use crate::random::resample;
 use rand::RngExt;
 
-/// The paper's training segments: a patch about a random pixel of the object. `ceil(count * foreground)` of its
-/// points are the pixels of the object that are nearest to that pixel in the image, the others the nearest pixels
-/// outside of the mask: so an occluded object and an imprecise mask are simulated at once.
+/// The paper's training segments: a patch around a random pixel of the object. `ceil(count * foreground)` points are
+/// the object's pixels nearest to it in the image, the others the nearest pixels outside of the mask. This simulates
+/// occlusion and an imprecise mask at once.
 ///
-/// Where there are fewer pixels than asked for, all are taken, and some of them repeated; where there is nothing
-/// outside of the mask (a rendering without background), the object gives all points. `None` where no pixel of
-/// the object has a depth.
+/// If there are fewer pixels than asked for, all are taken, and some are repeated. If nothing lies outside of the mask
+/// (a rendering without background), all points are from the object. `None` if no pixel of the object has a depth.
 pub fn patch(
     rng: &mut Rng,
     seen: &DepthImage,
@@ -39,8 +38,8 @@ pub fn patch(
     Some(points)
 }
 
-/// The paper's test segments: `count` random points inside the mask, some repeated where there are fewer. `None`
-/// where there are none.
+/// The paper's test segments: `count` random points inside the mask, some repeated if there are fewer. `None` if there
+/// are none.
 pub fn inside(rng: &mut Rng, seen: &DepthImage, count: usize) -> Option<Vec<Point>> {
     let pixels = seen.pixels(true);
     let points: Vec<Point> = pixels.into_iter().map(|p| seen.point(p)).collect();
@@ -52,7 +51,7 @@ fn nearest(mut pixels: Vec<u32>, centre: u32, width: usize, count: usize) -> Vec
     if pixels.len() > count && count > 0 {
         let place = |p: u32| (i64::from(p) % width as i64, i64::from(p) / width as i64);
         let (x, y) = place(centre);
-        // The pixel's own number makes the order total.
+        // The pixel's own number breaks ties.
         pixels.select_nth_unstable_by_key(count - 1, |&p| {
             let (u, v) = place(p);
             ((u - x).pow(2) + (v - y).pow(2), p)

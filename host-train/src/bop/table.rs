@@ -1,8 +1,8 @@
-//! The paper's tables on LINEMOD: share of poses whose average distance (AD) is below a part of the diameter. Beside it, BOP's
-//! average recall ([`super::recall`]).
+//! The paper's tables on LINEMOD: the share of poses whose average distance (AD) is below a part of the diameter; and
+//! BOP's average recall ([`super::recall`]).
 //!
-//! AD is ADD, the mean distance of corresponding model points under the true and the estimated pose, or ADI, the mean
-//! distance to the closest one, for objects with a symmetry (Hinterstoisser et al., 2012).
+//! AD is ADD, the mean distance of corresponding model points under the true and the estimated pose; for objects with a
+//! symmetry it is ADI, the mean distance to the closest point (Hinterstoisser et al., 2012).
 
 use super::recall::{AverageRecall, PoseErrors};
 use crate::dataset::bop::{BopModel, Models};
@@ -13,17 +13,17 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
-/// Parts of the diameter of the three tables.
+/// Thresholds of the three tables, in diameters.
 pub const THRESHOLDS: [f64; 3] = [0.10, 0.05, 0.02];
 
-/// One row: an object, and what part of its poses is good.
+/// One row: an object, and the share of its poses that are good.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ObjectRow {
     /// Id of the object.
     pub object: u32,
     /// Its name.
     pub name: String,
-    /// Number of poses, those included that were not estimated at all.
+    /// Number of poses, including those that were not estimated.
     pub pairs: usize,
     /// Whether ADI was used.
     pub symmetric: bool,
@@ -45,16 +45,16 @@ pub struct Estimated {
     pub object: u32,
     /// Its true pose.
     pub truth: Pose,
-    /// The estimated one; `None` where there is none, which counts as a failure.
+    /// The estimated pose; `None` counts as a failure.
     pub estimate: Option<Pose>,
-    /// Its errors in the image.
+    /// Its errors for BOP's average recall.
     pub errors: PoseErrors,
 }
 
 /// AD of an estimate, in diameters of the model. `tree` holds [`BopModel::metric_points`].
 pub fn average_distance(model: &BopModel, tree: &Neighbours, truth: &Pose, estimate: &Pose) -> f64 {
-    // A rigid motion keeps distances: everything is measured in the model's frame.
-    // ADI asks, as the BOP toolkit, how far each true point is from the estimated ones.
+    // A rigid motion keeps distances, so everything is measured in the model's frame.
+    // Like the BOP toolkit, ADI measures from each true point to the estimated ones.
     let residual = if model.is_symmetric() {
         estimate.inverse().after(*truth)
     } else {
@@ -76,7 +76,7 @@ pub fn average_distance(model: &BopModel, tree: &Neighbours, truth: &Pose, estim
     sum / points.len() as f64 / model.diameter_mm
 }
 
-/// One row an object, by id; objects without poses have none.
+/// One row for each object that has poses, by id.
 ///
 /// # Errors
 /// A model without points. Poses of objects without a model are left out.
@@ -117,8 +117,8 @@ pub fn objects(models: &Models, poses: &[Estimated]) -> Result<Vec<ObjectRow>, E
     Ok(rows)
 }
 
-/// The table as text: per object, then the mean over objects, then BOP's average recalls, which are over all poses. Objects with
-/// ADI have a star.
+/// The table as text: a row for each object, then the mean over objects, then BOP's average recalls over all poses.
+/// Objects with ADI have a star.
 pub fn text(method: &str, rows: &[ObjectRow], recall: &AverageRecall) -> String {
     let names = rows.iter().map(|r| r.name.chars().count());
     let width = names.max().unwrap_or(0).max("object".len()) + 1;
@@ -206,10 +206,10 @@ mod tests {
             }
         };
         let quarter = std::f32::consts::FRAC_PI_2;
-        // A quarter turn takes every corner to the next, 20 mm away; the square looks the same.
+        // A quarter turn takes every corner to the next, 20 mm away, but the square looks the same.
         assert!((distance(false, turn(quarter)) - 20.0 / 800f64.sqrt()).abs() < 1e-5);
         assert!(distance(true, turn(quarter)) < 1e-5);
-        // Three millimetres towards the camera are three for every point, whatever the metric.
+        // A shift of 3 mm towards the camera moves every point by 3 mm, whatever the metric.
         let nearer = |mut pose: Pose| {
             pose.translation.z -= 3.0;
             pose

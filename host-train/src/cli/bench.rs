@@ -13,12 +13,12 @@ use reagent_core::dims::{MAX_POINTS, MIN_POINTS};
 use reagent_core::kernels::Isa;
 use std::path::PathBuf;
 
-/// Points that one cloud may have.
+/// Number of points that a cloud may have.
 fn points() -> RangedI64ValueParser<usize> {
     RangedI64ValueParser::new().range(MIN_POINTS as i64..=MAX_POINTS as i64)
 }
 
-/// Kernels that this machine runs.
+/// Kernels by name, if this machine can run them.
 fn kernels(name: &str) -> Result<Isa, String> {
     Isa::named(name).ok_or_else(|| {
         let names: Vec<&str> = Isa::all().map(Isa::name).collect();
@@ -28,10 +28,11 @@ fn kernels(name: &str) -> Result<Isa, String> {
 
 /// Measure how fast this machine registers, or trains
 ///
-/// Registers clouds of 1024 and 2048 points in f32 and in 8-bit integers, on one thread and on two, and
-/// compares with the core's arithmetic peak. With --train: runs a few updates of the stages pretrain and ilrl with the paper's settings, after one of each to warm
-/// up, and says where the time goes. With --mcu: runs the policy in 8-bit integers, and refinement, on
-/// simulated microcontrollers (QEMU) and says what they need: flash, RAM, instructions. Nothing is written but FILE.
+/// Registers clouds of 1024 and 2048 points in f32 and in 8-bit integers, on one thread and on two, and compares with
+/// the core's arithmetic peak. With --train: runs a few updates of the stages pretrain and ilrl with the paper's
+/// settings, after one of each to warm up, and says where the time goes. With --mcu: runs the policy in 8-bit integers,
+/// and refinement, on simulated microcontrollers (QEMU) and says what they need: flash, RAM, instructions. Only the
+/// files named by options are written.
 #[derive(Debug, Args)]
 pub(super) struct BenchArgs {
     /// Measure training instead: observations a second
@@ -40,8 +41,8 @@ pub(super) struct BenchArgs {
     /// Measure microcontrollers instead, in QEMU: bytes, and simulated instructions (not cycles)
     #[arg(long, conflicts_with = "train")]
     mcu: bool,
-    /// With --mcu: fail where a number is over its budget, or worse by more than 5 % than in this file of an
-    /// earlier --json, or not in it
+    /// With --mcu: fail if a number is over its budget, or missing from this file of an earlier --json, or worse than
+    /// there by more than 5 %
     #[arg(long, value_name = "FILE", requires = "mcu")]
     expect: Option<PathBuf>,
     /// With --mcu: put the tables into this page, between the comments "host-train bench --mcu" and "end"
@@ -65,13 +66,13 @@ pub(super) struct BenchArgs {
     /// Points of a cloud [default: 1024; 1024 and 2048 to register]
     #[arg(long, value_name = "N", value_parser = points())]
     points: Option<usize>,
-    /// With --train: updates to measure of each stage, of 1280 observations each
+    /// With --train: updates to measure in each stage, of 1280 observations each
     #[arg(long, value_name = "N", value_parser = positive(), default_value_t = 4)]
     updates: usize,
-    /// Register with these kernels, not the fastest, by the name that is printed first
+    /// Kernels to register with, by the name that is printed first [default: the fastest]
     #[arg(long, value_name = "KERNELS", value_parser = kernels, conflicts_with = "train")]
     isa: Option<Isa>,
-    /// Write what was measured as JSON
+    /// Write the measurements as JSON
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }

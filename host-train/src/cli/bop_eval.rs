@@ -1,4 +1,4 @@
-//! What `host-train eval --protocol bop` adds: pairs from estimates, tables per object, results files.
+//! Parts of `host-train eval --protocol bop`: pairs from estimates, tables per object, results files.
 
 use super::output::write_json;
 use crate::bop::evaluate::Refinements;
@@ -46,7 +46,7 @@ impl ValueEnum for EvalProtocol {
     }
 }
 
-/// The document of `eval --json`, and the tables.
+/// The document of `eval --json`, with the tables.
 #[derive(Serialize)]
 struct BopDocument<'a> {
     #[serde(flatten)]
@@ -80,7 +80,7 @@ pub(super) fn describe(found: &Refinements, root: &Path, estimates: &Path) -> St
     text
 }
 
-/// Prints a table a method, and writes the document and the results files where asked for.
+/// Prints a table for each method, and writes the document and the results files that were asked for.
 pub(super) fn report(
     found: &Refinements,
     outcomes: &[Outcome],
@@ -112,7 +112,7 @@ pub(super) fn report(
     Ok(())
 }
 
-/// The file itself for one method; `FILE-METHOD.csv` for each of several.
+/// `FILE` for a single method, `FILE-METHOD.csv` for each of several.
 fn results_file(path: &Path, method: &str, methods: usize) -> PathBuf {
     if methods == 1 {
         return path.into();

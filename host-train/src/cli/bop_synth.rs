@@ -11,13 +11,14 @@ use std::path::PathBuf;
 
 /// Generate scenes in the layout of the BOP benchmark
 ///
-/// Several objects on a plane, seen by a noisy depth camera: folders test and train with depth images, masks and
-/// true poses, models_eval with the models (mm), and estimates.csv with initial poses for test, whose errors are of
-/// the size of PoseCNN's on LINEMOD. Masks as an estimator would give them are in mask_estimate, beside the
+/// Renders several objects on a plane as a noisy depth camera sees them. Writes folders test and train with depth
+/// images, masks and true poses, models_eval with the models (mm), and estimates.csv with initial poses for test, whose
+/// errors are like PoseCNN's on LINEMOD. Masks as an estimator would give them are in mask_estimate, beside the
 /// layout's own mask and mask_visib.
 #[derive(Debug, Args)]
 pub(super) struct BopSynthArgs {
-    /// Meshes (.ply .off .obj .stl) of a file or of a tree of folders, or the built-in shapes, among them solids of revolution and boxes
+    /// Meshes (.ply .off .obj .stl) from a file or a tree of folders, or the built-in shapes, which include solids of
+    /// revolution and boxes
     #[arg(long, value_name = "DIR|FILE|procedural")]
     models: PathBuf,
     /// Folder to write; empty or absent
@@ -26,19 +27,19 @@ pub(super) struct BopSynthArgs {
     /// Scenes of the split test
     #[arg(long, value_name = "N", value_parser = positive())]
     scenes: usize,
-    /// Scenes of the split train; 0 leaves it out [default: as many]
+    /// Scenes of the split train; 0 leaves it out [default: as many as in test]
     #[arg(long, value_name = "N", value_parser = RangedI64ValueParser::<usize>::new().range(0..=1_000_000))]
     train_scenes: Option<usize>,
     /// Views of each scene
     #[arg(long, value_name = "N", value_parser = positive(), default_value_t = SynthSettings::default().images)]
     images: usize,
-    /// Objects of the data set, at most
+    /// Most objects in the data set
     #[arg(long, value_name = "N", value_parser = up_to(100_000), default_value_t = 8)]
     objects: usize,
     /// Objects in each scene
     #[arg(long, value_name = "N", value_parser = up_to(50), default_value_t = SynthSettings::default().per_scene)]
     per_scene: usize,
-    /// Millimetres of one unit of the meshes [default: each is scaled to a random diameter of 100 to 250 mm]
+    /// Millimetres per unit of the meshes [default: each is scaled to a random diameter of 100 to 250 mm]
     #[arg(long, value_name = "MM", value_parser = scale)]
     mm_per_unit: Option<f32>,
     /// Columns and rows of the images
@@ -49,7 +50,7 @@ pub(super) struct BopSynthArgs {
     noise: f32,
 }
 
-/// The name that stands for the built-in shapes.
+/// The name of the built-in shapes.
 const PROCEDURAL: &str = "procedural";
 
 impl BopSynthArgs {
@@ -84,7 +85,7 @@ impl BopSynthArgs {
     }
 }
 
-/// A number from 1 to `most`: each object of a scene is rendered into an image of its own.
+/// A number from 1 to `most`, since each object of a scene is rendered into an image of its own.
 fn up_to(most: i64) -> RangedI64ValueParser<usize> {
     RangedI64ValueParser::new().range(1..=most)
 }

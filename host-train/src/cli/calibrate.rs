@@ -12,21 +12,21 @@ use reagent_core::pipeline::Mode;
 use serde::Serialize;
 use std::path::PathBuf;
 
-/// Share of the meshes on which the fitted probabilities are tried.
+/// Share of the meshes on which the fitted probabilities are tested.
 const HELD_BACK: f64 = 0.3;
 
 /// Fit the probability of a verdict on pairs of training models
 ///
-/// Registers training models as they are, in part, without noise, distorted, as rendered views, whose view points are known or
-/// not, and against another mesh, by policy and polishing or verification; fits a logistic model on seven tenths of the meshes and tries it on the rest, beside
-/// the one that is built in and one that is fitted without the kind of pair at hand. Prints the weights as they stand in
-/// core's evidence.rs, and quality by kind of pair.
+/// Registers training models by policy and polishing or verification: as they are, in part, without noise, distorted,
+/// as rendered views with and without a known view point, and against another mesh. Fits a logistic model on seven
+/// tenths of the meshes and tests it on the rest, beside the built-in model and one fitted without the kind of pair at
+/// hand. Prints the weights as they stand in core's evidence.rs, and the quality for each kind of pair.
 #[derive(Debug, Args)]
 pub(super) struct CalibrateArgs {
     /// Data set whose training split is used
     #[arg(long, value_name = "DIR", value_parser = data_set)]
     data: PathBuf,
-    /// Meshes of which views are rendered [default: built-in shapes]
+    /// Meshes to render views of [default: built-in shapes]
     #[arg(long, value_name = "DIR")]
     meshes: Option<PathBuf>,
     /// Policy [default: the bundled ones for whole clouds and for views]
@@ -51,15 +51,15 @@ fn data_set(text: &str) -> Result<PathBuf, String> {
     }
 }
 
-/// Each has weights of its own.
+/// Modes that are calibrated; each has its own weights.
 const MODES: [Mode; 2] = [Mode::Polish, Mode::Verify];
-/// Built-in shapes of which views are rendered where no meshes are given.
+/// Number of built-in shapes to render views of if no meshes are given.
 const BUILT_IN: u64 = 200;
 
 /// What `--json` writes.
 #[derive(Serialize)]
 struct Document {
-    /// Of a pose that was polished alone, and of one that was compared with others.
+    /// For a pose that was polished alone, and for one that was compared with others.
     weights: [Vec<f64>; 2],
     quality: Vec<Line>,
 }
@@ -68,13 +68,13 @@ struct Document {
 struct Line {
     pairs: String,
     fitted: Quality,
-    /// By weights that were fitted to the other kinds.
+    /// With weights that were fitted to the other kinds.
     left_out: Quality,
     built_in: Quality,
     outcomes: Outcomes,
 }
 
-/// Of each pair, the probability as built in, and 1 where the pose was right.
+/// For each pair, the built-in model's probability, and 1 if the pose was right.
 #[derive(Serialize)]
 struct Outcomes {
     probability: Vec<f32>,
@@ -98,7 +98,7 @@ impl CalibrateArgs {
             let (fitted, tried) = modelnet::validation_split(objects, seed, HELD_BACK);
             [fitted, tried]
         });
-        // Samples of a cloud of few points share some of them, and those of a sensor do not.
+        // Two samples of a sparse cloud share points, which those of a sensor do not; so dense clouds are added.
         fitted.extend(views_fitted.models(seed));
         tried.extend(views_tried.models(seed));
         let held_back = ((self.count as f64 * HELD_BACK) as usize).max(1);

@@ -37,7 +37,7 @@ pub(super) struct EvalArgs {
     /// Draw pairs from the test split of a data set, or from the built-in shapes, or single depth views of such meshes
     #[arg(long, value_name = "DIR|procedural|views:DIR")]
     data: Option<DataSource>,
-    /// How to draw them, unless they are views
+    /// How to draw them; not for views
     #[arg(long, value_enum, value_name = "NAME", conflicts_with = "pairs")]
     protocol: Option<EvalProtocol>,
     /// Initial poses for protocol bop, in the BOP results format (scene_id,im_id,obj_id,score,R,t,time; mm)
@@ -52,23 +52,23 @@ pub(super) struct EvalArgs {
     /// Also report policies after every step, with cumulative times
     #[arg(long)]
     per_step: bool,
-    /// Also say on which share of axes every policy after the first of --weights acts as the first, step by step along
-    /// the way of the first
+    /// Also report the share of axes on which each further policy of --weights acts like the first, step by step from
+    /// the poses that the first reaches
     #[arg(long)]
     agreement: bool,
     /// Write errors and times (milliseconds) as JSON
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
-    /// Write what a policy file is shipped with: its SHA-256, this program's version, and every metric
+    /// Write the record that a policy file is shipped with: its SHA-256, this program's version, and every metric
     #[arg(long, value_name = "FILE", conflicts_with = "estimates")]
     record: Option<PathBuf>,
-    /// Write the final poses, one dataset [M,3,4] a method
+    /// Write the final poses, one dataset [M,3,4] for each method
     #[arg(long, value_name = "FILE.h5")]
     poses: Option<PathBuf>,
     /// Write the first pairs as every policy registers them, step by step; `report` shows them
     #[arg(long, value_name = "FILE")]
     trace: Option<PathBuf>,
-    /// Pairs of the trace
+    /// Number of pairs in the trace
     #[arg(long, value_name = "N", default_value_t = 5, requires = "trace", value_parser = source::positive())]
     traced: usize,
 }
@@ -77,7 +77,7 @@ pub(super) struct EvalArgs {
 #[derive(Serialize)]
 struct Record<'a> {
     program: &'static str,
-    /// SHA-256 of each policy file, by the name it is reported under.
+    /// SHA-256 of each policy file, by the name that it is reported under.
     weights: BTreeMap<&'a str, String>,
     /// Name of the pairs' file, or what was drawn.
     on: &'a str,

@@ -20,8 +20,7 @@ pub(super) struct ExportArgs {
     /// Number format
     #[arg(long, value_enum, value_name = "FORMAT", default_value_t = Format::F32)]
     format: Format,
-    /// With int8: pairs, or the data set whose training clouds are drawn as noisy pairs, on which the
-    /// integers are fitted to the activations
+    /// With int8: pairs to calibrate the integers on, or a data set whose training clouds are drawn as noisy pairs
     #[arg(
         long,
         value_name = "DIR|FILE.h5|procedural[:COUNT]|views:DIR",
@@ -31,8 +30,8 @@ pub(super) struct ExportArgs {
     /// How steps follow from probabilities [default: a weight file's own; both-ways for runs and checkpoints]
     #[arg(long, value_enum, value_name = "HOW")]
     decide: Option<Decide>,
-    /// Steps from one look at all points of the source to the next; those in between look at its critical points only
-    /// (1: all look at all) [default: a weight file's own; 1 for runs and checkpoints]
+    /// Steps from one look at all points of the source to the next; steps in between look only at its critical points
+    /// (1: every step looks at all) [default: a weight file's own; 1 for runs and checkpoints]
     #[arg(long, value_name = "STEPS", value_parser = steps())]
     rescan: Option<u16>,
     /// File to write
@@ -45,7 +44,7 @@ pub(super) struct ExportArgs {
 enum Format {
     /// 32-bit floating point, exactly as trained
     F32,
-    /// 8-bit integers: a quarter of the size, the same bits on every machine
+    /// 8-bit integers: a quarter of the size, and the same bits on every machine
     Int8,
 }
 
@@ -87,10 +86,10 @@ impl ExportArgs {
     }
 }
 
-/// Most pairs that integers are fitted to.
+/// Most pairs that integers are calibrated on.
 const PAIRS: usize = 128;
 
-/// More change next to nothing; with fewer, activations beyond the ranges found are cut off too often.
+/// More pairs change next to nothing; with fewer, too many activations exceed the calibrated ranges.
 const FEW_PAIRS: usize = 64;
 
 fn calibration(data: &DataSource, seed: u64) -> anyhow::Result<PairSet> {

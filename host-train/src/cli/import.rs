@@ -21,12 +21,12 @@ pub(super) struct ImportArgs {
     /// How a step follows from its probabilities
     #[arg(long, value_enum, value_name = "HOW", default_value = "most-likely")]
     decide: Decide,
-    /// Look at the points of a source no farther than so many radii from the target's centre, as the policy was trained:
-    /// rounded to sixteenths; 0 for anywhere
+    /// Look only at points of the source within so many radii of the target's centre, as the policy was trained;
+    /// rounded to sixteenths, 0 for no limit
     #[arg(long, value_name = "RADII", value_parser = cut, default_value = "0")]
     cut: Cut,
-    /// Look at those points of the target that have some of the source near them, chosen anew every so many steps, as the
-    /// policy was trained; 0 for all points, always
+    /// Look only at points of the target that have some of the source near them, chosen anew every so many steps, as
+    /// the policy was trained; 0 for all points, always
     #[arg(long, value_name = "STEPS", value_parser = focus(), default_value_t = 0)]
     focus: u8,
 }

@@ -6,8 +6,8 @@ use std::path::PathBuf;
 
 /// Make a signing key for publish, from the system's random source
 ///
-/// The file is readable by its owner only and never overwritten. Printed is the public half, which robots
-/// are given to trust.
+/// The file is readable only by its owner and never overwritten. The public half, which robots are given to trust, is
+/// printed.
 #[derive(Debug, Args)]
 pub(super) struct KeygenArgs {
     /// File to write

@@ -1,4 +1,4 @@
-//! Which methods a command compares, from its arguments.
+//! The methods that a command compares, from its arguments.
 
 use super::{bad_usage, source};
 use crate::learn::env::Accumulation;
@@ -18,7 +18,7 @@ use std::path::{Path, PathBuf};
 const PLANE: Finish = Finish::Icp(IcpSettings::PLANE);
 /// Core's refinement.
 const POLISH: Finish = Finish::Core(Mode::Polish);
-/// The same, and comparison with other poses.
+/// Core's refinement with a comparison with other poses.
 const VERIFY: Finish = Finish::Core(Mode::Verify);
 
 #[derive(Debug, Args)]
@@ -34,8 +34,8 @@ pub(super) struct MethodArgs {
     /// and checkpoints]
     #[arg(long, value_enum, value_name = "HOW")]
     decide: Option<Decide>,
-    /// Steps of a policy from one look at all points to the next; those in between look at the critical points only (1: all
-    /// look at all) [default: as the weight file says; 1 for runs and checkpoints]
+    /// Steps of a policy from one look at all points to the next; steps in between look only at the critical points (1:
+    /// every step looks at all) [default: as the weight file says; 1 for runs and checkpoints]
     #[arg(long, value_name = "STEPS", value_parser = steps())]
     rescan: Option<u16>,
     /// Refinement steps of a policy
@@ -46,15 +46,15 @@ pub(super) struct MethodArgs {
     pub(super) threads: usize,
 }
 
-/// What `--decide` accepts.
+/// Values of `--decide`.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub(super) enum Decide {
     /// The most likely step of each axis, as in the paper
     MostLikely,
     /// The step nearest to the mean of each axis
     Mean,
-    /// The same; after the first steps the mean of moving the source onto the target and of the opposite of moving the
-    /// target onto the source
+    /// The same; after the first steps the mean of both ways, moving the source onto the target and the inverse of
+    /// moving the target onto the source
     BothWays,
 }
 
@@ -68,7 +68,7 @@ impl From<Decide> for Decision {
     }
 }
 
-/// What `--methods` accepts. Correspondences of ICP are at most 0.5 apart; normals are estimated.
+/// Values of `--methods`. Correspondences of ICP are at most 0.5 apart; normals are estimated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum MethodName {
     /// Every policy of --weights, or the bundled one
@@ -92,9 +92,9 @@ enum MethodName {
     Icp,
     /// Point-to-plane ICP
     IcpPlane,
-    /// Point-to-plane ICP by the nearer 80 % of the points
+    /// Point-to-plane ICP on the nearest 80 % of the points
     IcpTrimmed,
-    /// Fast global registration by FPFH features, without a first estimate, as Open3D does it by default
+    /// Fast global registration on FPFH features, without an initial estimate, with Open3D's defaults
     Fgr,
     /// The same with graduated non-convexity, as in its paper, and normals turned away from the cloud's mean
     FgrGnc,
@@ -105,12 +105,12 @@ enum MethodName {
     Init,
 }
 
-/// What `--rescan` accepts.
+/// Values of `--rescan`.
 pub(super) fn steps() -> clap::builder::RangedI64ValueParser<u16> {
     clap::value_parser!(u16).range(1..)
 }
 
-/// How policies are run, where that is not left to their files.
+/// How policies are run, as far as options override their files.
 #[derive(Clone, Copy)]
 struct Run {
     decision: Option<Decision>,
@@ -127,14 +127,14 @@ impl Run {
     }
 }
 
-/// Policies and the names under which they are reported.
+/// Policies, with the names under which they are reported.
 pub(super) struct Policies(Vec<(String, Weights)>);
 
 /// One of --weights.
 enum Weights {
-    /// What robots run.
+    /// A policy that robots can run.
     File(WeightFile),
-    /// What only the trainer runs: another network or accumulation. It looks one way, at all points.
+    /// One that only the trainer can run, with another network or accumulation. It looks one way, at all points.
     Trained(Box<Parameters>, Accumulation, Decision),
 }
 
@@ -162,7 +162,7 @@ impl Weights {
         }
     }
 
-    /// What takes the steps.
+    /// The method's start with this policy.
     fn start(&self) -> Start<'_> {
         match self {
             Weights::File(file) => Start::Policy(file.policy()),
@@ -176,7 +176,7 @@ impl Weights {
 }
 
 impl Policies {
-    /// SHA-256 of each policy that is a file, in hexadecimal, by its name.
+    /// SHA-256, in hexadecimal, of each policy that is a file, by its name.
     pub(super) fn sha256(&self) -> BTreeMap<&str, String> {
         let files = self.0.iter().filter_map(|(name, weights)| match weights {
             Weights::File(file) => Some((name.as_str(), const_hex::encode(file.sha256()))),
@@ -187,7 +187,7 @@ impl Policies {
 }
 
 impl MethodArgs {
-    /// Reads the weight files given. Ends the process as `command` does on bad usage where they are given in vain.
+    /// Reads the weight files given. Exits as `command` does on bad usage if no method uses them.
     pub(super) fn policies(&self, command: &str) -> Result<Policies, ExportError> {
         let uses_policy = |name: &MethodName| {
             use MethodName::*;
@@ -203,7 +203,7 @@ impl MethodArgs {
         Ok(Policies(given.collect::<Result<_, _>>()?))
     }
 
-    /// The policies given, or the bundled one of that name where none is.
+    /// The policies given, or else the bundled one called `name`.
     pub(super) fn or_bundled(&self, given: Policies, name: &str) -> Result<Policies, ExportError> {
         match given.0.is_empty() {
             true => Ok(Policies(vec![self.load(Path::new(name))?])),
@@ -219,7 +219,7 @@ impl MethodArgs {
         Ok((stem(path), Weights::load(path, run)?))
     }
 
-    /// Everything that is to run, in the order of `--methods`; `seed` is that of methods that draw.
+    /// All methods to run, in the order of `--methods`; `seed` is for methods that draw.
     pub(super) fn contestants<'w>(&self, policies: &'w Policies, seed: u64) -> Vec<Contestant<'w>> {
         let of_policies = |suffix: &str, finish: Finish| -> Vec<Contestant<'w>> {
             let contestant = |(stem, weights): &'w (String, Weights)| Contestant {

@@ -1,4 +1,4 @@
-//! The command line: one file a command, each a set of arguments and what is called with them.
+//! The command line. Each command has one file with its arguments and the function that runs it.
 //!
 //! Exit status: 0 on success, 2 on bad usage (clap's), 1 on failure, with one line on stderr that says
 //! what was wrong, where, and what to do; 3 where `register --fail-below` was not reached.
@@ -68,7 +68,7 @@ enum Command {
     Seedless(Seedless),
 }
 
-/// Commands that draw from a seed.
+/// Commands that draw from the seed.
 #[derive(Debug, Subcommand)]
 #[allow(clippy::large_enum_variant, reason = "one exists")]
 enum Seeded {
@@ -85,7 +85,7 @@ enum Seeded {
     Calibrate(calibrate::CalibrateArgs),
 }
 
-/// Commands of which nothing depends on a seed; keys come from the system's random source.
+/// Commands that do not depend on the seed; keys come from the system's random source.
 #[derive(Debug, Subcommand)]
 #[allow(clippy::large_enum_variant, reason = "one exists")]
 enum Seedless {
@@ -104,7 +104,7 @@ fn seed(text: &str) -> Result<u64, String> {
     text.parse().map_err(refused)
 }
 
-/// A command whose options refuse negative numbers themselves, and that does not show --seed in its help where it is refused.
+/// Lets options refuse negative numbers themselves, and hides --seed from the help of a command that refuses it.
 fn adapted(command: clap::Command) -> clap::Command {
     let command = command.mut_args(|arg| {
         let is_option = !arg.is_positional() && arg.get_action().takes_values();
@@ -121,7 +121,7 @@ impl Cli {
     /// Runs the command.
     ///
     /// # Errors
-    /// Whatever went wrong, as a chain from the general to the particular.
+    /// Whatever went wrong, as a chain from the general to the specific.
     pub fn run(self) -> anyhow::Result<()> {
         match self.command {
             Command::Seeded(command) => command.run(self.seed.unwrap_or(SEED)),
@@ -173,18 +173,18 @@ impl Seedless {
     }
 }
 
-/// Poses were found, and are less probably right than was asked for.
+/// Poses were found, but are less probable than was asked for.
 #[derive(Debug, thiserror::Error)]
 #[error(
     "{} with a probability below the {least} of --fail-below; the lowest is {lowest}",
     count(*poses, "pose", "poses")
 )]
 pub struct BelowProbability {
-    /// How many.
+    /// Number of such poses.
     pub poses: usize,
     /// The lowest probability.
     pub lowest: f32,
-    /// What was asked for.
+    /// The probability that was asked for.
     pub least: f32,
 }
 
@@ -193,7 +193,7 @@ pub fn status(error: &anyhow::Error) -> u8 {
     if error.is::<BelowProbability>() { 3 } else { 1 }
 }
 
-/// Ends the process as clap does on bad usage: message, usage, status 2.
+/// Exits as clap does on bad usage: message, usage, status 2.
 fn bad_usage(command: &str, message: &str) -> ! {
     let mut cli = Cli::command();
     cli.build();

@@ -6,10 +6,10 @@ use serde::Serialize;
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
-/// Refuses files that could not be written, and one that two outputs would be, before the work that they are to hold.
+/// Refuses, before the work begins, files that could not be written and two outputs in one file.
 ///
 /// # Errors
-/// The system's, or that there are two; both name the file.
+/// The system's, or two outputs in one file; both name the file.
 pub fn check_outputs<'a>(
     paths: impl IntoIterator<Item = &'a Option<PathBuf>>,
 ) -> anyhow::Result<()> {

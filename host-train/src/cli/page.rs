@@ -8,11 +8,11 @@ use std::path::PathBuf;
 
 /// Write one HTML file that registers in a browser, without a network
 ///
-/// Scan and part are dropped on the page; it shows the steps, the verdict and the pose, the same as `register` gives with
-/// `--weights compact`. The program that it holds is built by `cargo build --release` in host-train/page.
+/// A scan and a part are dropped on the page, which shows the steps, the verdict and the pose, as `register` gives them
+/// with `--weights compact`. Its program is built by `cargo build --release` in host-train/page.
 #[derive(Debug, Args)]
 pub(super) struct PageArgs {
-    /// The program, as cargo built it
+    /// The program, as built by cargo
     #[arg(
         long,
         value_name = "FILE.wasm",

@@ -16,7 +16,7 @@ pub(super) struct PairsArgs {
     /// clouds; or the built-in shapes; or single depth views of such meshes, rendered as for training
     #[arg(long, value_name = "DIR|FILE.h5|procedural|views:DIR")]
     data: DataSource,
-    /// How to draw, unless it is views
+    /// How to draw; not for views
     #[arg(long, value_enum, value_name = "NAME")]
     protocol: Option<Protocol>,
     /// How many pairs [default: one a model; 100 of the built-in shapes]

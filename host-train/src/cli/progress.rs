@@ -1,4 +1,4 @@
-//! A bar on a terminal, a line a quarter otherwise; both on stderr.
+//! A progress bar on a terminal, or else a line at each quarter; both on stderr.
 
 use indicatif::{ProgressBar, ProgressStyle};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -12,7 +12,7 @@ pub(super) struct Progress {
 }
 
 impl Progress {
-    /// Starts at none of `total` parts; `what` names them in the plural.
+    /// Starts at none of `total` parts; `what` is their name in the plural.
     pub(super) fn new(total: usize, what: &'static str) -> Progress {
         let total = total as u64;
         let style = ProgressStyle::with_template("{bar:40} {pos}/{len} {msg} ({eta} left)")
@@ -26,7 +26,7 @@ impl Progress {
         }
     }
 
-    /// One part more; from any thread.
+    /// Counts one more part; may be called from any thread.
     pub(super) fn tick(&self) {
         let done = self.done.fetch_add(1, Ordering::Relaxed) + 1;
         self.bar.inc(1);
@@ -36,7 +36,7 @@ impl Progress {
         }
     }
 
-    /// Takes the bar away.
+    /// Removes the bar.
     pub(super) fn finish(&self) {
         self.bar.finish_and_clear();
     }

@@ -38,13 +38,13 @@ use std::path::{Path, PathBuf};
 /// the target's mean at the origin, its farthest point at 1; clouds that lie far from the origin of their
 /// coordinates are registered relative to a point of their own.
 ///
-/// Files: .ply .pcd .xyz .txt .asc .csv .pts .npy .off .obj .stl, and .mcap or the folder of a bag of ROS 2; `-` is
-/// standard input or output. Of a mesh, 2048 points of its surface are used; a cloud of more than 4096 points is thinned to
-/// 2048. The last refinement uses up to 20,000. Invalid points (NaN, infinite, beyond 1e12) are left out. Whatever a reader
-/// left out or understood in a way of its own is said on stderr and listed by --json.
+/// Files: .ply .pcd .xyz .txt .asc .csv .pts .npy .off .obj .stl, and .mcap or the folder of a ROS 2 bag; `-` is
+/// standard input or output. A mesh is sampled at 2048 points of its surface; a cloud of more than 4096 points is
+/// thinned to 2048. The last refinement uses up to 20,000. Invalid points (NaN, infinite, beyond 1e12) are left out.
+/// Whatever a reader left out or had to interpret is reported on stderr and listed by --json.
 ///
-/// The probability is that of being right up to what is named as undetermined: an axis about which the clouds may be
-/// turned, or other poses that fit as well.
+/// The probability is that the pose is right, up to what is named as undetermined: an axis about which the clouds may
+/// be turned, or other poses that fit as well.
 ///
 /// Exit status: 0 with a pose, 1 without, 2 on bad usage, 3 where --fail-below was not reached.
 #[derive(Debug, Args)]
@@ -68,60 +68,60 @@ pub(super) struct RegisterArgs {
     /// poses: each is tried, and the most probable pose wins [default: identity]
     #[arg(long, value_name = "START", allow_hyphen_values = true)]
     init: Vec<Initial>,
-    /// How many of the most probable poses to tell, each another one: the most probable is given out, the others, as many as
-    /// there are, follow in the text and under "others" in --json, with how they fit [default: 1]
+    /// How many different poses to report: the most probable is the result, the others, as many as there are, follow in
+    /// the text and under "others" in --json, with their fits [default: 1]
     #[arg(long, value_name = "K", value_parser = positive())]
     best: Option<usize>,
-    /// Points of each cloud that the policy sees at most [default: 4096, or 2048 where there are more]
+    /// Most points of each cloud that the policy sees [default: 4096, or 2048 where there are more]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(16..=MAX_POINTS as i64))]
     points: Option<u32>,
-    /// Steps of the policy at most [default: 10]
+    /// Most steps of the policy [default: 10]
     #[arg(long, value_name = "N", value_parser = steps)]
     steps: Option<usize>,
-    /// What is done: fast (the policy's steps alone), polish (then closest points), verify, which is best (then compared
-    /// with other poses), refine (closest points from the start, without the policy)
+    /// What to do: fast (the policy's steps alone), polish (then closest points), verify or best (then compared with
+    /// other poses), refine (closest points from the start, without the policy)
     #[arg(long, value_name = "MODE", default_value_t = Mode::Verify)]
     mode: Mode,
     #[command(flatten)]
     sources: SourceArgs,
-    /// Whether to refine the pose at last on all points, up to 20,000 of each cloud; not in mode fast
+    /// Whether to finally refine the pose on all points, up to 20,000 of each cloud; not in mode fast
     #[arg(long, value_enum, value_name = "WHEN", default_value_t = Dense::Auto)]
     dense: Dense,
-    /// Write the source, moved onto the target, with its normals, colours and intensities: .ply .pcd .xyz .npy, or of
+    /// Write the source, moved onto the target, with its normals, colours and intensities: .ply .pcd .xyz .npy, or for
     /// a mesh .ply .obj .off .stl
     #[arg(long, value_name = "ALIGNED.ply")]
     out: Option<PathBuf>,
-    /// Write one JSON line with clouds and initial pose, then one a step: action ids, signed steps, pose,
+    /// Write one JSON line with clouds and initial pose, then one for each step: action ids, signed steps, pose,
     /// probabilities; `report` shows it. Coordinates are those that the policy started from
     #[arg(long, value_name = "FILE")]
     trace: Option<PathBuf>,
-    /// Write a page to look at, one HTML file: the clouds, to be turned, step by step, and the verdict
+    /// Write a page to look at, one HTML file: the clouds, which can be turned, step by step, and the verdict
     #[arg(long, value_name = "FILE.html")]
     html: Option<PathBuf>,
-    /// Write a folder of .ply files for programs that show clouds: target.ply, and source_000.ply and so on, the source in its
-    /// initial pose, after each step, and in the pose that is given out. Coordinates are those of --trace
+    /// Write a folder of .ply files for programs that show clouds: target.ply, and source_000.ply and so on, the source
+    /// in its initial pose, after each step, and in the final pose. Coordinates are those of --trace
     #[arg(long, value_name = "FOLDER")]
     series: Option<PathBuf>,
-    /// Write pose, verdict, probability, stages, notes and time (milliseconds) as JSON; of pairs a line each
+    /// Write pose, verdict, probability, stages, notes and time (milliseconds) as JSON; for --pairs, one line each
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
     /// Write the pose as a 4x4 matrix, four numbers a line
     #[arg(long, value_name = "FILE.txt")]
     matrix: Option<PathBuf>,
-    /// End with status 3 where the probability that the pose is right, up to what is undetermined, is below this; none
-    /// reaches 1
+    /// Exit with status 3 if the probability that the pose is right, up to what is undetermined, is below this; no
+    /// probability reaches 1
     #[arg(long, value_name = "P", value_parser = probability)]
     fail_below: Option<f32>,
 }
 
-/// Steps of the policy at most: more than anyone needs.
+/// Largest number of steps that is accepted: more than anyone needs.
 const MOST_STEPS: usize = 1_000_000;
 
-/// Said of `--best` and of several starts.
+/// The message about `--best` and several starts in mode fast.
 const NO_FITS: &str =
     "mode fast does not compare poses: take another mode for --best and for several starts";
 
-/// Said of a start from nowhere where closest points are all there is.
+/// The message about a start from anywhere in mode refine.
 const FROM_NOWHERE: &str = "mode refine begins with closest points, which need a pose to start from: give --init a pose or identity, or take mode verify for --init none";
 
 pub(super) fn factor(text: &str) -> anyhow::Result<f64> {
@@ -157,7 +157,7 @@ fn probability(text: &str) -> anyhow::Result<f32> {
     }
 }
 
-/// One pair, registered.
+/// A registered pair.
 struct Pairing {
     inputs: [Input; 2],
     done: Done,
@@ -210,7 +210,7 @@ impl RegisterArgs {
         self.run_one(&weights, &starts, &pair, seed)
     }
 
-    /// Ends with status 2 where options contradict each other.
+    /// Exits with status 2 if options contradict each other.
     fn check(&self) {
         let standard = |path: &&Option<PathBuf>| path.as_deref() == Some(Path::new(STANDARD));
         if self.outputs().into_iter().filter(standard).count() > 1 {
@@ -246,7 +246,7 @@ impl RegisterArgs {
         }
     }
 
-    /// The same where the policy is left out.
+    /// The same for registrations without the policy.
     fn check_without_policy(&self) {
         if self.init.contains(&Initial::Start(Start::None)) {
             bad_usage("register", FROM_NOWHERE);
@@ -267,7 +267,7 @@ impl RegisterArgs {
         [&self.out, &self.trace, &self.html, &self.json, &self.matrix]
     }
 
-    /// The policy's file or name, by whether all sources have view points of their own.
+    /// The policy's file or name; the default depends on whether all sources have known view points.
     fn policy(&self, are_views: bool) -> &Path {
         let fitting = match are_views || self.sources.view_point().is_some() {
             true => VIEWS,
@@ -333,7 +333,7 @@ impl RegisterArgs {
         }
     }
 
-    /// Whether all are as probable as `--fail-below` asks.
+    /// Fails if a pose is less probable than `--fail-below` asks.
     fn judge<'a>(&self, done: impl Iterator<Item = &'a Done>) -> anyhow::Result<()> {
         let Some(least) = self.fail_below else {
             return Ok(());

@@ -1,4 +1,4 @@
-//! `host-train replay`: what a robot did, once more.
+//! `host-train replay`: repeats what a robot did.
 
 use crate::policy::{BUNDLED, WeightFile};
 use crate::register::replay::{ReplayError, replay};
@@ -6,15 +6,16 @@ use crate::words::count;
 use anyhow::bail;
 use std::path::PathBuf;
 
-/// Do again what robots did, from their traces, and say whether every bit comes out the same
+/// Repeat what robots did, from their traces, and say whether every bit comes out the same
 ///
-/// With a policy in 8-bit integers it does on every machine; with one in f32 on the same kernels, which are
-/// taken where this machine has them.
+/// With a policy in 8-bit integers it does on every machine; with one in f32 only on the same kernels, which are used
+/// if this machine has them.
 #[derive(clap::Args, Debug)]
 pub(super) struct ReplayArgs {
     /// Traces, as `firmware-sim refine --trace` writes them
     file: PathBuf,
-    /// Policies that the robots had, found by their SHA-256, beside those built in: reagent, views, compact and views-compact
+    /// Policies that the robots had, found by their SHA-256, besides those built in: reagent, views, compact and
+    /// views-compact
     #[arg(long, value_name = "FILE.rgw", num_args = 1..)]
     weights: Vec<PathBuf>,
 }

@@ -1,4 +1,4 @@
-//! Where a command's models come from.
+//! The source of a command's models.
 
 use super::bad_usage;
 use crate::bop::sample::{BopSampling, BopTraining};
@@ -13,19 +13,19 @@ use std::path::Path;
 
 pub(super) use crate::learn::train::DataSource;
 
-/// Pairs drawn from the built-in shapes where no number is given.
+/// Default number of pairs drawn from the built-in shapes.
 const PROCEDURAL_PAIRS: usize = 100;
-/// Built-in shapes from this number on are for evaluation: training counts up from 0 and never gets here.
+/// Number of the first built-in shape for evaluation; training counts from 0 and never gets here.
 const HELD_OUT: u64 = 1 << 32;
 
-/// An argument from 1 to a million: more than anyone needs, and no more than memory holds.
+/// An argument from 1 to a million: more than anyone needs, and no more than fits in memory.
 pub(super) fn positive() -> RangedI64ValueParser<usize> {
     RangedI64ValueParser::new().range(1..=1_000_000)
 }
 
-/// Draws pairs from the test models of a data set under a protocol; views of meshes have one of their own.
+/// Draws pairs from the test models of a data set under a protocol. Views of meshes have their own.
 ///
-/// Ends with status 2 where one is given for views, or none for other models.
+/// Exits with status 2 if a protocol is given for views, or none for other models.
 pub(super) fn draw(
     command: &str,
     data: &DataSource,
@@ -50,7 +50,7 @@ pub(super) fn draw(
     Ok(protocol::draw(&models, protocol, count, seed))
 }
 
-/// Views of the test split of a directory of meshes, or of built-in shapes that training never gets to.
+/// Views of the test split of a directory of meshes, or of built-in shapes that training never sees.
 fn views(meshes: &Meshes, count: Option<usize>, seed: u64) -> anyhow::Result<PairSet> {
     let views = match meshes {
         Meshes::Directory(dir) => Views::open(dir, Split::Test, seed)?,
@@ -65,7 +65,7 @@ fn views(meshes: &Meshes, count: Option<usize>, seed: u64) -> anyhow::Result<Pai
     Ok(pairs)
 }
 
-/// The test models that a protocol takes of a data set; built-in shapes as many as pairs are asked for.
+/// The test models that a protocol takes of a data set, or as many built-in shapes as pairs are asked for.
 pub(super) fn models(
     data: &DataSource,
     protocol: Protocol,
@@ -92,7 +92,7 @@ pub(super) fn models(
     }
 }
 
-/// Draws pairs from training models under a protocol's noise, whatever their labels, or from training images.
+/// Draws pairs with a protocol's noise from training models of all labels, or from training images.
 pub(super) fn draw_training(
     data: &DataSource,
     protocol: Protocol,

@@ -17,14 +17,14 @@ use std::path::PathBuf;
 /// Measure errors while one condition of a protocol is varied: the paper's ablation figure, and beyond
 ///
 /// Prints quartiles of every method at every value. All values are measured on the same models, points and directions;
-/// what is not varied is as in the protocol. Cropped and cluttered sources count with all their points in
-/// the Chamfer distance.
+/// other conditions are as in the protocol. Cropped and cluttered sources count with all their points in the Chamfer
+/// distance.
 #[derive(Debug, Args)]
 pub(super) struct SweepArgs {
     /// Test split of a data set, or the built-in shapes
     #[arg(long, value_name = "DIR|procedural")]
     data: DataSource,
-    /// Conditions of what is not varied: m40-models, m40-categories or scan
+    /// Protocol for the conditions that are not varied: m40-models, m40-categories or scan
     #[arg(long, value_enum, value_name = "NAME")]
     protocol: Protocol,
     /// What to vary, separated by commas: noise, rotation, translation, overlap, points, outliers, or all

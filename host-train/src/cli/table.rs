@@ -10,7 +10,7 @@ use std::fmt::Write;
 const COLUMNS: &str = "MAE R     MAE t    ISO R     ISO t    ADI AUC   CD~       ISO R med   recall   AD<.10 <.05 <.02   T med   T p95";
 const UNITS: &str = "deg                deg                %         x1e-3     deg         %        %                  ms      ms";
 
-/// One row a method, in the paper's column order.
+/// One row for each method, in the paper's column order.
 pub(super) fn methods(outcomes: &[Outcome], of_views: bool) -> String {
     let width = outcomes
         .iter()
@@ -26,7 +26,7 @@ pub(super) fn methods(outcomes: &[Outcome], of_views: bool) -> String {
     text
 }
 
-/// One row a step, as the paper's step-by-step table; times are cumulative.
+/// One row for each step, like the paper's step-by-step table; times are cumulative.
 pub(super) fn steps(name: &str, rows: &[StepRow], of_views: bool) -> String {
     let mut text = format!("{name}, step by step\nstep  {COLUMNS}\n      {UNITS}\n");
     for StepRow { step, row: values } in rows {
@@ -40,7 +40,7 @@ pub(super) fn steps(name: &str, rows: &[StepRow], of_views: bool) -> String {
     text
 }
 
-/// A line of shares, one a step.
+/// A line of shares, one for each step.
 pub(super) fn agreement(name: &str, found: &Agreement) -> String {
     let percent = found
         .equal
@@ -53,7 +53,7 @@ pub(super) fn agreement(name: &str, found: &Agreement) -> String {
     )
 }
 
-/// A block a value: quartiles and means of every method, in the contestants' order.
+/// A block for each value: quartiles and means of every method, in the contestants' order.
 pub(super) fn varied(varied: &Varied, contestants: &[Contestant<'_>]) -> String {
     let names = contestants.iter().map(|c| c.name.as_str());
     let width = names
@@ -95,7 +95,7 @@ pub(super) fn varied(varied: &Varied, contestants: &[Contestant<'_>]) -> String 
     text
 }
 
-/// What of a target no view shows is far from it whatever the pose: the modified Chamfer distance is left out.
+/// For views the modified Chamfer distance is left out: the hidden parts of a target are far from them in any pose.
 fn row(text: &mut String, label: &str, row: &Row, of_views: bool) {
     let s = &row.summary;
     let chamfer = match of_views {

@@ -28,21 +28,22 @@ use walkdir::WalkDir;
 
 /// Follow an object through a sequence of clouds and print a JSON line for each
 ///
-/// Each cloud is refined by closest points from the last pose. Where that is not probably right, and at first, it is registered
-/// as `register` does. Where that is not either, the object is lost, and looked for in each of the next clouds: alternately
-/// from the last pose with far more uncertainty and from anywhere. Lines say whether it is tracked, found or lost, the pose of the cloud on
-/// the model, its probability, what was done last and the time without reading files; the end of stderr sums up.
+/// Each cloud is refined by closest points from the last pose. At first, and where the result is probably not right, it
+/// is registered as `register` does. If that is not right either, the object is lost and is looked for in each of the
+/// next clouds: alternately from the last pose with far more uncertainty and from anywhere. Each line says whether the
+/// object is tracked, found or lost, and gives the pose of the cloud on the model, its probability, what was done last
+/// and the time without reading files; stderr ends with a summary.
 ///
-/// Exit status: 0 whether the object was seen or not, 1 where a file cannot be read, 2 on bad usage.
+/// Exit status: 0 whether the object was seen or not, 1 if a file cannot be read, 2 on bad usage.
 #[derive(Debug, Args)]
 pub(super) struct TrackArgs {
     /// Cloud or mesh of the object
     model: PathBuf,
-    /// Clouds in the order in which they were seen: files, bags of ROS 2 (.mcap or their folder) with every message of a topic, and
-    /// folders, of which all clouds are taken by name
+    /// Clouds in the order in which they were seen: files, ROS 2 bags (.mcap or their folder) with every message of a
+    /// topic, and folders, whose clouds are taken in the order of their names
     #[arg(required = true)]
     scans: Vec<PathBuf>,
-    /// Policy, as of `register` [default: "views-compact" where --view is given, else "compact"]
+    /// Policy, as for `register` [default: "views-compact" with --view, else "compact"]
     #[arg(long, value_name = "FILE.rgw|NAME")]
     weights: Option<PathBuf>,
     /// Where to start: none (turned in any way), identity, 12 numbers separated by commas (rows of [R | t]), or a file with them
@@ -53,23 +54,23 @@ pub(super) struct TrackArgs {
         default_value = "identity"
     )]
     init: Initial,
-    /// Unit of the clouds, where the model is in metres, or of both: in:mm
+    /// Unit of the clouds if the model is in metres, or units of both: in:mm
     #[arg(long, value_name = "UNIT[:UNIT]", conflicts_with = "scale")]
     unit: Option<Units>,
-    /// Number by which the clouds are multiplied before anything else
+    /// Factor by which the clouds are multiplied before anything else
     #[arg(long, value_name = "FACTOR", value_parser = factor)]
     scale: Option<f64>,
-    /// Of bags: the topic of the clouds [default: the only one that has some]
+    /// For bags: the topic of the clouds [default: the only one that has any]
     #[arg(long, value_name = "/TOPIC")]
     topic: Option<String>,
-    /// Points of each cloud that are used at most: fewer take less time
+    /// Most points of each cloud that are used; fewer take less time
     #[arg(long, value_name = "N", default_value_t = POINTS as u32, value_parser = clap::value_parser!(u32).range(16..=MAX_POINTS as i64))]
     points: u32,
-    /// Where the sensor stood in the clouds' coordinates, scaled, three numbers separated by commas, or "origin": each cloud is a view
-    /// from there
+    /// Where the sensor stood in the clouds' coordinates, scaled, three numbers separated by commas, or "origin": each
+    /// cloud is a view from there
     #[arg(long, value_name = "X,Y,Z", value_parser = view_point, allow_hyphen_values = true)]
     view: Option<[f64; 3]>,
-    /// Write the lines here, not to standard output
+    /// Write the lines to this file instead of standard output
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
@@ -83,32 +84,32 @@ struct Line {
     state: String,
     #[serde(flatten)]
     done: Option<Done>,
-    /// Why nothing was done.
+    /// Why the cloud was not registered.
     #[serde(skip_serializing_if = "Option::is_none")]
     error: Option<String>,
     ms: f64,
 }
 
-/// Which message of a bag it is.
+/// The message of a bag that a line is about.
 #[derive(Clone, Copy, Serialize)]
 struct Message {
     message: u64,
-    /// Of a message that has a cloud.
+    /// Time stamp of a message with a cloud.
     #[serde(skip_serializing_if = "Option::is_none")]
     stamp: Option<Time>,
 }
 
-/// What was done last, and what came of it.
+/// The last registration and its result.
 #[derive(Serialize)]
 struct Done {
     mode: String,
     verdict: String,
     #[serde(skip_serializing_if = "Option::is_none")]
     probability: Option<f32>,
-    /// Unless the object is lost.
+    /// The pose, unless the object is lost.
     #[serde(skip_serializing_if = "Option::is_none")]
     target_from_source: Option<[[f64; 4]; 3]>,
-    /// What the shape leaves open in it, where poses were compared.
+    /// What the shape leaves undetermined in the pose, if poses were compared.
     #[serde(skip_serializing_if = "Option::is_none")]
     undetermined: Option<Open>,
 }
@@ -131,7 +132,7 @@ impl Line {
     }
 }
 
-/// The points that source and target were relative to.
+/// The origins that source and target were relative to.
 type Origins = [Position; 2];
 
 impl Done {
@@ -184,7 +185,7 @@ impl TrackArgs {
         };
         let (mut lines, mut text, mut unread) = (Vec::new(), String::new(), 0);
         let mut take = |of: (&Path, Option<Message>), label: &Path, file| {
-            // An empty cloud is one without the object.
+            // An empty cloud counts as one without the object.
             unread +=
                 usize::from(matches!(&file, Err(e) if !matches!(e, CloudError::Empty { .. })));
             let before = Instant::now();
@@ -235,14 +236,14 @@ impl TrackArgs {
     }
 }
 
-/// Where clouds come from.
+/// A source of clouds.
 enum Scan {
     File(PathBuf),
-    /// And where it is.
+    /// A bag and its path.
     Bag(PathBuf, Bag),
 }
 
-/// Files and bags in their order, and of folders what is a cloud or a bag by its extension, by name.
+/// Files and bags in their order; for folders, the clouds and bags in them, told by extension and ordered by name.
 fn scans(paths: &[PathBuf], topic: Option<&str>) -> anyhow::Result<Vec<Scan>> {
     let scan = |path: PathBuf| {
         anyhow::Ok(match is_bag(&path) {
@@ -274,7 +275,7 @@ fn scans(paths: &[PathBuf], topic: Option<&str>) -> anyhow::Result<Vec<Scan>> {
     Ok(scans)
 }
 
-/// How many clouds were in which state, and how long they took.
+/// Counts of clouds by state, and their times.
 fn summary(lines: &[Line]) -> String {
     let in_state = |state: TrackState| {
         let lines = lines.iter();

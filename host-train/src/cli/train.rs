@@ -26,8 +26,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 /// reinforcement), each with --init of the one before.
 #[derive(Debug, Args)]
 pub(super) struct TrainArgs {
-    /// Data sets (modelnet40_ply_hdf5_2048, ScanObjectNN, trees of loose meshes and clouds, BOP layout) or
-    /// built-in shapes, taken together; views:DIR and views:procedural[:COUNT] are depth views of meshes, rendered as they
+    /// Data sets (modelnet40_ply_hdf5_2048, ScanObjectNN, trees of loose meshes and clouds, BOP layout) or built-in
+    /// shapes, taken together; views:DIR and views:procedural[:COUNT] are depth views of meshes, rendered as samples
     /// are drawn
     #[arg(long, value_name = "DIR|FILE.h5|procedural[:COUNT]|views:DIR", num_args = 1.., required_unless_present = "resume")]
     data: Vec<DataSource>,
@@ -69,37 +69,37 @@ pub(super) struct TrainArgs {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Clouds")]
 struct DataOptions {
-    /// Categories of a data set that are trained on [default: first, the paper's]
+    /// Categories of a data set to train on [default: first, the paper's]
     #[arg(long, value_enum, value_name = "WHICH")]
     categories: Option<Categories>,
     /// Points drawn from each cloud [default: the paper's 1024]
     #[arg(long, value_name = "N", value_parser = positive())]
     points: Option<usize>,
-    /// Look at the points of a source no farther than so many radii from the target's centre, as the policy that is made
-    /// will do everywhere: rounded to sixteenths; 0 for anywhere [default: 1.25 where there are views, else 0]
+    /// Look only at points of the source within so many radii of the target's centre, in training and wherever the
+    /// policy runs; rounded to sixteenths, 0 for no limit [default: 1.25 where there are views, else 0]
     #[arg(long, value_name = "RADII", value_parser = cut)]
     cut: Option<Cut>,
-    /// Look at those points of the target that have some of the source near them, chosen anew every so many steps, as the
-    /// policy that is made will do everywhere; 0 for all points, always [default: 3 where there are views, else 0]
+    /// Look only at points of the target that have some of the source near them, chosen anew every so many steps, in
+    /// training and wherever the policy runs; 0 for all points, always [default: 3 where there are views, else 0]
     #[arg(long, value_name = "STEPS", value_parser = focus())]
     focus: Option<u8>,
     /// Do not deform shapes by scale, shear and mirror (design table; the paper does)
     #[arg(long)]
     no_augmentation: bool,
-    /// Least share of its points that half of the sources keep, on one side of a random plane, uniform up to 1 [default: 1,
-    /// whole shapes as in the paper]
+    /// In half of the sources, least share of the points that are kept on one side of a random plane; uniform from here
+    /// to 1 [default: 1, whole shapes as in the paper]
     #[arg(long, value_name = "SHARE", value_parser = up_to_1)]
     min_overlap: Option<f32>,
-    /// Largest share of outliers in half of the sources, uniform from 0 [default: 0, as in the paper]
+    /// In half of the sources, largest share of outliers; uniform from 0 [default: 0, as in the paper]
     #[arg(long, value_name = "SHARE", value_parser = outliers)]
     max_outliers: Option<f32>,
 }
 
-/// How observations are made and what is minimised.
+/// How observations are gathered and what is minimised.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Method")]
 struct MethodOptions {
-    /// Who labels the observations [default: steady, the paper's]
+    /// The expert that labels the observations [default: steady, the paper's]
     #[arg(long, value_enum, value_name = "WHO")]
     expert: Option<Expert>,
     /// Whose actions trajectories take [default: stochastic, the paper's]
@@ -117,25 +117,24 @@ struct MethodOptions {
     /// Trajectories from each problem [default: the paper's 4]
     #[arg(long, value_name = "N", value_parser = positive())]
     trajectories: Option<usize>,
-    /// How the points that reach a feature's maximum are found [default: auto]
+    /// How to find the points that reach a feature's maximum [default: auto]
     #[arg(long, value_enum, value_name = "HOW")]
     search: Option<Search>,
     /// Weight of the reinforcement term [default: the paper's 2 in stage ilrl; 0.1 is its value for LINEMOD]
     #[arg(long, value_name = "W", value_parser = at_least_0)]
     alpha: Option<f64>,
-    /// Bring advantages to mean 0 and deviation 1 in each mini-batch (the authors' code does not)
+    /// Normalise advantages to mean 0 and standard deviation 1 in each mini-batch (the authors' code does not)
     #[arg(long)]
     normalise_advantages: bool,
     /// Clip value estimates around those of the roll-out (the authors' code does not)
     #[arg(long)]
     clip_values: bool,
-    /// Let the value estimate of the state after the last step continue the rewards (the authors' code
-    /// counts it as 0)
+    /// Bootstrap returns with the value estimate of the state after the last step (the authors' code counts it as 0)
     #[arg(long)]
     bootstrap: bool,
 }
 
-/// How the parameters move.
+/// How the parameters are updated.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Optimiser")]
 struct OptimiserOptions {
@@ -148,11 +147,11 @@ struct OptimiserOptions {
     /// How the learning rate falls [default: halve, the paper's]
     #[arg(long, value_enum, value_name = "HOW")]
     anneal: Option<Anneal>,
-    /// Scale longer gradients down to this length [default: no limit, as in the authors' code]
+    /// Largest gradient norm; longer gradients are scaled down to it [default: no limit, as in the authors' code]
     #[arg(long, value_name = "LENGTH", value_parser = above_0)]
     clip_gradient: Option<f32>,
-    /// Validate and export an average of the weights with this decay in each mini-batch, such as 0.999
-    /// [default: no average, as in the authors' code]
+    /// Validate and export an average of the weights, with this decay per mini-batch, such as 0.999 [default: no
+    /// average, as in the authors' code]
     #[arg(long, value_name = "DECAY", value_parser = decay)]
     average: Option<f32>,
     /// Observations of one optimiser step [default: the paper's 32]
@@ -160,7 +159,7 @@ struct OptimiserOptions {
     mini_batch: Option<usize>,
 }
 
-/// Draws the curves so far into RUN_DIR/plots. Training goes on where they cannot be drawn.
+/// Draws the curves so far into RUN_DIR/plots. Training goes on if they cannot be drawn.
 fn draw(run: &Path) {
     let drawn = Report::read(&[run.to_owned()]).and_then(|r| r.write_plots(&run.join("plots")));
     if let Err(error) = drawn {
@@ -168,7 +167,7 @@ fn draw(run: &Path) {
     }
 }
 
-/// Puts the value of an option in its place, where it was given.
+/// Overwrites `place` with an option's value, if it was given.
 fn set<T>(place: &mut T, given: Option<T>) {
     if let Some(value) = given {
         *place = value;
@@ -251,12 +250,12 @@ impl TrainArgs {
     }
 }
 
-/// Steps from one choice of the target's points to the next: four bits in a policy file.
+/// Steps between two choices of the target's points; a policy file has four bits for it.
 pub(super) fn focus() -> clap::builder::RangedI64ValueParser<u8> {
     clap::value_parser!(u8).range(..16)
 }
 
-/// Radii, or 0 for anywhere.
+/// Radii, or 0 for no limit.
 pub(super) fn cut(text: &str) -> Result<Cut, String> {
     match text.parse() {
         Ok(0.0) => Ok(Cut::NONE),
@@ -305,13 +304,13 @@ fn at_least_0(text: &str) -> Result<f64, String> {
     }
 }
 
-/// A flag that the first Ctrl-C or SIGTERM sets; the second ends the process. SIGHUP stays as it is, so that `nohup`
+/// A flag that the first Ctrl-C or SIGTERM sets; the second ends the process. SIGHUP is left alone, so that `nohup`
 /// works.
 fn stop_on_signal() -> std::io::Result<Arc<AtomicBool>> {
     let signals = [SIGINT, SIGTERM];
     let stop = Arc::new(AtomicBool::new(false));
     for signal in signals {
-        // In this order: the first signal does not find the flag set.
+        // In this order, so that the first signal does not find the flag set.
         flag::register_conditional_shutdown(signal, 1, stop.clone())?;
         flag::register(signal, stop.clone())?;
     }

@@ -16,14 +16,13 @@ use std::time::Instant;
 /// training.
 #[derive(Debug, Args)]
 pub(super) struct ViewsArgs {
-    /// Meshes of which views are rendered: a tree of loose meshes, of which the training split is taken, or the
-    /// built-in shapes
+    /// Meshes to render: the training split of a tree of loose meshes, or the built-in shapes
     #[arg(long, value_name = "DIR|procedural[:COUNT]", value_parser = meshes)]
     data: Meshes,
-    /// How many views, of the meshes in turn
+    /// Number of views, of the meshes in shuffled order
     #[arg(long, value_name = "M", default_value_t = 10_000, value_parser = positive())]
     count: usize,
-    /// Points of a source and of a target
+    /// Points of each source and of each target
     #[arg(long, value_name = "N", default_value_t = 1024, value_parser = positive())]
     points: usize,
     /// Do not deform shapes
@@ -54,7 +53,7 @@ impl ViewsArgs {
     }
 }
 
-/// As `train --data views:…` has it.
+/// Parses meshes as `train --data views:…` does.
 fn meshes(text: &str) -> Result<Meshes, String> {
     match format!("views:{text}").parse()? {
         DataSource::Views(meshes) => Ok(meshes),

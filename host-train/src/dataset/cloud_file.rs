@@ -1,4 +1,4 @@
-//! Loose clouds and meshes, one a file; the extension decides, of standard input (`-`) the contents.
+//! Loose clouds and meshes, one a file. The extension decides the format; standard input (`-`) is told by its contents.
 //!
 //! | extension | what is read |
 //! |---|---|
@@ -8,11 +8,11 @@
 //! | `.stl` | faces; ASCII or binary |
 //! | `.xyz`, `.txt`, `.asc`, `.csv`, `.pts` | lines of numbers, see the module `table` |
 //! | `.npy` | `[N, 3]` or more columns of numbers, or `[3, N]` |
-//! | `.mcap` | the first cloud of the only topic of a bag that has some, see the module `bag`; not in a browser |
+//! | `.mcap` | the first cloud of the bag's only topic with clouds, see the module `bag`; not in a browser |
 //!
-//! In every format, points that are NaN, infinite or beyond 1e12 are left out, and whatever was left out or
-//! understood in a way of its own is listed as a [`Note`]. Coordinates stay f64. Files but bags are read whole; memory
-//! beside the result is a small multiple of the file's length, whatever its header claims.
+//! In every format, points that are NaN, infinite or beyond 1e12 are left out. Whatever was left out or had to be
+//! interpreted is listed as a [`Note`]. Coordinates stay f64. Files other than bags are read whole; memory beside
+//! the result is a small multiple of the file's length, whatever its header claims.
 
 #[cfg(not(target_family = "wasm"))]
 pub mod bag;
@@ -50,7 +50,7 @@ use std::path::Path;
 /// Points drawn from a mesh, as many as ModelNet40's clouds have.
 pub const MESH_POINTS: usize = 2048;
 
-/// Coordinates beyond this are marks of what a sensor did not see, as 3.4e38 is: those that the core refuses.
+/// Coordinates beyond this mark what a sensor did not see, for example 3.4e38; the core refuses them, too.
 pub(crate) const MAX_COORDINATE: f64 = 1e12;
 
 /// The path of standard input and output.
@@ -73,12 +73,12 @@ pub const EXTENSIONS: &[&str] = &[
     "mcap",
 ];
 
-/// A cloud, or a mesh where there are faces, in units of its own.
+/// A cloud, or a mesh if there are faces, in its own units.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CloudFile {
     /// Points, or vertices, in the file's units; all finite.
     pub points: Vec<Position>,
-    /// Unit normals of the points or vertices, where there is one for each.
+    /// Unit normals of the points or vertices, if there is one for each.
     pub normals: Option<Vec<Point>>,
     /// Red, green and blue of the points or vertices.
     pub colours: Option<Vec<[u8; 3]>>,
@@ -112,7 +112,7 @@ pub fn read_file(path: &Path) -> Result<CloudFile, CloudError> {
     read_bytes(&std::fs::read(path).map_err(io)?, path)
 }
 
-/// The same of a file's contents; the extension of `path` decides what they are, and errors name it.
+/// The same for a file's contents. The extension of `path` decides the format, and errors name the path.
 ///
 /// # Errors
 /// As [`read_file`].
@@ -121,7 +121,7 @@ pub fn read_bytes(bytes: &[u8], path: &Path) -> Result<CloudFile, CloudError> {
     parse(bytes, &extension(path), path)
 }
 
-/// Whether the extension is one of those that are read.
+/// Refuses an extension that is not read.
 fn is_read(path: &Path) -> Result<(), CloudError> {
     match EXTENSIONS.contains(&extension(path).as_str()) {
         true => Ok(()),
@@ -151,7 +151,7 @@ fn parse(bytes: &[u8], kind: &str, path: &Path) -> Result<CloudFile, CloudError>
     file.checked(path)
 }
 
-/// The extension that the contents deserve.
+/// The extension that the contents correspond to.
 fn kind_of(bytes: &[u8]) -> &'static str {
     let start = bytes.trim_ascii_start();
     let begins = |word: &[u8]| {
@@ -189,19 +189,19 @@ fn kind_of(bytes: &[u8]) -> &'static str {
     }
 }
 
-/// The extension in lower case; empty where there is none.
+/// The extension in lower case; empty if there is none.
 pub(crate) fn extension(path: &Path) -> String {
     let extension = path.extension().and_then(|e| e.to_str());
     extension.unwrap_or_default().to_ascii_lowercase()
 }
 
-/// Reads a file as a cloud in its own units: a plain cloud as it is, a mesh as [`MESH_POINTS`] points drawn
-/// evenly from its surface, with the normals of its faces. What the reader noticed becomes a warning.
+/// Reads a file as a cloud in its own units: a plain cloud as it is, a mesh as [`MESH_POINTS`] points drawn evenly
+/// from its surface, with the normals of its faces. The reader's notes become warnings.
 pub fn read_cloud(path: &Path, seed: u64) -> Result<CloudFile, CloudError> {
     read_surface(path, &mut stream(seed, Purpose::Surface, 0))
 }
 
-/// As [`read_cloud`], with the draws of a given stream.
+/// As [`read_cloud`], with draws from a given stream.
 pub(super) fn read_surface(path: &Path, rng: &mut Rng) -> Result<CloudFile, CloudError> {
     let file = read_file(path)?;
     for note in &file.notes {
@@ -226,12 +226,12 @@ impl CloudFile {
         self.points.iter().map(relative).collect()
     }
 
-    /// The point relative to which coordinates are f32.
+    /// The origin to which coordinates are relative in f32.
     pub fn origin(&self) -> Position {
         origin_of(self.points.iter().copied())
     }
 
-    /// The mesh, without a shift, in f32.
+    /// The mesh in f32, not shifted.
     pub fn mesh(&self) -> Mesh {
         self.mesh_relative_to([0.0; 3])
     }
@@ -247,13 +247,13 @@ impl CloudFile {
         }
     }
 
-    /// How its faces are wound, if they enclose something ([`Mesh::winding`]).
+    /// The winding of its faces, if they enclose a volume ([`Mesh::winding`]).
     pub fn winding(&self) -> Option<Winding> {
         self.mesh_relative_to(self.origin()).winding()
     }
 
     /// The cloud itself, or `count` points drawn evenly from the surface of a mesh, with the normals of its faces;
-    /// `None` where it has no area.
+    /// `None` if the mesh has no area.
     pub fn sampled(self, count: usize, rng: &mut Rng) -> Option<CloudFile> {
         if self.faces.is_none() {
             return Some(self);
@@ -275,7 +275,7 @@ impl CloudFile {
         })
     }
 
-    /// All that there is, after a rigid transform.
+    /// The same file after a rigid transform.
     pub fn moved(&self, pose: &Pose64) -> CloudFile {
         let turned = |&n: &Point| {
             let turned: Position = (pose.rotation * Vector3::from(n.map(f64::from))).into();
@@ -292,13 +292,13 @@ impl CloudFile {
     }
 }
 
-/// Whether all of them are unit vectors.
+/// Whether there are normals and all are unit vectors.
 fn are_units(normals: &[Point]) -> bool {
     let unit = |normal: &Point| (Vec3::from(*normal).length_squared() - 1.0).abs() < 0.02;
     !normals.is_empty() && normals.iter().all(unit)
 }
 
-/// Colours in bytes, from numbers up to 1, 255 or 65535; `None` where they are none of these.
+/// Colours in bytes, from numbers up to 1, 255 or 65535; `None` for other ranges.
 fn colours(values: &[Position]) -> Option<Vec<[u8; 3]>> {
     let largest = values.iter().flatten().copied().fold(0.0, f64::max);
     let scale = match largest {

@@ -29,13 +29,13 @@ pub enum DatasetError {
         /// List file that was looked for.
         list: PathBuf,
     },
-    /// The list of `.h5` files names none.
+    /// The list of `.h5` files is empty.
     #[error("{} names no .h5 file; unpack the data set again", list.display())]
     EmptyList {
         /// The list.
         list: PathBuf,
     },
-    /// A directory holds none of what is read.
+    /// A directory holds nothing that is read.
     #[error(
         "{}: no data set: neither train_files.txt and test_files.txt (modelnet40_ply_hdf5_2048, {MODELNET40_URL}), nor \
          training_objectdataset.h5 and test_objectdataset.h5 (ScanObjectNN), nor .off .ply .obj .stl .pcd .xyz .npy .mcap files",
@@ -45,14 +45,14 @@ pub enum DatasetError {
         /// Directory that was searched.
         dir: PathBuf,
     },
-    /// A tree of loose files divides them, and leaves none to one of the splits.
+    /// A tree of loose files is divided, but has none in one of the splits.
     #[error("{}: of its {files} files none is of the {split} split; put some under {split}/", dir.display())]
     EmptySplit {
         /// Directory that was searched.
         dir: PathBuf,
         /// The split.
         split: Split,
-        /// Files of the other one.
+        /// Number of files in the other split.
         files: usize,
     },
     /// A loose file was refused.
@@ -182,7 +182,7 @@ pub enum DatasetError {
         /// Index of the pose.
         entry: usize,
     },
-    /// A view point is neither a point nor absent.
+    /// A view point is neither a finite point nor marked as absent.
     #[error(
         "{}: dataset \"view_point\", entry {entry} is no point: give three numbers up to 1e12, or three NaN for a source that is no view from one point",
         path.display()

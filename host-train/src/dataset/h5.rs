@@ -4,8 +4,8 @@ use super::{DatasetError, MAX_BYTES, Point};
 use hdf5_pure::{DType, Dataset, File};
 use std::path::{Path, PathBuf};
 
-/// Coordinates of real clouds compress two- or threefold; a claim of more than this many bytes from one of the
-/// file's is a corrupt header.
+/// Largest ratio of a dataset's bytes to the file's. Coordinates of real clouds compress two- or threefold, so a
+/// larger claim is a corrupt header.
 const MAX_EXPANSION: u64 = 32;
 
 /// An open HDF5 file. Only the datasets that are asked for are read and decoded.
@@ -43,8 +43,8 @@ impl H5File {
         self.file.root().datasets().map_err(|e| self.corrupt(e))
     }
 
-    /// A floating-point dataset of the given rank as `(shape, row-major values)`; `expected` is
-    /// what errors say it should be. Values are not checked.
+    /// A floating-point dataset of the given rank as `(shape, row-major values)`. Errors say that `expected` was
+    /// expected. Values are not checked.
     pub fn read_f32(
         &self,
         name: &str,
@@ -131,7 +131,7 @@ impl H5File {
         Ok(values)
     }
 
-    /// Refuses a dataset whose number of entries is not that of another.
+    /// Refuses a dataset whose number of entries differs from that of another.
     pub fn same_count(
         &self,
         name: &str,

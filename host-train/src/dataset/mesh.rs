@@ -6,17 +6,17 @@ use glam::Vec3;
 use rand::RngExt;
 use reagent_core::pose::centroid;
 
-/// A triangle mesh. Which way the faces are wound, [`Mesh::winding`] tells where they enclose something.
+/// A triangle mesh. If its faces enclose a volume, [`Mesh::winding`] tells which way they are wound.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mesh {
     /// Vertex positions.
     pub vertices: Vec<Vec3>,
-    /// Vertex indices of each triangle. A face that names a vertex that does not exist is ignored.
+    /// Vertex indices of each triangle. Faces that name missing vertices are ignored.
     pub faces: Vec<[u32; 3]>,
 }
 
 impl Mesh {
-    /// The corners of a face, or `None` where a vertex does not exist.
+    /// The corners of a face; `None` if a vertex does not exist.
     pub fn corners(&self, face: [u32; 3]) -> Option<[Vec3; 3]> {
         let [a, b, c] = face.map(|index| self.vertices.get(index as usize).copied());
         Some([a?, b?, c?])
@@ -27,7 +27,7 @@ impl Mesh {
         self.faces.iter().map(|&face| self.face_area(face)).sum()
     }
 
-    /// `count` independent random points, evenly distributed by area. Empty where the mesh has no area.
+    /// `count` independent random points, uniform over the surface. Empty if the mesh has no area.
     pub fn sample(&self, count: usize, rng: &mut Rng) -> Vec<Point> {
         let drawn = self.sample_with_normals(count, rng).into_iter();
         drawn.map(|(point, _)| point).collect()
@@ -73,8 +73,8 @@ impl Mesh {
     }
 }
 
-/// Moves the mean of `points` to the origin and scales the farthest one to distance 1. Returns the
-/// former mean and the former greatest distance, or `None` (and leaves the points) where all coincide.
+/// Moves the mean of `points` to the origin and scales the farthest one to distance 1. Returns the former mean and
+/// greatest distance, or `None`, with the points unchanged, if all coincide.
 pub fn normalise(points: &mut [Point]) -> Option<(Vec3, f32)> {
     let centre = centroid(points);
     let distance = |p: &Point| (Vec3::from_array(*p) - centre).length();

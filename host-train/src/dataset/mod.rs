@@ -1,7 +1,7 @@
-//! Where clouds come from.
+//! Sources of clouds.
 //!
-//! [`load`] reads whatever a directory holds. A data set is kept in memory: 2048 points of a model take 24 KiB,
-//! ModelNet40 300 MiB, ShapeNet's 51,000 models 1.2 GiB. What would exceed [`MAX_BYTES`] is refused.
+//! [`load`] reads whatever a directory holds. A data set is kept in memory: a model's 2048 points take 24 KiB,
+//! ModelNet40 300 MiB, ShapeNet's 51,000 models 1.2 GiB. Data sets above [`MAX_BYTES`] are refused.
 
 pub mod bop;
 pub mod cloud_file;
@@ -40,16 +40,16 @@ pub struct Model {
     pub label: u32,
 }
 
-/// The models of a split of the data set at `path`, which is recognised by what lies there:
+/// Loads the models of a split of the data set at `path`, whose layout is told by what lies there:
 ///
-/// | `path` | taken for |
+/// | `path` | layout |
 /// |---|---|
 /// | a directory with `train_files.txt` or `test_files.txt` | modelnet40_ply_hdf5_2048 ([`modelnet::load`]) |
 /// | a directory with `training_objectdataset.h5` or `test_objectdataset.h5`, itself or in `main_split_nobg` | ScanObjectNN |
 /// | an `.h5` file | clouds and labels of that file, whichever the split |
 /// | another directory | loose meshes and clouds ([`tree::load`]) |
 ///
-/// The seed is that of the points drawn from meshes.
+/// The seed draws the points of meshes.
 pub fn load(path: &Path, split: Split, seed: u64) -> Result<Vec<Model>, DatasetError> {
     if path.is_file() {
         return modelnet::load_file(path);
@@ -69,7 +69,7 @@ pub fn load(path: &Path, split: Split, seed: u64) -> Result<Vec<Model>, DatasetE
     }
 }
 
-/// The file of a ScanObjectNN split, where `dir` has that layout.
+/// The file of a ScanObjectNN split, if `dir` has that layout.
 fn scans(dir: &Path, split: Split) -> Option<PathBuf> {
     let [train, test] = ["training_objectdataset.h5", "test_objectdataset.h5"];
     let folders = [

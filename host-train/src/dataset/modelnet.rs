@@ -13,7 +13,7 @@ pub const FIRST_HALF: Range<u32> = 0..20;
 /// Labels of the second half, 20 to 39 in ModelNet40: the paper's held-out categories.
 pub const SECOND_HALF: Range<u32> = 20..u32::MAX;
 
-/// Which part of a data set.
+/// A part of a data set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Split {
     /// Models to train on, and to choose a checkpoint by.
@@ -55,7 +55,7 @@ pub fn load(dir: &Path, split: Split) -> Result<Vec<Model>, DatasetError> {
     })?;
     let mut models = Vec::new();
     for line in text.lines().map(str::trim).filter(|line| !line.is_empty()) {
-        // The published lists name the files by a path that exists only where they were made.
+        // The published lists give paths that exist only on the machine that wrote them.
         let name = line.rsplit(['/', '\\']).next().unwrap_or(line);
         models.extend(load_file(&dir.join(name))?);
         let points: usize = models.iter().map(|model| model.points.len()).sum();
@@ -69,8 +69,8 @@ pub fn load(dir: &Path, split: Split) -> Result<Vec<Model>, DatasetError> {
     Ok(models)
 }
 
-/// The clouds of one file: `data` `[N,P,3]` f32 (P is 2048 in the published files, 3 or more here) and
-/// `label` `[N]` or `[N,1]`. ScanObjectNN's files have the same datasets.
+/// The clouds of one file: `data` `[N,P,3]` f32 (P is 2048 in the published files, 3 or more here) and `label`
+/// `[N]` or `[N,1]`. Files of ScanObjectNN have the same datasets.
 pub fn load_file(path: &Path) -> Result<Vec<Model>, DatasetError> {
     let file = H5File::open(path)?;
     let clouds = file.read_clouds("data", "[N,2048,3] f32")?;
@@ -97,9 +97,8 @@ pub fn categories(models: Vec<Model>, labels: Range<u32>) -> Vec<Model> {
         .collect()
 }
 
-/// Carves a validation split out of a training split by mesh: `(training, validation)`, each in the
-/// given order, with `fraction` (0 to 1) of the models, rounded, in the second; at least one of two or
-/// more where the fraction is above 0.
+/// Splits a training split by mesh into `(training, validation)`, each in the given order. The second part has
+/// `fraction` (0 to 1) of the models, rounded, but at least one if there are two or more and the fraction is above 0.
 pub fn validation_split<T>(models: Vec<T>, seed: u64, fraction: f64) -> (Vec<T>, Vec<T>) {
     let share = (models.len() as f64 * fraction.clamp(0.0, 1.0)).round() as usize;
     let held_out = if fraction > 0.0 && models.len() > 1 {

@@ -1,4 +1,4 @@
-//! Pairs files: clouds to register and their true poses, ready-made, in one HDF5 file.
+//! Pairs files: clouds to register and their true poses, in one HDF5 file.
 //!
 //! | dataset | shape, type | meaning |
 //! |---|---|---|
@@ -18,7 +18,7 @@ use reagent_core::cloud::LARGEST_COORDINATE;
 use serde::Deserialize;
 use std::path::Path;
 
-/// What FILE.json beside a pairs file says of symmetries; `None` where there is none, or it is of another kind.
+/// Reads the symmetries in FILE.json beside a pairs file; `None` if there is no such file, or it is of another kind.
 fn symmetries(pairs: &Path, count: usize) -> Result<Option<Vec<Symmetry>>, DatasetError> {
     let Ok(text) = std::fs::read(pairs.with_extension("json")) else {
         return Ok(None);
@@ -39,9 +39,9 @@ fn symmetries(pairs: &Path, count: usize) -> Result<Option<Vec<Symmetry>>, Datas
 const CLOUDS: &str = "[M,N,3] f32";
 const POSES: &str = "[M,3,4] or [M,4,4] f32";
 const VIEW_POINTS: &str = "[M,3] f32";
-/// View point of a source that is none from one point.
+/// View point of a source that is not a view from one point.
 const NOWHERE: Point = [f32::NAN; 3];
-/// Label of a pair whose category is not known.
+/// Label of a pair of unknown category.
 pub const NO_LABEL: i32 = -1;
 
 /// One pair of clouds and its true pose.
@@ -51,7 +51,7 @@ pub struct Sample {
     pub source: Vec<Point>,
     /// Target, `[N']` points.
     pub target: Vec<Point>,
-    /// Plain transform that registers the source.
+    /// Plain transform that registers the source: the true pose.
     pub target_from_source: Pose,
 }
 
@@ -68,32 +68,32 @@ pub struct PairSet {
     pub raw: Option<Vec<Vec<Point>>>,
     /// Categories; [`NO_LABEL`] where the file has none.
     pub label: Vec<i32>,
-    /// What is known of the objects' symmetries, `[M]`.
+    /// The objects' symmetries, if they are known, `[M]`.
     pub symmetries: Option<Vec<Symmetry>>,
-    /// From where the sources were seen, those that are views from one point.
+    /// Where the sources were seen from, for those that are views from one point.
     pub seen: Vec<Option<Seen>>,
 }
 
-/// From where a source was seen, and what else was, in its frame and units.
+/// Where a source was seen from, and what else was seen, in the source's frame and units.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Seen {
-    /// Where the sensor stood.
+    /// Position of the sensor.
     pub view_point: Point,
-    /// What it saw besides the source. Files do not hold it.
+    /// Points that it saw besides the source. Files do not hold them.
     pub background: Vec<Point>,
 }
 
-/// What is known of an object's symmetry: an entry of the list in FILE.json beside FILE.h5.
+/// Symmetry of an object: an entry of the list in FILE.json beside FILE.h5.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 pub struct Symmetry {
-    /// Poses that look like the true one, it included, plain transforms of the source, `[3][4]`.
+    /// Poses that look like the true one, itself included, plain transforms of the source, `[3][4]`.
     pub truths: Vec<[[f32; 4]; 3]>,
     /// Whether the object has a symmetry, so that the distance to the closest point counts (ADI).
     pub sym: bool,
 }
 
 impl PairSet {
-    /// Adds a pair with its noise-free target and its category. A set is filled by this or loaded.
+    /// Adds a pair with its noise-free target and its category. A set is either filled by this or loaded.
     pub fn push(&mut self, sample: Sample, raw: Vec<Point>, label: u32) {
         self.source.push(sample.source);
         self.target.push(sample.target);
@@ -103,7 +103,7 @@ impl PairSet {
         self.seen.push(None);
     }
 
-    /// The same of a source that was seen from a point.
+    /// The same for a source that was seen from a point.
     pub fn push_view(&mut self, sample: Sample, raw: Vec<Point>, view_point: Point, label: u32) {
         self.push(sample, raw, label);
         self.seen.pop();
@@ -113,7 +113,7 @@ impl PairSet {
         }));
     }
 
-    /// From where the source of a pair was seen, if that is known.
+    /// Where the source of a pair was seen from, if that is known.
     pub fn seen(&self, index: usize) -> Option<&Seen> {
         self.seen.get(index)?.as_ref()
     }
@@ -123,7 +123,7 @@ impl PairSet {
         !self.seen.is_empty() && self.seen.iter().all(Option::is_some)
     }
 
-    /// The pairs, without what they are measured by.
+    /// The pairs, without the noise-free clouds and other data that only metrics use.
     pub fn samples(&self) -> impl Iterator<Item = Sample> + '_ {
         let clouds = self.source.iter().zip(&self.target);
         clouds
@@ -135,7 +135,7 @@ impl PairSet {
             })
     }
 
-    /// Adds all pairs of another set; both are filled by [`Self::push`].
+    /// Adds all pairs of another set; both must have been filled by [`Self::push`].
     pub fn extend(&mut self, other: PairSet) {
         self.source.extend(other.source);
         self.target.extend(other.target);
@@ -258,7 +258,7 @@ pub fn load_poses(path: &Path, dataset: &str) -> Result<Vec<Pose>, DatasetError>
     poses(&H5File::open(path)?, path, dataset)
 }
 
-/// View points, of each pair that has one.
+/// View points of the pairs; `None` for those that have none.
 fn seen(file: &H5File, path: &Path, count: usize) -> Result<Vec<Option<Seen>>, DatasetError> {
     let (shape, values) = file.read_f32("view_point", 2, VIEW_POINTS)?;
     if shape[1] != 3 {
@@ -337,7 +337,7 @@ fn add_clouds(
     file.create_dataset(name)
         .with_f32_data(&values)
         .with_shape(&[clouds.len() as u64, expected as u64, 3])
-        // One chunk a coordinate of a few clouds: shuffled bytes of like values lie together.
+        // One chunk for a coordinate of a few clouds, so that shuffled bytes of similar values lie together.
         .with_chunks(&[clouds.len().min(8) as u64, expected.max(1) as u64, 1])
         .with_shuffle()
         .with_deflate(6);

@@ -1,8 +1,8 @@
 //! The built-in data set: seeded, parametric, CAD-like shapes, so that training, tests and the demo
 //! need no download.
 //!
-//! A model depends on `(seed, index)` only. Its family is drawn first, then proportions, then a few
-//! small parts placed anywhere, which make most shapes free of symmetry.
+//! A model depends only on `(seed, index)`. Its family is drawn first, then its proportions, then a few small parts
+//! placed anywhere, which leave few shapes symmetric.
 
 mod furniture;
 mod machine;
@@ -72,7 +72,7 @@ const DRAW: [fn(&mut Sketch); FAMILIES.len()] = [
     objects::rock,
 ];
 
-/// A generated shape: its surface and the cloud drawn from it, in the same normalised frame.
+/// A generated shape: its surface, and the cloud drawn from it, in one normalised frame.
 #[derive(Clone, Debug)]
 pub struct Shape {
     /// Surface, normalised with the cloud.
@@ -115,7 +115,7 @@ pub fn model(seed: u64, index: u64) -> Model {
     shape(seed, index).model
 }
 
-/// The first `count` clouds of the data set `seed`, whatever the number of threads.
+/// The first `count` clouds of the data set `seed`, independent of the number of threads.
 pub fn models(seed: u64, count: usize) -> Vec<Model> {
     (0..count as u64)
         .into_par_iter()
@@ -123,7 +123,7 @@ pub fn models(seed: u64, count: usize) -> Vec<Model> {
         .collect()
 }
 
-/// Mostly y up, as in ModelNet40, turned about y by quarter turns; sometimes lying on a side.
+/// Mostly y up, as in ModelNet40, with a quarter turn about y; sometimes lying on a side.
 fn orientation(side: u32, quarter_turns: u32) -> Affine3A {
     let lying = match side {
         0 => Quat::from_rotation_x(FRAC_PI_2),
@@ -189,7 +189,7 @@ mod tests {
         }
     }
 
-    /// A turn of a symmetric shape leaves the distance at that of another sampling of the same surface.
+    /// A turn of a symmetric shape leaves the Chamfer distance at that of another sampling of its surface.
     #[test]
     fn most_shapes_have_no_rotational_symmetry() {
         let mut symmetric = 0;

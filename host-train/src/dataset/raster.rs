@@ -3,7 +3,7 @@
 use super::mesh::Mesh;
 use glam::{Affine3A, Vec2, Vec3};
 
-/// Nearer than this, in the mesh's units, a triangle is not drawn.
+/// Triangles nearer than this, in the mesh's units, are not drawn.
 const NEAR: f32 = 1e-3;
 
 /// A pinhole camera that looks along z, with x to the right and y down. Pixel `(u, v)` sees the direction
@@ -25,7 +25,7 @@ impl Pinhole {
         ((pixel - self.centre) / self.focal).extend(1.0)
     }
 
-    /// Whether the camera's axis meets the plane of the image outside of it, as of a cut-out, or of an image of another size.
+    /// Whether the optical axis meets the image plane outside of the image, as in a crop or an image of another size.
     pub fn is_off_centre(&self) -> bool {
         let [width, height] = self.size.map(|pixels| pixels as f32);
         let Vec2 { x, y } = self.centre;
@@ -33,13 +33,13 @@ impl Pinhole {
         !(is_inside(x, width) && is_inside(y, height))
     }
 
-    /// Where a point is seen, pixels; meaningless for a depth that is not positive.
+    /// Pixel at which a point is seen; meaningless for a depth that is not positive.
     pub fn project(&self, point: Vec3) -> Vec2 {
         self.centre + self.focal / point.z * point.truncate()
     }
 
-    /// One over the depth of the nearest surface at each pixel, row by row; 0 where there is none. Triangles
-    /// that reach behind the camera are left out.
+    /// Inverse depth of the nearest surface at each pixel, row by row; 0 where there is none. Triangles that reach
+    /// behind the camera are left out.
     pub fn inverse_depths(&self, mesh: &Mesh, camera_from_mesh: &Affine3A) -> Vec<f32> {
         let mut image = vec![0.0f32; self.size[0] * self.size[1]];
         let vertices = mesh
@@ -63,7 +63,7 @@ impl Pinhole {
         image
     }
 
-    /// Draws one triangle: the inverse depth is linear in the image.
+    /// Draws one triangle; the inverse depth is linear in the image.
     fn fill(&self, corners: [Vec3; 3], image: &mut [f32]) {
         let [width, height] = self.size;
         let [a, b, c] = corners.map(|corner| self.project(corner));
@@ -81,7 +81,7 @@ impl Pinhole {
         if rows.is_empty() || columns.is_empty() {
             return;
         }
-        // Barycentric weights, one a component, and what each of them adds to the inverse depth.
+        // Barycentric weights, one per component, and their contributions to the inverse depth.
         let edges = [(b, c), (c, a), (a, b)].map(|(from, to)| ((to - from) / doubled_area, from));
         let weights_at =
             |p: Vec2| Vec3::from_array(edges.map(|(edge, from)| edge.perp_dot(p - from)));

@@ -1,4 +1,4 @@
-//! Messages of ROS 2 that hold clouds, from a network or a bag.
+//! ROS 2 messages that hold clouds, from a network or a bag.
 
 pub mod cdr;
 pub mod point_cloud2;

@@ -24,7 +24,7 @@ pub fn along_z(x: f32, y: f32, z: f32) -> Affine3A {
     at(x, y, z) * Affine3A::from_rotation_x(FRAC_PI_2)
 }
 
-/// Places a solid of unit length along y, centred, between two points.
+/// Places a centred solid of unit length along y between two points.
 pub fn between(from: Vec3, to: Vec3) -> Affine3A {
     let axis = to - from;
     let turn = Quat::from_rotation_arc(Vec3::Y, axis.normalize_or(Vec3::Y));
@@ -74,8 +74,8 @@ impl Mesh {
         }
     }
 
-    /// Turns a profile of `(radius, height)` about y by `turn_rad` (a full circle is closed). A
-    /// profile that starts and ends on the axis, or returns to its start, gives a closed surface.
+    /// Revolves a profile of `(radius, height)` about y by `turn_rad` (a full circle is closed). A profile that
+    /// starts and ends on the axis, or returns to its start, gives a closed surface.
     pub fn add_revolved(&mut self, place: Affine3A, profile: &[Vec2], turn_rad: f32) {
         let steps = ((turn_rad / TAU * SEGMENTS as f32).ceil() as usize).max(1);
         let (first, ring) = (self.vertices.len() as u32, profile.len() as u32);
@@ -122,7 +122,7 @@ impl Mesh {
         self.add_revolved(place, &profile, TAU);
     }
 
-    /// A sphere, or by the scale of `place` an ellipsoid.
+    /// A sphere, or an ellipsoid if `place` scales it.
     pub fn add_sphere(&mut self, place: Affine3A, radius: f32) {
         let steps = SEGMENTS / 2;
         let point = |i| radius * Vec2::from_angle(PI * i as f32 / steps as f32 - FRAC_PI_2);
@@ -180,7 +180,7 @@ mod tests {
         mesh.area()
     }
 
-    /// Areas against closed forms; a circle of straight segments is a little short.
+    /// Areas against closed forms; a polygonal circle is slightly short.
     #[test]
     fn areas_are_those_of_the_solids() {
         let close = |found: f64, exact: f32, relative: f64| {

@@ -7,13 +7,12 @@
 //! DIR/part.stl                        no categories at all
 //! ```
 //!
-//! The category is the first folder that is not a split; labels count the categories in alphabetical order, over
-//! both splits, so that they do not depend on which is read. Folders `train` (and `val`) and `test` divide the
-//! files; without any such folder, every file is in both splits, and a warning says so.
+//! The category is the first folder that is not a split. Labels number the categories of both splits in
+//! alphabetical order, so that they do not depend on the split that is read. Folders `train` (and `val`) and `test`
+//! divide the files; without any of them every file is in both splits, and a warning says so.
 //!
-//! Of each file 2048 points are taken: drawn evenly from the surface of a mesh, at random from a larger cloud, and
-//! with repetitions from a smaller one. They are normalised as ModelNet40's are: mean at the origin, farthest
-//! point at 1.
+//! Each file gives 2048 points: drawn evenly from the surface of a mesh, at random from a larger cloud, or with
+//! repetitions from a smaller one. They are normalised like ModelNet40's: mean at the origin, farthest point at 1.
 
 use super::cloud_file::{CloudError, EXTENSIONS, MESH_POINTS, extension, read_surface};
 use super::mesh::normalise;
@@ -25,13 +24,13 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use walkdir::{DirEntry, WalkDir};
 
-/// Text that may be anything else, as a list of names.
+/// Extensions that may be other text, such as lists of names.
 const NO_MODELS: [&str; 2] = ["txt", "csv"];
 
 /// A model's file and what its path says.
 struct Entry {
     path: PathBuf,
-    /// Folders below the directory that all files share, without splits.
+    /// Folders below the one that all files share, without splits.
     folders: Vec<String>,
     split: Option<Split>,
 }
@@ -41,17 +40,17 @@ struct Entry {
 pub struct File {
     /// Where it is.
     pub path: PathBuf,
-    /// Its place among all files of the directory.
+    /// Its index among all files of the directory.
     pub index: u64,
     /// Its category.
     pub label: u32,
 }
 
-/// All models of a split, in the order of their paths. Points of the file at place `i` among all files depend
-/// on the seed and `i`.
+/// Loads all models of a split, in the order of their paths. The points of file `i` of the directory depend only on
+/// the seed and `i`.
 ///
 /// # Errors
-/// A directory without models, or without any of the split; the first file that cannot be read or is degenerate.
+/// A directory without models, with none of the split, or with too many; the first file that is unreadable or degenerate.
 pub fn load(dir: &Path, split: Split, seed: u64) -> Result<Vec<Model>, DatasetError> {
     let files = files(dir, split)?;
     if (files.len() * MESH_POINTS * size_of::<Point>()) as u64 > MAX_BYTES {
@@ -84,7 +83,7 @@ pub fn files(dir: &Path, split: Split) -> Result<Vec<File>, DatasetError> {
             entries.len()
         );
     }
-    // Beside a folder of test files, what lies elsewhere is for training.
+    // Next to a folder of test files, all other files are for training.
     let taken = |entry: &Entry| !divided || entry.split.unwrap_or(Split::Train) == split;
     let chosen: Vec<File> = (0..)
         .zip(&entries)
@@ -124,7 +123,7 @@ impl Entry {
     }
 }
 
-/// Everything below a directory in the order of the paths, without what is hidden.
+/// Everything below a directory in the order of the paths, without hidden entries.
 pub(crate) fn walk(dir: &Path) -> impl Iterator<Item = walkdir::Result<DirEntry>> {
     let hidden = |entry: &DirEntry| {
         let name = entry.file_name().to_string_lossy();
@@ -150,7 +149,7 @@ fn list(dir: &Path) -> Result<Vec<Entry>, DatasetError> {
     if entries.is_empty() {
         return Err(DatasetError::NoModels { dir: dir.into() });
     }
-    // A folder around everything, as archives have, is no category.
+    // A folder around everything, as archives have, is not a category.
     while let Some(first) = entries[0].folders.first().cloned() {
         if entries
             .iter()

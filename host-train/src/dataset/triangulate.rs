@@ -2,8 +2,8 @@
 
 use glam::Vec2;
 
-/// Divides a simple polygon with holes into triangles: `(corners, triangles)`, the triangles indexing
-/// the corners. Holes must lie inside and not touch. O(n²) and more: for outlines of some hundred corners.
+/// Divides a simple polygon with holes into triangles: `(corners, triangles)`, the triangles indexing the corners.
+/// Holes must lie inside and not touch. O(n²) or worse, so for outlines of some hundred corners.
 pub fn triangulate(outline: &[Vec2], holes: &[Vec<Vec2>]) -> (Vec<Vec2>, Vec<[u32; 3]>) {
     let mut corners = outline.to_vec();
     let mut ring: Vec<usize> = (0..outline.len()).collect();
@@ -27,7 +27,7 @@ pub fn triangulate(outline: &[Vec2], holes: &[Vec<Vec2>]) -> (Vec<Vec2>, Vec<[u3
     (corners, triangles)
 }
 
-/// Joins a clockwise hole to the ring through the shortest connection that crosses nothing.
+/// Joins a clockwise hole to the ring by the shortest connection that crosses nothing.
 fn bridge(corners: &[Vec2], ring: &mut Vec<usize>, hole: &[usize], others: &[Vec<usize>]) {
     let mut candidates: Vec<(f32, usize, usize)> = Vec::new();
     for (r, &from) in ring.iter().enumerate() {
@@ -82,9 +82,9 @@ fn clip_ears(corners: &[Vec2], mut ring: Vec<usize>) -> Vec<[u32; 3]> {
                     p == a || p == b || p == c || !inside(p, a, b, c)
                 })
         };
-        // From where the last ear was cut: fans from one corner make needles.
+        // Starts where the last ear was cut: fans from one corner make needles.
         let ear = (start..start + n).map(|i| i % n).find(is_ear);
-        // Without an ear the rest is degenerate (no area, or a polygon that was not simple).
+        // Without an ear the rest is degenerate: it has no area, or the polygon was not simple.
         let flat = || {
             (0..n).find(|&i| {
                 let [a, b, c] = corner(i).map(|index| corners[index]);
@@ -99,13 +99,13 @@ fn clip_ears(corners: &[Vec2], mut ring: Vec<usize>) -> Vec<[u32; 3]> {
     triangles
 }
 
-/// Area of a ring; negative where it runs clockwise.
+/// Area of a ring; negative if it runs clockwise.
 pub(super) fn signed_area(ring: &[Vec2]) -> f32 {
     let edges = ring.iter().zip(ring.iter().cycle().skip(1));
     edges.map(|(a, b)| a.perp_dot(*b)).sum::<f32>() / 2.0
 }
 
-/// Positive where the path a, b, c turns left.
+/// Positive if the path a, b, c turns left.
 fn turn(a: Vec2, b: Vec2, c: Vec2) -> f32 {
     (b - a).perp_dot(c - a)
 }
@@ -114,7 +114,7 @@ fn inside(p: Vec2, a: Vec2, b: Vec2, c: Vec2) -> bool {
     turn(a, b, p) >= 0.0 && turn(b, c, p) >= 0.0 && turn(c, a, p) >= 0.0
 }
 
-/// Whether `to` lies in the polygon's inner angle at `at`.
+/// Whether `to` lies in the polygon's interior angle at `at`.
 fn in_cone(before: Vec2, at: Vec2, after: Vec2, to: Vec2) -> bool {
     let (left, right) = (turn(before, at, to) > 0.0, turn(at, after, to) > 0.0);
     if turn(before, at, after) >= 0.0 {
@@ -124,7 +124,7 @@ fn in_cone(before: Vec2, at: Vec2, after: Vec2, to: Vec2) -> bool {
     }
 }
 
-/// Whether two segments cross at a point inside both.
+/// Whether two segments cross inside both.
 pub(super) fn cross(a: Vec2, b: Vec2, c: Vec2, d: Vec2) -> bool {
     turn(a, b, c) * turn(a, b, d) < 0.0 && turn(c, d, a) * turn(c, d, b) < 0.0
 }

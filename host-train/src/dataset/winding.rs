@@ -1,29 +1,29 @@
-//! Which way the faces of a mesh are wound, where they enclose something.
+//! The winding of a mesh's faces, if they enclose a volume.
 
 use super::mesh::Mesh;
 use nalgebra::Vector3;
 use std::collections::HashMap;
 
-/// Of the cube of its extent, what a shell encloses at least: less is a sheet with two sides, or rounding.
+/// Least volume of a shell, in cubes of its extent; less is a double-sided sheet, or rounding.
 const LEAST_VOLUME: f64 = 1e-7;
 
-/// The side of a solid from which its faces look wound counterclockwise.
+/// The side of a solid from which its faces look counterclockwise.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Winding {
-    /// The outer one: normals point outward.
+    /// The outside: normals point outward.
     Outward,
-    /// The inner one.
+    /// The inside.
     Inward,
 }
 
 impl Mesh {
-    /// How the faces are wound if they enclose one solid or several, all in the same way; `None` of a mesh with holes, with faces
-    /// that are turned over or share an edge with more than one other, and of what encloses nothing. Vertices at one place are one.
+    /// The winding of the faces if they enclose one or several solids, all in the same way. `None` for a mesh with
+    /// holes, flipped faces or edges that more than two faces share, or without volume. Coincident vertices are merged.
     pub fn winding(&self) -> Option<Winding> {
         let mut merged = HashMap::new();
         let vertices = self.vertices.iter();
         let places: Vec<u32> = vertices
-            // -0 is 0.
+            // Adding 0 turns -0 into 0.
             .map(|&v| (v + 0.0).to_array().map(f32::to_bits))
             .zip(0..)
             .map(|(bits, i)| *merged.entry(bits).or_insert(i))
@@ -50,11 +50,11 @@ impl Mesh {
     }
 }
 
-/// Faces that edges join, each with one of the same shell: a forest of disjoint sets.
+/// Shells of faces that are joined by edges, as disjoint sets: each face points to one of the same shell.
 struct Shells(Vec<u32>);
 
 impl Shells {
-    /// Of faces of which each edge is passed once each way; else none.
+    /// The shells, if every edge is traversed once in each direction; else `None`.
     fn of_closed(faces: &[[u32; 3]]) -> Option<Shells> {
         let edges = faces.iter().zip(0..).flat_map(|(&[a, b, c], face)| {
             [(a, b), (b, c), (c, a)].map(|(a, b)| (a.min(b), a.max(b), a < b, face))
@@ -71,7 +71,7 @@ impl Shells {
         Some(shells)
     }
 
-    /// The face by which a face's shell is known.
+    /// The face that represents a face's shell.
     fn of(&mut self, mut face: u32) -> u32 {
         while self.0[face as usize] != face {
             let next = self.0[face as usize];
@@ -87,12 +87,12 @@ impl Shells {
     }
 }
 
-/// What a shell encloses.
+/// Measures of a shell.
 #[derive(Default)]
 struct Shell {
-    /// Six times its volume, negative if it is wound inward.
+    /// Six times its volume; negative if it is wound inward.
     six_volumes: f64,
-    /// Its farthest corner from its first one, by the square.
+    /// Squared distance of the farthest corner from the first one.
     squared: f64,
 }
 
@@ -150,7 +150,7 @@ pub(crate) mod tests {
         }
     }
 
-    /// Every face with vertices of its own, as STL has them.
+    /// The mesh with separate vertices for every face, as in STL.
     fn loose(mesh: &Mesh) -> Mesh {
         let corners = mesh.faces.iter().flat_map(|&face| mesh.corners(face));
         Mesh {
@@ -181,7 +181,7 @@ pub(crate) mod tests {
         assert_eq!(solid().winding(), Some(Winding::Outward));
         assert_eq!(turned(solid()).winding(), Some(Winding::Inward));
         assert_eq!(loose(&solid()).winding(), Some(Winding::Outward));
-        // What touches in a corner or overlaps is told apart.
+        // Solids that touch in a corner or overlap are kept apart.
         for apart in [9.0, 1.0, 0.2] {
             let other = loose(&tetrahedron(Vec3::new(1e3 + apart, 0.0, -7.0)));
             let both = together(solid(), &other);

@@ -1,4 +1,4 @@
-//! The agent at work: the network on batches of states, and the poses that its decisions lead to.
+//! The agent at work: runs the network on batches of states and accumulates the poses that its decisions lead to.
 
 use crate::learn::agent::{Features, Seen, embed};
 use crate::learn::env::{Accumulation, Problem};
@@ -12,7 +12,7 @@ use reagent_core::view::View;
 use reagent_core::{Action, Decision, Pose};
 use std::borrow::Cow;
 
-/// Pairs that are registered side by side.
+/// Pairs that are registered in one batch.
 const BATCH: usize = 128;
 
 /// The network, and the memory in which it works on batches of states.
@@ -45,8 +45,9 @@ impl Agent {
         embed(&self.packed, width, &seen, &mut self.targets);
     }
 
-    /// Where runs choose their target's points anew after so many steps, gives each a problem of its own, after all those
-    /// that there are.
+    /// Chooses the targets' points anew if the policy does so after `steps` steps
+    /// ([`Sight::refocuses`](reagent_core::sight::Sight::refocuses)). Each run then gets a problem of its own,
+    /// appended to `problems`.
     pub(super) fn refocus(
         &mut self,
         problems: &mut Vec<Problem>,
@@ -151,8 +152,8 @@ pub(super) fn target(problem: &Problem) -> Seen<'_> {
     }
 }
 
-/// Registers problems by any network under any accumulation and decision, batched: for each its plain poses after 0
-/// to `steps` steps.
+/// Registers problems in batches, by any network under any accumulation and decision. Returns the plain poses of
+/// each problem after 0 to `steps` steps.
 pub fn poses_of(
     parameters: Parameters,
     (accumulation, decision): (Accumulation, Decision),

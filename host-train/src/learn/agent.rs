@@ -1,10 +1,9 @@
-//! The agent's embedding during training: forward on core's kernels, and the gradient by hand. The heads
-//! are in [`crate::learn::heads`].
+//! The agent's embedding during training: the forward pass runs on core's kernels, the gradient is written by hand.
+//! The heads are in [`crate::learn::heads`].
 //!
-//! The max-pool passes gradient only
-//! through the arg-max (critical) point of each channel, so the backward pass recomputes the hidden
-//! layers of those few hundred points and touches no others. Sums over a mini-batch are made over a
-//! fixed number of shards in a fixed order: results do not depend on the number of threads.
+//! The max-pool passes gradient only through the arg-max (critical) point of each channel. The backward pass
+//! therefore recomputes the hidden layers of those few hundred points and touches no others. Sums over a mini-batch
+//! run over a fixed number of shards in a fixed order, so that results do not depend on the number of threads.
 
 use crate::dataset::Point;
 use crate::learn::matmul::{matrix, product};
@@ -21,13 +20,13 @@ use std::borrow::Cow;
 /// A cloud as the network sees it.
 #[derive(Clone, Debug)]
 pub struct Seen<'a> {
-    /// Stored points: all of a cloud's, or those that are looked at.
+    /// Points as stored: all of a cloud's, or those that the policy looks at.
     pub points: Cow<'a, [Point]>,
-    /// Where they appear.
+    /// The view under which the network sees them.
     pub view: View,
 }
 
-/// Global features of several clouds with their critical points.
+/// Global features of several clouds, with their critical points.
 #[derive(Clone, Debug, Default)]
 pub struct Features {
     /// `[clouds, F]`.
@@ -37,7 +36,7 @@ pub struct Features {
 }
 
 impl Features {
-    /// Adds those of further clouds.
+    /// Appends the features of further clouds.
     pub fn extend(&mut self, further: &Features) {
         self.values.extend_from_slice(&further.values);
         self.critical.extend_from_slice(&further.critical);
@@ -70,7 +69,7 @@ pub fn embed(packed: &PackedEmbedding, width: usize, clouds: &[Seen<'_>], out: &
         );
 }
 
-/// What one thread embeds clouds in.
+/// Memory in which one thread embeds clouds.
 struct EmbedMemory {
     /// Width of the last hidden layer.
     width: usize,
@@ -113,7 +112,7 @@ impl EmbedMemory {
     }
 }
 
-/// Outputs of each layer but the last.
+/// Output widths of all layers but the last.
 fn hidden_widths(layers: &[Dense<'_>]) -> impl Iterator<Item = usize> {
     layers
         .iter()
@@ -132,10 +131,10 @@ pub(crate) fn relu_backward(activation: &[f32], gradient: &mut [f32]) {
 /// Shards over which gradients of the embedding are summed.
 const SHARDS: usize = 16;
 
-/// Gradient of the embedding's parameters, for clouds with given gradients of their features.
+/// Gradient of the embedding's parameters, given the gradients of the clouds' features.
 ///
 /// # Shapes
-/// `features` of `clouds`, `feature_gradients [clouds, F]`; the embedding's layers of `gradient` are
+/// `features` are those of `clouds`; `feature_gradients [clouds, F]`. The embedding's layers of `gradient` are
 /// overwritten.
 pub fn embedding_backward(
     packed: &PackedEmbedding,
@@ -174,7 +173,7 @@ pub fn embedding_backward(
     }
 }
 
-/// Working memory for the points that won a channel of one cloud.
+/// Working memory for the critical points of one cloud: those that won a channel of the max-pool.
 struct CriticalPoints {
     /// Slot of each point of the cloud, `u32::MAX` where it won nothing.
     slot: Vec<u32>,

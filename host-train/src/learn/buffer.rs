@@ -1,24 +1,24 @@
-//! The replay buffer: observations of roll-outs, as poses of problems rather than copies of clouds, and
-//! the returns and advantages that belong to them.
+//! The replay buffer: observations of roll-outs with their returns and advantages. They hold poses of problems
+//! rather than copies of clouds.
 
 use crate::learn::env::Problem;
 use crate::learn::ppo::{ALL_AXES, PpoSettings};
 use reagent_core::{Action, Pose};
 
-/// One observation: the state, what the expert would do in it, and what the agent did and got.
+/// One observation: the state, the expert's action in it, the agent's action, and its reward.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Observation {
     /// Index of the problem in the buffer.
     pub problem: usize,
     /// Accumulated pose under which the source was seen.
     pub pose: Pose,
-    /// What the expert does here.
+    /// The expert's action in this state.
     pub expert: Action,
-    /// What was done.
+    /// The action taken.
     pub action: Action,
-    /// Logarithm of the probability that the policy gave to the action, for each axis.
+    /// Log-probability of the action under the policy that took it, for each axis.
     pub log_probability: [f32; ALL_AXES],
-    /// What the value head expected.
+    /// Value estimate of the value head.
     pub value: f32,
     /// Reward of the step taken here.
     pub reward: f32,
@@ -35,15 +35,13 @@ pub struct Buffer {
     pub problems: Vec<Problem>,
     /// Trajectories rolled out side by side.
     pub trajectories: usize,
-    /// Observations in the order they were made, step-major: that of trajectory `r` in step `s` is at
-    /// `s * trajectories + r`.
+    /// Observations in the order they were made, step-major: trajectory `r` at step `s` is at `s * trajectories + r`.
     pub observations: Vec<Observation>,
 }
 
 impl Buffer {
-    /// Fills in returns and advantages from rewards and values, each at the observation that it belongs
-    /// to. `last_values` are the estimates of the states after the last step, one a trajectory; none
-    /// count as 0.
+    /// Computes every observation's return and advantage from the rewards and values. `last_values` are the
+    /// estimates of the states after the last step, one a trajectory; a missing one counts as 0.
     pub fn compute_returns(&mut self, settings: &PpoSettings, last_values: &[f32]) {
         for trajectory in 0..self.trajectories {
             let last = last_values.get(trajectory).copied().unwrap_or(0.0);
@@ -61,8 +59,8 @@ impl Buffer {
         }
     }
 
-    /// Share of the variance of the returns that the value estimates explain; 1 at best, below 0 where a
-    /// constant would do better. 0 where all returns are equal.
+    /// Share of the variance of the returns that the value estimates explain: 1 at best, below 0 where a constant
+    /// would do better, 0 where all returns are equal.
     pub fn explained_variance(&self) -> f64 {
         let returns = || {
             self.observations
@@ -82,7 +80,7 @@ impl Buffer {
     }
 }
 
-/// What is known of a later step when an earlier one is computed.
+/// A later step, as far as an earlier one needs it.
 struct Step {
     value: f32,
     discounted_return: f32,

@@ -1,4 +1,4 @@
-//! The environment: clouds to register, and the pose that actions accumulate (paper, eqs. 5, 8, 9).
+//! The environment: clouds to register, and the pose that actions accumulate to (paper, eqs. 5, 8, 9).
 
 use crate::dataset::Point;
 use crate::dataset::pairs::Sample;
@@ -11,18 +11,18 @@ use reagent_core::{Action, Cloud, Frame, Pose};
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 
-/// One pair of clouds to register, fixed over the trajectories that start from it.
+/// One pair of clouds to register; all trajectories that start from it share it.
 #[derive(Clone, Debug)]
 pub struct Problem {
     /// Observed source, `[N, 3]`.
     pub source: Vec<Point>,
     /// Target, `[N, 3]`.
     pub target: Vec<Point>,
-    /// The points of the target that are looked at.
+    /// The target's points that the policy looks at.
     pub chosen: Vec<Point>,
-    /// What is looked at of both.
+    /// What the policy looks at of both clouds.
     pub sight: Sight,
-    /// Centroid of the source, without what is cut off under the first estimate, about which disentangled poses turn it.
+    /// Centroid about which disentangled poses turn the source, without the points cut off under the first estimate.
     pub centroid: Vec3,
     /// The disentangled pose that registers the source.
     pub registering: Pose,
@@ -45,7 +45,7 @@ impl Problem {
         Problem::seen(Sight::ALL, sample)
     }
 
-    /// The same of a policy that does not look at everything.
+    /// The same for a policy that does not look at everything.
     pub fn seen(sight: Sight, sample: Sample) -> Self {
         let Sample {
             source,
@@ -67,7 +67,7 @@ impl Problem {
         problem
     }
 
-    /// The points of the target that are looked at from this pose on.
+    /// The target's points that the policy looks at from this pose on.
     fn focused(&self, accumulation: Accumulation, pose: &Pose) -> Vec<Point> {
         if self.sight.focus == 0 {
             return self.target.clone();
@@ -83,7 +83,7 @@ impl Problem {
         kept.copied().collect()
     }
 
-    /// The same problem from this pose on, where the target's points are chosen anew.
+    /// The same problem from this pose on, with the target's points chosen anew.
     pub fn refocused(&self, accumulation: Accumulation, pose: &Pose) -> Problem {
         Problem {
             chosen: self.focused(accumulation, pose),
@@ -91,7 +91,7 @@ impl Problem {
         }
     }
 
-    /// The points of the source that are looked at where it is seen so.
+    /// The source's points that the policy looks at under a view.
     pub fn looked_at(&self, view: &View) -> Cow<'_, [Point]> {
         match self.sight.cut.of(Cloud::F32(&self.source), view) {
             Reach::ALL => Cow::Borrowed(&self.source),
@@ -102,12 +102,12 @@ impl Problem {
         }
     }
 
-    /// What is looked at of the source where it belongs: what rewards are measured by.
+    /// The source's points that rewards are measured on: those that the policy looks at under the registering pose.
     pub fn rewarded(&self) -> Cow<'_, [Point]> {
         self.looked_at(&Accumulation::Global.view(self.centroid, &self.registering))
     }
 
-    /// The same points where they belong: what rewards are measured against.
+    /// The same points under the registering pose: the reference that rewards are measured against.
     pub fn truth(&self) -> Vec<Point> {
         let view = Accumulation::Global.view(self.centroid, &self.registering);
         self.rewarded().iter().map(|&p| view.see(p)).collect()
@@ -142,7 +142,7 @@ impl Accumulation {
         }
     }
 
-    /// How a source with the given centroid is seen under a pose: always from the original cloud.
+    /// The view of a source with the given centroid under a pose, always applied to the original cloud.
     pub fn view(self, centroid: Vec3, pose: &Pose) -> View {
         match self {
             Accumulation::Global | Accumulation::Local => View {
@@ -159,9 +159,9 @@ impl Accumulation {
         }
     }
 
-    /// The update that would register the source of a problem at once from a pose: what the expert
-    /// approximates by its steps (paper, eqs. 10, 11). For the basic form, on which the paper gives no
-    /// equation, it is the whole remaining transform `T* T⁻¹`, translation that rotation induces included.
+    /// The update that would register the source of a problem from a pose in one go: what the expert approximates
+    /// by its steps (paper, eqs. 10, 11). The paper gives no equation for the basic form; there it is the whole
+    /// remaining transform `T* T⁻¹`, including the translation that the rotation induces.
     pub fn remaining(self, pose: &Pose, problem: &Problem) -> Pose {
         let registering = &problem.registering;
         match self {
@@ -179,7 +179,7 @@ impl Accumulation {
         }
     }
 
-    /// A pose as a plain transform of the source.
+    /// Converts a pose to a plain transform of the source.
     pub fn target_from_source(self, centroid: Vec3, pose: &Pose) -> Pose {
         match self {
             Accumulation::Global | Accumulation::Local => pose.to_global(centroid),

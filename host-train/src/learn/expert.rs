@@ -6,7 +6,7 @@ use reagent_core::steps::{STEPS, STOP};
 use reagent_core::{Action, Pose};
 use serde::{Deserialize, Serialize};
 
-/// Which expert labels the observations.
+/// The expert that labels the observations.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum Expert {
@@ -18,8 +18,8 @@ pub enum Expert {
 }
 
 impl Expert {
-    /// The expert's action, given the update that would register the source at once
-    /// ([`crate::learn::env::Accumulation::remaining`]): one step an axis, of rotation by its XYZ Euler angles.
+    /// The expert's action: one step an axis, rotation by XYZ Euler angles. `remaining` is the update that would
+    /// register the source in one go ([`crate::learn::env::Accumulation::remaining`]).
     pub fn action(self, remaining: &Pose) -> Action {
         Action {
             translation: self.axes(remaining.translation),
@@ -35,7 +35,7 @@ impl Expert {
     }
 }
 
-/// Largest step strictly below the error; stop where none is.
+/// Largest step strictly below the error, or stop where there is none.
 fn steady(delta: f32) -> u8 {
     signed(
         delta,

@@ -1,4 +1,4 @@
-//! Policy heads and value head during training: batched forward pass, and the gradient by hand.
+//! Policy heads and value head during training: the batched forward pass, and its gradient by hand.
 //!
 //! Activations are stored `[features, batch]`.
 
@@ -47,8 +47,8 @@ impl Activations {
         [[&head_t.hidden1, t], [&head_r.hidden1, r]]
     }
 
-    /// Both policy heads for a batch of states: row `sources[b]` of `sources` and `targets[b]` of
-    /// `targets`.
+    /// Runs both policy heads on a batch of states. State `b` consists of row `sources[b]` of the source features
+    /// and row `targets[b]` of the target features.
     pub fn forward(
         &mut self,
         parameters: &Parameters,
@@ -83,8 +83,7 @@ impl Activations {
         }
     }
 
-    /// Value estimates of the states of the last [`Activations::forward`], into
-    /// [`Activations::values`].
+    /// Runs the value head on the states of the last [`Activations::forward`] and writes [`Activations::values`].
     pub fn estimate(&mut self, parameters: &Parameters) {
         let (first, batch) = (parameters.shape.value(), self.batch);
         let hidden = &mut self.value_hidden;
@@ -95,9 +94,9 @@ impl Activations {
         dense(parameters, first + 1, hidden, batch, &mut self.values);
     }
 
-    /// Gradient of the parameters of all heads into `gradient`, and of the state `[2F, batch]`, given the
-    /// gradient of the logits (translation, rotation; `[33, batch]` each) and of the values (`[batch]`;
-    /// none leaves the value head's gradient zero). The value's gradient flows on into both heads.
+    /// Writes the gradient of all heads' parameters into `gradient`, and that of the state, `[2F, batch]`. Takes the
+    /// gradients of the logits (translation, rotation; `[33, batch]` each) and of the values (`[batch]`), which flow on
+    /// into both heads; `None` leaves the value head's gradient zero.
     pub fn backward(
         &mut self,
         parameters: &Parameters,

@@ -6,14 +6,14 @@ use reagent_core::Action;
 use reagent_core::dims::{AXES, STEP_SIZES};
 use serde::Serialize;
 
-/// All parts of the loss of a mini-batch, and what they say about the policy.
+/// The parts of a mini-batch's loss, and what they tell about the policy.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Losses {
-    /// What is minimised: `clone + alpha ppo`.
+    /// The loss that is minimised: `clone + alpha ppo`.
     pub total: f64,
-    /// Cross-entropy to the expert, mean over the batch and the translation axes.
+    /// Cross-entropy to the expert's action, mean over the batch and the translation axes.
     pub clone_translation: f64,
-    /// The same of the rotation axes.
+    /// The same for the rotation axes.
     pub clone_rotation: f64,
     /// Clipped surrogate with a ratio for each axis, mean over the batch and six axes.
     pub policy: f64,
@@ -57,8 +57,8 @@ impl Losses {
     }
 }
 
-/// Loss of a mini-batch and its gradient with respect to logits and values. `values` and its gradient
-/// are empty, and the reinforcement term is left out, where `settings` are not [`PpoSettings::on`].
+/// Loss of a mini-batch, and its gradient with respect to logits and values. Where reinforcement is off
+/// ([`PpoSettings::on`]), its term is left out, and `values` and `value_gradient` are not used.
 ///
 /// # Shapes
 /// `logits` and `gradients`: `[33, B]` each, translation first; `batch [B]`, `values` and
@@ -150,12 +150,12 @@ pub fn combined_loss(
     losses
 }
 
-/// Squared error of a value estimate and its derivative; with clipping the larger of the plain error and
+/// Squared error of a value estimate, and its derivative. With clipping it is the larger of the plain error and
 /// that of the clipped estimate, which is constant outside the range.
 fn value_error(value: f32, observation: &Observation, settings: &PpoSettings) -> (f32, f32) {
     let error = value - observation.discounted_return;
     let moved = value - observation.value;
-    // Within the range both are the same, and rounding must not decide between them.
+    // Within the range both are equal, and rounding must not decide between them.
     if settings.clip_values && moved.abs() > settings.clip {
         let clipped = observation.value + moved.clamp(-settings.clip, settings.clip);
         let clipped_error = clipped - observation.discounted_return;
@@ -166,7 +166,7 @@ fn value_error(value: f32, observation: &Observation, settings: &PpoSettings) ->
     (error.powi(2), 2.0 * error)
 }
 
-/// How the advantages of a mini-batch are shifted and scaled.
+/// Shift and scale applied to the advantages of a mini-batch.
 struct Advantages {
     shift: f32,
     scale: f32,

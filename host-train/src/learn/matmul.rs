@@ -1,6 +1,5 @@
-//! Products of row-major matrices, split into a fixed number of blocks so that the result does not
-//! depend on the number of threads. The products themselves are ndarray's: its entry point is safe,
-//! the gemm crate's is not.
+//! Products of row-major matrices, split into a fixed number of blocks so that the result does not depend on the
+//! number of threads. ndarray computes them, because its entry point is safe and the gemm crate's is not.
 
 use ndarray::linalg::general_mat_mul;
 use ndarray::{ArrayView2, ArrayViewMut2, s};

@@ -9,7 +9,7 @@ use reagent_core::layer::{Codes, Dense, pack_codes, pack_panels, padded_codes};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
-/// Widths of the network; the paper's ablations and compact networks are other values of this.
+/// Widths of the network's layers. The paper's ablations and compact networks are other values of this type.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Shape {
     /// Outputs of the embedding's first layer, of its last but one, and of its last; each a multiple of 16.
@@ -45,7 +45,7 @@ impl Shape {
         }
     }
 
-    /// The shape that a robot knows, where it runs networks of this one.
+    /// The corresponding shape of a deployed network, if robots run networks of this shape.
     pub fn deployed(&self) -> Option<reagent_core::Shape> {
         let Shape { embed, extra, head } = *self;
         let shape = reagent_core::Shape { embed, head };
@@ -57,22 +57,22 @@ impl Shape {
         self.embed[2]
     }
 
-    /// Layers of the embedding, which come first.
+    /// Number of layers in the embedding; they come first.
     pub fn embedding_layers(&self) -> usize {
         self.embed.len() + self.extra
     }
 
-    /// First layer of the translation head, and of the rotation head; the next two follow each.
+    /// Index of the first layer of the translation head and of the rotation head; two more follow each.
     pub fn heads(&self) -> [usize; 2] {
         [self.embedding_layers(), self.embedding_layers() + 3]
     }
 
-    /// First layer of the value head; the second follows.
+    /// Index of the value head's first layer; its second one follows.
     pub fn value(&self) -> usize {
         self.embedding_layers() + 6
     }
 
-    /// Whether a network of this shape can be built, in bounded memory.
+    /// Whether a network of this shape can be built in bounded memory.
     pub fn is_sound(&self) -> bool {
         let widths = self.embed.iter().chain(&self.head);
         let fits = widths.clone().all(|&w| (1..=1 << 16).contains(&w));
@@ -116,7 +116,7 @@ impl Shape {
     }
 }
 
-/// Where one dense layer lives in the flat vector.
+/// Place of one dense layer in the flat vector.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Layer {
     /// Name as in the reference checkpoint, without `.weight` or `.bias`.
@@ -136,7 +136,7 @@ pub struct Layer {
 pub struct Parameters {
     /// Widths.
     pub shape: Shape,
-    /// Where each layer lives.
+    /// The place of each layer.
     pub layers: Vec<Layer>,
     /// The numbers.
     pub values: Vec<f32>,
@@ -213,21 +213,20 @@ impl Parameters {
         &self.values[self.layers[i].bias.clone()]
     }
 
-    /// Both, mutable: `(weight, bias)`.
+    /// Weight matrix and bias of layer `i`, mutable: `(weight, bias)`.
     pub fn layer_mut(&mut self, i: usize) -> (&mut [f32], &mut [f32]) {
         let Layer { weight, bias, .. } = &self.layers[i];
         self.values[weight.start..bias.end].split_at_mut(weight.len())
     }
 }
 
-/// How the points that reach a feature's maximum are found during training.
+/// How training finds the points that reach a feature's maximum.
 ///
-/// The trade-off, measured with the shipped policy on 32 noisy clouds of 1024 points and mini-batches
-/// from its own roll-outs (Xeon with AVX-512 VNNI and AMX, one thread, CPU time): in 8 bits 2.0 % of
-/// the features come from another point than in f32, one whose value is close, so that features differ
-/// by 2.9e-4 in relative norm. The gradient of a mini-batch has a cosine of 0.998 to 0.99998 with that
-/// of the f32 search (0.9957 to 0.9998 within the embedding) and its norm to 0.4 %: less than what
-/// drawing other clouds changes. Embedding a cloud takes 0.43 ms in place of 1.6.
+/// The trade-off was measured with the shipped policy on 32 noisy clouds of 1024 points and mini-batches from its own
+/// roll-outs (Xeon with AVX-512 VNNI and AMX, one thread, CPU time). In 8 bits, 2.0 % of the features come from another
+/// point than in f32, one whose value is close, so that features differ by 2.9e-4 in relative norm. The gradient of a
+/// mini-batch has a cosine of 0.998 to 0.99998 with that of the f32 search (0.9957 to 0.9998 within the embedding), and
+/// its norm agrees to 0.4 %: less than drawing other clouds changes. Embedding a cloud takes 0.43 ms instead of 1.6.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum Search {
@@ -254,7 +253,7 @@ impl Search {
 #[derive(Clone, Debug)]
 pub struct PackedEmbedding {
     layers: Vec<PackedLayer>,
-    /// Last layer row-major and in 8 bits, where critical points are searched for in 8 bits.
+    /// The last layer row-major and as 8-bit codes, where the search for critical points is in 8 bits.
     search: Option<(Vec<f32>, Vec<i8>)>,
 }
 
@@ -267,12 +266,12 @@ struct PackedLayer {
 }
 
 impl PackedEmbedding {
-    /// The current parameters, to be searched as the machine does best.
+    /// Packs the current parameters, with the search that is fastest on this machine.
     pub fn new(parameters: &Parameters) -> Self {
         Self::with_search(parameters, Search::Auto)
     }
 
-    /// The current parameters, with a way to search for critical points.
+    /// Packs the current parameters, with a given search for critical points.
     pub fn with_search(parameters: &Parameters, search: Search) -> Self {
         let layers = parameters.layers[..parameters.shape.embedding_layers()]
             .iter()
@@ -293,7 +292,7 @@ impl PackedEmbedding {
         packed
     }
 
-    /// Takes over the current parameters.
+    /// Repacks the current parameters.
     pub fn pack(&mut self, parameters: &Parameters) {
         for (i, layer) in self.layers.iter_mut().enumerate() {
             let weight = parameters.weight(i);
@@ -307,7 +306,7 @@ impl PackedEmbedding {
         }
     }
 
-    /// The last layer as core's search takes it; none where it searches in f32.
+    /// The last layer for core's 8-bit search; `None` where the search is in f32.
     pub fn search_view(&self) -> Option<SearchLayer<'_>> {
         let (rows, codes) = self.search.as_ref()?;
         let last = self.layers.last()?;
@@ -315,7 +314,7 @@ impl PackedEmbedding {
         Some(SearchLayer { codes, rows })
     }
 
-    /// As core's kernels take it.
+    /// The layers for core's kernels.
     pub fn view(&self) -> Vec<Dense<'_>> {
         self.layers
             .iter()

@@ -24,8 +24,8 @@ impl Default for AdamSettings {
     }
 }
 
-/// State of Adam with AMSGrad. The running maximum is over the raw second moment, and the bias
-/// correction is applied after it.
+/// State of Adam with AMSGrad. The running maximum is taken of the raw second moment, and the bias correction is
+/// applied after it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Adam {
     /// Constants.
@@ -52,7 +52,7 @@ impl Adam {
         }
     }
 
-    /// One step of all parameters, in one pass over memory.
+    /// Takes one step on all parameters, in one pass over memory.
     pub fn step(&mut self, parameters: &mut [f32], gradient: &[f32], learning_rate: f32) {
         const BLOCK: usize = 1 << 14;
         let AdamSettings {
@@ -81,7 +81,7 @@ impl Adam {
     }
 }
 
-/// Learning rate halved every few epochs.
+/// Step schedule that halves the learning rate every few epochs.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Schedule {
     /// Rate of the first epochs.
@@ -91,7 +91,7 @@ pub struct Schedule {
 }
 
 impl Schedule {
-    /// Rate in an epoch, counted from 0.
+    /// Learning rate in an epoch, counted from 0.
     pub fn rate(&self, epoch: u32) -> f32 {
         let halvings = epoch.checked_div(self.halve_every).unwrap_or(0);
         self.initial * 0.5f32.powi(halvings.min(120) as i32)

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 /// Axes of both heads: three of translation, then three of rotation.
 pub const ALL_AXES: usize = 2 * AXES;
 
-/// The reinforcement term. Values that the paper does not give are the authors' code's.
+/// Settings of the reinforcement term. Defaults that the paper does not give are those of the authors' code.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PpoSettings {
     /// Weight of the reinforcement term, alpha (paper: 2; 0.1 on LINEMOD; 0 is imitation alone).
@@ -21,17 +21,17 @@ pub struct PpoSettings {
     pub value_weight: f32,
     /// Weight of the mean entropy of an axis (authors' code: 0.001).
     pub entropy_weight: f32,
-    /// Whether advantages are brought to mean 0 and deviation 1 in each mini-batch (authors' code: no).
+    /// Whether advantages are normalised to mean 0 and standard deviation 1 in each mini-batch (authors' code: no).
     pub normalise_advantages: bool,
-    /// Whether values, too, are clipped to `clip` around those of the roll-out (authors' code: no).
+    /// Whether values, too, are clipped to within `clip` of those of the roll-out (authors' code: no).
     pub clip_values: bool,
-    /// Whether the value estimate of the state after the last step continues the sum of rewards
-    /// (authors' code: no, it counts as 0).
+    /// Whether returns are bootstrapped with the value estimate of the state after the last step (authors' code:
+    /// no, it counts as 0).
     pub bootstrap: bool,
 }
 
 impl PpoSettings {
-    /// The paper's settings with a weight of its own.
+    /// The paper's settings with the given weight of the reinforcement term.
     pub fn new(alpha: f32) -> Self {
         PpoSettings {
             alpha,

@@ -1,4 +1,4 @@
-//! The step reward: did the source come closer to where it belongs (paper, equation 12)?
+//! The step reward: did the source come closer to where it belongs (paper, eq. 12)?
 
 use crate::dataset::Point;
 use reagent_core::kernels::Isa;
@@ -11,13 +11,13 @@ pub const FARTHER: f32 = -0.6;
 /// Reward of a step that changed nothing.
 pub const SAME: f32 = -0.1;
 
-/// Chamfer distance in one direction: mean over `points` of the squared distance to the nearest of
-/// `truth`. NaN where either is empty.
+/// One-sided Chamfer distance: mean over `points` of the squared distance to the nearest point of `truth`. NaN
+/// where either is empty.
 pub fn chamfer(points: &[Point], truth: &[Point]) -> f32 {
     chamfer_seen(points, &View::IDENTITY, truth)
 }
 
-/// As [`chamfer`], of a cloud as it is seen.
+/// As [`chamfer`], for a cloud under a view.
 pub fn chamfer_seen(points: &[Point], view: &View, truth: &[Point]) -> f32 {
     reagent_core::chamfer::chamfer(Isa::best(), points, view, truth)
 }

@@ -1,4 +1,4 @@
-//! How far two policies act alike: what a smaller number format or another file changes, step by step.
+//! How far two policies act alike: the step-by-step effect of a smaller number format or of another file.
 
 use super::eval::{EvalError, EvalSettings, for_each_pair, pool};
 use super::method::{Contestant, Finish, Method, Start};
@@ -11,17 +11,17 @@ use reagent_core::{Action, Error, Frame, Policy, Pose, Registrar};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// How often a policy acts as another does where that one goes.
+/// How often a policy acts as another one does in the states that the other reaches.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Agreement {
-    /// The policy whose way both see.
+    /// The policy whose poses both start each step from.
     pub along: String,
-    /// Share of the six axes of all pairs on which the actions are equal, step by step.
+    /// Share of axes (six a pair) on which the actions are equal, for each step.
     pub equal: Vec<f64>,
 }
 
-/// Compares the actions of every policy after the first with the first one's, in each step from the pose that the
-/// first has reached: what a difference leads to later does not count again. Other methods are passed over.
+/// Compares the actions of every policy after the first with those of the first. Each step starts from the pose that
+/// the first has reached, so that a difference is not counted again for what it leads to. Other methods are skipped.
 ///
 /// # Errors
 /// A pair with a cloud that the core refuses.
@@ -63,7 +63,7 @@ pub fn agreement(
     others.iter().map(compare).collect()
 }
 
-/// Axes on which two policies act equally, step by step along the way of the first.
+/// Number of axes on which two policies act equally, for each step from the poses that the first one reaches.
 fn equal_axes(
     [first, second]: [Policy<'_>; 2],
     source: &[Point],

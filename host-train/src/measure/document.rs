@@ -6,8 +6,8 @@ use super::metrics::Errors;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// The number of pairs, the rows of every method, step by step where asked for, the final errors pair by pair, the
-/// probabilities that methods with a verdict gave their poses, and where asked for the agreement of policies.
+/// The number of pairs; every method's rows, step by step if asked for, and its final errors pair by pair; the
+/// probabilities of methods with a verdict; and, if asked for, the agreement of policies.
 #[derive(Debug, Serialize)]
 pub struct Document<'a> {
     pairs: usize,
@@ -21,7 +21,7 @@ pub struct Document<'a> {
 }
 
 impl<'a> Document<'a> {
-    /// The document for outcomes on a set of `pairs` pairs, and what [`agreement`](super::agreement::agreement) found.
+    /// The document for the outcomes on `pairs` pairs and the result of [`agreement`](super::agreement::agreement).
     pub fn new(
         pairs: usize,
         outcomes: &'a [Outcome],

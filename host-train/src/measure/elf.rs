@@ -1,10 +1,10 @@
-//! What a linked image for a microcontroller holds: its bytes in flash, and whether it can panic.
+//! What a microcontroller's linked image holds: its bytes in flash, and whether it can panic.
 
 use object::elf::SHF_ALLOC;
 use object::{Object, ObjectSection, ObjectSymbol, SectionFlags, SectionKind};
 use std::path::Path;
 
-/// Why an image cannot be looked into.
+/// Why an image cannot be inspected.
 #[derive(Debug, thiserror::Error)]
 pub enum ImageError {
     /// The file cannot be read.
@@ -15,7 +15,7 @@ pub enum ImageError {
         /// What the system said.
         reason: std::io::Error,
     },
-    /// The file is no ELF image.
+    /// The file is not an ELF image.
     #[error("{path} is no ELF image: {reason}")]
     Format {
         /// The file.
@@ -28,13 +28,13 @@ pub enum ImageError {
 /// What an image holds.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Image {
-    /// Bytes that go into flash: program, constants, first values of variables.
+    /// Bytes that go into flash: program, constants, initial values of variables.
     pub flash_bytes: usize,
-    /// Symbols of the panicking machinery, as the linker knows them; none in an image that cannot panic.
+    /// Symbols of the panicking machinery that are linked; empty for an image that cannot panic.
     pub panics: Vec<String>,
 }
 
-/// Looks into an ELF image.
+/// Inspects an ELF image.
 ///
 /// # Errors
 /// See [`ImageError`].

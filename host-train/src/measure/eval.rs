@@ -1,7 +1,7 @@
 //! Policies and baselines side by side on the same pairs: the paper's tables.
 //!
-//! Clouds are used as they are, as in the paper's experiments: no normalisation. A policy decides as its
-//! file says, on core's kernels; it takes all steps, also after one that stops on every axis.
+//! As in the paper's experiments, clouds are not normalised. A policy decides as its file says, on core's kernels,
+//! and takes all steps, even after one that stops on every axis.
 
 use super::method::{Contestant, Trajectory};
 use super::metrics::{Errors, GroundTruth, PairMetrics, Summary, quantile};
@@ -15,7 +15,7 @@ use serde::Serialize;
 pub struct EvalSettings {
     /// Refinement steps of a policy.
     pub steps: usize,
-    /// Threads over pairs. Errors do not depend on it; times are those of one registration on one thread,
+    /// Threads over pairs. Errors do not depend on it. Times are those of one registration on one thread,
     /// undisturbed only if this is 1.
     pub threads: usize,
     /// Whether to measure policies after every step.
@@ -44,7 +44,7 @@ pub struct StepRow {
     pub row: Row,
 }
 
-/// What one contestant reached.
+/// The results of one contestant.
 #[derive(Clone, Debug)]
 pub struct Outcome {
     /// Its name.
@@ -55,7 +55,7 @@ pub struct Outcome {
     pub row: Row,
     /// Its final errors, pair by pair.
     pub errors: Errors,
-    /// Probability that its final pose is right, pair by pair, for a method that gives one.
+    /// Probability that its final pose is right, pair by pair; empty for a method that gives none.
     pub probability: Vec<f32>,
     /// Its rows step by step, for a policy and if asked for.
     pub per_step: Vec<StepRow>,
@@ -88,8 +88,7 @@ pub enum EvalError {
     },
 }
 
-/// Registers every pair by every contestant and measures the results. `progress` is called once a
-/// registration.
+/// Registers every pair by every contestant and measures the results. `progress` is called once per registration.
 ///
 /// # Errors
 /// An empty set, two equal names, a pair with a cloud that the core or the metrics refuse.
@@ -124,7 +123,7 @@ pub fn evaluate(
         })
         .collect::<Result<_, _>>()?;
 
-    // One kd-tree and one diameter a pair serve all poses of all contestants.
+    // One kd-tree and one diameter per pair serve all poses of all contestants.
     let measured: Vec<Vec<Vec<PairMetrics>>> = for_each_pair(&pool, pairs, |_, i| {
         let raw = set.raw.as_ref().map(|raw| raw[i].as_slice());
         let truth = GroundTruth::new(
@@ -156,7 +155,7 @@ pub fn evaluate(
                 ms_p95: quantile(ms, 0.95),
             }
         };
-        // Every pair has the same number of poses: all steps, or the last alone.
+        // Every pair has the same number of poses: either one for each step, or the last alone.
         let last = trajectories[c][0].poses.len() - 1;
         let steps = if last > 0 { 0..last + 1 } else { 0..0 };
         Outcome {
@@ -184,8 +183,8 @@ pub(super) fn pool(threads: usize) -> Result<rayon::ThreadPool, EvalError> {
     pool.map_err(|source| EvalError::Threads { threads, source })
 }
 
-/// Runs `f` for every pair on the pool, each thread with its own working memory. The first failing pair, by
-/// index, is the one reported.
+/// Runs `f` for every pair on the pool, each thread with its own working memory. If several pairs fail, the one
+/// with the lowest index is reported.
 pub(super) fn for_each_pair<T: Send>(
     pool: &rayon::ThreadPool,
     pairs: usize,

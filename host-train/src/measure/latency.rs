@@ -1,4 +1,4 @@
-//! How fast this machine registers: whole registrations, by number format, cloud size and threads.
+//! How fast this machine registers: times of whole registrations by number format, cloud size and threads.
 
 use crate::dataset::pairs::PairSet;
 use crate::dataset::procedural;
@@ -13,7 +13,7 @@ use reagent_core::{Frame, Policy, Pose, Registrar, Registration};
 use serde::Serialize;
 use std::time::Instant;
 
-/// Models that ranges of the 8-bit network are measured on.
+/// Pairs that the ranges of the 8-bit network are calibrated on.
 pub(crate) const CALIBRATION: usize = 32;
 
 /// Speed of one configuration.
@@ -23,51 +23,49 @@ pub struct Latency {
     pub format: &'static str,
     /// Points of each cloud.
     pub points: usize,
-    /// Registrations under way at a time, each on one thread.
+    /// Registrations in progress at a time, each on one thread.
     pub threads: usize,
-    /// Milliseconds of one registration of ten steps, target embedding included: the median.
+    /// Median time of one registration of ten steps, target embedding included, milliseconds.
     pub ms_median: f64,
-    /// The fastest one.
+    /// Shortest time of one registration, milliseconds.
     pub ms_best: f64,
-    /// Milliseconds of processor time of the one that took least: what a machine with other work to do
-    /// can be compared by.
+    /// Least processor time of one registration, milliseconds: comparable even if the machine has other work to do.
     pub cpu_ms_best: f64,
     /// Registrations a second by [`batch::register`], all threads together.
     pub per_second: f64,
-    /// Share of the measured arithmetic peak that the fastest one reached; none where no peak is known. In f32 the
-    /// peak is that of fused multiply-adds, although the last embedding layer runs on AMX tiles where there are any.
+    /// Share of the measured arithmetic peak that the fastest registration reached; `None` where no peak is known. In f32
+    /// the peak is that of fused multiply-adds, although the last embedding layer runs on AMX tiles if there are any.
     pub share_of_peak: Option<f64>,
-    /// Points embedded in a registration by those of a cloud, the target's included, on average: 11 if every one of ten
-    /// steps looks at all.
+    /// Mean number of points embedded in a registration, the target's included, divided by the points of a cloud:
+    /// 11 if each of ten steps looks at all points.
     pub clouds_embedded: f64,
 }
 
 /// What was measured, and on what.
 #[derive(Clone, Debug, Serialize)]
 pub struct Report {
-    /// What the system calls the processor; nothing where it does not say.
+    /// The processor's name as the system gives it, if it does.
     pub processor: Option<String>,
     /// Instruction set.
     pub kernels: &'static str,
-    /// Multiply-adds a second of one core on registers, in billions: f32, bytes.
+    /// Peak rate of one core on registers, billions of multiply-adds a second: f32, bytes.
     pub peak_gmac_per_s: [f64; 2],
-    /// Bytes of the weights: f32, int8.
+    /// Size of the weights, bytes: f32, int8.
     pub weight_bytes: [usize; 2],
     /// Working memory of one registration beside its clouds, bytes.
     pub scratch_bytes: usize,
-    /// What stays of a registration from step to step, bytes.
+    /// State that a registration keeps from step to step, bytes.
     pub registration_bytes: usize,
-    /// The last layer once more, as fast machines take it in f32, bytes.
+    /// The last layer's second copy, packed for fast machines in f32, bytes.
     pub packed_bytes: usize,
     /// One row a configuration.
     pub rows: Vec<Latency>,
 }
 
-/// Measures a policy in f32 and in 8 bits on the given kernels, `count` registrations of each
-/// configuration.
+/// Measures a policy in f32 and in 8 bits on the given kernels, with `count` registrations of each configuration.
 ///
 /// # Errors
-/// [`ExportError`] for a file of integers.
+/// [`ExportError`] for a file in 8-bit integers.
 pub fn measure(
     isa: Isa,
     file: &WeightFile,
@@ -119,7 +117,7 @@ fn processor() -> Option<String> {
     Some(line.split_once(':')?.1.trim().to_owned())
 }
 
-/// Multiply-adds a second of this core on registers: the best of several short runs.
+/// Peak rate of this core on registers, multiply-adds a second: the best of several short runs.
 fn peak(isa: Isa, arithmetic: Arithmetic) -> f64 {
     const ROUNDS: u64 = 20_000;
     let runs = (0..20).map(|_| {
@@ -129,7 +127,7 @@ fn peak(isa: Isa, arithmetic: Arithmetic) -> f64 {
     runs.fold(0.0, f64::max)
 }
 
-/// The same clouds with another number of points, repeated where there are too few.
+/// The same clouds with another number of points; points repeat where there are too few.
 fn resized(pairs: &PairSet, points: usize) -> PairSet {
     let mut pairs = pairs.clone();
     for cloud in pairs.source.iter_mut().chain(&mut pairs.target) {
@@ -185,7 +183,7 @@ fn run(
     };
     let points = pairs.source.first().map_or(0, Vec::len);
     let shape = policy.shape;
-    // Each way takes both clouds' halves of the first layers.
+    // Each way computes the first layers' halves for both clouds.
     let way = shape.macs_half() + shape.macs_step();
     let ways: usize = (0..STEPS).map(|step| policy.decision.ways(step)).sum();
     let shares = measured.iter().map(|(seconds, _, points)| {
@@ -211,7 +209,7 @@ fn run(
     }
 }
 
-/// Seconds that this thread has run for; zero where the system is not asked.
+/// Processor seconds of this thread; zero on systems that are not asked.
 fn processor_seconds() -> f64 {
     #[cfg(unix)]
     {

@@ -1,4 +1,4 @@
-//! Methods that are compared: each starts somewhere and is finished by something.
+//! Methods that are compared: each has a start, which finds a pose, and a finish, which refines it.
 
 use crate::dataset::Point;
 use crate::dataset::pairs::Seen;
@@ -22,7 +22,7 @@ pub struct Method<'w> {
     pub finish: Finish,
 }
 
-/// What finds a pose, from the identity.
+/// What finds a pose, starting from the identity.
 #[derive(Clone, Copy, Debug)]
 #[allow(clippy::large_enum_variant, reason = "a handful exist at a time")]
 pub enum Start<'w> {
@@ -36,14 +36,14 @@ pub enum Start<'w> {
         parameters: &'w Parameters,
         /// How its actions accumulate.
         accumulation: Accumulation,
-        /// How they follow from its logits.
+        /// How actions are chosen from its logits.
         decision: Decision,
     },
-    /// Fast global registration. The seed chooses the tuples that it tests, pair by pair.
+    /// Fast global registration. The seed chooses the triangles that it tests, pair by pair.
     Fgr {
-        /// Which of its forms.
+        /// Its settings.
         settings: FgrSettings,
-        /// Of the draws.
+        /// Seed of the draws.
         seed: u64,
     },
 }
@@ -53,14 +53,14 @@ pub enum Start<'w> {
 pub enum Finish {
     /// Nothing.
     Nothing,
-    /// Iterative closest points.
+    /// Iterative closest point.
     Icp(IcpSettings),
     /// Core's refinement.
     Core(Mode),
 }
 
 impl<'w> Start<'w> {
-    /// The method that starts so.
+    /// The method with this start and the given finish.
     pub fn then(self, finish: Finish) -> Method<'w> {
         Method {
             start: self,
@@ -69,7 +69,7 @@ impl<'w> Start<'w> {
     }
 }
 
-/// What core is told of a pair that is evaluated: it begins at the identity.
+/// The task that core gets for an evaluated pair: start at the identity.
 pub(crate) fn task_of(seen: Option<&Seen>) -> Task<'_> {
     Task {
         view_point: seen.map(|seen| Vec3::from_array(seen.view_point)),
@@ -87,7 +87,7 @@ pub struct Contestant<'w> {
     pub method: Method<'w>,
 }
 
-/// The poses of one registration that are to be measured, each with the milliseconds it took to get there.
+/// The poses of one registration that are to be measured, each with the milliseconds until it was reached.
 pub(crate) struct Trajectory {
     pub(crate) poses: Vec<Pose>,
     pub(crate) ms: Vec<f64>,
@@ -96,7 +96,7 @@ pub(crate) struct Trajectory {
 }
 
 impl Trajectory {
-    /// At the identity, now.
+    /// Starts the clock at the identity.
     fn begin() -> Self {
         Trajectory {
             poses: vec![Pose::IDENTITY],
@@ -106,7 +106,7 @@ impl Trajectory {
         }
     }
 
-    /// Goes on to a pose, which it gives.
+    /// Appends a pose and its time, and returns the pose.
     fn reach(&mut self, pose: Pose) -> Pose {
         self.poses.push(pose);
         self.ms.push(self.clock.elapsed().as_secs_f64() * 1e3);
@@ -115,8 +115,8 @@ impl Trajectory {
 }
 
 impl Method<'_> {
-    /// Registers pair number `index`, source and target; a policy takes `steps` steps, of which all are told where
-    /// `per_step` asks for them. Core's refinement knows from where the source was `seen`.
+    /// Registers pair number `index`, source and target. A policy takes `steps` steps; `per_step` keeps the poses
+    /// of all of them. `seen` tells core's refinement from where the source was seen.
     pub(crate) fn register(
         &self,
         [source, target]: [&[Point]; 2],
@@ -150,7 +150,7 @@ impl Method<'_> {
                 )];
                 let rules = (accumulation, decision);
                 let parameters = parameters.clone();
-                // The copy is no part of a registration.
+                // The copy is not part of a registration.
                 track = Trajectory::begin();
                 let poses = poses_of(parameters, rules, &pair, steps);
                 let poses = poses.iter().flatten().skip(1);
@@ -186,7 +186,7 @@ impl Method<'_> {
         Ok(track)
     }
 
-    /// Whether it is a policy's steps and nothing else.
+    /// Whether the method is a policy's steps and nothing else.
     fn takes_steps_alone(&self) -> bool {
         matches!(self.start, Start::Policy(_) | Start::Trained { .. })
             && matches!(self.finish, Finish::Nothing)

@@ -1,5 +1,5 @@
-//! What registration and refinement cost on microcontrollers, as counted in QEMU: flash, RAM, instructions. Simulated
-//! instructions are not cycles of silicon: memory, caches and dual issue are not in them.
+//! What registration and refinement cost on microcontrollers, as counted in QEMU: flash, RAM, instructions.
+//! Simulated instructions are not cycles of silicon: they leave out memory, caches and dual issue.
 
 use crate::dataset::procedural;
 use crate::measure::elf::{self, ImageError};
@@ -36,19 +36,19 @@ const POINTS: usize = 1024;
 /// Why nothing could be measured.
 #[derive(Debug, thiserror::Error)]
 pub enum McuError {
-    /// The board.
+    /// The board could not be run.
     #[error(transparent)]
     Board(#[from] BoardError),
-    /// The image.
+    /// The image could not be inspected.
     #[error(transparent)]
     Image(#[from] ImageError),
-    /// An image that can panic.
+    /// The image can panic.
     #[error("the image can panic: {0} is linked")]
     Panics(String),
-    /// The policy.
+    /// The policy could not be converted to 8 bits.
     #[error(transparent)]
     Export(#[from] ExportError),
-    /// The flash's file.
+    /// The flash's file could not be written.
     #[error("cannot write {path}: {reason}")]
     Flash {
         /// The file.
@@ -56,7 +56,7 @@ pub enum McuError {
         /// What the system said.
         reason: std::io::Error,
     },
-    /// The board's answer.
+    /// The board refused the request.
     #[error("the board refused: {0}")]
     Refused(wire::Reason),
 }
@@ -64,44 +64,44 @@ pub enum McuError {
 /// What one board needs for a registration of 1024 points in ten steps.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Budget {
-    /// Its name.
+    /// Name of the board.
     pub board: String,
     /// Widths of the policy's network.
     pub network: String,
-    /// Flash of the policy.
+    /// Flash of the policy, bytes.
     pub policy_bytes: usize,
     /// Flash of a program that registers and nothing else: the library, start-up code and vectors.
     pub library_bytes: usize,
     /// Flash of the whole program of the simulated board, frames and serial line included.
     pub program_bytes: usize,
-    /// RAM of both clouds.
+    /// RAM of both clouds, bytes.
     pub cloud_bytes: usize,
-    /// RAM of everything but the stack, clouds included.
+    /// RAM of everything but the stack, clouds included, bytes.
     pub static_bytes: usize,
-    /// RAM that the stack has reached.
+    /// Largest extent of the stack, bytes.
     pub stack_bytes: usize,
-    /// RAM, stack included, of the image whose clouds are on a grid of 16-bit codes.
+    /// RAM of the image whose clouds are 16-bit grid codes, stack included, bytes.
     pub grid_ram_bytes: usize,
-    /// Multiply-adds where every step looks at all points.
+    /// Multiply-adds of a registration if every step looks at all points.
     pub multiply_adds: u64,
-    /// Instructions, simulated.
+    /// Simulated instructions of a registration.
     pub instructions: u64,
-    /// Instructions of the longest slice of the work, simulated: nothing else runs for as long.
+    /// Simulated instructions of the longest slice of the work, the longest time for which nothing else runs.
     pub slice_instructions: u64,
-    /// Instructions of the target's embedding by its multiply-adds.
+    /// Simulated instructions of the target's embedding, divided by its multiply-adds.
     pub instructions_per_multiply_add: f64,
 }
 
-/// What all of it needs.
+/// All measurements.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Measured {
-    /// Of a registration, by each board and policy.
+    /// Registration, by board and policy.
     pub registration: Vec<Budget>,
-    /// Of a refinement, by each board.
+    /// Refinement, by board.
     pub refinement: Vec<Refinement>,
 }
 
-/// Every board with the policy, and with the bundled compact one, in 8 bits; then refinement.
+/// Measures registration on every board, in 8 bits, with the given policy and the compact one, and then refinement.
 ///
 /// # Errors
 /// See [`McuError`].
@@ -133,7 +133,7 @@ pub fn measure_all(file: &WeightFile, seed: u64) -> Result<Measured, McuError> {
     })
 }
 
-/// Runs registrations on simulated boards: one that counts instructions, one with clouds on a grid.
+/// Runs registrations on two simulated boards: one that counts instructions, one whose clouds are on a grid.
 fn measure(
     kind: Kind,
     policy: &WeightFile,
@@ -202,7 +202,7 @@ fn widths(shape: &reagent_core::Shape) -> String {
     widths.join("-")
 }
 
-/// A cloud on its finest grid.
+/// Encodes a cloud on its finest grid.
 fn on_grid(cloud: &[[f32; 3]]) -> (Grid, Vec<[i16; 3]>) {
     let grid = Grid::of(cloud).expect("drawn clouds are finite");
     let codes = cloud.iter().map(|&point| grid.encode(point)).collect();
@@ -225,7 +225,7 @@ fn run(
     ask(&mut board, request)
 }
 
-/// Has a board serve a request; its report afterwards.
+/// Has a board serve a request, and returns its report afterwards.
 fn ask(board: &mut Board, request: RefineRequest<'_>) -> Result<wire::Board, McuError> {
     let mut buffer = vec![0; REQUEST_OVERHEAD_BYTES + CLOUD_BYTES];
     let frame = wire::encode(&Message::RefineRequest(request), &mut buffer)
@@ -236,13 +236,13 @@ fn ask(board: &mut Board, request: RefineRequest<'_>) -> Result<wire::Board, Mcu
     Ok(board.ask()?.1)
 }
 
-/// Ticks of a board as instructions.
+/// Converts a board's ticks to instructions.
 fn instructions(ticks: u32, report: &wire::Board) -> u64 {
     u64::from(ticks) * 1_000_000_000 / u64::from(report.hertz)
 }
 
-/// Why these numbers are not to be committed, a line each: rows that have become worse than `before`, that are
-/// only in one of both, or that are over budget.
+/// Reasons not to commit these numbers, a line each: rows that are worse than in `before`, that only one of both
+/// has, or that are over budget.
 pub fn complaints(now: &Measured, before: &Measured) -> Vec<String> {
     let of_registration = rows(
         [&now.registration, &before.registration],
@@ -259,7 +259,7 @@ pub fn complaints(now: &Measured, before: &Measured) -> Vec<String> {
     [of_registration, of_refinement].concat()
 }
 
-/// What is to be said of rows, each with its name before it.
+/// Complaints about rows, each preceded by the row's name.
 fn rows<T>(
     [now, before]: [&[T]; 2],
     name: fn(&T) -> String,
@@ -281,10 +281,10 @@ fn rows<T>(
     lines
 }
 
-/// A limit of [`reagent_core::budget`]: what is limited, what was measured, what is allowed.
+/// A limit of [`reagent_core::budget`]: what is limited, the measured value, the allowed value.
 pub type Limit = (&'static str, f64, f64);
 
-/// What the library promises of a board.
+/// The limits that the library promises for a board.
 pub fn limits(budget: &Budget) -> Vec<Limit> {
     let compact = budget.network == widths(&reagent_core::Shape::COMPACT);
     let (flash, multiply_adds) = if compact {
@@ -322,14 +322,14 @@ pub fn limits(budget: &Budget) -> Vec<Limit> {
     limits
 }
 
-/// The limits that are passed, a line each.
+/// The limits that are exceeded, a line each.
 fn excesses(limits: Vec<Limit>) -> Vec<String> {
     let over = limits.into_iter().filter(|(_, now, most)| now > most);
     over.map(|(what, now, most)| format!("{now} {what}, at most {most} are allowed"))
         .collect()
 }
 
-/// A number that is compared with an earlier one: what it is of.
+/// A number that is compared with an earlier one, after its description.
 type Compared = (&'static str, f64);
 
 impl Budget {
@@ -346,7 +346,7 @@ impl Budget {
     }
 }
 
-/// What has become worse than `before` by more than a twentieth, a line each.
+/// Numbers that are worse than in `before` by more than a twentieth, a line each.
 fn regressions(now: &[Compared], before: &[Compared]) -> Vec<String> {
     now.iter()
         .zip(before)

@@ -1,4 +1,4 @@
-//! What a policy is worth: errors of its poses, other methods beside it, time, and needs of small boards.
+//! What a policy is worth: its errors, other methods beside it, its time, and its needs on small boards.
 
 #[cfg(not(target_family = "wasm"))]
 pub mod agreement;

@@ -8,36 +8,36 @@ const BINS: usize = 10;
 /// How well probabilities tell right from wrong.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Quality {
-    /// Registrations.
+    /// Number of registrations.
     pub count: usize,
     /// Share of them that were right.
     pub right: f64,
-    /// Probability that a right one is held more probable than a wrong one: area under the ROC curve; NaN where all
-    /// are right or none.
+    /// Probability that a right registration gets a higher probability than a wrong one: area under the ROC curve;
+    /// NaN unless there are both.
     pub auc: f64,
-    /// Mean squared difference between probability and outcome (Brier's score).
+    /// Mean squared difference between probability and outcome (Brier score).
     pub brier: f64,
-    /// Mean, over all coverages, of the share of wrong ones among the most probable: area under the
+    /// Mean, over all coverages, of the share of wrong registrations among the most probable: area under the
     /// risk-coverage curve.
     pub risk_coverage: f64,
-    /// Expected calibration error: mean difference of probability and share right, over ten bins.
+    /// Expected calibration error: mean difference between probability and share right, over ten bins.
     pub ece: f64,
-    /// Of wrong ones, the share that is held right, with a probability of a half or more; NaN where there are none.
+    /// Share of the wrong registrations with a probability of a half or more; NaN if there are none.
     pub wrong_held_right: f64,
-    /// Of right ones, the same.
+    /// The same share of the right registrations.
     pub right_held_right: f64,
     /// Mean probability, share right and count in ten bins of probability.
     pub bins: Vec<[f64; 3]>,
 }
 
 impl Quality {
-    /// Of `(probability, right)`.
+    /// Measures the quality of pairs `(probability, right)`.
     pub fn of(mut outcomes: Vec<(f64, bool)>) -> Quality {
         outcomes.sort_by(|a, b| b.0.total_cmp(&a.0));
         let count = outcomes.len();
         let right = outcomes.iter().filter(|o| o.1).count();
         let (mut area, mut risk, mut wrong) = (0.0, 0.0, 0usize);
-        // Ties count half in the area; in the curve they are taken in the order of the pairs.
+        // Ties count half in the ROC area; the risk-coverage curve takes them in the order of the pairs.
         let mut start = 0;
         while start < count {
             let tied = |o: &&(f64, bool)| o.0 == outcomes[start].0;

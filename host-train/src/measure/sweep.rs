@@ -1,7 +1,7 @@
-//! Errors over one condition that is varied while the others stay: the paper's ablation figure, and beyond it.
+//! Errors while one condition is varied and the others stay: the paper's ablation figure, and beyond it.
 //!
-//! Every value is measured on the same models, points and directions ([`draw_under`]): curves differ by what is
-//! varied, not by the luck of the draw.
+//! Every value is measured on the same models, points and directions ([`draw_under`]), so that curves differ by
+//! what is varied, not by the luck of the draw.
 
 use super::eval::{EvalError, EvalSettings, Row, evaluate};
 use crate::dataset::Model;
@@ -12,10 +12,10 @@ use reagent_core::dims::MAX_POINTS;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// Largest noise in a sweep over its deviation (the paper's; elsewhere it is .05).
+/// Clip of the noise in a sweep over its standard deviation (the paper's; elsewhere it is .05).
 const NOISE_CLIP: f32 = 0.1;
 
-/// What is varied.
+/// The condition that is varied.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum Vary {
@@ -54,7 +54,7 @@ impl Vary {
         }
     }
 
-    /// Values measured unless others are asked for.
+    /// Values that are measured unless others are asked for.
     pub fn values(self) -> &'static [f64] {
         match self {
             Vary::Noise => &[0.0, 0.01, 0.02, 0.03, 0.04, 0.05],
@@ -69,7 +69,7 @@ impl Vary {
     /// `base` with this condition at `value`.
     ///
     /// # Errors
-    /// A value that makes no sense.
+    /// A value outside the condition's range.
     pub fn at(self, value: f64, base: &Conditions) -> Result<Conditions, SweepError> {
         let (allowed, range) = match self {
             Vary::Noise => ((0.0..=1.0).contains(&value), "from 0 to 1"),
@@ -130,7 +130,7 @@ pub enum SweepError {
     },
 }
 
-/// What one method reached at one value.
+/// Results of one method at one value.
 #[derive(Clone, Debug, Serialize)]
 pub struct At {
     /// The value.
@@ -141,7 +141,7 @@ pub struct At {
     pub errors: Errors,
 }
 
-/// What all methods reached while one condition was varied.
+/// Results of all methods while one condition was varied.
 #[derive(Clone, Debug, Serialize)]
 pub struct Varied {
     /// The condition.
@@ -161,23 +161,23 @@ pub struct Document {
     pub sweep: Vec<Varied>,
 }
 
-/// What pairs are drawn from, and how where nothing is varied.
+/// What pairs are drawn from, and the conditions where nothing is varied.
 #[derive(Clone, Copy, Debug)]
 pub struct Drawing<'a> {
     /// Models, at least one.
     pub models: &'a [Model],
-    /// Conditions of what is not varied.
+    /// Conditions, but for the one that is varied.
     pub base: Conditions,
     /// Pairs at each value.
     pub count: usize,
-    /// Of all draws.
+    /// Seed of all draws.
     pub seed: u64,
 }
 
-/// Registers all pairs by every contestant at every value of one condition. `progress` is called once a registration.
+/// Registers all pairs by every contestant at every value of one condition. `progress` is called once per registration.
 ///
 /// # Errors
-/// A value that makes no sense, before anything is measured; whatever [`evaluate`] refuses.
+/// A value outside the condition's range, before anything is measured; whatever [`evaluate`] refuses.
 pub fn sweep(
     drawing: &Drawing<'_>,
     vary: Vary,

@@ -56,7 +56,7 @@ pub enum CheckpointError {
     Damaged {
         /// The file.
         path: PathBuf,
-        /// What differs.
+        /// What is wrong with it.
         what: String,
     },
 }
@@ -70,7 +70,7 @@ pub struct Progress {
     pub optimiser_steps: u64,
     /// Lowest validation error so far, and the epoch that reached it.
     pub best: Option<(f64, u32)>,
-    /// What the epoch under way has measured.
+    /// Sums over the epoch in progress.
     #[serde(default)]
     pub epoch: EpochSums,
 }
@@ -88,7 +88,7 @@ pub struct EpochSums {
     pub reward: Option<f64>,
 }
 
-/// All that a run needs to go on.
+/// Everything that a run needs to go on.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Checkpoint {
     /// The network.
@@ -99,15 +99,15 @@ pub struct Checkpoint {
     pub averaged: Option<Vec<f32>>,
     /// How the network's actions accumulate.
     pub accumulation: Accumulation,
-    /// How far from the target it looks.
+    /// What the network looks at of both clouds.
     pub sight: Sight,
-    /// Counters. With the seed they are the state of every random stream, and of the order of the data;
-    /// checkpoints are taken between updates, when the replay buffer is empty.
+    /// Counters. With the seed they determine the state of every random stream and the order of the data.
+    /// Checkpoints are taken between updates, when the replay buffer is empty.
     pub progress: Progress,
 }
 
 impl Checkpoint {
-    /// The checkpoint that a path names: a file itself, or a run directory's best, else its last.
+    /// The checkpoint that a path names: the file itself, or a run directory's best, last or previous one, in this order.
     pub fn find(run_or_checkpoint: &Path) -> Result<PathBuf, CheckpointError> {
         let candidates = [
             run_or_checkpoint.join(BEST),
@@ -133,7 +133,7 @@ impl Checkpoint {
         }
     }
 
-    /// The network to validate, deploy, or start another run from: the average where there is one.
+    /// The network to validate, deploy, or start another run from: the average if there is one.
     pub fn result(mut self) -> Parameters {
         if let Some(averaged) = self.averaged {
             self.parameters.values = averaged;
@@ -141,8 +141,8 @@ impl Checkpoint {
         self.parameters
     }
 
-    /// The newest whole checkpoint of a run directory. A last one that is damaged gives way to the one
-    /// before it, with a warning on stderr; `None` where there is neither.
+    /// The newest whole checkpoint of a run directory; `None` where there is none. If the last one is damaged, the
+    /// one before it is taken, with a warning on stderr.
     pub fn load_newest(run: &Path) -> Result<Option<Self>, CheckpointError> {
         let (last, previous) = (run.join(LAST), run.join(PREVIOUS));
         match (last.is_file(), previous.is_file()) {
@@ -152,7 +152,7 @@ impl Checkpoint {
                 Err(error @ CheckpointError::Damaged { .. }) if kept => {
                     let newest = Self::load(&previous)?;
                     eprintln!("{error}; going on from {PREVIOUS}");
-                    // Out of the way, lest it take the place of the one that is whole.
+                    // Moved away, lest it take the place of the whole one.
                     rename(&last, &run.join("damaged.safetensors"))?;
                     Ok(Some(newest))
                 }
@@ -161,8 +161,7 @@ impl Checkpoint {
         }
     }
 
-    /// Writes the newest checkpoint of a run directory and keeps the one before it. At no moment is
-    /// there none.
+    /// Writes the newest checkpoint of a run directory and keeps the one before it, so that there is always a whole one.
     pub fn save_newest(&self, run: &Path) -> Result<(), CheckpointError> {
         let (last, next) = (run.join(LAST), run.join("next.safetensors"));
         self.save(&next)?;
@@ -246,7 +245,7 @@ impl Checkpoint {
             serde_json::from_str(field("shape")?).map_err(|e| damaged(e.to_string()))?;
         let progress: Progress =
             serde_json::from_str(field("progress")?).map_err(|e| damaged(e.to_string()))?;
-        // Absent from checkpoints of before there was a choice.
+        // Absent from checkpoints that are older than this setting.
         let accumulation = match field(ACCUMULATION) {
             Ok(text) => serde_json::from_str(text).map_err(|e| damaged(e.to_string()))?,
             Err(_) => Accumulation::Global,
@@ -374,7 +373,7 @@ mod tests {
             )
         };
         assert!(refused(&bytes[..bytes.len() / 2]));
-        // Every bit of the header, and some of what follows.
+        // Every bit of the header, and a sample of what follows.
         let header = 8 + u64::from_le_bytes(*bytes.first_chunk().expect("a length")) as usize;
         let sampled = (header..bytes.len()).step_by(977);
         for at in (0..header)

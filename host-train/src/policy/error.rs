@@ -33,7 +33,7 @@ pub enum ExportError {
         /// What is wrong with it.
         source: Error,
     },
-    /// Parameters were asked of a file that holds their 8-bit codes.
+    /// Parameters were asked of a file that holds 8-bit codes.
     #[error(
         "this weight file holds 8-bit integers; give the f32 file or checkpoint it was made from"
     )]
@@ -48,7 +48,7 @@ pub enum ExportError {
         paper = Shape::PAPER
     )]
     Shape(Shape),
-    /// The network's actions accumulate in another way than the robot's.
+    /// The network's actions accumulate in another way than the robot's do.
     #[error("a policy with {0:?} accumulation cannot be deployed; only Global can")]
     Accumulation(Accumulation),
 }

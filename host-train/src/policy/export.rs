@@ -1,4 +1,4 @@
-//! From trained parameters to the bytes that robots run, and back.
+//! Conversion of trained parameters to the bytes that robots run, and back.
 
 use super::ExportError;
 use super::checkpoint::Checkpoint;
@@ -17,7 +17,7 @@ use reagent_core::{Decision, Error};
 use std::path::Path;
 
 impl WeightFile {
-    /// The network to train on from; the value head, which is not deployed, is drawn from `seed`.
+    /// The network as a start for further training. The value head, which is not deployed, is drawn from `seed`.
     ///
     /// # Errors
     /// [`ExportError::Integers`] for a file of integers.
@@ -27,15 +27,15 @@ impl WeightFile {
         Ok(Parameters::from_network(policy.shape, network, seed))
     }
 
-    /// The policy of a checkpoint, deciding as exported ones do unless they are told otherwise.
+    /// The policy of a checkpoint, with the default decision rule of exported policies.
     pub fn from_checkpoint(checkpoint: Checkpoint) -> Result<Self, ExportError> {
         let sight = checkpoint.sight;
         let file = Self::from_parameters(&deployable(checkpoint)?)?;
         Ok(file.deciding(Decision::default()).seeing(sight))
     }
 
-    /// Serialises parameters as [`reagent_core::weights`] describes; the value head stays out. The most likely steps
-    /// are taken, as in the paper, until [`Self::deciding`] says otherwise.
+    /// Serialises parameters as [`reagent_core::weights`] describes, without the value head. The policy takes the
+    /// most likely steps, as in the paper, until [`Self::deciding`] says otherwise.
     pub fn from_parameters(parameters: &Parameters) -> Result<Self, ExportError> {
         let shape = robot_shape(parameters)?;
         let mut bytes = with_header(&shape, FORMAT_F32);
@@ -52,8 +52,8 @@ impl WeightFile {
         Self::finished(bytes)
     }
 
-    /// Serialises parameters in 8-bit integers, as [`reagent_core::quant`] describes: with the ranges of
-    /// activations, and the mean error of the logits taken back, that registering `pairs` shows.
+    /// Serialises parameters as 8-bit integers ([`reagent_core::quant`]). Registering `pairs` gives the ranges of
+    /// the activations, and the mean error of the logits, which is subtracted.
     pub fn from_parameters_int8(
         parameters: &Parameters,
         pairs: &PairSet,
@@ -61,7 +61,7 @@ impl WeightFile {
         Self::from_parameters_int8_within(Sight::ALL, parameters, pairs)
     }
 
-    /// The same of a policy that looks at `sight` of both clouds.
+    /// The same for a policy that looks at `sight` of both clouds.
     ///
     /// # Errors
     /// As [`Self::from_parameters_int8`].
@@ -95,13 +95,13 @@ impl WeightFile {
     }
 }
 
-/// The shape of a network as robots know it.
+/// The network's shape as robots know it.
 fn robot_shape(parameters: &Parameters) -> Result<reagent_core::Shape, ExportError> {
     let shape = parameters.shape;
     shape.deployed().ok_or(ExportError::Shape(shape))
 }
 
-/// A file of zeros with header and layer table.
+/// A file of zeros with its header and layer table filled in.
 fn with_header(shape: &reagent_core::Shape, format: u16) -> Vec<u8> {
     let len = file_len(shape, format);
     let mut bytes = vec![0u8; len];
@@ -124,8 +124,7 @@ fn with_header(shape: &reagent_core::Shape, format: u16) -> Vec<u8> {
     bytes
 }
 
-/// Parameters of a checkpoint, of the best (else the last) checkpoint of a run directory, or of an f32
-/// weight file.
+/// Parameters of a checkpoint, of a run directory's checkpoint ([`Checkpoint::find`]), or of an f32 weight file.
 pub fn parameters_of(path: &Path) -> Result<Parameters, ExportError> {
     if path.extension().is_some_and(|e| e == "rgw") {
         return WeightFile::load(path)?.parameters(0);
@@ -133,7 +132,7 @@ pub fn parameters_of(path: &Path) -> Result<Parameters, ExportError> {
     deployable(Checkpoint::load(&Checkpoint::find(path)?)?)
 }
 
-/// The parameters of a checkpoint that robots can run.
+/// The parameters of a checkpoint, if robots can run it.
 fn deployable(checkpoint: Checkpoint) -> Result<Parameters, ExportError> {
     match checkpoint.accumulation {
         Accumulation::Global => Ok(checkpoint.result()),

@@ -37,7 +37,7 @@ pub const COMPACT: &str = "compact";
 /// The bundled small policy for a source that is a single depth view.
 pub const VIEWS_COMPACT: &str = "views-compact";
 
-/// The byte of the header that says how to decide, and when the target's points are chosen.
+/// The header's byte for the decision rule and for how often the target's points are chosen.
 fn how(decision: Decision, sight: Sight) -> u8 {
     decision.header() as u8 | sight.focus << FOCUS_SHIFT
 }
@@ -62,25 +62,25 @@ impl WeightFile {
         Ok(file)
     }
 
-    /// The same policy, deciding in this way.
+    /// The same policy with another decision rule.
     pub fn deciding(self, decision: Decision) -> Self {
         let sight = self.policy().sight;
         self.with_header(DECISION_AT, &[how(decision, sight)])
     }
 
-    /// The same policy, looking at all points of the source every so many steps ([`Policy::rescan`]).
+    /// The same policy, looking at all points of the source every `steps` steps ([`Policy::rescan`]).
     pub fn rescanning(self, steps: u16) -> Self {
         self.with_header(RESCAN_AT, &steps.to_le_bytes())
     }
 
-    /// The same policy, looking at this of both clouds.
+    /// The same policy, looking at `sight` of both clouds.
     pub fn seeing(self, sight: Sight) -> Self {
         let decision = self.policy().decision;
         self.with_header(CUT_AT, &[sight.cut.header()])
             .with_header(DECISION_AT, &[how(decision, sight)])
     }
 
-    /// The same network, run as that policy is.
+    /// The same network, deciding and looking as `policy` does.
     pub fn run_like(self, policy: &Policy<'_>) -> Self {
         self.deciding(policy.decision)
             .rescanning(policy.rescan)
@@ -94,7 +94,7 @@ impl WeightFile {
         self
     }
 
-    /// The bundled policy of that name ([`BUNDLED`]).
+    /// The bundled policy with that name ([`BUNDLED`]).
     pub fn bundled(name: &Path) -> Option<Self> {
         let (_, bytes) = BUNDLED
             .iter()
@@ -102,7 +102,7 @@ impl WeightFile {
         Some(Self::from_bytes(bytes).expect("a test checks the linked policies"))
     }
 
-    /// Reads and checks a policy file; the name of a bundled policy stands for that.
+    /// Reads and checks a policy file; the name of a bundled policy stands for that policy.
     pub fn load(path: &Path) -> Result<Self, ExportError> {
         if let Some(bundled) = Self::bundled(path) {
             return Ok(bundled);
@@ -127,7 +127,7 @@ impl WeightFile {
         Self::from_bytes(Policy::pretrained_bytes()).expect("a test checks the linked policy")
     }
 
-    /// Reads a policy file, or takes the bundled one where none is named.
+    /// Reads a policy file, or takes the bundled policy if `path` is `None`.
     pub fn load_or_pretrained(path: Option<&Path>) -> Result<Self, ExportError> {
         path.map_or_else(|| Ok(Self::pretrained()), Self::load)
     }
@@ -145,18 +145,18 @@ impl WeightFile {
         &bytemuck::cast_slice(&self.words)[..self.len]
     }
 
-    /// The policy in them.
+    /// The policy that the bytes hold.
     pub fn policy(&self) -> Policy<'_> {
         let policy = Policy::parse_again(self.bytes()).expect("checked when the file was made");
         policy.with_packed(&self.packed)
     }
 
-    /// SHA-256 of the file: the policy's name on the fleet.
+    /// SHA-256 of the file: the policy's identity in the fleet.
     pub fn sha256(&self) -> [u8; 32] {
         Sha256::digest(self.bytes()).into()
     }
 
-    /// Adds the check sum and reads everything back.
+    /// Adds the checksum and reads everything back.
     pub(super) fn finished(mut bytes: Vec<u8>) -> Result<Self, ExportError> {
         seal(&mut bytes);
         Self::from_bytes(&bytes).map_err(|source| ExportError::Policy {
@@ -166,7 +166,7 @@ impl WeightFile {
     }
 }
 
-/// Writes a file's check sum.
+/// Writes a file's checksum.
 pub(super) fn seal(file: &mut [u8]) {
     let (body, sum) = file.split_at_mut(file.len() - 4);
     sum.copy_from_slice(&checksum(body).to_le_bytes());

@@ -51,7 +51,7 @@ pub enum ImportError {
         /// File concerned.
         path: PathBuf,
     },
-    /// A parameter of the network is not in the state dict, or one too many is.
+    /// A parameter of the network is missing from the state dict, or one too many is in it.
     #[error("{}: {what} parameter \"{name}\"; this is not a checkpoint of the ReAgent network", path.display())]
     Names {
         /// File concerned.
@@ -88,7 +88,7 @@ pub const NAMES: [(&str, &str); 11] = [
     ("actor_critic.value", "value.fc2"),
 ];
 
-/// The network in a checkpoint of the authors' code, value head included: the paper's, or a compact one.
+/// The network in a checkpoint of the authors' code, value head included: the paper's shape, or the compact one.
 pub fn pytorch(path: &Path) -> Result<Parameters, ImportError> {
     let tensors = read_pytorch(path)?;
     let features = tensors["embed.conv3.bias"].data.len();
@@ -120,8 +120,8 @@ pub fn pytorch(path: &Path) -> Result<Parameters, ImportError> {
     Ok(parameters)
 }
 
-/// Reads a checkpoint of the authors' code: all 22 parameters by our names (`embed.conv1.weight` …),
-/// weights as `[out, in]`, biases as `[out]`, all finite. Sizes are not compared with a network's.
+/// Reads a checkpoint of the authors' code: all 22 parameters under our names (`embed.conv1.weight` …), weights as
+/// `[out, in]`, biases as `[out]`, all finite. Sizes are not checked against a network.
 ///
 /// No code in the file is executed: its pickle is read as data.
 pub fn read_pytorch(path: &Path) -> Result<BTreeMap<String, Tensor>, ImportError> {

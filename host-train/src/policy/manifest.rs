@@ -1,4 +1,4 @@
-//! What a policy file is announced with: its hashes, its shape and the actions of its self-test.
+//! The announcement of a policy file: its hashes, its shape and the actions of its self-test.
 
 use crate::policy::WeightFile;
 use reagent_core::net::Scratch;

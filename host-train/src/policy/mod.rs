@@ -1,4 +1,4 @@
-//! A policy as a file: checkpoints of training, the bytes that robots run, and what announces them.
+//! A policy as a file: checkpoints of training, the bytes that robots run, and their announcement.
 
 pub mod checkpoint;
 mod error;

@@ -1,4 +1,4 @@
-//! From a trained network to 8-bit integers: ranges from calibration pairs, then the arrays of number
+//! Quantisation of a trained network to 8-bit integers: ranges from calibration pairs, then the arrays of number
 //! format 1 (see [`reagent_core::quant`]).
 
 use super::WeightFile;
@@ -19,7 +19,7 @@ use reagent_core::weights::{FORMAT_INT8, Offsets, offsets};
 use reagent_core::{Action, Decision, Frame, Pose, Registrar, Shape};
 use std::borrow::Cow;
 
-/// Head room of the heads' hidden layers above what calibration saw: their 13 bits afford it.
+/// Headroom of the heads' hidden layers above the calibrated range; their 13 bits can afford it.
 const HEAD_ROOM: f32 = 1.5;
 /// Bits of a requantisation factor in the embedding, so that products fit 32 bits.
 const EMBEDDING_BITS: u32 = 9;
@@ -28,7 +28,7 @@ const HEAD_BITS: u32 = 15;
 /// Smallest range of a channel, relative to the largest of its layer.
 const LEAST_RANGE: f32 = 0.02;
 
-/// Largest activations of each channel.
+/// Largest activation of each channel.
 #[derive(Clone, Debug)]
 pub(crate) struct Ranges {
     /// Hidden layers of the embedding.
@@ -40,8 +40,8 @@ pub(crate) struct Ranges {
 }
 
 impl Ranges {
-    /// What the network's activations reach while it registers pairs, each for the usual steps, the most likely ones:
-    /// they roam farther than those that policies take.
+    /// Measures the activations while the network registers pairs with the most likely steps, which roam farther
+    /// than those that policies take.
     pub(crate) fn calibrate(parameters: &Parameters, pairs: &PairSet, sight: Sight) -> Ranges {
         let width = parameters.shape.features();
         let packed = PackedEmbedding::with_search(parameters, Search::F32);
@@ -139,7 +139,7 @@ impl Ranges {
         self.feature = largest.fold(self.feature, f32::max);
     }
 
-    /// Leaves no channel without range, and head room where it is cheap.
+    /// Gives every channel a range, and headroom where it is cheap.
     fn widen(&mut self) {
         self.feature = (self.feature * 1.1).max(1e-6);
         for head in self.heads.as_flattened_mut() {
@@ -156,8 +156,8 @@ impl Ranges {
     }
 }
 
-/// Mean error of each logit of `integers` on the way that `exact` takes: what rounding weights does
-/// to all states alike, which flips the actions of a source that is nearly in place.
+/// Mean error of each logit of `integers` along the poses that `exact` reaches. It is the effect of rounded weights
+/// that all states share, and it flips the actions of a source that is nearly in place.
 pub(crate) fn logit_errors(
     exact: &WeightFile,
     integers: &WeightFile,
@@ -208,13 +208,13 @@ pub(crate) fn logit_errors(
 struct IntegerLayer {
     /// Row-major `[outputs, inputs]`.
     codes: Vec<i8>,
-    /// In units of the sum.
+    /// Biases, in units of the sum.
     bias: Vec<f64>,
-    /// Value of one unit of each output's sum.
+    /// Real value of one unit of each output's sum.
     unit: Vec<f64>,
 }
 
-/// Quantises `W x + b` for inputs that come as codes with a step each.
+/// Quantises `W x + b` for inputs that are codes, input `j` in units of `step[j]`.
 fn integer_layer(parameters: &Parameters, i: usize, step: &[f64]) -> IntegerLayer {
     let layer = &parameters.layers[i];
     let mut out = IntegerLayer {
@@ -242,7 +242,7 @@ fn integer_layer(parameters: &Parameters, i: usize, step: &[f64]) -> IntegerLaye
     out
 }
 
-/// Requantisation of each output to codes with a given largest value, and the step that one code is.
+/// Requantises each output to codes with a given largest value. Returns the factors and the real value of one code.
 fn requantise(unit: &[f64], range: &[f32], most: i32, bits: u32) -> (Vec<u32>, Vec<f64>) {
     unit.iter()
         .zip(range)

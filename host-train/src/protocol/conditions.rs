@@ -1,4 +1,4 @@
-//! Pairs drawn under other conditions than a protocol's: what sweeps vary.
+//! Pairs drawn under conditions that differ from a protocol's, for sweeps.
 
 use super::{POINTS, Protocol, SCAN_POINTS, choose};
 use crate::augment::{
@@ -19,7 +19,7 @@ pub struct Conditions {
     pub points: usize,
     /// Standard deviation of the noise on every coordinate of both clouds.
     pub noise_sigma: f32,
-    /// Largest noise.
+    /// Clip of the noise.
     pub noise_clip: f32,
     /// Upper bound of each Euler angle of the offset, degrees.
     pub max_angle_deg: f32,
@@ -32,7 +32,7 @@ pub struct Conditions {
 }
 
 impl Conditions {
-    /// Those of a protocol that samples both clouds independently; `None` for another.
+    /// The conditions of a protocol that samples both clouds independently; `None` for the others.
     pub fn of(protocol: Protocol) -> Option<Conditions> {
         let noisy = Conditions {
             points: POINTS,
@@ -55,9 +55,9 @@ impl Conditions {
     }
 }
 
-/// Draws `count` pairs under other conditions than a protocol's, of the models that [`draw`](super::draw) would take. Every part
-/// of a pair has a stream of its own, so that pairs of equal seed and index have the same points, directions and draws of
-/// noise under all conditions: what differs is their size or their number.
+/// Draws `count` pairs under the given conditions, of the models that [`draw`](super::draw) would take. Every part
+/// of a pair has a random stream of its own. Pairs of equal seed and index therefore have the same points,
+/// directions and noise draws under all conditions; only their size or number differs.
 pub fn draw_under(models: &[Model], conditions: &Conditions, count: usize, seed: u64) -> PairSet {
     let mut set = PairSet::default();
     for (i, model) in choose(models, count, seed).enumerate() {

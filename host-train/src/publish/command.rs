@@ -18,7 +18,7 @@ use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
-/// Views on which policies are compared, and points of each.
+/// Views on which policies are compared, and points in each.
 const VIEWS: usize = 300;
 const POINTS: usize = 1024;
 
@@ -34,29 +34,29 @@ pub struct PublishArgs {
     /// Fleet to ship to.
     #[arg(long, value_name = "NAME", value_parser = name)]
     pub fleet: String,
-    /// Version of the policy; robots take only newer ones. Default: the time, in seconds since 1970, or one more than the
-    /// newest so far where the time is too far ahead of it, since it was counted by hand.
+    /// Version of the policy; robots take only newer ones. Default: the time, in seconds since 1970; or one more than
+    /// the newest version, if that was counted by hand and the time is too far ahead of it.
     #[arg(long, value_name = "N")]
     pub policy_version: Option<u64>,
-    /// Epoch of the version, signed with it: a greater one begins the versions anew, and is the way back from one that
-    /// should never have been. Every policy from then on needs it.
+    /// Epoch of the version, signed with it. A greater epoch starts the versions anew, which is the way back from a
+    /// version that should never have been. Every later policy needs it, too.
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub epoch: u32,
-    /// How long robots have to take the policy before those that have not are named, seconds; 0: nobody waits for them, and
-    /// what they make of it is not told.
+    /// Seconds that robots have to take the policy before those that have not are named; 0 does not wait, and reports
+    /// nothing about them.
     #[arg(long, value_name = "SECONDS", default_value_t = 60)]
     pub wait: u64,
     /// Run that the policy came from; the SHA-256 of its training data goes into the manifest.
     #[arg(long, value_name = "RUN_DIR")]
     pub run: Option<PathBuf>,
-    /// Put the policy into the storage of a router, and end: it is served from there.
+    /// Put the policy into a router's storage and exit; it is served from there.
     #[arg(long)]
     pub store: bool,
     /// Record of the policy's evaluation, such as the JSON of `eval`; its SHA-256 goes into the manifest.
     #[arg(long, value_name = "FILE")]
     pub evaluation: Option<PathBuf>,
-    /// Ship to parts of the fleet one after the other, such as 1,10%,100%. Where robots do worse with it than the others
-    /// with --against, that one is published again under the next version.
+    /// Ship to parts of the fleet one after the other, such as 1,10%,100%. If robots do worse with the policy than the
+    /// others do with --against, the latter is published again under the next version.
     #[arg(
         long,
         value_name = "LIST",
@@ -75,14 +75,14 @@ pub struct PublishArgs {
         requires = "stages"
     )]
     pub gate_wait: u64,
-    /// Pairs, or meshes of which 300 views are rendered, on which the policy must not be worse than the one before it; where it
-    /// is, it is not published.
+    /// Pairs, or meshes to render 300 views of, on which the policy is compared with the one before it; a worse policy
+    /// is not published.
     #[arg(long, value_name = "FILE.h5|views:DIR", requires = "against")]
     pub evaluate: Option<DataSource>,
     /// The policy before it, for --evaluate and --stages.
     #[arg(long, value_name = "FILE.rgw")]
     pub against: Option<PathBuf>,
-    /// Publish a policy that is worse, too; without it a terminal is asked.
+    /// Publish even a worse policy; without this option the user is asked, if there is a terminal.
     #[arg(long, requires = "evaluate")]
     pub anyway: bool,
     /// File that grows by a line of JSON whenever a policy is published and whenever a robot runs or refuses another one:
@@ -112,7 +112,7 @@ pub async fn run(args: PublishArgs) -> Result<(), PublishError> {
     let mut publisher = Publisher::new(session, &args.fleet, key)?;
     publisher.provenance = provenance;
     publisher.epoch = args.epoch;
-    // A router with access control drops what a certificate may not say, and tells nobody.
+    // A router with access control silently drops what a certificate may not publish.
     if !args.store && has_certificate(&args.session)? {
         publisher.listener = Some(open_session(&args.session).await?);
     }
@@ -139,7 +139,7 @@ pub async fn run(args: PublishArgs) -> Result<(), PublishError> {
     }
 }
 
-/// Publishes the policy as the arguments say, and tells what became of it.
+/// Publishes the policy as the arguments say, and reports the result.
 async fn ship(
     publisher: &mut Publisher,
     witness: &Witness,
@@ -181,7 +181,7 @@ async fn ship(
     tell_reception(publisher, &manifest, args).await
 }
 
-/// Ships to one part of the fleet after the other, and takes back what does worse.
+/// Ships to one part of the fleet after the other, and withdraws a policy that does worse.
 async fn roll_out(
     publisher: &mut Publisher,
     witness: &Witness,
@@ -215,7 +215,7 @@ async fn roll_out(
     Err(PublishError::Halted { halt, back })
 }
 
-/// Compares the policy with the one before it, and says what came of it.
+/// Compares the policy with the one before it, and reports the result.
 fn compare(
     on: &DataSource,
     old: &Path,
@@ -247,7 +247,7 @@ fn compare(
     Ok(())
 }
 
-/// Asks whoever sits at the terminal.
+/// Asks the user, if there is a terminal.
 fn confirmed() -> bool {
     if !std::io::stdin().is_terminal() {
         return false;
@@ -257,7 +257,7 @@ fn confirmed() -> bool {
     std::io::stdin().read_line(&mut answer).is_ok() && answer.trim().eq_ignore_ascii_case("y")
 }
 
-/// Says what robots make of the policy.
+/// Reports how the robots receive the policy.
 async fn tell_reception(
     publisher: &Publisher,
     manifest: &Manifest,
@@ -276,7 +276,7 @@ async fn tell_reception(
     Ok(())
 }
 
-/// As much of a file's name as a manifest holds.
+/// A file's name, cut to the length that a manifest holds.
 fn fitting(stem: &str) -> String {
     let mut name = PolicyName::new();
     stem.chars().try_for_each(|c| name.push(c)).ok();

@@ -1,4 +1,4 @@
-//! Whether a policy is worse than the one before it: both on the same pairs.
+//! Tests whether a policy is worse than the one before it, on the same pairs.
 
 use super::statistics::coin;
 use crate::dataset::pairs::PairSet;
@@ -9,12 +9,12 @@ use crate::policy::WeightFile;
 use reagent_core::dims::STEPS;
 use std::fmt;
 
-/// One policy is called worse where what tells it from the other is less likely than this by chance.
+/// A policy is called worse if chance alone would make such a difference less often than this.
 const SIGNIFICANCE: f64 = 0.05;
-/// How much closer than a right pose a precise one is.
+/// Ratio of the error limits of a right pose to those of a precise one.
 const PRECISE: f64 = 5.0;
 
-/// The old policy and the new one on the same pairs, ten steps each.
+/// The old and the new policy on the same pairs, ten steps each.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Comparison {
     /// Pairs.
@@ -25,21 +25,21 @@ pub struct Comparison {
     pub precise: Paired,
 }
 
-/// On how many pairs one policy reached something, the other, and both in turns.
+/// Numbers of pairs on which the policies met a criterion.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Paired {
-    /// Pairs on which the old policy did.
+    /// Pairs on which the old policy met it.
     pub old: usize,
-    /// Pairs on which the new one did.
+    /// Pairs on which the new policy met it.
     pub new: usize,
-    /// Those on which only the old one did.
+    /// Pairs on which only the old policy met it.
     pub lost: usize,
-    /// Those on which only the new one did.
+    /// Pairs on which only the new policy met it.
     pub won: usize,
 }
 
 impl Comparison {
-    /// Registers every pair with both.
+    /// Registers every pair with both policies.
     ///
     /// # Errors
     /// As [`evaluate`].
@@ -70,9 +70,9 @@ impl Comparison {
         })
     }
 
-    /// Whether the new policy is worse in what is right or in what is precise, beyond chance.
+    /// Whether the new policy has significantly fewer right or precise poses.
     pub fn is_worse(&self) -> bool {
-        // Two questions: each gets half of the chance to be wrong.
+        // Two tests: each gets half of the significance level (Bonferroni).
         let level = SIGNIFICANCE / 2.0;
         self.right.p_no_worse() < level || self.precise.p_no_worse() < level
     }
@@ -92,8 +92,8 @@ impl Paired {
         }
     }
 
-    /// How likely so many losses among the pairs that differ are where the new policy is as good: McNemar's exact
-    /// test, one-sided (<https://doi.org/10.1007/BF02295996>).
+    /// Probability of so many losses among the pairs that differ if the new policy is as good: McNemar's exact test,
+    /// one-sided (<https://doi.org/10.1007/BF02295996>).
     pub fn p_no_worse(&self) -> f64 {
         coin(self.lost as u64, (self.lost + self.won) as u64)
     }

@@ -1,4 +1,4 @@
-//! Who ran what when: a file that grows by a line of JSON for every change in the fleet.
+//! The history of a fleet: a file that grows by a line of JSON whenever a robot's policy changes.
 
 use super::Heard;
 use crate::files;
@@ -10,26 +10,26 @@ use std::io::{self, BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
-/// The file, and what it said last of everybody.
+/// The file, and its last line about each event and robot.
 #[derive(Debug)]
 pub(super) struct History {
     path: PathBuf,
-    /// None where nothing was there: the first line makes it, whole.
+    /// `None` if there was no file; the first line then creates it, whole.
     file: Option<File>,
-    /// Whether its last line was cut short.
+    /// Whether the file's last line was cut short.
     cut: bool,
     /// The last line of each event and robot, without its time.
     last: BTreeMap<(String, String), Map<String, Value>>,
 }
 
-/// What a line is about: its event, and its robot where it names one.
+/// What a line is about: its event, and its robot if it names one.
 fn about(line: &Map<String, Value>) -> (String, String) {
     let text = |key: &str| line.get(key).and_then(Value::as_str).unwrap_or_default();
     (text("event").into(), text("robot").into())
 }
 
 impl History {
-    /// Goes on with a file, or will begin one. A last line that was cut short stays as it is.
+    /// Opens a file to go on with it, or prepares to create one. A last line that was cut short stays as it is.
     pub(super) fn open(path: &Path) -> io::Result<History> {
         let file = match appended(path) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => {
@@ -63,7 +63,7 @@ impl History {
         })
     }
 
-    /// A policy was announced with this key.
+    /// Records that a policy was announced with this key.
     pub(super) fn published(&mut self, manifest: &Manifest, key: &[u8; 32]) -> io::Result<()> {
         let (name, key) = (manifest.name.as_str(), const_hex::encode(key));
         self.add(
@@ -73,7 +73,7 @@ impl History {
         )
     }
 
-    /// A robot has said how it is: told where what it runs or refuses is another policy than before.
+    /// Records a robot's status if it runs or refuses another policy than before.
     pub(super) fn heard(&mut self, Heard { robot, status }: &Heard) -> io::Result<()> {
         if let Some(policy) = &status.policy {
             self.add("runs", json!({ "robot": robot }), policy)?;
@@ -86,8 +86,8 @@ impl History {
         Ok(())
     }
 
-    /// One write for a line, so that lines of two publishers do not mix; none for what the file said last, so that a
-    /// publisher that starts again repeats nothing.
+    /// Appends a line in one write, so that lines of two publishers do not mix. A line that only repeats the last one
+    /// is skipped, so that a restarted publisher repeats nothing.
     fn add(&mut self, event: &str, more: Value, policy: &PolicyId) -> io::Result<()> {
         let mut line = Map::new();
         line.insert("event".into(), event.into());
@@ -124,7 +124,7 @@ impl History {
     }
 }
 
-/// An open file that is written at its end.
+/// Opens a file to append to it.
 fn appended(path: &Path) -> io::Result<File> {
     OpenOptions::new().read(true).append(true).open(path)
 }
@@ -181,7 +181,7 @@ mod tests {
         let first = ["a runs 1", "b runs 1", "a runs 2", "b refuses 1"];
         assert_eq!(events(), first);
 
-        // Power failed within the last line.
+        // As if the power had failed within the last line.
         let text = std::fs::read_to_string(&path).expect("readable");
         std::fs::write(&path, format!("{text}{{\"time\"")).expect("writable");
         let mut history = History::open(&path).expect("writable");

@@ -15,13 +15,13 @@ pub enum KeyError {
         /// The file.
         path: String,
     },
-    /// The file is something else. What it holds is not said.
+    /// The file is not a key. The message does not quote its contents.
     #[error("{path}: not a signing key (64 hexadecimal digits)")]
     Format {
         /// The file.
         path: String,
     },
-    /// There is no folder for it.
+    /// The folder for it does not exist.
     #[error("{path}: no such folder; make it first")]
     Folder {
         /// The folder.
@@ -43,8 +43,7 @@ pub enum KeyError {
     },
 }
 
-/// Makes a key from the system's random source, readable by its owner only, and returns its public
-/// half.
+/// Makes a key from the system's random source, readable only by its owner, and returns its public half.
 ///
 /// # Errors
 /// `Folder`, `Exists`, `Io`.

@@ -1,21 +1,21 @@
-//! What a policy was made from.
+//! The origin of a policy.
 
 use super::PublishError;
 use crate::learn::train::record::RunRecord;
 use sha2::{Digest, Sha256};
 use std::path::Path;
 
-/// What a policy was made from, as SHA-256; zeros where that is not known.
+/// What a policy was made from, as SHA-256; zeros if unknown.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Provenance {
-    /// Of the training data, as the run's record says.
+    /// Hash of the training data, from the run's record.
     pub training: [u8; 32],
-    /// Of the file that records the policy's evaluation.
+    /// Hash of the file that records the policy's evaluation.
     pub evaluation: [u8; 32],
 }
 
 impl Provenance {
-    /// Of a policy from this run, whose evaluation is recorded in this file.
+    /// Provenance of a policy from this run, with its evaluation recorded in this file.
     ///
     /// # Errors
     /// `Run`, `Record`.

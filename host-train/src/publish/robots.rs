@@ -1,4 +1,4 @@
-//! What the fleet's robots make of a policy: who takes it, who does not, and why.
+//! The fleet's reception of a policy: which robots take it, which do not, and why.
 
 use super::{PublishError, Publisher, refused};
 use crate::words::count;
@@ -13,10 +13,10 @@ use zenoh::pubsub::Subscriber;
 use zenoh::query::QueryTarget;
 use zenoh::sample::Sample;
 
-/// Robots that are there answer for their status within this time.
+/// Time within which online robots report their status.
 const ANSWER_TIME: Duration = Duration::from_secs(2);
 
-/// A robot, and how it says that it is doing.
+/// A robot and the status that it reported.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Heard {
     /// Its name.
@@ -35,20 +35,20 @@ impl Heard {
     }
 }
 
-/// What robots made of one policy.
+/// The robots' reception of one policy.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Reception {
-    /// Those that run it.
+    /// Robots that run it.
     pub taken: Vec<String>,
-    /// Those that said why they do not.
+    /// Robots that gave a reason for not running it.
     pub refused: Vec<(String, WhyNot)>,
-    /// Those that have said nothing about it, and what they run.
+    /// Robots that have reported nothing about it, and what they run.
     pub silent: Vec<(String, Option<PolicyId>)>,
 }
 
 impl Reception {
-    /// What robots say of a policy. What one said of it `before` it was announced, by another publisher perhaps, is no word of
-    /// this announcement, nor is that others come first where it is this robot's turn.
+    /// Sorts the robots by what they say of a policy. A refusal from `before` it was announced, perhaps by another
+    /// publisher, does not count as an answer to this announcement, nor does "not yet" from a robot whose turn it is.
     fn of(
         robots: &BTreeMap<String, Status>,
         manifest: &Manifest,
@@ -73,12 +73,12 @@ impl Reception {
         reception
     }
 
-    /// Whether every robot that is there runs it.
+    /// Whether every robot that is online runs it.
     pub fn is_complete(&self) -> bool {
         self.refused.is_empty() && self.silent.is_empty()
     }
 
-    /// What may be wrong where robots have no word of it.
+    /// A possible reason why robots have not heard of it.
     pub(super) fn why_silent(&self) -> &'static str {
         match self.silent.is_empty() {
             true => "",
@@ -86,13 +86,13 @@ impl Reception {
         }
     }
 
-    /// The same on one line, as errors are.
+    /// The reception on one line, as errors are.
     pub(super) fn one_line(&self) -> String {
         self.to_string().replace('\n', "; ")
     }
 }
 
-/// One line a robot, but those that have taken it together.
+/// One line for all robots that have taken it, then one for each other robot.
 impl fmt::Display for Reception {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Reception {
@@ -126,7 +126,7 @@ impl fmt::Display for Reception {
     }
 }
 
-/// The robots of a fleet that answer now, in the order of their names.
+/// The online robots of a fleet, ordered by name.
 pub(super) async fn there(session: &Session, fleet: &str) -> Result<Vec<Heard>, PublishError> {
     let key = keys::all_status(fleet).map_err(refused(fleet))?;
     let asked = session.get(key.as_str()).target(QueryTarget::All);
@@ -140,7 +140,7 @@ pub(super) async fn there(session: &Session, fleet: &str) -> Result<Vec<Heard>, 
 }
 
 impl Publisher {
-    /// The robots that answer now, in the order of their names.
+    /// The robots that answer now, ordered by name.
     ///
     /// # Errors
     /// `Zenoh`.
@@ -148,7 +148,7 @@ impl Publisher {
         there(&self.session, &self.fleet).await
     }
 
-    /// Hears what robots say of themselves from here on.
+    /// Subscribes to the robots' status from now on.
     ///
     /// # Errors
     /// `Zenoh`.
@@ -159,8 +159,8 @@ impl Publisher {
         Ok(self.session.declare_subscriber(key.as_str()).await?)
     }
 
-    /// Waits until every robot that is there has taken a policy or has said why not, for so long at most. One that refused
-    /// the same policy before it was announced is given that time to take it.
+    /// Waits until every online robot has taken a policy or said why not, but no longer than `wait`. A robot that
+    /// refused the same policy before it was announced has that time to take it.
     ///
     /// # Errors
     /// `Zenoh`.
@@ -234,7 +234,7 @@ mod tests {
         let error = |reception| PublishError::NotTaken { reception }.to_string();
         let silent = error(reception.clone());
         assert!(silent.ends_with("let this certificate publish"), "{silent}");
-        // Who refuses it has word of it.
+        // A robot that refuses it has heard of it.
         let refused = Reception {
             silent: Vec::new(),
             ..reception
@@ -264,7 +264,7 @@ mod tests {
         };
         assert_eq!(names(&manifest, before.into()), ["a", "c"]);
         assert_eq!(names(&manifest, BTreeMap::new()), ["c"]);
-        // Where it goes to no robot yet, that is the word.
+        // "Not yet" is the answer where it goes to no robot yet.
         let nobody_yet = Manifest {
             reach: 0,
             ..manifest

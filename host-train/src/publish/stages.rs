@@ -1,4 +1,4 @@
-//! A policy to a part of the fleet first, and to the others where that part does no worse with it.
+//! Staged roll-outs: a policy goes to a part of the fleet first, and to the rest if that part does no worse with it.
 
 use super::statistics::fisher;
 use super::{Heard, PublishError, Publisher, Reception};
@@ -12,12 +12,12 @@ use std::str::FromStr;
 use std::time::Duration;
 use tokio::time::Instant;
 
-/// A policy is called worse where what tells it from the old one is less likely than this by chance.
+/// A policy is called worse if chance alone would make such a difference less often than this.
 const SIGNIFICANCE: f64 = 0.01;
-/// A policy is called slower where it takes so many times as long, on the mean.
+/// A policy is called slower if its mean time is so many times as long.
 const SLOWER: f64 = 1.5;
 
-/// Parts of a fleet, each at least as large as the one before it.
+/// Parts of a fleet, each larger than the one before it as far as that can be told without the fleet's size.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Stages(Vec<Stage>);
 
@@ -30,7 +30,7 @@ enum Stage {
 impl FromStr for Stages {
     type Err = String;
 
-    /// Numbers of robots and percentages, separated by commas.
+    /// Parses numbers of robots and percentages, separated by commas.
     fn from_str(text: &str) -> Result<Stages, String> {
         let stage = |part: &str| {
             let stage = match part.strip_suffix('%') {
@@ -60,7 +60,7 @@ impl FromStr for Stages {
 }
 
 impl Stage {
-    /// Whether the next one may be larger; which of a number and a percentage is, depends on the fleet.
+    /// Whether the next stage may be larger; for a number and a percentage that depends on the fleet.
     fn may_precede(self, next: Stage) -> bool {
         match (self, next) {
             (Stage::Robots(a), Stage::Robots(b)) => a < b,
@@ -70,7 +70,7 @@ impl Stage {
         }
     }
 
-    /// Robots of a fleet of so many.
+    /// Number of robots in a fleet of this size.
     fn robots(self, fleet: usize) -> usize {
         match self {
             Stage::Robots(robots) => robots.min(fleet),
@@ -79,28 +79,28 @@ impl Stage {
     }
 }
 
-/// What the robots of a stage must have shown before the next one.
+/// What the robots of a stage must have done before the next stage.
 #[derive(Clone, Copy, Debug)]
 pub struct Gate {
-    /// Poses that they must give, together, once all of them have the policy.
+    /// Poses that they must give together, once all of them have the policy.
     pub poses: u64,
     /// How long that may take.
     pub wait: Duration,
 }
 
-/// Why a roll-out does not go on.
+/// Why a roll-out stops.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Halt {
     /// Robots could not take the policy.
     NotTaken(Reception),
-    /// The robots that have it did not give enough poses to be judged by.
+    /// The robots that have it gave too few poses to judge it.
     Unknown {
-        /// Poses given since all of them have it.
+        /// Poses given since all of them have had it.
         poses: u64,
         /// Poses wanted.
         wanted: u64,
     },
-    /// No pose converged, with the old policy or the new one: that tells nothing of either.
+    /// No pose converged, with either policy, which tells nothing of the new one.
     NoneConverged(String),
     /// The robots that have it do worse.
     Worse(String),
@@ -126,8 +126,8 @@ impl fmt::Display for Halt {
 }
 
 impl Publisher {
-    /// Serves a policy and announces it to one part of the fleet after the other. `told` gets a line a stage. Where a
-    /// stage halts, the robots that are not reached keep what they have.
+    /// Serves a policy and announces it to one part of the fleet after the other. `told` gets a line for each stage. If
+    /// a stage halts, the robots that it has not reached keep what they have.
     ///
     /// # Errors
     /// As [`Publisher::publish`].
@@ -164,8 +164,8 @@ impl Publisher {
         Ok(Ok(()))
     }
 
-    /// Waits until the robots with the policy have given enough poses, and compares them with the others', or with
-    /// their own before it.
+    /// Waits until the robots with the policy have given enough poses, and compares them with those of the other
+    /// robots. If the others gave too few, all robots' poses from before the roll-out are added to these.
     async fn judge(
         &self,
         manifest: &Manifest,
@@ -186,7 +186,7 @@ impl Publisher {
                 .filter(|heard| (heard.status.policy == id) == new);
             total(heard.map(|heard| heard.status.tally))
         };
-        // What earlier stages gave says nothing of the robots that have it since.
+        // Poses from earlier stages say nothing of the robots that got it since.
         let earlier = sum(&robots, true).poses();
         loop {
             let (new, mut old) = (sum(&robots, true), sum(&robots, false));
@@ -213,7 +213,7 @@ impl Publisher {
     }
 }
 
-/// The draw up to which a stage of the fleet is reached.
+/// The largest draw that a stage of the fleet reaches.
 fn reach<'r>(manifest: &Manifest, stage: Stage, robots: impl Iterator<Item = &'r String>) -> u32 {
     let mut draws: Vec<_> = robots.map(|robot| manifest.draw(robot)).collect();
     draws.sort_unstable();
@@ -243,7 +243,7 @@ fn total(tallies: impl Iterator<Item = Tally>) -> Tally {
     })
 }
 
-/// What robots did with the old policy, and with the new one.
+/// Tallies of the robots with the old policy and with the new one.
 struct Figures {
     old: Tally,
     new: Tally,
@@ -253,7 +253,7 @@ fn converged(tally: &Tally) -> u64 {
     tally.verdicts[Verdict::Converged as usize].into()
 }
 
-/// Mean probability; NaN where none is known.
+/// Mean probability of a pose; NaN if none is known.
 fn probability(tally: &Tally) -> f64 {
     tally.probability_millionths as f64 / 1e6 / f64::from(tally.judged)
 }
@@ -273,7 +273,7 @@ impl Figures {
         self.worse().map_or(Ok(()), |why| Err(Halt::Worse(why)))
     }
 
-    /// Why the new policy is worse, beyond chance.
+    /// Why the new policy is significantly worse, if it is.
     fn worse(&self) -> Option<String> {
         let Figures { old, new } = self;
         if old.poses() == 0 {
@@ -284,7 +284,7 @@ impl Figures {
         if p < SIGNIFICANCE {
             return Some(format!("fewer poses converge (p = {p:.1e}): {self}"));
         }
-        // A probability's variance is at most that of a coin of the same mean.
+        // A probability's variance is at most that of a coin with the same mean.
         let (a, b) = (probability(old), probability(new));
         let (m, n) = (f64::from(old.judged), f64::from(new.judged));
         let pooled = (a * m + b * n) / (m + n);

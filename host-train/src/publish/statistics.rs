@@ -1,4 +1,4 @@
-//! Exact tests of counts.
+//! Exact tests on counts.
 
 /// ln n! for every n up to `most`.
 fn ln_factorials(most: u64) -> Vec<f64> {
@@ -10,7 +10,7 @@ fn ln_factorials(most: u64) -> Vec<f64> {
     std::iter::once(0.0).chain(factorials).collect()
 }
 
-/// Probability of `least` or more heads in `trials` throws of a fair coin.
+/// Probability of at least `least` heads in `trials` throws of a fair coin.
 pub(super) fn coin(least: u64, trials: u64) -> f64 {
     let ln = ln_factorials(trials);
     let choose = |k: u64| ln[trials as usize] - ln[k as usize] - ln[(trials - k) as usize];
@@ -19,8 +19,8 @@ pub(super) fn coin(least: u64, trials: u64) -> f64 {
     p.min(1.0)
 }
 
-/// Probability that a group of `drawn` has `most` or fewer of the `marked` among `all`: Fisher's exact test,
-/// one-sided (<https://doi.org/10.2307/2340521>).
+/// Probability that a group of `drawn` has at most `most` of the `marked` among `all`: Fisher's exact test, one-sided
+/// (<https://doi.org/10.2307/2340521>).
 pub(super) fn fisher(most: u64, drawn: u64, marked: u64, all: u64) -> f64 {
     let ln = ln_factorials(all);
     let choose = |n: u64, k: u64| ln[n as usize] - ln[k as usize] - ln[(n - k) as usize];
@@ -40,7 +40,7 @@ mod tests {
 
     #[test]
     fn tails_are_sums_of_ways() {
-        // Binomial coefficients over 2^n, and over those of the whole, by hand.
+        // Binomial coefficients, divided by 2^n or by those of the whole, by hand.
         for (found, expected) in [
             (coin(0, 0), 1.0),
             (coin(1, 1), 0.5),

@@ -1,4 +1,4 @@
-//! Policies in a router's storage: they are there when their publisher is gone.
+//! Policies in a router's storage, where they stay when their publisher is gone.
 
 use super::{PublishError, Publisher, chunk_table, refused, sign};
 use crate::policy::WeightFile;
@@ -10,12 +10,12 @@ use zenoh::Session;
 use zenoh::qos::CongestionControl;
 use zenoh::query::{ConsolidationMode, QueryTarget};
 
-/// Whoever answers for manifests does it within this time.
+/// Time within which publishers and storages answer for manifests.
 const ANSWER_TIME: Duration = Duration::from_secs(2);
-/// Time for a storage to give back a whole policy.
+/// Time for a storage to return a whole policy.
 const READ_TIME: Duration = Duration::from_secs(60);
 
-/// The manifests that others answer with now, signatures unchecked.
+/// The manifests that others serve now; signatures are not checked.
 pub(super) async fn announced(session: &Session, key: &str) -> zenoh::Result<Vec<Manifest>> {
     let replies = session
         .get(key)
@@ -37,11 +37,11 @@ pub(super) async fn announced(session: &Session, key: &str) -> zenoh::Result<Vec
 }
 
 impl Publisher {
-    /// Puts a policy's chunks and then its manifest to where storages keep what is put, reads the chunks back,
-    /// and announces it to the fleet. It is served from there when this publisher is gone.
+    /// Puts a policy's chunks where storages keep them, reads them back, and then puts its manifest, which announces it
+    /// to the fleet. The storages serve it when this publisher is gone.
     ///
     /// # Errors
-    /// As [`Publisher::publish`]; `NotStored` where what comes back is not what was put.
+    /// As [`Publisher::publish`]; `NotStored` if other chunks come back than were put.
     pub async fn store(
         &mut self,
         version: u64,

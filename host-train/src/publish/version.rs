@@ -4,8 +4,8 @@ use super::{Heard, PublishError, Publisher, refused, stored};
 use reagent_core::wire::{Manifest, Release, keys};
 
 impl Publisher {
-    /// Refuses a version that does not grow, since robots would not take it, or some would and some would not, and
-    /// one that leaves none for those after it.
+    /// Refuses a version that is not newer, which some or all robots would not take, and one that leaves no versions
+    /// for later policies.
     pub(super) async fn check_version(&mut self, manifest: &Manifest) -> Result<(), PublishError> {
         let given = manifest.release();
         let (last, sha256, by) = self.last().await?;
@@ -30,8 +30,8 @@ impl Publisher {
         }
     }
 
-    /// The version to publish under where none is given: the time, in seconds since 1970, or one more than the last where
-    /// those were counted by hand and the time is too far ahead of them.
+    /// The version to publish under by default: the time, in seconds since 1970. If the time is too far ahead of the
+    /// last version, because versions were counted by hand, it is one more than the last.
     ///
     /// # Errors
     /// `Zenoh`.
@@ -48,7 +48,7 @@ impl Publisher {
         })
     }
 
-    /// The newest policy so far, the SHA-256 of its file, and who has it; of no version where there is none.
+    /// The newest policy so far, the SHA-256 of its file, and who has it; version 0 if there is none.
     async fn last(&mut self) -> Result<(Release, Option<[u8; 32]>, String), PublishError> {
         let key = keys::manifest(&self.fleet).map_err(refused(&self.fleet))?;
         let own = self.newest.lock().expect("no holder panics").clone();
@@ -74,7 +74,7 @@ impl Publisher {
     }
 }
 
-/// The greatest version that is not too far ahead.
+/// The greatest version that is not too far ahead of `last`.
 pub(super) fn greatest_after(last: &Release) -> u64 {
     match last.version {
         0 => Release::MAX_VERSION,

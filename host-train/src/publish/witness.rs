@@ -1,4 +1,4 @@
-//! What a publisher sees of its fleet while it serves: the history, and figures for others.
+//! A publisher's view of its fleet while it serves: the history, and metrics for others.
 
 use super::history::History;
 use super::{Heard, Newest, PublishArgs, PublishError, Publisher, refused, robots, stored};
@@ -15,7 +15,7 @@ use zenoh::handlers::FifoChannelHandler;
 use zenoh::pubsub::Subscriber;
 use zenoh::sample::{Sample, SampleKind};
 
-/// How often robots are asked whether they are there still.
+/// How often robots are asked whether they are still there.
 const ASK_INTERVAL: Duration = Duration::from_secs(10);
 
 /// Follows the robots of a publisher's fleet.
@@ -25,7 +25,7 @@ pub(super) struct Witness {
     fleet: String,
     public_key: [u8; 32],
     changes: Subscriber<FifoChannelHandler<Sample>>,
-    /// Robots that come and go, where the router lets the trainer see it.
+    /// Robots that come and go, if the router lets the trainer see it.
     alive: Subscriber<FifoChannelHandler<Sample>>,
     seen: Seen,
     _serving: Option<Serving>,
@@ -36,11 +36,11 @@ struct Seen(Arc<Mutex<State>>);
 
 #[derive(Debug)]
 struct State {
-    /// What is served here.
+    /// The policy that is served here.
     newest: Newest,
-    /// The newest in the fleet.
+    /// The newest release in the fleet.
     in_fleet: Release,
-    /// Robots as heard last, and whether they answered when they were asked last.
+    /// Each robot's last status, and whether it is online.
     robots: BTreeMap<String, (Status, bool)>,
     history: Option<History>,
 }
@@ -67,7 +67,7 @@ impl Seen {
 }
 
 impl State {
-    /// What is wrong with the fleet, if anything is.
+    /// The fleet's problems, if there are any.
     fn wrong(&self) -> Option<String> {
         let named = |is_wrong: &dyn Fn(&String, &Status, bool) -> bool| {
             let wrong = self.robots.iter();
@@ -94,7 +94,7 @@ impl State {
         (!wrong.is_empty()).then(|| wrong.join("; "))
     }
 
-    /// Says it once where somebody has a newer policy than is served here.
+    /// Warns once about a release in the fleet that is newer than the one served here.
     fn found(&mut self, release: Release) {
         if release <= self.in_fleet {
             return;
@@ -113,7 +113,7 @@ impl State {
 }
 
 impl Witness {
-    /// Hears what robots say from here on, and shows it where the arguments say so.
+    /// Starts to follow the robots, and serves metrics if the arguments say so.
     pub(super) async fn start(
         publisher: &Publisher,
         args: &PublishArgs,
@@ -149,14 +149,14 @@ impl Witness {
         })
     }
 
-    /// Notes what has been published.
+    /// Records what has been published.
     pub(super) fn published(&self, manifest: &Manifest) {
         if let Some(history) = &mut self.seen.lock().history {
             told(history.published(manifest, &self.public_key));
         }
     }
 
-    /// Notes what robots say, without end.
+    /// Records what robots report, without end.
     pub(super) async fn follow(&self) -> Result<Infallible, PublishError> {
         let mut asking = tokio::time::interval(ASK_INTERVAL);
         loop {
@@ -170,7 +170,7 @@ impl Witness {
         }
     }
 
-    /// A robot that goes is away at once; one that comes says how it is.
+    /// Marks a robot that goes as offline at once; a robot that comes reports its status itself.
     fn come_or_gone(&self, sample: &Sample) {
         if sample.kind() == SampleKind::Delete
             && let Some(robot) = keys::robot_of(sample.key_expr().as_str())
@@ -180,7 +180,7 @@ impl Witness {
         }
     }
 
-    /// Asks all robots how they are, and others what they serve: which robot does not answer is away.
+    /// Asks all robots for their status and others for what they serve. A robot that does not answer is offline.
     pub(super) async fn ask(&self) -> Result<(), PublishError> {
         let manifests = keys::manifest(&self.fleet).map_err(refused(&self.fleet))?;
         let (there, served) = tokio::join!(
@@ -212,7 +212,7 @@ impl Witness {
     }
 }
 
-/// A history that cannot be written is no reason to stop serving.
+/// Logs a failed write of the history, which is no reason to stop serving.
 fn told(written: std::io::Result<()>) {
     if let Err(error) = written {
         tracing::error!("the history cannot be written: {error}");
@@ -257,7 +257,7 @@ mod tests {
         let both = "offline: b; without version 11: a";
         assert_eq!(state.wrong().as_deref(), Some(both));
         runs(&mut state, "b", 11);
-        // It goes to others first.
+        // This one goes to other robots first.
         serve(
             &state,
             Manifest {

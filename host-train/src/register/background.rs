@@ -1,4 +1,4 @@
-//! What of a background counts.
+//! The points of a background that matter to a registration.
 
 use crate::dataset::Point;
 use glam::Vec3;
@@ -6,8 +6,8 @@ use reagent_core::Error;
 use reagent_core::polish::{Refiner, Workspace};
 use std::collections::HashSet;
 
-/// Of what was seen besides the source, the nearest point in each cell of the image in which free space is looked at: some two
-/// thousand at most, which say bit by bit what all say.
+/// Reduces a background, what was seen besides the source, to the nearest point in each cell of the image in which free
+/// space is checked: some two thousand points at most, with bit for bit the result of all points.
 ///
 /// # Errors
 /// Clouds that the core refuses.
@@ -26,7 +26,7 @@ pub fn that_counts(
     };
     let mut nearest: Vec<Point> = background.iter().filter(is_nearest).copied().collect();
     if nearest.is_empty() {
-        // With a background, be it out of sight, the image is a wider one.
+        // The image is wider with a background, even with one that is out of sight.
         nearest.extend(background.first());
     }
     Ok(nearest)

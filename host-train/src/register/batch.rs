@@ -1,5 +1,5 @@
-//! Many registrations over the threads of the current rayon pool. Each has working memory and arithmetic
-//! of its own: results depend neither on the order nor on the number of threads.
+//! Many registrations over the threads of the current rayon pool. Each has its own working memory and arithmetic,
+//! so that results depend neither on the order nor on the number of threads.
 
 use rayon::prelude::*;
 use reagent_core::kernels::Isa;
@@ -10,20 +10,20 @@ use reagent_core::{Error, Frame, Policy, Pose, Registration};
 /// One registration to do.
 #[derive(Clone, Copy, Debug)]
 pub struct Job<'a> {
-    /// Cloud that is moved.
+    /// The cloud that is moved.
     pub source: &'a [[f32; 3]],
-    /// Cloud that it is moved onto.
+    /// The cloud that it is moved onto.
     pub target: &'a [[f32; 3]],
     /// Normalised frame in which the policy works.
     pub frame: Frame,
-    /// First estimate of target_from_source.
+    /// Initial estimate of target_from_source.
     pub initial: Pose,
 }
 
-/// Registrations that a thread does in step ([`Team`]), if there are enough for all threads.
+/// Registrations that a thread runs in lockstep ([`Team`]), if there are enough for all threads.
 const TOGETHER: usize = 4;
 
-/// Registers every job, `steps` steps each: the results in the order of the jobs.
+/// Registers every job with `steps` steps each. Results are in the order of the jobs.
 pub fn register(
     isa: Isa,
     policy: Policy<'_>,
@@ -61,7 +61,7 @@ pub fn register(
     groups.into_iter().flatten().collect()
 }
 
-/// Calls `f` for 0 to `count`, on each thread with working memory of its own: the results in order.
+/// Calls `f` for 0 to `count`, with working memory for each thread. Results are in order.
 pub fn for_each<M, T: Send>(
     count: usize,
     memory: impl Fn() -> M + Sync + Send,
@@ -74,8 +74,8 @@ pub fn for_each<M, T: Send>(
         .collect()
 }
 
-/// Not inlined: working memory passes over the stack here, which must not be a part of every level at which
-/// rayon splits the work.
+/// Not inlined: the working memory passes over the stack here, and must not add to the frame of every level at
+/// which rayon splits the work.
 #[inline(never)]
 fn boxed<M>(memory: impl Fn() -> M) -> Box<M> {
     Box::new(memory())

@@ -1,4 +1,4 @@
-//! The best of several registrations of one pair, each from a start of its own, and the poses next to it.
+//! The best of several registrations of one pair, each from a start of its own, and the next best poses.
 
 use crate::dataset::Point;
 use crate::register::{Memory, Registered};
@@ -8,37 +8,37 @@ use reagent_core::polish::{Refined, Refiner};
 use reagent_core::verify::Ranked;
 use reagent_core::{Error, Pose};
 
-/// What is given out of several registrations, and what is next to it.
+/// The registration that is returned out of several, and the next best poses.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Best {
-    /// Number of the start from which it came.
+    /// Number of the start that it came from.
     pub start: usize,
     /// The registration.
     pub found: Registered,
-    /// The next best poses, as far as they were asked for, the most probable first.
+    /// The next best poses, as many as were asked for at most, the most probable first.
     pub others: Vec<Other>,
 }
 
-/// A pose that was not given out.
+/// A pose that was found and not returned.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Other {
     /// The pose, and how the clouds fit under it.
     pub refined: Refined,
-    /// That it is right: what would be said of it alone, and how much less probable it is than the pose given out.
+    /// Probability that it is right: that of the pose by itself, times its probability relative to the returned pose.
     pub probability: f32,
-    /// Number of the start from which it came.
+    /// Number of the start that it came from.
     pub start: usize,
 }
 
-/// A registration, and the number of the task that it did.
+/// The number of a task, and its registration.
 type Tried = (usize, Registered);
 
-/// Of several registrations of one pair, one a task, each from a start of its own: the one whose pose is the most probable, by fit
-/// and by its start, and the next best poses besides, at most `count`, each another hypothesis, refined as [`Refiner::polish`]
-/// does. Without fits, the first.
+/// Chooses among several registrations of one pair, one a task, each from a start of its own. Returns the one whose
+/// pose is the most probable, by its fit and its start; without fits, the first. Adds at most `count` next best
+/// poses, each another hypothesis, refined as [`Refiner::polish`] does.
 ///
-/// Poses are compared after few steps. Where more of them make one of the others more probable by itself than what was chosen, its
-/// task is done again from there; if that confirms it, it is given out.
+/// Poses are compared after few iterations. Further iterations may make one of the others more probable by itself
+/// than the chosen pose. Its task is then repeated from there, and if that confirms it, it is returned.
 ///
 /// # Errors
 /// Clouds that the core refuses.
@@ -96,14 +96,14 @@ fn refiner<'w>(
     tasks: &[Task<'_>],
 ) -> Result<Refiner<'w>, Error> {
     let mut refiner = Refiner::new(source, target, &mut memory.workspace)?;
-    // The sensor is the same whatever the start.
+    // The sensor is the same for all starts.
     if let Some(task) = tasks.first() {
         task.look(&mut refiner);
     }
     Ok(refiner)
 }
 
-/// The poses that all registrations compared, or the only one that each refined, with their places: the most probable first.
+/// The poses that each registration compared, or refined, with its place in `tried`: the most probable first.
 fn candidates(
     refiner: &mut Refiner<'_>,
     tasks: &[Task<'_>],
@@ -131,7 +131,7 @@ fn candidates(
     Ok(candidates)
 }
 
-/// Other hypotheses than that of the first, refined, the most probable first.
+/// Hypotheses other than that of registration `first`, refined, the most probable first.
 fn next_to(
     memory: &mut Memory,
     clouds: [&[Point]; 2],
@@ -165,7 +165,7 @@ fn next_to(
         let said = answer.refinement.filter(|_| was_answer);
         let evidence = Evidence {
             verified: true,
-            // It was reached, and the best is more probable.
+            // The pose was reached once, and the best is more probable.
             support: 1,
             lead: 0.0,
             mirror_score: said.map_or(0.0, |said| said.evidence.mirror_score),
@@ -181,7 +181,7 @@ fn next_to(
     Ok(others)
 }
 
-/// The task from which another pose came, done from where that is, without the policy's steps.
+/// Repeats the task that another pose came from, starting at that pose, without the policy's steps.
 fn done_again(
     memory: &mut Memory,
     clouds: [&[Point]; 2],
@@ -193,7 +193,7 @@ fn done_again(
     let task = &tasks[other.start];
     let go_on = || Ok::<(), Error>(());
     let refinement = pipeline::refine(&mut memory.workspace, clouds, reached, task, go_on)?;
-    // The first registrations are in the order of their tasks.
+    // The first registrations in `tried` are in the order of their tasks.
     let (_, before) = &tried[other.start];
     let answer = match refinement {
         None => before.answer,

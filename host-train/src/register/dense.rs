@@ -1,4 +1,4 @@
-//! The last refinement: closest points over all that the files hold, where the policy saw a part.
+//! The last refinement: ICP on all points that the files hold, where the policy saw a part of them.
 
 use crate::dataset::Point;
 use crate::measure::baselines::{IcpSettings, IcpTarget, Residual};
@@ -8,7 +8,7 @@ use reagent_core::pose::centroid;
 use reagent_core::{Error, Frame, Pose};
 use serde::Serialize;
 
-/// Points of each cloud that are used at most; more do not change the pose, only the time.
+/// Most points of each cloud that are used; more would only take longer, without changing the pose.
 pub const DENSE_POINTS: usize = 20_000;
 
 /// When to refine on up to [`DENSE_POINTS`] points of each cloud.
@@ -22,7 +22,7 @@ pub enum Dense {
     Never,
 }
 
-/// How the refinement ended.
+/// Result of the refinement.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Densely {
     /// The pose.
@@ -32,17 +32,17 @@ pub struct Densely {
     pub points: [usize; 2],
     /// Iterations made.
     pub iterations: usize,
-    /// Share of the source's points that have one of the target within [`Densely::within`].
+    /// Share of the source's points that have a target point within [`Densely::within`].
     pub overlap: f64,
-    /// Root mean square distance between those, in the clouds' units.
+    /// Root mean square distance of those pairs, in the clouds' units.
     pub rmse: f64,
-    /// Farthest that corresponding points are apart, in the clouds' units.
+    /// Largest distance of corresponding points, in the clouds' units.
     pub within: f64,
 }
 
-/// Refines a pose by point-to-plane ICP on up to 20,000 points of each cloud: first with correspondences up to
-/// .05 target radii, then up to three times the distance that the first left between the surfaces. `None` where
-/// that does not lessen the distances or leads away, by more than .1 target radii or 10 degrees.
+/// Refines a pose by point-to-plane ICP on up to 20,000 points of each cloud. Correspondences reach .05 target
+/// radii at first, then three times the distance that this leaves between the surfaces. `None` where the fit does
+/// not improve, or the pose moves by more than .1 target radii or 10 degrees.
 ///
 /// # Errors
 /// Clouds that the core refuses.
@@ -51,14 +51,14 @@ pub fn refine_densely(
     target: &[Point],
     from: Pose,
 ) -> Result<Option<Densely>, Error> {
-    // What lies far from all others was left out before.
+    // Points far from all others were left out for the policy, too.
     let near = |cloud| match near_and_far(cloud) {
         Some([near, _]) => thin(&near, DENSE_POINTS),
         None => thin(cloud, DENSE_POINTS),
     };
     let (source, target) = (near(source), near(target));
     let frame = Frame::of(&thin(&target, MAX_POINTS))?;
-    // In the target's frame the settings' lengths are shares of its radius.
+    // In the target's frame the settings' lengths are in target radii.
     let scale = |points: &[Point]| -> Vec<Point> {
         let to = |p: &Point| ((glam::Vec3::from(*p) - frame.centre) / frame.scale).to_array();
         points.iter().map(to).collect()
@@ -91,7 +91,7 @@ pub fn refine_densely(
     // The trace of a rotation is 1 + 2 cos of its angle.
     let near = trace > 1.0 + 2.0 * 10f32.to_radians().cos()
         && found.apply(middle).distance(inward.apply(middle)) < 0.1;
-    // More points with a partner, or nearer ones.
+    // More correspondences, or closer ones.
     let better = fine.fitness > before.fitness
         || fine.fitness > 0.98 * before.fitness && fine.rmse < before.rmse;
     if !(near && better) {
@@ -141,7 +141,7 @@ mod tests {
             assert!(trace > 3.0 - 3e-6, "{pose:?}");
             assert!(pose.translation.length() < 1e-3 * unit, "{pose:?}");
             assert!(found.rmse < 0.03 * f64::from(unit), "{found:?}");
-            // From there on nothing is better.
+            // From there on nothing improves.
             let again = refine_densely(&source, &target, pose).expect("clouds");
             let still = again.map_or(pose, |found| found.target_from_source);
             assert!((still.translation - pose.translation).length() < 1e-4 * unit);

@@ -1,4 +1,4 @@
-//! A cloud as it is registered: near the origin, and within the policy's capacity.
+//! A cloud prepared for registration: near the origin, and within the policy's capacity.
 
 use crate::dataset::Point;
 use crate::dataset::cloud_file::{
@@ -19,26 +19,26 @@ use std::path::Path;
 /// One of the two clouds.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Prepared<'a> {
-    /// The point that coordinates below are relative to.
+    /// The point that the coordinates below are relative to.
     pub origin: Position,
-    /// Points for the last refinement, [`DENSE_POINTS`] at most, of a mesh from its surface.
+    /// Points for the last refinement, at most [`DENSE_POINTS`]; a mesh's are drawn from its surface.
     pub all: Cow<'a, [Point]>,
-    /// Those that the policy sees, where it sees a part only.
+    /// The points that the policy sees, where it sees only a part.
     thinned: Option<Vec<Point>>,
     /// Whether the points were drawn from faces.
     is_surface: bool,
-    /// Of the points that the policy sees, in their order, which way the surface faces: of a mesh that encloses something, whole and
-    /// wound one way; nothing otherwise.
+    /// Outward surface normals at the points that the policy sees, in their order. Only for a mesh that encloses a
+    /// volume, closed and consistently wound; otherwise empty.
     pub outward: Vec<Point>,
-    /// What the sensor saw besides, of a source seen from a known point; nothing otherwise.
+    /// What the sensor saw besides a source with a known view point; otherwise empty.
     pub background: Vec<Point>,
     /// What the reader noticed, and what was done to the points.
     pub notes: Vec<Note>,
 }
 
 impl<'a> Prepared<'a> {
-    /// Of a checked file, of which the policy sees `count` points, or as many as its capacity suggests. Of a mesh, the seed
-    /// decides which points of the surface are taken. Errors name `path`.
+    /// Prepares a checked file. The policy sees `count` points, or as many as its capacity suggests. The seed
+    /// decides which points of a mesh's surface are drawn. Errors name `path`.
     ///
     /// # Errors
     /// A mesh without area, and clouds that the core refuses.
@@ -69,7 +69,7 @@ impl<'a> Prepared<'a> {
         Ok(prepared)
     }
 
-    /// Of points in memory: a plain cloud as a file holds it. Errors name `path`.
+    /// Prepares points in memory, as those of a file with a plain cloud. Errors name `path`.
     ///
     /// # Errors
     /// No valid points, and clouds that the core refuses.
@@ -85,7 +85,7 @@ impl<'a> Prepared<'a> {
         Prepared::of_file(&file.checked(path)?, path, count, 0)
     }
 
-    /// The same of f32 points, which are used where they lie if all are valid and they are near the origin.
+    /// The same for f32 points, which are borrowed if all are valid and near the origin.
     ///
     /// # Errors
     /// As [`Prepared::of_positions`].
@@ -150,14 +150,14 @@ impl<'a> Prepared<'a> {
         Ok(prepared)
     }
 
-    /// Notices, of a view's target, that its points have no faces.
+    /// Notes that the target of a view has no faces, if its points were not drawn from any.
     pub fn notice_missing_faces(&mut self) {
         if !self.is_surface {
             self.notes.push(Note::NoFaces);
         }
     }
 
-    /// Takes in what the sensor saw besides, as the cloud was before it was scaled.
+    /// Takes in what the sensor saw besides, in the cloud's units before scaling.
     pub fn see(&mut self, background: &[Point], scale: f64) {
         let near = |p: &Point| [0, 1, 2].map(|k| (f64::from(p[k]) * scale - self.origin[k]) as f32);
         self.background = background.iter().map(near).collect();
@@ -168,13 +168,13 @@ impl<'a> Prepared<'a> {
         self.thinned.as_deref().unwrap_or(&self.all)
     }
 
-    /// Whether it sees a part of them only.
+    /// Whether the policy sees only a part of the points.
     pub fn is_thinned(&self) -> bool {
         self.thinned.is_some()
     }
 }
 
-/// Which way the surface faces at points drawn from it, each found by its bits, from the normals of faces as they are wound.
+/// Outward normals at points drawn from a surface, by the points' bits, from its faces' normals and winding.
 fn outward(winding: Winding, points: &[Point], normals: Vec<Point>) -> HashMap<[u32; 3], Point> {
     let outward = normals.into_iter().map(|normal| match winding {
         Winding::Outward => normal,

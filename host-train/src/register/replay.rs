@@ -1,7 +1,7 @@
-//! Doing again what a robot did, and saying where it comes out otherwise.
+//! Replays what a robot did, and says where the result differs.
 //!
-//! A file of traces holds [`Message::Trace`] frames as they go over a serial line
-//! ([`reagent_core::wire::serial`]), one after another.
+//! A trace file holds [`Message::Trace`] frames one after another, as they go over a serial line
+//! ([`reagent_core::wire::serial`]).
 
 use crate::policy::WeightFile;
 use reagent_core::kernels::Isa;
@@ -22,7 +22,7 @@ use thiserror::Error as ThisError;
 const TRACE_BYTES: usize =
     SMALL_FRAME_BYTES + REQUEST_BYTES + u8::MAX as usize * STEP_BYTES + CHECK_BYTES;
 
-/// Why a trace cannot be done again.
+/// Why a trace cannot be replayed.
 #[derive(Debug, ThisError)]
 pub enum ReplayError {
     /// The file cannot be read.
@@ -48,9 +48,9 @@ pub enum ReplayError {
     Policy {
         /// Its number in the file, from 1.
         number: usize,
-        /// As the robot's manifest had it.
+        /// Version in the robot's manifest.
         version: u64,
-        /// Of the policy file, hexadecimal.
+        /// Hash of the policy file, hexadecimal.
         sha256: String,
     },
     /// The core refuses the request that the robot answered.
@@ -63,43 +63,43 @@ pub enum ReplayError {
     },
 }
 
-/// A registration that was done again.
+/// A registration that was replayed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Replayed {
     /// The request's id.
     pub id: u64,
-    /// Version of the policy, as the robot's manifest had it.
+    /// Version of the policy, from the robot's manifest.
     pub policy_version: u64,
     /// Steps that the robot took.
     pub steps: usize,
     /// What followed them.
     pub mode: Mode,
-    /// Name of the robot's kernels, and of those that did it again.
+    /// Names of the kernels, the robot's and those of the replay.
     pub kernels: [String; 2],
-    /// Where both differ for the first time; `None`: every bit is the same.
+    /// The first difference; `None` if every bit is the same.
     pub difference: Option<Difference>,
 }
 
-/// The first thing that came out otherwise.
+/// The first difference between a robot's registration and its replay.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Difference {
     /// A step.
     Step {
         /// Its number, from 1.
         number: usize,
-        /// What the robot did, and what was done here: action, then pose.
+        /// Action and pose, the robot's and those of the replay.
         robot_and_here: [String; 2],
     },
     /// The number of steps.
     Steps {
-        /// That the robot took.
+        /// Steps that the robot took.
         robot: usize,
-        /// That were taken here.
+        /// Steps that the replay took.
         here: usize,
     },
     /// The answer, after equal steps.
     Answer {
-        /// The robot's, and that from here.
+        /// The robot's answer, and that of the replay.
         robot_and_here: [String; 2],
     },
 }
@@ -121,10 +121,10 @@ impl fmt::Display for Difference {
     }
 }
 
-/// Does again every trace of a file's `bytes`, each with that of `policies` which the robot had.
+/// Replays every trace in a file's `bytes`, each with the one of `policies` that the robot had.
 ///
 /// # Errors
-/// See [`ReplayError`]; the first that occurs.
+/// See [`ReplayError`]; the first one that occurs.
 pub fn replay(bytes: &[u8], policies: &[WeightFile]) -> Result<Vec<Replayed>, ReplayError> {
     let mut decoder = Decoder::new();
     let mut space = vec![0; TRACE_BYTES];

@@ -1,4 +1,4 @@
-//! What users ask for: a registration in the clouds' own coordinates, in f64.
+//! What users ask for: registrations in the clouds' own coordinates, in f64.
 
 use crate::pose64::{Pose64, Position};
 use crate::register::best::{Best, Other, best_and_others};
@@ -13,22 +13,22 @@ use reagent_core::verdict::Verdict;
 use reagent_core::{Error, Policy, Pose};
 use std::time::Instant;
 
-/// Of a source that shows the target and nothing else, such a share of the points lies in the target's neighbourhood at least,
-/// whatever its noise; .95 and more of depth cameras' views.
+/// Least share of the points near the target for a source that shows the target and nothing else, whatever its
+/// noise. Views of depth cameras have .95 and more.
 const LEAST_WITHIN: f32 = 0.9;
 
 /// What to do with two clouds, in their own coordinates.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Request {
-    /// Where it starts.
+    /// Where the registration starts.
     pub start: Start,
-    /// What is done.
+    /// Which of the policy's steps, refinement and verification are done.
     pub mode: Mode,
-    /// The policy's steps at most; none leave the policy out.
+    /// Most steps of the policy; 0 leaves the policy out.
     pub steps: usize,
     /// Where the sensor stood in the source's coordinates, if the source is a view from one point.
     pub view_point: Option<Position>,
-    /// When the pose is refined on many points at last; not in [`Mode::Fast`].
+    /// Whether the pose is finally refined on many points; never in [`Mode::Fast`].
     pub dense: Dense,
 }
 
@@ -44,42 +44,42 @@ impl Default for Request {
     }
 }
 
-/// One pair, registered.
+/// A registered pair.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Done {
     /// Answer and steps, between coordinates relative to the clouds' origins.
     pub found: Registered,
-    /// The last refinement, if there was one that was better.
+    /// The last refinement, if it improved the pose.
     pub dense: Option<Densely>,
-    /// Whether there was one that was no better, and so was dropped.
+    /// Whether the last refinement was dropped because it did not improve the pose.
     pub is_dense_dropped: bool,
-    /// Between the clouds' own coordinates.
+    /// target_from_source between the clouds' own coordinates.
     pub pose: Pose64,
-    /// Of the first step, relative to the clouds' origins.
+    /// The pose before the first step, relative to the clouds' origins.
     pub initial: Pose,
-    /// Which of the starts it came from, if there were several.
+    /// Number of the start that it came from, if there were several.
     pub start: Option<usize>,
-    /// How many times as large as the target the source is, if it seems to be ([`other_size`]).
+    /// Size of the source relative to the target, if the two seem to differ ([`other_size`]).
     pub other_size: Option<f32>,
-    /// The next best poses, as far as they were asked for.
+    /// The next best poses, as many as were asked for at most.
     pub others: Vec<Other>,
     /// Time, milliseconds.
     pub ms: f64,
 }
 
 impl Done {
-    /// The pose given out, relative to the clouds' origins.
+    /// The final pose, relative to the clouds' origins.
     pub fn near(&self) -> Pose {
         let reached = self.found.answer.target_from_source;
         self.dense.map_or(reached, |dense| dense.target_from_source)
     }
 
-    /// The share of the source's points that lie off the target, where the pose is called right and they are too many for noise.
+    /// Share of the source's points off the target, if it is too large for noise although the pose is called right.
     pub fn off_target(&self) -> Option<f32> {
         let answer = &self.found.answer;
         let found = answer.refinement.as_ref()?;
         let within = found.refined.within;
-        // Another size explains it.
+        // A difference in size explains it.
         let is_told_right = answer.verdict == Verdict::Converged && self.other_size.is_none();
         (is_told_right && within < LEAST_WITHIN).then_some(1.0 - within)
     }
@@ -101,9 +101,9 @@ impl Request {
         self.register_from(&[self.start], 1, policy, memory, [source, target], go_on)
     }
 
-    /// The same from each of several starts, in place of the request's own: the most probable pose is given out, by fit and by
-    /// its start, and of the `best` most probable ones those that follow ([`best_and_others`]). In [`Mode::Fast`], which does not
-    /// look at fits, the first start's. Between two starts `go_on` is asked.
+    /// The same from several starts, in place of the request's own ([`best_and_others`]). The result is the most
+    /// probable pose, by its fit and its start, with the next `best - 1` ones beside it. [`Mode::Fast`] does not
+    /// look at fits and takes the first start's. `go_on` is asked between two starts.
     ///
     /// # Errors
     /// As [`Request::register`], and whatever `go_on` returns.
@@ -122,7 +122,7 @@ impl Request {
         Ok(done)
     }
 
-    /// The same without a clock, as a browser has none for it: the time is 0.
+    /// The same without a clock, which a browser does not have: the time is 0.
     ///
     /// # Errors
     /// As [`Request::register_from`].
@@ -181,7 +181,7 @@ impl Request {
         })
     }
 
-    /// What the core is to do from one start, with coordinates relative to the clouds' origins.
+    /// The core's task from one start, in coordinates relative to the clouds' origins.
     pub(super) fn task<'s>(
         &self,
         start: &Start,
@@ -237,7 +237,7 @@ mod tests {
         assert!(verified.trace.is_empty() && verified.answer.policy.is_none());
         let refinement = verified.answer.refinement.expect("a refinement");
         assert!(refinement.hypotheses.is_some());
-        // What is refined alone is where verification begins.
+        // The refined pose is where verification begins.
         let refined = register(Request {
             mode: Mode::Refine,
             ..Request::default()
@@ -248,7 +248,7 @@ mod tests {
         assert!(stepped.answer.policy.is_some_and(|policy| policy.steps > 0));
     }
 
-    /// A plate's upper side, as a sensor above it sees it, from nearer the lower one.
+    /// The upper side of a plate as a sensor above it sees it, starting nearer to the lower side.
     #[test]
     fn a_solid_is_registered_by_the_side_that_was_seen() {
         let mut plate = block(Vec3::ZERO, Vec3::new(1.6, 1.0, 0.06));
@@ -290,7 +290,7 @@ mod tests {
         for solid in [&plate, &inside_out] {
             assert!(height(solid).abs() < 0.006);
         }
-        // Without one of its faces it encloses nothing: no side is told from the other.
+        // Without one of its faces it encloses nothing, and its sides cannot be told apart.
         plate.faces.pop();
         assert!((height(&plate) + 0.06).abs() < 0.006);
     }

@@ -1,26 +1,26 @@
-//! Whether the source is somewhat larger or smaller than the target, as one is that was measured with a wrong calibration.
+//! Detects a source that is somewhat larger or smaller than the target, for example from a wrong calibration.
 //!
-//! Sizes tell little: of a part, of a crowded view and of points that lie densely in places they differ, too. What tells is that
-//! the source fits far better once it is scaled.
+//! Sizes alone tell little: they also differ for a part, for a crowded view, and for points of uneven density. The
+//! evidence is that the source fits far better once it is scaled.
 
 use crate::dataset::Point;
 use reagent_core::polish::{Refined, Refiner, Residual, Workspace};
 use reagent_core::pose::centroid;
 use reagent_core::{Error, Pose};
 
-/// Sizes that differ by no more are as good as equal: of points drawn anew from one surface they differ by about as much.
+/// Relative difference of sizes that counts as none: points drawn anew from one surface differ by about as much.
 const ALIKE: f32 = 0.05;
-/// Steps by which the factor is changed while that helps, each a half of the one before.
+/// Relative steps of the factor, each tried while it helps.
 const STEPS: [f32; 3] = [0.06, 0.03, 0.015];
-/// How often each of them is taken at most.
+/// How often each step is taken at most.
 const REACH: usize = 4;
-/// Share of the source's points on the target's surface from which on little is to be gained.
+/// Share of the source's points on the target's surface above which little is to be gained.
 const ON_SURFACE: f32 = 0.85;
-/// What must be left of the source's residual at most, while the target's becomes no larger. Of some 1,200 pairs of one size,
-/// whole or seen in part, nine in ten kept 97 % of it, and one lost as much as that.
+/// Scaling must leave at most this share of the source's residual, and not enlarge the target's. Of some 1,200
+/// pairs of one size, whole or seen in part, nine in ten kept 97 % of it, and only one fell as low as this.
 const LEFT: f32 = 0.88;
 
-/// How many times as large as the target the source is, if it fits far better once that is undone.
+/// Size of the source relative to the target, if the source fits far better once that is undone.
 ///
 /// # Errors
 /// Clouds that the core refuses.
@@ -39,7 +39,7 @@ pub fn other_size(
         Ok(refiner.polish(begin)?.residual)
     };
     let mut best = (1.0, before);
-    // Of whole clouds the ratio of their sizes is a first guess.
+    // The ratio of sizes is a first guess, right for whole clouds.
     let ratio = found.extents_ratio;
     if !is_alike(ratio) {
         let residual = fit(ratio)?;
@@ -60,7 +60,7 @@ pub fn other_size(
                 break;
             }
         }
-        // What the longest step does not leave, shorter ones leave by less than what is alike.
+        // If the longest step does not help, shorter ones stay within what counts as alike.
         if best.0 == 1.0 {
             return Ok(None);
         }
@@ -74,7 +74,7 @@ fn is_alike(factor: f32) -> bool {
     (factor - 1.0).abs() <= ALIKE
 }
 
-/// The source, smaller by a factor, and the pose under which its centroid stays where it was.
+/// The source divided by a factor, and the pose that keeps its centroid where it was.
 fn scaled(source: &[Point], pose: Pose, factor: f32) -> (Vec<Point>, Pose) {
     let smaller = |point: &Point| point.map(|x| x / factor);
     let centre = centroid(source);
@@ -102,7 +102,7 @@ mod tests {
     use reagent_core::pose::rotation_from_euler;
     use std::path::Path;
 
-    /// Two clouds of a shape with noise, points drawn anew, the source turned.
+    /// Two noisy samples of one shape; the source is turned.
     fn pair(number: u64, noise: f32) -> [Vec<Point>; 2] {
         let mesh = procedural::shape(1, number).mesh;
         let noise = Normal::new(0.0, noise).expect("a deviation");
@@ -153,7 +153,7 @@ mod tests {
                 assert!(noted.text.starts_with(&words), "{}", noted.text);
             }
         }
-        // Of so few points, the sizes of some are alike by chance, and others fit little better.
+        // With so few points, some sizes are alike by chance, and some pairs fit little better.
         assert!(told.len() >= 8, "of 16: {told:?}");
         assert!(told.iter().all(|x| (x - 1.0).abs() < 0.03), "{told:?}");
     }
@@ -180,7 +180,7 @@ mod tests {
                 let [source, target] = pair(number, noise);
                 let mut part = source.clone();
                 part.sort_by(|a, b| a[0].total_cmp(&b[0]));
-                // A part of it, and twice as many points in one half.
+                // A part of the shape, and twice as many points in one half.
                 let dense = [&part[..350], &source].concat();
                 for seen in [&source, &part[..500], &dense[..]] {
                     let (done, document) = register(seen, &target);

@@ -1,5 +1,5 @@
-//! Thinning: fewer points of a cloud, spread as all of them are or, where those crowd in few places, over space; the same ones
-//! every time.
+//! Thinning: a deterministic choice of fewer points. They are spread as all points are, or evenly over space where
+//! a cloud crowds in few places.
 
 mod even;
 
@@ -7,17 +7,19 @@ use crate::dataset::Point;
 use reagent_core::outliers::Bulk;
 use std::cmp::Ordering;
 
-/// Bits of a cell's place along each axis.
+/// Bits of a cell's coordinate along each axis.
 const BITS: u32 = 21;
-/// Points by which it is judged whether any lie far from all others.
+/// Points that are examined first, to see whether any lie far from all others.
 const JUDGED: usize = 1 << 16;
-/// Stretches of the curve by which points are counted first, at most.
+/// Most stretches of the curve in which points are counted first.
 const STRETCHES: usize = 1 << 18;
 
-/// `count` of the points, none twice, or all where there are no more. The order of the points does not matter, nor does any
-/// seed. They are spread as all are, unless these are as uneven as scans by a lidar: there dense places are those near the
-/// sensor, and two scans would fit where sensor lies on sensor. Of such clouds they are taken evenly over space.
-/// Points that lie far from all others, such as marks of what is invalid, keep their share, too, and change nothing for the rest.
+/// `count` of a cloud's points, none twice, or all if there are no more. The choice depends neither on the points'
+/// order nor on a seed.
+///
+/// The points are spread as all are, unless the cloud is as uneven as a lidar's scan, which is dense near the
+/// sensor: two scans would then fit where sensor lies on sensor. Such clouds are thinned evenly over space. Points
+/// that lie far from all others, such as markers of invalid returns, keep their share and do not affect the rest.
 pub fn thin(points: &[Point], count: usize) -> Vec<Point> {
     if points.len() <= count {
         return points.to_vec();
@@ -31,11 +33,11 @@ pub fn thin(points: &[Point], count: usize) -> Vec<Point> {
     thinned
 }
 
-/// The points without those that lie far from all others ([`Bulk`]), and these; `None` where none does.
+/// Splits off the points that lie far from all others ([`Bulk`]): (near, far). `None` if there are none.
 pub fn near_and_far(points: &[Point]) -> Option<[Vec<Point>; 2]> {
     let of = |count: usize| Bulk::of(points, &mut vec![0; count]);
     let some = points.len().min(JUDGED);
-    // Where some of the points have no gap, hardly any has.
+    // If a sample of the points has no gap, the rest hardly has one.
     let bulk = match of(some) {
         Bulk::ALL => return None,
         bulk if some == points.len() => bulk,
@@ -57,17 +59,17 @@ fn thin_near(points: &[Point], count: usize) -> Vec<Point> {
     }
 }
 
-/// `count` of more points, at equal steps along a Z-order curve (Morton 1966) through the cloud: every region keeps its share
-/// of the points to within one, where a random draw leaves the share to chance.
+/// `count` points at equal steps along a Z-order curve (Morton 1966) through a larger cloud. Every region keeps its
+/// share of the points to within one, which a random draw leaves to chance.
 fn spread_as_all(points: &[Point], count: usize) -> Vec<Point> {
     if points.len() <= count {
         return points.to_vec();
     }
     let code = curve(points);
     // The middle of each of `count` equal stretches.
-    // In 64 bits: the browser's usize has 32, which products of millions of points leave.
+    // In 64 bits: products of millions of points overflow the browser's usize of 32.
     let step = |i: usize| ((2 * i as u64 + 1) * points.len() as u64 / (2 * count as u64)) as usize;
-    // Points are counted by their codes' first bits; only stretches with a point that is taken are put in order.
+    // Points are counted by the first bits of their codes; only stretches from which a point is taken are sorted.
     let stretches = points.len().next_power_of_two().min(STRETCHES);
     let place_bits = 3 * BITS - stretches.ilog2();
     let stretch: Vec<u32> = points
@@ -92,7 +94,7 @@ fn spread_as_all(points: &[Point], count: usize) -> Vec<Point> {
     let taken = taken.filter(|&(_, &of)| is_taken[of as usize]);
     let mut order: Vec<(u64, Point)> = taken.map(|(p, _)| (code(p), *p)).collect();
     order.sort_unstable_by(along);
-    // Points of stretches that were left out before a place.
+    // Number of points in skipped stretches before a place.
     let (mut passed, mut left_out) = (0, 0);
     let places = from.into_iter().enumerate().map(|(i, of)| {
         for stretch in passed..of {
@@ -106,9 +108,9 @@ fn spread_as_all(points: &[Point], count: usize) -> Vec<Point> {
     places.map(|place| order[place].1).collect()
 }
 
-/// Codes of places along the curve.
+/// Position of a point along the curve.
 fn curve(points: &[Point]) -> impl Fn(&Point) -> u64 {
-    // Cubic cells: the longest side has all of them.
+    // Cells are cubes; their number is that along the longest side.
     let (low, side) = bounds(points);
     let cells = ((1u64 << BITS) - 1) as f64;
     move |point| {
@@ -120,7 +122,7 @@ fn curve(points: &[Point]) -> impl Fn(&Point) -> u64 {
     }
 }
 
-/// The lowest corner, and the longest side.
+/// The lowest corner and the longest side of the bounding box.
 fn bounds(points: &[Point]) -> (Point, f32) {
     let mut low = [f32::INFINITY; 3];
     let mut high = [f32::NEG_INFINITY; 3];
@@ -134,14 +136,14 @@ fn bounds(points: &[Point]) -> (Point, f32) {
     (low, sides.fold(0.0, f32::max))
 }
 
-/// Order along the curve; of points in one cell, by coordinates.
+/// Order along the curve; points of one cell by their coordinates.
 fn along(a: &(u64, Point), b: &(u64, Point)) -> Ordering {
     let places = || (0..3).map(|axis| a.1[axis].total_cmp(&b.1[axis]));
     a.0.cmp(&b.0)
         .then_with(|| places().fold(Ordering::Equal, Ordering::then))
 }
 
-/// The lowest 21 bits, two zeros after each.
+/// The lowest 21 bits of `x`, with two zeros after each.
 fn spread(x: u64) -> u64 {
     let x = x & 0x1f_ffff;
     let x = (x | x << 32) & 0x001f_0000_0000_ffff;
@@ -196,7 +198,7 @@ mod tests {
     #[test]
     fn counting_first_takes_what_sorting_all_would() {
         let mut points = cloud(20_000);
-        // Many in one place, and then one that makes all others a corner of the box.
+        // Many points in one place, and then one that shrinks all others to a corner of the box.
         points[..3000].fill([0.25; 3]);
         for far in [0.0, 1e6] {
             points[0] = [far; 3];

@@ -1,8 +1,8 @@
 //! Trace files: registrations step by step, one JSON object a line.
 //!
-//! A registration begins with a header line, `{"registration": {…}}` ([`Header`]), goes on with one line a step ([`Step`]) in
-//! the order taken, and ends with `{"answer": {…}}` ([`Given`]), the pose that was given out, where something followed the
-//! steps. A file holds any number of registrations, one after another.
+//! A registration begins with a header line, `{"registration": {…}}` ([`Header`]), and goes on with one line a step
+//! ([`Step`]) in the order taken. If something followed the steps, it ends with `{"answer": {…}}` ([`Given`]), the
+//! final pose. A file holds any number of registrations, one after another.
 
 #[cfg(not(target_family = "wasm"))]
 mod pairs;
@@ -59,16 +59,16 @@ pub struct Step {
     pub rotation_rad: [f32; AXES],
     /// Pose after the step, rows of `[R | t]`, in the clouds' units.
     pub target_from_source: [[f32; 4]; 3],
-    /// How likely the policy held each translation step; `None` in traces of version 0.1.
+    /// Probability of each translation step under the policy; `None` in traces of version 0.1.
     #[serde(default)]
     pub translation_probability: Option<Probabilities>,
-    /// How likely the policy held each rotation step.
+    /// Probability of each rotation step under the policy.
     #[serde(default)]
     pub rotation_probability: Option<Probabilities>,
 }
 
 impl Step {
-    /// Step number `step` from 1, as a registration in `frame` took it, and the pose that it led to.
+    /// Step number `step`, from 1, of a registration in `frame`, with the pose that it led to.
     pub fn new(step: usize, taken: &register::Step, frame: Frame, pose: Pose) -> Step {
         let [translation, rotation_rad] = taken.action.signed();
         Step {
@@ -97,21 +97,21 @@ pub fn probabilities(logits: &[f32; LOGITS]) -> Probabilities {
     of_axes
 }
 
-/// The pose that was given out after refinement and comparison with others.
+/// The final pose, after refinement and comparison with others.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Given {
-    /// What followed the steps: a mode's name.
+    /// Name of the mode, which says what followed the steps.
     pub mode: String,
     /// The verdict in words.
     pub verdict: String,
-    /// That the pose is right.
+    /// Probability that the pose is right.
     pub probability: Option<f32>,
-    /// Rows of `[R | t]`, in the clouds' units.
+    /// Pose, rows of `[R | t]`, in the clouds' units.
     pub target_from_source: [[f32; 4]; 3],
 }
 
 impl Given {
-    /// The answer of a registration, unless nothing followed the policy's steps.
+    /// The answer of a registration; `None` if nothing followed the policy's steps.
     pub fn of(answer: &Answer, mode: Mode) -> Option<Given> {
         answer.refinement.is_some().then(|| Given {
             mode: mode.resolved().to_string(),
@@ -133,10 +133,10 @@ pub struct Traced {
     pub answer: Option<Given>,
 }
 
-/// Registrations as the text of a trace file.
+/// The text of a trace file with these registrations.
 ///
 /// # Errors
-/// What the encoder says.
+/// The encoder's.
 pub fn to_text(traced: &[Traced]) -> Result<String, serde_json::Error> {
     let mut text = String::new();
     for one in traced {
@@ -165,7 +165,7 @@ pub enum TraceError {
         /// What the system said.
         source: std::io::Error,
     },
-    /// A line is not what a trace has there.
+    /// A line does not belong where it is in a trace.
     #[error("{}, line {line}: {what}; write the trace again with --trace", path.display())]
     Line {
         /// File concerned.
@@ -192,8 +192,8 @@ enum Line {
     Answer { answer: Given },
 }
 
-/// Reads the first `limit` registrations of a trace file, and checks what follows them too. The second
-/// value is how many the file has.
+/// Reads the first `limit` registrations of a trace file and checks the rest, too. The second value is the number
+/// of registrations in the file.
 ///
 /// # Errors
 /// See [`TraceError`].
@@ -204,7 +204,7 @@ pub fn read(path: &Path, limit: usize) -> Result<(Vec<Traced>, usize), TraceErro
     };
     let mut file = BufReader::new(File::open(path).map_err(io)?.take(FILE_BYTES));
     let (mut kept, mut count) = (Vec::<Traced>::new(), 0);
-    // The registration under way.
+    // The registration in progress.
     let mut current: Option<Traced> = None;
     let mut bytes = Vec::new();
     for line in 1.. {
@@ -279,7 +279,7 @@ pub fn read(path: &Path, limit: usize) -> Result<(Vec<Traced>, usize), TraceErro
     Ok((kept, count))
 }
 
-/// A checked line.
+/// Parses and checks a line.
 fn parse(bytes: &[u8]) -> Result<Line, String> {
     // `untagged` would say only that no variant fits.
     let value: serde_json::Value =

@@ -1,4 +1,4 @@
-//! Tracking of an object in a stream of clouds, in their own coordinates.
+//! Tracks an object in a stream of clouds, in their own coordinates.
 
 use crate::policy::{COMPACT, VIEWS_COMPACT};
 use crate::pose64::{Pose64, Position};
@@ -10,36 +10,36 @@ use reagent_core::track::{TrackState, Tracker};
 use reagent_core::{Error, Frame, Policy, Registrar};
 use std::time::Instant;
 
-/// Points of each cloud that are used unless told otherwise: as many as one core keeps up with at a camera's rate.
+/// Default number of points of each cloud: as many as one core can process at a camera's rate.
 pub const POINTS: usize = 1024;
 
-/// The bundled policy for clouds that are views from one point, or not: the compact ones take less time, and verification makes up
-/// for what they lack.
+/// The bundled policy for clouds that are views from one point, or that are not. The compact policies are faster,
+/// and verification makes up for what they lack.
 pub fn bundled_policy(of_views: bool) -> &'static str {
     if of_views { VIEWS_COMPACT } else { COMPACT }
 }
 
-/// What is known of an object from the clouds so far.
+/// What the clouds so far have shown of an object.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Tracking {
     tracker: Tracker,
-    /// Of the last cloud.
+    /// Origin of the last cloud.
     source_origin: Position,
 }
 
-/// A cloud, registered.
+/// A registered cloud.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tracked {
-    /// What it says of the object.
+    /// Whether the object is seen in it.
     pub state: TrackState,
-    /// What was done last.
+    /// Mode of the last registration.
     pub mode: Mode,
-    /// What came of it; the pose is not to be relied on where the object is lost.
+    /// Result of the last registration; its pose is not reliable if the object is lost.
     pub done: Done,
 }
 
 impl Tracking {
-    /// Of an object that no cloud has shown.
+    /// Tracking of an object that no cloud has shown yet.
     pub const fn new() -> Tracking {
         Tracking {
             tracker: Tracker::new(),
@@ -47,13 +47,13 @@ impl Tracking {
         }
     }
 
-    /// Takes in a cloud that has nothing to register, such as an empty one.
+    /// Counts a cloud with nothing to register, such as an empty one.
     pub fn miss(&mut self) {
         self.tracker.miss();
     }
 
-    /// Registers the next cloud ([`Tracker::follow`]). The request's mode is for where refinement is not enough, its start for an
-    /// object that no cloud has shown; poses are not refined on more points than the policy sees.
+    /// Registers the next cloud ([`Tracker::follow`]). The request's mode applies where refinement is not enough,
+    /// its start until a cloud has shown the object. Poses are refined on no more points than the policy sees.
     ///
     /// # Errors
     /// As [`Request::register`].
@@ -112,7 +112,7 @@ mod tests {
     use reagent_core::pose::rotation_from_euler;
     use std::path::Path;
 
-    /// Clouds on a map are registered relative to a point of their own, each to another one.
+    /// Clouds on a map are each registered relative to another origin.
     #[test]
     fn the_last_pose_follows_the_clouds_origins() {
         let mesh = procedural::shape(1, 1).mesh;

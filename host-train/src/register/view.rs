@@ -7,7 +7,7 @@ use reagent_core::verdict::Percent;
 use reagent_core::{Frame, Pose};
 use serde::Serialize;
 
-/// Points of a cloud that are shown at most.
+/// Most points of a cloud that are shown.
 const POINTS: usize = 700;
 /// Coordinates are stored as whole thousandths of the target's radius.
 const QUANTA: f32 = 1000.0;
@@ -24,8 +24,8 @@ pub struct View<'a> {
     target: Vec<i32>,
     /// The target's radius in the clouds' units.
     radius: f32,
-    /// The pose before each step and after the last, then the one given out where something followed; rows of `[R | t]`, in
-    /// the target's frame.
+    /// The pose before each step and after the last one, then the final pose if something followed; rows of `[R |
+    /// t]`, in the target's frame.
     poses: Vec<Vec<f64>>,
     /// Isotropic errors of each pose: degrees, clouds' units.
     errors: Option<Vec<[f64; 2]>>,
@@ -45,7 +45,7 @@ struct StepView {
 }
 
 impl View<'_> {
-    /// Of a traced registration.
+    /// The view of a traced registration.
     pub fn of(traced: &Traced) -> View<'_> {
         let header = &traced.header;
         let frame = Frame::of(&header.target).unwrap_or(Frame::IDENTITY);
@@ -99,7 +99,7 @@ fn thousandths(of_axes: &Probabilities) -> impl Iterator<Item = Vec<u16>> + '_ {
         .map(move |axis| axis.iter().map(thousandth).collect())
 }
 
-/// Points spread evenly over the cloud's order, in whole thousandths.
+/// Points at equal steps in the cloud's order, in whole thousandths of the frame's scale.
 fn quantised(cloud: &[Point], frame: Frame) -> Vec<i32> {
     let shown = cloud.len().min(POINTS);
     (0..shown)
@@ -111,7 +111,7 @@ fn quantised(cloud: &[Point], frame: Frame) -> Vec<i32> {
         .collect()
 }
 
-/// The pose between clouds in the target's frame: `x_n = (x - c) / s`, so `t_n = (R c + t - c) / s`.
+/// The pose in the target's normalised frame: `x_n = (x - c) / s`, so `t_n = (R c + t - c) / s`.
 fn normalised(pose: &Pose, frame: Frame) -> Vec<f64> {
     let translation = (pose.apply(frame.centre) - frame.centre) / frame.scale;
     let rows = Pose {
@@ -123,8 +123,7 @@ fn normalised(pose: &Pose, frame: Frame) -> Vec<f64> {
     rows.iter().flatten().map(|x| rounded(*x)).collect()
 }
 
-/// Angle between the rotations in degrees, by `|R - R*| = 2 sqrt(2) sin(angle / 2)`, and distance between
-/// the translations.
+/// Angle between the rotations, degrees, by `|R - R*| = 2 sqrt(2) sin(angle / 2)`; and distance between the translations.
 fn errors(pose: &Pose, truth: &Pose) -> [f64; 2] {
     let difference = (pose.rotation - truth.rotation).to_cols_array();
     let norm = difference

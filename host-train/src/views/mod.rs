@@ -1,15 +1,15 @@
-//! Training views: what a depth camera sees of a mesh among other things, rendered as samples are drawn, with no files
-//! in between.
+//! Training views: what a depth camera sees of a mesh among other things. They are rendered as samples are drawn,
+//! without files in between.
 //!
 //! | part | model |
 //! |---|---|
 //! | shape | a mesh, deformed as clouds are in training, 60 to 400 mm across |
 //! | scene | a plane below it, a wall behind it, up to two other things beside or before it: `scene` |
 //! | depth | the noise, rounding, missing and flying pixels of a sensor: [`crate::bop::synth::sensor`] |
-//! | mask | what is visible of it, in most cases as an estimator would give it |
-//! | start | the errors of pose estimators, most along the viewing axis: [`start`] |
+//! | mask | the visible part of it, in most cases as an estimator would segment it |
+//! | start | the errors of pose estimators, largest along the viewing axis: [`start`] |
 //!
-//! A sample depends on its mesh and its random stream only.
+//! A sample depends only on its mesh and its random stream.
 
 mod scene;
 pub mod start;
@@ -37,22 +37,22 @@ use std::path::{Path, PathBuf};
 
 /// Points of a mesh's surface from which targets are drawn.
 const SURFACE_POINTS: usize = 4096;
-/// Points of a dense cloud of it.
+/// Points of a dense cloud of a mesh's surface.
 const DENSE: usize = 8192;
-/// Half of an object's size, before it is deformed, millimetres: its logarithm is uniform.
+/// Range of an object's radius before it is deformed, millimetres; its logarithm is uniform.
 const RADIUS_MM: [f32; 2] = [30.0, 200.0];
-/// From the camera to the object, millimetres.
+/// Range of the distance from the camera to the object's centre less two radii, millimetres.
 const DISTANCE_MM: std::ops::Range<f32> = 450.0..1200.0;
-/// Columns and rows of an image: a crop about the object.
+/// Range of the columns and rows of an image, a crop about the object.
 const SIDE: std::ops::RangeInclusive<usize> = 56..=112;
-/// Share of the image's side that an object takes, before it is deformed.
+/// Share of the image's side that an object fills before it is deformed.
 const FILLED: f32 = 0.75;
-/// Share of the masks that an estimator gives; the others are exact.
+/// Share of the masks that are an estimator's; the others are exact.
 const ESTIMATED: f64 = 0.7;
-/// Scenes tried until an object is seen.
+/// Most scenes tried until an object is seen.
 const ATTEMPTS: usize = 4;
 
-/// A mesh to render, in a box about the origin, its farthest vertex at 1.
+/// A mesh to render: its bounding box is centred on the origin, its farthest vertex at distance 1.
 #[derive(Clone, Debug)]
 pub struct Object {
     mesh: Mesh,
@@ -87,8 +87,8 @@ impl Object {
         &self.surface
     }
 
-    /// Adds a view of it, as it is, to a set. `None` in the rare case that nothing of it is seen. The noise-free target is dense: the
-    /// distance to the closest point of a sparse one measures how far its points are apart.
+    /// Adds a view of the undeformed mesh to a set. `None` in the rare case that nothing of it is seen. The noise-free
+    /// target is dense, because distances to the closest point of a sparse one would measure its spacing.
     pub fn draw(&self, rng: &mut Rng, points: usize, set: &mut PairSet) -> Option<()> {
         let View {
             sample,
@@ -102,7 +102,7 @@ impl Object {
         Some(())
     }
 
-    /// A view of it from a start.
+    /// Draws a view of the mesh, and an initial estimate of its pose.
     fn view(&self, rng: &mut Rng, points: usize, deform: bool) -> Option<View> {
         let [least, most] = RADIUS_MM.map(f32::ln);
         let radius = rng.random_range(least..most).exp();
@@ -134,7 +134,7 @@ impl Object {
         None
     }
 
-    /// Points of a segment of one depth image, millimetres in the camera's frame.
+    /// Points of one segmented depth image, in millimetres and the camera's frame; `None` if too few pixels are left.
     fn segment(
         &self,
         rng: &mut Rng,
@@ -185,7 +185,7 @@ struct View {
     frame: Normalisation,
 }
 
-/// Fewer pixels than this are no view.
+/// Fewest pixels of a view.
 const LEAST_PIXELS: usize = 64;
 
 /// Which meshes are rendered.
@@ -205,7 +205,7 @@ pub struct Views {
 }
 
 impl Views {
-    /// The meshes to train on.
+    /// Loads the meshes to train on.
     ///
     /// # Errors
     /// As [`Views::open`].
@@ -216,7 +216,7 @@ impl Views {
         }
     }
 
-    /// The meshes of a split of a directory ([`tree`]), in the order of their paths.
+    /// Reads the meshes of a split of a directory ([`tree`]), in the order of their paths.
     ///
     /// # Errors
     /// As [`tree::load`]; a file without faces.
@@ -233,7 +233,7 @@ impl Views {
         })
     }
 
-    /// Built-in shapes of these numbers.
+    /// The built-in shapes with these numbers.
     pub fn procedural(seed: u64, numbers: Range<u64>) -> Views {
         let objects = numbers.into_par_iter().map(|index| {
             let shape = procedural::shape(seed, index);
@@ -265,12 +265,12 @@ impl Views {
         drawn.collect()
     }
 
-    /// The same meshes in parts.
+    /// Splits the meshes into two parts.
     pub fn split(self, split: impl FnOnce(Vec<Object>) -> [Vec<Object>; 2]) -> [Views; 2] {
         split(self.objects).map(|objects| Views { objects })
     }
 
-    /// A view of mesh number `index`, or of the next one of which anything is seen. `None` where that is none.
+    /// Draws a view of mesh number `index`, or of the next mesh that is seen at all. `None` if no mesh is.
     pub fn sample(
         &self,
         index: usize,
@@ -289,9 +289,9 @@ impl Views {
         self.objects.iter().cycle().skip(index).take(count)
     }
 
-    /// `count` training views of the meshes in turn, as [`Views::sample`] draws them, in NumPy's format:
-    /// `[count, 2 points + 4, 3]`, source, target, and the columns of the pose that maps one onto the other.
-    /// `None` where nothing is seen of any mesh.
+    /// `count` training views, drawn as by [`Views::sample`] of the meshes in shuffled order, as an array in
+    /// NumPy's format: `[count, 2 points + 4, 3]`, source, target, and the columns of the pose `[R | t]` that maps
+    /// the one onto the other. `None` if nothing is seen of any mesh.
     pub fn npy(&self, count: usize, points: usize, deform: bool, seed: u64) -> Option<Vec<u8>> {
         let mut bytes = npy::header("<f4", &[count, 2 * points + 4, 3]);
         let head = bytes.len();
@@ -319,7 +319,7 @@ impl Views {
         Some(bytes)
     }
 
-    /// Adds `count` pairs to a set, of the meshes in turn, as they are, with their view points.
+    /// Adds `count` pairs with their view points to a set: views of the undeformed meshes in turn.
     pub fn draw(&self, count: usize, points: usize, seed: u64, set: &mut PairSet) {
         for k in 0..count {
             let rng = &mut stream(seed, Purpose::Pairs, k as u64);

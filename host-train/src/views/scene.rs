@@ -1,4 +1,4 @@
-//! What surrounds an object in a training view: planes behind and below it, other things beside and before it.
+//! The surroundings of an object in a training view: planes behind and below it, other things beside and before it.
 
 use crate::augment::random_rotation;
 use crate::dataset::mesh::Mesh;
@@ -14,18 +14,18 @@ const RESTING: f64 = 0.6;
 const WALLED: f64 = 0.6;
 /// Share of the scenes with one other thing; half of them have two.
 const CROWDED: f64 = 0.5;
-/// Least share of an object that is seen where other things hide it; they are taken away where it is less.
+/// Least visible share of an object that other things hide; where it would be less, they are removed.
 const LEAST_SEEN: f32 = 0.3;
 
 /// One exact depth image of an object and its surroundings.
 pub(super) struct Scene {
-    /// Millimetres, row by row; 0 where nothing is.
+    /// Depths in millimetres, row by row; 0 where there is nothing.
     pub(super) depths: Vec<f32>,
     /// Pixels in which the object is seen.
     pub(super) visible: Vec<bool>,
 }
 
-/// Something that is not the object.
+/// A thing in the surroundings.
 enum Thing {
     /// Points with `normal · x = height`.
     Plane {
@@ -36,7 +36,7 @@ enum Thing {
         centre: Vec3,
         radius: f32,
     },
-    /// `half` are half its edges.
+    /// A box; `half` are its half edges.
     Box {
         box_from_camera: Mat3,
         centre: Vec3,
@@ -45,7 +45,7 @@ enum Thing {
 }
 
 impl Scene {
-    /// An object of about this radius, millimetres, with random surroundings.
+    /// Renders an object of about this radius, millimetres, in random surroundings.
     pub(super) fn around(
         mesh: &Mesh,
         camera_from_mesh: &Affine3A,
@@ -134,7 +134,7 @@ impl Thing {
         }
     }
 
-    /// One over the depth at which a ray to depth 1 meets it first; 0 where it does not.
+    /// Inverse of the depth at which a ray, given at depth 1, first meets the thing; 0 if it does not.
     fn inverse_depth(&self, ray: Vec3) -> f32 {
         let depth = match self {
             Thing::Plane { normal, height } => height / normal.dot(ray),
@@ -155,7 +155,7 @@ impl Thing {
                 if enter <= leave { enter } else { 0.0 }
             }
         };
-        // Nothing for what is behind the camera, and for the root of a ray that misses.
+        // 0 for hits behind the camera, and for the NaN root of a ray that misses.
         if depth > 0.0 { 1.0 / depth } else { 0.0 }
     }
 }

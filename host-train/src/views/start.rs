@@ -1,8 +1,8 @@
-//! First estimates with the errors of pose estimators.
+//! Initial pose estimates with the errors of pose estimators.
 //!
-//! Three estimators on real images of LINEMOD's occluded scene err by 3 to 6 degrees in the median and by 10 to 36 in
-//! one case of ten, and by 9 to 23 mm, of which 7 to 21 mm lie along the viewing axis; the worst tenth is off by five
-//! times that. Starts of trackers and of coarse searches are farther off.
+//! On real images of LINEMOD's occluded scene, the errors of three estimators are 3 to 6 degrees in the median and
+//! 10 to 36 in one case of ten, and 9 to 23 mm, of which 7 to 21 mm lie along the viewing axis; the worst tenth
+//! errs by five times that. Trackers and coarse searches give starts that are farther off.
 
 use crate::augment::random_direction;
 use crate::random::Rng;
@@ -15,21 +15,21 @@ use reagent_core::Pose;
 const ROTATION_SIGMA_DEG: f32 = 6.0;
 /// Standard deviation along the viewing axis, millimetres.
 const AXIAL_SIGMA_MM: f32 = 14.0;
-/// Standard deviation across it, millimetres.
+/// Standard deviation across the viewing axis, millimetres.
 const LATERAL_SIGMA_MM: f32 = 4.0;
-/// All errors of an estimate share a log-normal factor with this sigma: some images are hard.
+/// Standard deviation of the logarithm of a factor that all errors of an estimate share: some images are hard.
 const SPREAD: f32 = 0.6;
-/// Shares of starts that are an estimator's, and that are rough ones; the others are far off.
+/// Shares of estimators' starts and of rough starts; the remaining starts are far off.
 const SHARES: [f32; 2] = [0.6, 0.3];
-/// Rough starts: largest angle, degrees, and standard deviations along and across the viewing axis, millimetres.
+/// Rough starts: largest angle, degrees; standard deviations along and across the viewing axis, millimetres.
 const ROUGH: [f32; 3] = [30.0, 20.0, 6.0];
-/// Starts that are far off: the same.
+/// Far starts: the same.
 const FAR: [f32; 3] = [80.0, 40.0, 30.0];
-/// Longest translation, in radii of the object: beyond, nothing of it is within reach of the policy. No turn is larger
-/// than that of a far start.
+/// Longest translation error, in radii of the object: beyond it the policy has nothing of the object in reach.
+/// Rotation errors are limited to those of far starts.
 const FARTHEST: f32 = 0.9;
 
-/// A first estimate of the pose of an object of this radius, millimetres, in the frame of a camera that looks along z.
+/// An initial estimate for an object of this radius, millimetres, in the frame of a camera that looks along z.
 pub fn estimate(camera_from_model: &Pose, radius_mm: f32, rng: &mut Rng) -> Pose {
     let kind: f32 = rng.random();
     let normal = |rng: &mut Rng| -> f32 { StandardNormal.sample(rng) };

@@ -18,7 +18,7 @@ fn a_view_depends_on_its_mesh_and_stream_only() {
     assert_ne!(seen(&views, 3, 1), seen(&views, 4, 1));
 }
 
-/// Registered, most points of a source lie on the whole model, on one side of it; what does not is of other things.
+/// After registration most points of a source lie on one side of the whole model; the others belong to other things.
 #[test]
 fn sources_are_of_the_target_where_they_belong() {
     let views = views();
@@ -113,7 +113,7 @@ fn views_are_written_as_they_are_drawn() {
     }
 }
 
-/// Against a sparse target, a pose that fits as well as the true one would be off by what lies between its points.
+/// Against a sparse target, a pose that fits as well as the true one would seem to err by the spacing of its points.
 #[test]
 fn what_poses_are_measured_by_is_the_whole_surface() {
     let views = views();

@@ -1,4 +1,4 @@
-//! What can happen to a file, and how a reader takes it.
+//! Kinds of damage to a file, and a check that a reader survives them.
 
 use peak_alloc::PeakAlloc;
 use proptest::prelude::*;
@@ -9,7 +9,7 @@ use std::path::Path;
 #[global_allocator]
 static ALLOCATOR: PeakAlloc = PeakAlloc;
 
-/// What can happen to a file.
+/// Damage to a file.
 #[derive(Clone, Debug)]
 enum Damage {
     Cut(Index),
@@ -18,7 +18,7 @@ enum Damage {
     Word64(Index, u64),
     Insert(Index, Vec<u8>),
     Remove(Index, u8),
-    /// The number written there in digits becomes another.
+    /// The number written in digits at this place becomes another one.
     Digits(Index, &'static str),
 }
 
@@ -64,7 +64,7 @@ fn damage() -> impl Strategy<Value = Vec<Damage>> {
     prop::collection::vec(one, 1..4)
 }
 
-/// The bytes after the damage, all of it within the first `within` bytes.
+/// The bytes after the damage, all of which lies within the first `within` bytes.
 fn apply(bytes: &[u8], damage: &[Damage], within: usize) -> Vec<u8> {
     let mut bytes = bytes.to_vec();
     let overwrite = |bytes: &mut Vec<u8>, at: usize, word: &[u8]| {
@@ -108,8 +108,8 @@ fn apply(bytes: &[u8], damage: &[Damage], within: usize) -> Vec<u8> {
     bytes
 }
 
-/// Runs `read` on damaged copies of `whole`, stored at `path`. Memory in use must stay below `factor` times the
-/// file's length and a mebibyte.
+/// Runs `read` on damaged copies of `whole`, stored at `path`. Memory in use must stay below `factor` times the file's
+/// length plus a mebibyte.
 pub(crate) fn damage_and_read(
     path: &Path,
     whole: &[u8],
@@ -128,7 +128,7 @@ pub(crate) fn damage_and_read(
         failure_persistence: None,
         ..ProptestConfig::default()
     };
-    // Files with tables at their beginning are damaged there as often as anywhere.
+    // Tables at the beginning of a file are damaged as often as the rest.
     let strategy = (
         damage(),
         prop::sample::select(vec![whole.len(), whole.len().min(1024)]),

@@ -5,10 +5,9 @@ use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
-/// What the driver in a page says it found, as `console.log("findings " + json)`.
+/// What the page's driver reports as `console.log("findings " + json)`.
 ///
-/// The browser runs by the clock on the wall: it compiles programs beside the page, which takes as long as the
-/// machine needs.
+/// The browser runs in real time: it compiles programs for the page, which takes as long as the machine needs.
 pub(crate) fn open(browser: &Path, at: &Path, file: &str) -> Value {
     let mut browser = Running(
         Command::new(browser)
@@ -48,7 +47,7 @@ struct Running(Child);
 
 impl Drop for Running {
     fn drop(&mut self) {
-        // One that has ended already is no error.
+        // It may have ended already, which is not an error.
         let _ = self.0.kill();
         let _ = self.0.wait();
     }

@@ -26,7 +26,7 @@ pub(crate) fn succeed(folder: &Path, arguments: &str) -> String {
     String::from_utf8(output.stdout).expect("text")
 }
 
-/// Status 1, and a single line on stderr that holds every one of `words`.
+/// Expects status 1, and a single line on stderr with every one of `words`.
 pub(crate) fn fail(folder: &Path, arguments: &str, words: &[&str]) {
     let output = run(folder, arguments);
     let stderr = String::from_utf8_lossy(&output.stderr);
@@ -45,7 +45,7 @@ pub(crate) fn folder() -> TempDir {
     tempfile::tempdir().expect("a temporary folder")
 }
 
-/// An untrained policy.
+/// Writes an untrained policy, and returns its bytes.
 pub(crate) fn write_weights(path: &Path) -> Vec<u8> {
     let file =
         WeightFile::from_parameters(&Parameters::random(Shape::PAPER, 5)).expect("deployable");
@@ -57,7 +57,7 @@ pub(crate) fn read_json(path: &Path) -> Value {
     serde_json::from_slice(&std::fs::read(path).expect("written")).expect("JSON")
 }
 
-/// Errors without times, which differ from run to run.
+/// Errors without the times, which differ from run to run.
 pub(crate) fn without_times(mut row: Value) -> Value {
     if let Some(fields) = row.as_object_mut() {
         fields.retain(|name, _| !name.starts_with("ms"));

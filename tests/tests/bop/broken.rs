@@ -1,4 +1,4 @@
-//! What is missing, impossible or damaged is named.
+//! Missing, impossible and damaged data is named.
 
 use super::*;
 use host_train::bop::synth::ESTIMATES_FILE;
@@ -105,7 +105,7 @@ fn contents_that_cannot_be_are_named() {
     );
 }
 
-/// What is broken: the end of a file cut off, or some bytes changed.
+/// Damage to a file: its end cut off, or some bytes changed.
 #[derive(Clone, Debug)]
 enum Damage {
     Cut(f64),
@@ -132,8 +132,8 @@ const FRAGILE: [&str; 8] = [
 proptest! {
     #![proptest_config(ProptestConfig { cases: 64, ..ProptestConfig::default() })]
 
-    /// Whatever is broken, the set is read or refused: no panic, no memory beyond what the images take, and a file
-    /// that was cut is named unless what is left is complete.
+    /// Whatever the damage, the set is read or refused. There is no panic, and no more memory in use than the images
+    /// take. A file that was cut is named unless the rest of it is complete.
     #[test]
     fn damaged_files_are_read_or_refused(file in 0..FRAGILE.len(), damage in damage()) {
         static DIR: LazyLock<TempDir> = LazyLock::new(|| generated(0.0, 11));

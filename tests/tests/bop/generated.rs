@@ -1,4 +1,4 @@
-//! What is generated agrees with itself: poses, images, annotations, noise, seeds.
+//! Generated data is consistent: poses, images, annotations, noise, seeds.
 
 use super::*;
 use host_train::dataset::bop::{MaskKind, Models, Scenes};
@@ -94,11 +94,11 @@ fn noise_is_that_of_the_sensor() {
         .collect();
     let mut errors: Vec<f64> = pairs.iter().map(|(a, b)| (a - b).abs() / 10.0).collect();
     errors.sort_by(f64::total_cmp);
-    // Most pixels lie on smooth surfaces .6 to 1.5 m away: 1.3 to 3.5 mm, of which the median is two thirds.
+    // Most pixels lie on smooth surfaces .6 to 1.5 m away: deviations of 1.3 to 3.5 mm, medians of two thirds of that.
     let median = errors[errors.len() / 2];
     assert!((0.7..3.0).contains(&median), "{median}");
     assert!(pairs.len() > 160 * 120 / 2);
-    // The scenes are the same ones.
+    // The scenes are the same.
     let truth = "test/000000/scene_gt.json";
     let text = |root: &Path| std::fs::read_to_string(root.join(truth)).expect("text");
     assert_eq!(text(EXACT.path()), text(noisy.path()));

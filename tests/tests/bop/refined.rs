@@ -1,11 +1,11 @@
-//! Poses that are reported, from registrations in normalised units.
+//! Reported poses, from registrations in normalised units.
 
 use super::*;
 use host_train::bop::synth::ESTIMATES_FILE;
 use host_train::dataset::bop::{Estimate, Models, read_results, write_results};
 use std::collections::BTreeMap;
 
-/// Poses of one csv in f64, as rows of `[R | t]`.
+/// A pose in f64, as a homogeneous matrix.
 type Matrix = nalgebra::Matrix4<f64>;
 
 fn matrix(pose: &Pose) -> Matrix {
@@ -17,14 +17,14 @@ fn matrix(pose: &Pose) -> Matrix {
     })
 }
 
-/// Estimates that are the truth need nothing; a registration in normalised units, carried through the chain of
-/// homogeneous matrices, gives the pose that is reported.
+/// Estimates that are true need no registration. A registration in normalised units gives the reported pose if it is
+/// carried through the chain of homogeneous matrices.
 #[test]
 fn refined_poses_are_the_product_of_the_matrices() {
     let dir = generated(0.0, 9);
     let root = dir.path();
     let estimates = root.join(ESTIMATES_FILE);
-    // A score of its own for each: an object may be in an image twice.
+    // Each gets its own score, since an object may be in an image twice.
     let mut given = read_results(&estimates).expect("estimates");
     for (i, estimate) in given.iter_mut().enumerate() {
         estimate.score = i as f32;
@@ -34,7 +34,7 @@ fn refined_poses_are_the_product_of_the_matrices() {
     let pairs = found.set.source.len();
     assert!(pairs >= 8, "{pairs}");
 
-    // The true registration gives the true poses: every row is perfect.
+    // True registrations give true poses, and every row is perfect.
     let perfect = rows(&found, &found.set.target_from_source);
     let is_right = |r: &ObjectRow| r.ad_02 == 100.0 && r.recall.ar > 99.9;
     assert!(perfect.iter().all(is_right), "{perfect:?}");
@@ -59,8 +59,8 @@ fn refined_poses_are_the_product_of_the_matrices() {
     for result in &results {
         let estimate = matrix(&by_key[&key(result)].camera_from_model);
         let refined = matrix(&result.camera_from_model);
-        // What was done, back in normalised units: N (E^-1 R)^-1 N^-1 has the step's rotation, and its shift is that
-        // of the step, scaled, about the target's mean. Mean and scale are those of the model's surface.
+        // The change of pose, back in normalised units: N (E^-1 R)^-1 N^-1 has the step's rotation, and its shift is
+        // the step's, scaled, about the target's mean. Mean and scale are those of the model's surface.
         let done = (estimate.try_inverse().expect("rigid") * refined)
             .try_inverse()
             .expect("rigid");
@@ -84,7 +84,7 @@ fn refined_poses_are_the_product_of_the_matrices() {
             .copy_from(&(-mean / scale));
         normalise[(3, 3)] = 1.0;
         let back = normalise * done * normalise.try_inverse().expect("a scale");
-        // The target is a quarter of the surface's points, drawn at random: its mean is not quite theirs.
+        // The target is a random quarter of the surface's points, so its mean is not exactly theirs.
         assert!((back - expected).norm() < 0.08, "{back} {expected}");
     }
     assert_eq!(moved + unrefined, results.len());

@@ -1,4 +1,4 @@
-//! Training samples, and what is held back from them.
+//! Training samples, and the images held back from training.
 
 use super::*;
 use host_train::bop::sample::{BopSampling, BopTraining};
@@ -24,7 +24,7 @@ fn training_samples_are_the_papers() {
         let mean = target.iter().sum::<Vec3>() / 1024.0;
         let farthest = target.iter().map(|p| p.length()).fold(0.0, f32::max);
         assert!(mean.length() < 1e-4 && (farthest - 1.0).abs() < 1e-4);
-        // At least half of the source lies on the object, which the true pose brings onto the target.
+        // At least half of the source lies on the object, so the true pose brings it onto the target.
         let on_model = sample
             .source
             .iter()
@@ -84,7 +84,7 @@ fn on_listed_targets_the_others_are_trained_on() {
             .all(|i| (i.scene, i.image) == (0, 1))
     );
 
-    // A listed object without an estimate is a failure; objects in images that are not listed do not count.
+    // A listed object without an estimate counts as a failure; objects in images that are not listed do not count.
     let estimates = root.join(ESTIMATES_FILE);
     let mut kept = read_results(&estimates).expect("estimates");
     kept.retain(|e| (e.scene, e.image) == (0, 0));

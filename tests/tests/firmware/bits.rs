@@ -1,4 +1,4 @@
-//! The same actions and poses, to the bit, on every kernel and board.
+//! The same actions and poses on every kernel and board, bit for bit.
 
 use super::boards::on_boards_with;
 use super::{COMPACT, POLICY, manifest_of, on_boards, on_boards_for, request, request_of};
@@ -18,14 +18,14 @@ use reagent_tests::shared;
 use std::ops::ControlFlow;
 use std::sync::LazyLock;
 
-/// Actions and bits of the poses after them.
+/// Actions, and the bits of the pose after each.
 pub(crate) type Trajectory = Vec<(Action, [[u32; 4]; 3])>;
 
 pub(crate) fn bits(rows: [[f32; 4]; 3]) -> [[u32; 4]; 3] {
     rows.map(|row| row.map(f32::to_bits))
 }
 
-/// What a policy does.
+/// The trajectory of a policy on a pair.
 pub(crate) fn trajectory(
     file: &WeightFile,
     isa: Isa,
@@ -50,14 +50,14 @@ pub(crate) fn trajectory(
 /// Source and target.
 pub(crate) type Pair = [Vec<[f32; 3]>; 2];
 
-/// Twenty pairs of 1024 points: real ones where there are any, otherwise of shapes that every machine can draw.
+/// Twenty pairs of 1024 points: real ones if there are any, otherwise of shapes that every machine can draw.
 static PAIRS: LazyLock<PairSet> = LazyLock::new(|| {
     let drawn = || protocol::draw(&procedural::models(7, 20), Protocol::M40Models, 20, 7);
     shared("data/pairs_models.h5")
         .map_or_else(drawn, |path| PairSet::load(&path).expect("it is readable"))
 });
 
-/// Of each pair as many points as the board has time for: Helium is slow to simulate.
+/// Pairs with as many points as the board has time for; Helium is slow to simulate.
 fn pairs_for(kind: Kind) -> Vec<Pair> {
     let points = |i: usize| match kind {
         _ if i == 0 => 1024,
@@ -66,7 +66,7 @@ fn pairs_for(kind: Kind) -> Vec<Pair> {
     };
     let first = |cloud: &Vec<[f32; 3]>, i| {
         let mut cloud: Vec<_> = cloud.iter().copied().take(points(i)).collect();
-        // Boards leave out most of the work where neighbours follow each other.
+        // Boards skip most of the work if neighbours follow each other.
         if i.is_multiple_of(2) {
             put_in_order(&mut cloud);
         }
@@ -77,12 +77,12 @@ fn pairs_for(kind: Kind) -> Vec<Pair> {
         .collect()
 }
 
-/// The smaller ones.
+/// The pairs for the slower board.
 pub(crate) fn pairs() -> Vec<Pair> {
     pairs_for(Kind::CortexM55)
 }
 
-/// The steps of a policy, the same on every kernel of this machine.
+/// The trajectory of a policy, after checking that every kernel of this machine agrees.
 fn expected_of(file: &WeightFile, [source, target]: &Pair) -> Trajectory {
     let expected = trajectory(file, Isa::PORTABLE, source, target);
     for isa in Isa::all() {
@@ -128,8 +128,8 @@ fn boards_take_the_same_steps_to_the_same_bits() {
     });
 }
 
-/// A pair on grids: the frame of its request, source and target on a grid or as they are, and the points that
-/// the codes stand for.
+/// A pair with clouds on grids: the frame of its request, with source and target as codes or as floats, and the points
+/// that the codes stand for.
 fn on_grid(id: u64, steps: u8, pair: &Pair, formats: [bool; 2]) -> (Vec<u8>, Pair) {
     let grids = pair
         .each_ref()
@@ -149,7 +149,7 @@ fn on_grid(id: u64, steps: u8, pair: &Pair, formats: [bool; 2]) -> (Vec<u8>, Pai
 
 #[test]
 fn clouds_on_a_grid_take_the_steps_of_their_points_in_less_memory() {
-    // The largest, and pairs whose second cloud has to be aligned behind an odd number of codes.
+    // The largest pair, and pairs whose second cloud has to be aligned after an odd number of codes.
     let cases = [
         (0, [true, true]),
         (3, [true, true]),
@@ -158,7 +158,7 @@ fn clouds_on_a_grid_take_the_steps_of_their_points_in_less_memory() {
     ];
     let pairs = pairs();
     let cases = cases.map(|(i, formats)| {
-        // The large one takes a while.
+        // The large pair takes a while.
         let steps = if i == 0 { 2 } else { 10 };
         let (frame, points) = on_grid(i as u64, steps, &pairs[i], formats);
         assert!(i == 0 || points[0].len() % 2 == 1 && points != pairs[i]);
@@ -180,7 +180,7 @@ fn clouds_on_a_grid_take_the_steps_of_their_points_in_less_memory() {
             let (_, report) = board.ask().expect("it runs");
             let ram = (report.static_bytes + report.stack_capacity) as usize;
             assert!(ram <= GRID_RAM_BUDGET, "{ram} bytes of RAM");
-            // As floats they do not fit, and a policy's chunks do.
+            // As floats the clouds do not fit, but a policy's chunks do.
             let [source, target] = &pairs[0];
             let refused = board.refine(&request(9, 10, source, target), |_| {
                 ControlFlow::Continue(())
@@ -212,7 +212,7 @@ fn a_compact_network_runs_on_every_board_to_the_same_bits() {
 #[test]
 fn the_shipped_compact_policy_finds_a_pose_on_the_board() {
     let file = WeightFile::from_bytes(Policy::pretrained_compact_bytes()).expect("it is sound");
-    // The third of them. On the host the policy alone comes within 5 degrees for 14 of the 20.
+    // The third pair: on the host, the policy alone comes within 5 degrees for 14 of the 20.
     let shapes = protocol::draw(&procedural::models(7, 20), Protocol::M40Models, 20, 7);
     let pair = [&shapes.source[2], &shapes.target[2]].map(Clone::clone);
     let truth = shapes.target_from_source[2];

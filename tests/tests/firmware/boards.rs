@@ -12,7 +12,7 @@ pub(crate) fn images() -> Vec<(Kind, PathBuf)> {
     images_for(Clouds::Floats)
 }
 
-/// The same, with memory for such clouds.
+/// The same, with memory for clouds of this kind.
 pub(crate) fn images_for(clouds: Clouds) -> Vec<(Kind, PathBuf)> {
     let build = |kind| match build_image(kind, clouds) {
         Ok(image) => Some((kind, image)),
@@ -30,13 +30,13 @@ pub(crate) fn on_boards(with_policy: bool, test: impl Fn(Kind, Board) + Sync) {
     on_boards_for(Clouds::Floats, with_policy, test);
 }
 
-/// The same, on boards with memory for such clouds.
+/// The same, on boards with memory for clouds of this kind.
 pub(crate) fn on_boards_for(clouds: Clouds, with_policy: bool, test: impl Fn(Kind, Board) + Sync) {
     let content = with_policy.then(|| flash_content(&manifest_of(&POLICY, 5), POLICY.bytes()));
     on_boards_with(clouds, content.as_deref(), test);
 }
 
-/// Runs `test` on each board with memory for such clouds, side by side, with this in its flash.
+/// Runs `test` on each board with memory for clouds of this kind, side by side, with `content` in its flash.
 pub(crate) fn on_boards_with(
     clouds: Clouds,
     content: Option<&[u8]>,

@@ -1,4 +1,4 @@
-//! The C interface: the same bits, on the host, on aarch64 and on a board.
+//! The C interface gives the same bits on the host, on aarch64 and on a board.
 
 use super::bits::{Pair, Trajectory, pairs, trajectory};
 use super::{POLICY, image};
@@ -18,7 +18,7 @@ pub(crate) fn capi(path: &str) -> PathBuf {
         .join(path)
 }
 
-/// Builds the static library and gives its path; says why not where the target is not installed.
+/// Builds the static library and returns its path; says why not if the target is not installed.
 pub(crate) fn library(target: Option<&str>, profile: &str) -> Option<PathBuf> {
     let directory = capi("../../target/capi");
     let mut build = Command::new(env!("CARGO"));
@@ -40,7 +40,7 @@ pub(crate) fn library(target: Option<&str>, profile: &str) -> Option<PathBuf> {
     Some(folder.join(profile).join("libreagent.a"))
 }
 
-/// Output of a program that must succeed; `None`, with a word, where it is not installed.
+/// Output of a program that must succeed; `None`, with a message, if it is not installed.
 pub(crate) fn output(program: &str, arguments: &[&OsStr]) -> Option<String> {
     match Command::new(program).args(arguments).output() {
         Err(error) if error.kind() == ErrorKind::NotFound => {
@@ -69,7 +69,7 @@ fn lines(steps: Trajectory) -> String {
     lines
 }
 
-/// What `core/capi/examples/register.c` prints, from Rust.
+/// The output of `core/capi/examples/register.c`, computed in Rust.
 fn lines_of_the_c_example() -> String {
     let mut random = 1u32;
     let mut draw = || {
@@ -178,7 +178,7 @@ fn the_c_header_is_what_cbindgen_makes() {
     }
 }
 
-/// Microsoft's compiler has its own names for processors; the library writes 65 kB whatever the compiler of the program.
+/// Microsoft's compiler has its own names for processors; the library writes 65 kB whatever compiler built the program.
 #[test]
 fn memory_is_small_only_on_a_microcontroller() {
     let directory = tempfile::tempdir().expect("a temporary directory");
@@ -203,8 +203,8 @@ fn memory_is_small_only_on_a_microcontroller() {
     }
 }
 
-/// A pair as it is registered by `core/capi/examples/pairs.c`: every second two on grids, as the points that
-/// their codes stand for.
+/// A pair as `core/capi/examples/pairs.c` registers it: two of every four on grids, as the points that their codes
+/// stand for.
 fn as_registered(index: usize, pair: Pair) -> Pair {
     if index % 4 < 2 {
         return pair;
@@ -218,7 +218,7 @@ fn as_registered(index: usize, pair: Pair) -> Pair {
     on_grid
 }
 
-/// The pairs as `core/capi/examples/pairs.c` reads them.
+/// The pairs in the format that `core/capi/examples/pairs.c` reads.
 fn file_of_pairs() -> Vec<u8> {
     let count = |n: usize| u32::try_from(n).expect("small").to_le_bytes();
     let mut file = count(pairs().len()).to_vec();
@@ -253,7 +253,7 @@ fn aarch64_takes_the_same_steps_in_one_piece_and_in_slices() {
         trajectory(&POLICY, Isa::PORTABLE, &source, &target)
     });
     let expected: String = trajectories.map(lines).collect();
-    // With the dot product of bytes, and without.
+    // With the dot-product instructions for bytes, and without.
     for processor in ["max", "cortex-a72"] {
         let files = [&program, &policy, &clouds].map(|path| path.as_os_str());
         let arguments = [&["-cpu", processor].map(OsStr::new)[..], &files].concat();

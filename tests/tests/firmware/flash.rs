@@ -1,4 +1,4 @@
-//! What the board finds in its flash at its start decides whether it serves.
+//! The contents of its flash decide whether a board serves after its start.
 
 use super::{
     COMPACT, POLICY, cloud, manifest_of, on_boards, on_boards_with, request, still_answers,
@@ -9,7 +9,7 @@ use host_train::random::{Purpose, Rng, stream};
 use reagent_core::wire::{FLASH_HEADER_BYTES, FlashCheck, Manifest, Reason, Refusal};
 use std::ops::ControlFlow;
 
-/// The manifest of a policy, but of another first action.
+/// The manifest of a policy, with another first action.
 fn other_actions(file: &WeightFile, version: u64) -> Manifest {
     let mut manifest = manifest_of(file, version);
     let first = manifest.golden.first_mut().expect("clear actions");

@@ -1,4 +1,4 @@
-//! What is in the images: no way to panic, no more than was committed.
+//! The contents of the images: no way to panic, and no larger than was committed.
 
 use super::{images, on_boards};
 use firmware_sim::board::Kind;
@@ -31,7 +31,7 @@ fn images_cannot_panic_and_the_library_is_small() {
             "{kind:?}: {bytes} bytes of flash"
         );
     }
-    // A program of a host can.
+    // A program on the host can panic.
     let host = std::env::current_exe().expect("this program");
     assert!(!elf::read(&host).expect("an image").panics.is_empty());
 }

@@ -1,4 +1,4 @@
-//! The simulator ends with the process that has started it, however that ends; a board that hangs starts anew.
+//! The simulator ends with the process that started it, however that ends; a board that hangs is restarted.
 
 use super::c::output;
 use super::images;
@@ -11,10 +11,10 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
-/// Set for the process that is going to be killed.
+/// Set in the process that will be killed.
 const VICTIM: &str = "REAGENT_TEST_VICTIM";
 
-/// In the process that is going to be killed: a board, and waiting. Nothing in others.
+/// The process that will be killed starts a board and waits. Does nothing in other processes.
 #[test]
 fn victim() {
     if std::env::var_os(VICTIM).is_none() {
@@ -58,7 +58,7 @@ fn a_killed_process_leaves_no_simulator_behind() {
 }
 
 /// Nobody reads what the board sends, so that it cannot go on. A nanosecond of its time is a thousandth of an
-/// instruction, so that its seconds pass fast.
+/// instruction, so its seconds pass fast.
 #[test]
 #[cfg(unix)]
 fn the_watchdog_resets_a_board_that_hangs() {
@@ -85,7 +85,7 @@ fn the_watchdog_resets_a_board_that_hangs() {
             .write_all(b"{\"execute\": \"qmp_capabilities\"}")
             .expect("it listens");
         let mut line = qemu.stdin.take().expect("piped");
-        // Each is answered by a refusal. Ends when the simulator does.
+        // Each frame is refused with an answer. The thread ends when the simulator does.
         let flood = std::thread::spawn(move || while line.write_all(&[1, 1, 0]).is_ok() {});
         let limit = Some(Duration::from_secs(100));
         control.set_read_timeout(limit).expect("a time");

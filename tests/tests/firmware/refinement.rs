@@ -1,4 +1,4 @@
-//! A refined pose is the host's to the bit, and so is what is said of it.
+//! A refined pose and what is said of it are the host's, bit for bit.
 
 use super::bits::{bits, pairs};
 use super::boards::on_refining_boards;
@@ -12,7 +12,7 @@ use reagent_core::polish::Workspace;
 use reagent_core::wire::{CloudView, Fit, Mode, Reason, RefineReply, RefineRequest, Refusal};
 use std::ops::ControlFlow;
 
-/// What a host finds, the same on every kernel.
+/// The host's result, the same on every kernel.
 fn expected(request: &RefineRequest<'_>, pair: [&[[f32; 3]]; 2]) -> (Answer, Refinement) {
     let on = |isa| {
         let mut workspace = Box::new(Workspace::with_isa(isa));
@@ -43,7 +43,7 @@ fn boards_refine_and_verify_to_the_same_bits() {
         [0.0, 0.0, 1.0, 0.01],
     ]);
     let pairs = pairs();
-    // Of 1024 points once, with a new target and with one that is ready.
+    // One pair of 1024 points, with a new target and with a prepared one.
     let large = &pairs[0];
     let requests: Vec<_> = [(large, Mode::Refine), (large, Mode::Refine)]
         .into_iter()

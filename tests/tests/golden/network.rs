@@ -1,4 +1,4 @@
-//! The network: a step of it, and whole registrations.
+//! The network: one step, and whole registrations.
 
 use super::{actions, close, largest_difference, poses};
 use glam::Vec3;
@@ -40,7 +40,7 @@ fn forward_pass_of_the_trainer_and_of_the_robot() {
         let searched = features.clone();
         embed(&packed, 1024, &seen, &mut features);
         assert_eq!(searched.values.len(), features.values.len());
-        // Searched in 8 bits, a feature is exact or that of a point that comes close.
+        // With the search in 8 bits a feature is exact, or that of a point that comes close.
         let other = features.critical.iter().zip(&searched.critical);
         let other = other.filter(|(a, b)| a != b).count();
         assert!(other * 8 < features.critical.len(), "{other} other points");

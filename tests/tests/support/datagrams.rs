@@ -1,4 +1,4 @@
-//! A link of datagrams with faults: it delays them, loses some, and lets others overtake, from a seed.
+//! A link of datagrams with faults: it delays them, loses some, and lets others overtake, with a seed.
 
 use host_train::random::{Purpose, Rng, stream};
 use rand::RngExt;
@@ -10,9 +10,9 @@ use std::time::Duration;
 use tokio::net::UdpSocket;
 use tokio::task::JoinHandle;
 
-/// One way, at least.
+/// Least delay, one way.
 const DELAY: Duration = Duration::from_millis(100);
-/// And up to so much more, each datagram its own: whatever follows within it may overtake.
+/// Largest additional delay, drawn for each datagram: those that follow within it may overtake.
 const JITTER: Duration = Duration::from_millis(100);
 /// Share of datagrams that are lost.
 const LOSS: f64 = 0.3;
@@ -27,7 +27,7 @@ pub(crate) struct Datagrams {
 struct State {
     bad: AtomicBool,
     rng: Mutex<Rng>,
-    /// Number of the datagram that came last.
+    /// Number of the datagram sent last.
     sent: AtomicU64,
     /// The largest number that has arrived.
     arrived: AtomicU64,
@@ -74,12 +74,12 @@ impl Datagrams {
         }
     }
 
-    /// From now on it is bad.
+    /// Makes the link bad from now on.
     pub(crate) fn spoil(&self) {
         self.state.bad.store(true, Ordering::Relaxed);
     }
 
-    /// Datagrams lost, and datagrams that others overtook.
+    /// Numbers of datagrams that were lost and that others overtook.
     pub(crate) fn harm(&self) -> [u64; 2] {
         let State {
             lost, overtaken, ..
@@ -97,7 +97,7 @@ impl Drop for Datagrams {
 impl State {
     async fn back(self: Arc<Self>, far: Arc<UdpSocket>, near: Arc<UdpSocket>, to: SocketAddr) {
         let mut buffer = vec![0; 1 << 16];
-        // Nobody listens there for a moment: the next one may arrive.
+        // An error means that nobody listens there at the moment; the next datagram may arrive.
         while let Ok(count) = far.recv(&mut buffer).await {
             self.pass(&buffer[..count], near.clone(), Some(to));
         }
@@ -126,7 +126,7 @@ impl State {
                 Some(to) => by.send_to(&datagram, to).await,
                 None => by.send(&datagram).await,
             };
-            // A full buffer loses it, as networks do.
+            // A full buffer loses the datagram, as networks do.
             sent.ok();
         });
     }

@@ -1,7 +1,6 @@
-//! A link with faults, between sessions and a router: it delays, loses and is cut, from a seed.
+//! A link with faults, between sessions and a router: it delays, loses and is cut, with a seed.
 //!
-//! It carries TCP, so that what is lost comes late instead, as TCP sends it again, and holds up all that
-//! follows.
+//! It carries TCP, so that lost segments are sent again, come late, and hold up everything after them.
 
 use host_train::random::{Purpose, Rng, stream};
 use rand::RngExt;
@@ -16,14 +15,14 @@ use tokio::time::Instant;
 /// How bad a link is.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Faults {
-    /// One way.
+    /// Delay, one way.
     pub(crate) delay: Duration,
-    /// Share of segments that are lost and come again after [`Self::again`].
+    /// Share of segments that are lost, and come again after [`Self::again`].
     pub(crate) loss: f64,
     pub(crate) again: Duration,
 }
 
-/// A link that passes on what comes at its end.
+/// A link that passes on what arrives at its endpoint.
 pub(crate) struct Link {
     pub(crate) endpoint: String,
     cut: Arc<Notify>,
@@ -42,7 +41,7 @@ impl Link {
         let accepting = tokio::spawn(async move {
             let mut number = 0;
             while let Ok((near, _)) = listener.accept().await {
-                // Nobody listens there: the caller sees its connection end.
+                // Nobody listens there, and the caller's connection ends.
                 let Ok(far) = TcpStream::connect(&router).await else {
                     continue;
                 };
@@ -93,7 +92,7 @@ async fn pass(
     faults: Faults,
     mut rng: Rng,
 ) {
-    // As much is under way as TCP's window would let.
+    // As much may be in flight as TCP's window would allow.
     let (sender, mut under_way) = mpsc::channel::<(Instant, Vec<u8>)>(256);
     let reading = async {
         let mut segment = vec![0; 1 << 14];

@@ -33,7 +33,7 @@ use zenoh::pubsub::Subscriber;
 use zenoh::query::{Query, Queryable};
 use zenoh::{Session, Wait};
 
-/// A router that only this test knows.
+/// A private router of a test.
 pub(crate) struct Network {
     pub(crate) endpoint: String,
     pub(crate) router: Session,
@@ -45,7 +45,7 @@ impl Network {
         Network { endpoint, router }
     }
 
-    /// A session of its own, connected to the router.
+    /// Opens another session that is connected to the router.
     pub(crate) async fn join(&self) -> Session {
         open(&SessionArgs {
             connect: vec![self.endpoint.clone()],
@@ -55,7 +55,7 @@ impl Network {
         .expect("the router listens")
     }
 
-    /// A node without state directory that takes any signed policy.
+    /// A node without a state directory that takes any signed policy.
     pub(crate) async fn node(&self, fleet: &str, robot: &str) -> Node {
         let config = NodeConfig {
             fleet: fleet.into(),
@@ -89,7 +89,7 @@ pub(crate) async fn served(session: &Session, key: &str) {
     }
 }
 
-/// Waits until the node's state is as wanted; only a broken node lets the watchdog bite.
+/// Waits until the node's state is as wanted; only a broken node triggers the watchdog.
 pub(crate) async fn until(node: &Node, wanted: impl FnMut(&View) -> bool) -> View {
     let mut view: watch::Receiver<View> = node.watch();
     let reached = tokio::time::timeout(Duration::from_secs(60), view.wait_for(wanted));
@@ -102,7 +102,7 @@ pub(crate) fn random_policy(seed: u64) -> WeightFile {
     WeightFile::from_parameters(&Parameters::random(Shape::PAPER, seed)).expect("deployable")
 }
 
-/// The bundled policy in 8-bit integers, deciding as it does.
+/// The bundled policy in 8-bit integers, with its decision rule.
 pub(crate) fn int8_policy() -> WeightFile {
     let parameters = WeightFile::pretrained().parameters(0).expect("f32");
     let models = procedural::models(1, 4);
@@ -131,17 +131,17 @@ pub(crate) async fn publisher(network: &Network) -> Publisher {
     Publisher::new(network.join().await, FLEET, key(1)).expect("a good name")
 }
 
-/// Somebody who announces a policy and answers for its chunks, as a broken or hostile host might.
+/// A host that announces a policy and serves its chunks, as a broken or hostile one might.
 pub(crate) struct Host {
     pub(crate) manifest: Manifest,
     pub(crate) signed: Vec<u8>,
-    /// Chunks that were asked for so far.
+    /// Number of chunks that were asked for so far.
     pub(crate) asked: Arc<AtomicU32>,
     _serving: Queryable<()>,
 }
 
 impl Host {
-    /// Serves `table` and what `chunk` returns for each index; an error reply where that is nothing.
+    /// Serves `table`, and what `chunk` returns for each index; an error reply for `None`.
     pub(crate) async fn serve(
         session: &Session,
         manifest: Manifest,
@@ -193,7 +193,7 @@ impl Host {
     }
 }
 
-/// Keeps the fleet's policies as a router's storage does: what is put is kept, and answered.
+/// Keeps the fleet's policies as a router's storage does: it stores what is put, and answers with it.
 pub(crate) async fn storage(router: &Session) -> (Subscriber<()>, Queryable<()>) {
     let kept: Arc<Mutex<BTreeMap<String, Vec<u8>>>> = Arc::default();
     let everything = format!("reagent/v1/{FLEET}/policy/**");
@@ -234,7 +234,7 @@ pub(crate) async fn put_manifest(session: &Session, frame: Vec<u8>) {
     publisher.put(frame).await.expect("an open session");
 }
 
-/// A request for ten steps of the policy, with time enough on a busy machine.
+/// A request for ten steps of the policy, with enough time on a busy machine.
 pub(crate) fn request<'a>(source: &'a [[f32; 3]], target: &'a [[f32; 3]]) -> RefineRequest<'a> {
     RefineRequest {
         mode: Mode::Fast,
@@ -243,7 +243,7 @@ pub(crate) fn request<'a>(source: &'a [[f32; 3]], target: &'a [[f32; 3]]) -> Ref
     }
 }
 
-/// What core computes here for the same clouds.
+/// The pose that core computes here for the same clouds.
 pub(crate) fn local_pose(
     policy: &WeightFile,
     source: &[[f32; 3]],

@@ -1,4 +1,4 @@
-//! Members of a fleet as processes of their own, which can be killed: a test program that runs itself again.
+//! Members of a fleet as separate processes, which can be killed: a test program that runs itself again.
 
 use super::{FLEET, key};
 use firmware_sim::node::{Node, NodeConfig};
@@ -11,12 +11,12 @@ use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
-/// What a process is, in words, a line each.
+/// Variable with a process's role, one word a line.
 const ROLE: &str = "REAGENT_ROLE";
-/// What it prints when it is ready.
+/// What a member prints when it is ready.
 const UP: &str = "this member is up";
 
-/// A process with a role. It ends with this value, and with this program.
+/// A process with a role. It ends when this value is dropped, and with this program.
 pub(crate) struct Member(Child);
 
 impl Member {
@@ -52,12 +52,12 @@ impl Drop for Member {
     }
 }
 
-/// Where this process has a role, plays it without end.
+/// If this process has a role, plays it without end.
 pub(crate) async fn play() {
     let Ok(role) = std::env::var(ROLE) else {
         return;
     };
-    // The other end closes when the program that started this one ends, however it does.
+    // The other end closes when the program that started this one ends, in whatever way.
     std::thread::spawn(|| {
         std::io::stdin().read_to_end(&mut Vec::new()).ok();
         std::process::exit(0);

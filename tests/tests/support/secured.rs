@@ -1,4 +1,4 @@
-//! A fleet whose members prove who they are: certificates and configurations by `firmware-sim/deploy/make-ca`.
+//! A fleet whose members are authenticated, with certificates and configurations by `firmware-sim/deploy/make-ca`.
 
 use super::key;
 use firmware_sim::node::{Node, NodeConfig};
@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use zenoh::Session;
 
-/// The fleet of those tests.
+/// The fleet of these tests.
 pub(crate) const LAB: &str = "lab";
 
 /// Certificates and configurations of a fleet with two robots, and its router.
@@ -35,7 +35,7 @@ pub(crate) fn make_ca(folder: &Path, port: u16) -> bool {
     true
 }
 
-/// A router beside the first, for others.
+/// A second router beside the first, for other members.
 pub(crate) struct Second {
     pub(crate) port: u16,
     _router: Session,
@@ -62,7 +62,7 @@ impl Secured {
         Secured::with(|_| {}).await
     }
 
-    /// With a router that takes so many sessions.
+    /// With a router that accepts so many sessions.
     pub(crate) async fn with_sessions(most: usize) -> Option<Secured> {
         let limit = |folder: &Path| {
             let path = folder.join("router.json5");
@@ -81,10 +81,10 @@ impl Secured {
         Some(secured)
     }
 
-    /// The files alone.
+    /// Only the files, without a router.
     pub(crate) fn without_router() -> Option<Secured> {
         let folder = tempfile::tempdir().expect("a temporary directory");
-        // Held while the keys are made: that takes long enough for others to take it.
+        // Held while the keys are made, which takes long enough for others to take the port.
         let (_socket, port) = free_port();
         make_ca(folder.path(), port).then_some(Secured {
             folder,
@@ -93,7 +93,7 @@ impl Secured {
         })
     }
 
-    /// Makes every key and certificate anew, those of the authority too.
+    /// Renews every key and certificate, including the authority's.
     pub(crate) fn renew(&self) {
         let read = || std::fs::read(self.folder.path().join("ca.pem")).expect("readable");
         let old = read();
@@ -110,7 +110,7 @@ impl Secured {
         assert_ne!(old, read());
     }
 
-    /// One more router of the network, connected to the first.
+    /// Starts another router of the network, connected to the first.
     pub(crate) async fn second_router(&self) -> Second {
         let (_, port) = free_port();
         let first = vec![format!("quic/localhost:{}?multistream=0", self.port)];
@@ -128,7 +128,7 @@ impl Secured {
         self.join_at(name, self.port).await
     }
 
-    /// Joins by another port of this machine than the router's own.
+    /// Joins through another port of this machine than the router's own.
     pub(crate) async fn join_at(&self, name: &str, port: u16) -> Session {
         let args = SessionArgs {
             zenoh: Some(self.config(name)),
@@ -146,7 +146,7 @@ impl Secured {
         self.run(self.join_at(robot, port).await, robot).await
     }
 
-    /// A robot that calls itself otherwise than its certificate does.
+    /// A robot that uses another name than its certificate's.
     pub(crate) async fn named(&self, certificate: &str, robot: &str) -> Node {
         self.run(self.join(certificate).await, robot).await
     }

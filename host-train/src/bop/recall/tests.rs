@@ -38,7 +38,7 @@ fn turned(angle: f32) -> Pose {
     }
 }
 
-/// Its true pose: 100 mm ahead, where a pixel sees a millimetre.
+/// Its true pose: 100 mm ahead, where a pixel is a millimetre wide.
 fn truth() -> Pose {
     at(0.0, 100.0)
 }
@@ -50,12 +50,12 @@ fn at(x: f32, z: f32) -> Pose {
     }
 }
 
-/// What the camera sees: the plate, 20 by 20 pixels, before a wall; `change` gets a pixel's place and depth.
+/// The camera's view: the plate, 20 by 20 pixels, in front of a wall. `change` gets a pixel's place and depth.
 fn seen(change: impl Fn(Vec2, f32) -> f32) -> DepthImage {
     let camera = Pinhole {
         size: SIZE,
         focal: Vec2::splat(100.0),
-        // No pixel lies on the diagonal along which the plate is cut.
+        // No pixel lies on the diagonal along which the plate is divided.
         centre: Vec2::new(31.5, 23.3),
     };
     let depth = |pixel: usize| {
@@ -82,8 +82,8 @@ fn the_true_pose_has_no_error() {
     );
 }
 
-/// 3 mm farther away: more than .1 of 28.3 mm, less than .15. The same pixels see the plate. Its corners move from
-/// 10 to 9.709 pixels along each axis, in an image a tenth as wide as those for which MSPD's thresholds hold.
+/// 3 mm farther away: more than .1 of the 28.3 mm, less than .15. The same pixels see the plate. Its corners move from
+/// 10 to 9.709 pixels along each axis, in an image a tenth as wide as MSPD's thresholds assume.
 #[test]
 fn an_error_in_depth_is_what_one_can_see() {
     let found = errors(1, &seen(|_, depth| depth), at(0.0, 103.0));
@@ -104,7 +104,7 @@ fn an_error_in_depth_is_what_one_can_see() {
     assert!((recall.ar - 260.0 / 3.0).abs() < 1e-9);
 }
 
-/// 4 mm to the side: 16 of 20 columns are of both poses, 8 of one only.
+/// 4 mm to the side: 16 of 20 columns belong to both poses, 8 to one only.
 #[test]
 fn pixels_of_one_pose_only_are_wrong() {
     let found = errors(1, &seen(|_, depth| depth), at(4.0, 100.0));
@@ -119,7 +119,7 @@ fn pixels_of_one_pose_only_are_wrong() {
     assert_eq!((behind.vsd, behind.mspd), ([1.0; 10], f64::INFINITY));
 }
 
-/// A quarter turn changes nothing where it is a symmetry; else each corner moves by a side.
+/// A quarter turn changes nothing if it is a symmetry; otherwise each corner moves by a side.
 #[test]
 fn the_nearest_of_the_symmetries_counts() {
     let image = seen(|_, depth| depth);
@@ -134,15 +134,15 @@ fn the_nearest_of_the_symmetries_counts() {
     assert_eq!((alike.vsd, other.vsd), ([0.0; 10], [0.0; 10]));
 }
 
-/// Something 20 mm nearer hides the left half of the true pose: what lies there is not visible, and not wrong. Nothing measured
-/// hides nothing, nor does what is 10 mm nearer.
+/// Something 20 mm nearer hides the left half of the true pose: what lies there is not visible, and not wrong. Missing
+/// measurements hide nothing, nor does something 10 mm nearer.
 #[test]
 fn what_is_hidden_does_not_count() {
     let share = |measured: f32| {
         let left = move |place: Vec2, depth: f32| if place.x < 0.0 { measured } else { depth };
         errors(1, &seen(left), at(-4.0, 100.0)).vsd[9]
     };
-    // Of the right half, 10 columns, the estimate leaves 4.
+    // Of the right half, 10 columns, the estimate misses 4.
     assert!((share(80.0) - 4.0 / 10.0).abs() < 1e-9, "{}", share(80.0));
     for measured in [0.0, 90.0] {
         assert!(
@@ -153,14 +153,14 @@ fn what_is_hidden_does_not_count() {
     }
 }
 
-/// The true pose is visible in front of a measured depth, the estimate behind it: the estimate's pixels count where the truth's do.
+/// The truth is visible in front of a measured depth; the estimate behind it counts where the truth does.
 #[test]
 fn an_estimate_behind_what_was_measured_counts_where_the_truth_is_visible() {
     let found = errors(1, &seen(|_, depth| depth), at(0.0, 130.0));
-    // Distances differ by more than half a diameter; 15.4 pixels a side are seen of it: 16.
+    // Distances differ by more than half a diameter; 15.4 pixels a side of it are seen: 16.
     assert_eq!(found.vsd, [1.0; 10]);
     let found = errors(1, &seen(|_, depth| depth), at(0.0, 110.0));
-    // 10 mm are .354 diameters: 18 by 18 pixels are right from .4 on, the others are of the truth alone.
+    // 10 mm are .354 diameters: 18 by 18 pixels are right from .4 on, the others belong to the truth alone.
     let alone = 1.0 - 18.0 * 18.0 / 400.0;
     let right = |k: usize| (found.vsd[k] - alone).abs() < 1e-9;
     assert!(

@@ -1,10 +1,9 @@
-//! Initial poses with errors of the size that PoseCNN makes on LINEMOD.
+//! Initial poses with errors as large as PoseCNN's on LINEMOD.
 //!
-//! The errors are chosen so that the estimates of non-symmetric built-in shapes fall below .10, .05 and .02 diameters of
-//! AD about as often as PoseCNN's do on LINEMOD: 62.8, 26.9 and 3.3 percent (the paper's tables); measured over two
-//! sets of scenes of 32 shapes: 66 and 71, 30 and 26, 2 and 3 percent. PoseCNN estimates
-//! where the object's centre is seen and how far it is: the centre errs by a few pixels, the distance by
-//! centimetres.
+//! The errors are chosen so that the AD of estimates of non-symmetric built-in shapes is below .10, .05 and .02
+//! diameters about as often as PoseCNN's on LINEMOD: 62.8, 26.9 and 3.3 percent (the paper's tables). Measured on two
+//! sets of scenes of 32 shapes: 66 and 71, 30 and 26, 2 and 3 percent. PoseCNN estimates the object's centre in the
+//! image and its distance: the centre errs by a few pixels, the distance by centimetres.
 
 use crate::dataset::raster::Pinhole;
 use crate::random::Rng;
@@ -14,11 +13,11 @@ use reagent_core::Pose;
 
 /// Rotation error: standard deviation of each component of the rotation vector, degrees.
 const ROTATION_SIGMA_DEG: f32 = 6.0;
-/// Standard deviation of the centre's place in an image of 640 columns, pixels.
+/// Standard deviation of the centre in an image of 640 columns, pixels.
 const CENTRE_SIGMA: f32 = 2.0;
 /// Standard deviation of the distance, millimetres.
 const DEPTH_SIGMA_MM: f32 = 13.0;
-/// Some images are hard and others easy: all errors of an estimate share a log-normal factor with this sigma.
+/// Standard deviation of the logarithm of a factor that all errors of an estimate share: some images are hard.
 const SPREAD: f32 = 0.5;
 
 /// An initial estimate of a pose.

@@ -4,10 +4,10 @@
 //! |---|---|
 //! | camera | LINEMOD's intrinsics, scaled to the size of the image |
 //! | noise | Kinect: [`sensor`] |
-//! | masks | true ones, and displaced, eroded or dilated ones as an estimator's: [`sensor`] |
-//! | initial estimates | errors of PoseCNN's size on LINEMOD: [`guess`] |
+//! | masks | true ones, and displaced, eroded or dilated ones like an estimator's: [`sensor`] |
+//! | initial estimates | with errors like PoseCNN's on LINEMOD: [`guess`] |
 //!
-//! Everything depends on the seed, and each image on its number.
+//! Everything depends on the seed, and each image also on its number.
 
 pub mod guess;
 pub mod objects;
@@ -27,10 +27,10 @@ use std::path::{Path, PathBuf};
 pub const ESTIMATES_FILE: &str = "estimates.csv";
 /// Millimetres of one unit of the depth images.
 const DEPTH_SCALE_MM: f64 = 0.1;
-/// Objects that are visible by less than this have no estimate: BOP's own limit for test targets.
+/// Objects less visible than this have no estimate (BOP's own limit for test targets).
 const LEAST_VISIBLE: f64 = 0.1;
 
-/// What is generated.
+/// What to generate.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SynthSettings {
     /// Scenes of the split `test`.
@@ -64,11 +64,11 @@ impl Default for SynthSettings {
     }
 }
 
-/// Writes models, both splits and the initial estimates for `test` into an empty or absent folder. `progress` is
-/// called once an image.
+/// Writes models, both splits and the initial estimates for `test` into an empty or absent folder. `progress` is called
+/// once per image.
 ///
 /// # Errors
-/// A folder that holds anything; the system's errors.
+/// A folder that is not empty; the system's errors.
 pub fn generate(
     objects: &[Object],
     settings: &SynthSettings,
@@ -91,7 +91,7 @@ pub fn generate(
     ];
     for (split, scenes, number) in splits {
         for k in 0..scenes {
-            // One stream places a scene's objects, and one each of its images.
+            // One stream places a scene's objects; each of its images has another one.
             let first = (number << 48) | ((k as u64) << 24);
             let rng = &mut stream(settings.seed, Purpose::Scene, first);
             let scene = Scene::arrange(objects, settings.per_scene, rng);
@@ -134,7 +134,7 @@ impl SceneWriter {
         })
     }
 
-    /// Renders and writes one image; returns initial estimates of the objects that are visible, scene 0.
+    /// Renders and writes one image. Returns initial estimates of the objects that are visible, with scene 0.
     fn image(
         &mut self,
         image: u32,

@@ -1,4 +1,4 @@
-//! The objects of generated scenes: meshes brought to millimetres, with what is known of their symmetries.
+//! The objects of generated scenes: meshes scaled to millimetres, with their known symmetries.
 
 use crate::dataset::bop::BopError;
 use crate::dataset::bop::json::{self, ContinuousSymmetry, ModelInfo, Numbered};
@@ -15,14 +15,14 @@ use std::path::{Path, PathBuf};
 
 /// Diameters to which objects are scaled, millimetres: those of LINEMOD's objects are 102 to 283.
 const DIAMETER_MM: std::ops::Range<f32> = 100.0..250.0;
-/// Streams of objects are apart from those of scenes.
+/// First stream of the objects, apart from those of the scenes.
 const OBJECT_STREAM: u64 = 1 << 56;
-/// Built-in shapes from this number on; training on built-in shapes counts up from 0, evaluation from 2^32.
+/// Number of the first built-in shape; training counts from 0, evaluation from 2^32.
 const SHAPES: u64 = 1 << 33;
-/// Kinds of files that can hold a mesh.
+/// Kinds of files that may hold a mesh.
 const MESH_FILES: [&str; 4] = ["ply", "off", "obj", "stl"];
 
-/// What turns leave an object as it is.
+/// The turns that leave an object unchanged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Symmetry {
     /// None is known.
@@ -119,8 +119,8 @@ fn exact_diameter(mesh: &Mesh) -> f64 {
     diameter(&vertices)
 }
 
-/// Built-in objects: every fourth a plain solid of revolution, every eighth a box, the others shapes of the
-/// parametric families, of random diameters.
+/// Built-in objects of random diameters. Of every eight, one is a plain solid of revolution and one a box; the others
+/// are shapes of the parametric families.
 pub fn procedural(count: usize, seed: u64) -> Vec<Object> {
     let draw = |k: usize| {
         let rng = &mut stream(seed, Purpose::Scene, OBJECT_STREAM + k as u64);
@@ -141,7 +141,7 @@ pub fn procedural(count: usize, seed: u64) -> Vec<Object> {
     (0..count).map(draw).collect()
 }
 
-/// A closed vessel or pin of random profile about y.
+/// A closed vessel or pin with a random profile about y.
 fn turned(rng: &mut Rng) -> Mesh {
     let rings = rng.random_range(3..7);
     let mut profile = vec![Vec2::ZERO];
@@ -162,8 +162,8 @@ fn cuboid(rng: &mut Rng) -> Mesh {
     mesh
 }
 
-/// Meshes from a file or from the files of a folder and the folders in it (`.ply .off .obj .stl`), at most `count` of them,
-/// drawn at random but kept in the order of their paths. Nothing is known of their symmetries. Each is scaled to a random
+/// Meshes from a file, or from the files of a folder and its subfolders (`.ply .off .obj .stl`): at most `count` of
+/// them, drawn at random but in the order of their paths. Their symmetries are not known. Each is scaled to a random
 /// diameter, or by `mm_per_unit`.
 ///
 /// # Errors

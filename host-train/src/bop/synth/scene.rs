@@ -1,4 +1,4 @@
-//! Objects placed on a plane, and what a camera without noise sees of them.
+//! Objects placed on a plane, and what a noise-free camera sees of them.
 
 use super::objects::Object;
 use crate::augment::random_rotation;
@@ -13,7 +13,7 @@ use std::f32::consts::TAU;
 const LINEMOD_FOCAL: Vec2 = Vec2::new(572.4114, 573.57043);
 const LINEMOD_CENTRE: Vec2 = Vec2::new(325.2611, 242.049);
 
-/// LINEMOD's camera for an image of another size, with the field of view kept across the columns.
+/// LINEMOD's camera for another image size, with the same horizontal field of view.
 pub fn linemod_camera(size: [usize; 2]) -> Pinhole {
     let scale = size[0] as f32 / 640.0;
     let half = Vec2::splat(0.5);
@@ -32,8 +32,8 @@ pub struct Scene<'o> {
 }
 
 impl<'o> Scene<'o> {
-    /// Places `count` objects, drawn with replacement, near the origin, each turned at random, touching the plane and
-    /// clear of the others: circles about their vertices, seen from above, do not overlap.
+    /// Places `count` objects, drawn with replacement, near the origin. Each is turned at random, touches the plane,
+    /// and stands clear of the others: circles around their vertices, seen from above, do not overlap.
     pub fn arrange(objects: &'o [Object], count: usize, rng: &mut Rng) -> Scene<'o> {
         let mut placed: Vec<(&Object, Pose)> = Vec::new();
         let mut circles: Vec<(Vec2, f32)> = Vec::new();
@@ -73,8 +73,8 @@ impl<'o> Scene<'o> {
         Scene { placed }
     }
 
-    /// A random view, camera_from_world: 600 to 1000 mm from a point near the middle, 10 to 55 degrees above the
-    /// plane, turned by up to 15 degrees about the line of sight. The camera looks along z, with y down.
+    /// A random view, camera_from_world: 600 to 1000 mm from a point near the middle, 10 to 55 degrees above the plane,
+    /// rolled by up to 15 degrees. The camera looks along z, with y down.
     pub fn view(&self, rng: &mut Rng) -> Pose {
         let azimuth = rng.random_range(0.0..TAU);
         let (sine, cosine) = rng
@@ -101,7 +101,7 @@ impl<'o> Scene<'o> {
             .map(|&(object, world_from_model)| (object, camera_from_world.after(world_from_model)))
     }
 
-    /// The exact depth of each pixel, and whose it is.
+    /// Renders the exact depth of each pixel, and which object it shows.
     pub fn render(&self, camera: &Pinhole, camera_from_world: &Pose) -> Rendered {
         let up = camera_from_world.rotation * Vec3::Z;
         let height = -up.dot(camera_from_world.translation);
@@ -139,19 +139,19 @@ impl<'o> Scene<'o> {
 pub struct Rendered {
     /// Columns and rows.
     pub size: [usize; 2],
-    /// One over the depth, 1/mm; 0 where nothing is seen.
+    /// Inverse depths, 1/mm; 0 where nothing is seen.
     pub inverse_depths: Vec<f32>,
     owner: Vec<Option<usize>>,
     silhouettes: Vec<Vec<bool>>,
 }
 
 impl Rendered {
-    /// Pixels that the object number `index` would cover alone.
+    /// Pixels that object number `index` would cover alone.
     pub fn silhouette(&self, index: usize) -> Vec<bool> {
         self.silhouettes[index].clone()
     }
 
-    /// Pixels in which it is seen.
+    /// Pixels in which object number `index` is seen.
     pub fn visible(&self, index: usize) -> Vec<bool> {
         self.owner.iter().map(|&o| o == Some(index)).collect()
     }

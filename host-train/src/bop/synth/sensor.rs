@@ -1,22 +1,22 @@
-//! What a depth camera and a segmentation network make of an exact image.
+//! A depth camera's and a segmentation network's view of an exact image.
 //!
-//! Depth noise is that of a Kinect as measured by Nguyen, Izadi and Lovell (Modeling Kinect Sensor Noise for Improved
-//! 3D Reconstruction and Tracking, 3DIMPVT 2012): along the ray, a standard deviation of
-//! `1.2 + 1.9 (z - 0.4)²` mm at a depth of z m; across, .8 of a pixel at 640 columns, which mixes up the depths on both
-//! sides of an edge. Depths next to an edge are often missing.
+//! Depth noise is a Kinect's, as measured by Nguyen, Izadi and Lovell (Modeling Kinect Sensor Noise for Improved 3D
+//! Reconstruction and Tracking, 3DIMPVT 2012). Along the ray its standard deviation is `1.2 + 1.9 (z - 0.4)²` mm at a
+//! depth of z m; across it, .8 of a pixel at 640 columns, which mixes the depths on both sides of an edge. Depths next
+//! to an edge are often missing.
 
 use super::scene::Rendered;
 use crate::random::Rng;
 use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
 
-/// Lateral noise, columns of an image of 640.
+/// Standard deviation of the lateral noise, pixels of an image of 640 columns.
 const LATERAL_SIGMA: f32 = 0.8;
 /// Neighbouring depths that differ by more than this are an edge.
 const EDGE_MM: f32 = 20.0;
-/// Share of the pixels at an edge without depth.
+/// Share of the pixels at an edge that have no depth.
 const MISSING_AT_EDGE: f64 = 0.3;
-/// Share of all pixels without depth.
+/// Share of all pixels that have no depth.
 const MISSING: f64 = 0.005;
 
 fn normal(rng: &mut Rng) -> f32 {
@@ -30,17 +30,16 @@ pub struct Sensor {
     pub noise: f32,
     /// Lateral noise, standard deviation in pixels.
     pub lateral: f32,
-    /// Depths are whole multiples of this at 1 m, and of its square with the distance, as those of a disparity;
-    /// millimetres, 0 for none.
+    /// Quantisation step at 1 m, millimetres, growing with the square of the distance as for a disparity; 0 for none.
     pub step_mm: f32,
-    /// Share of the pixels at an edge that lie somewhere between both sides.
+    /// Share of the pixels at an edge with a depth between its two sides.
     pub flying: f32,
-    /// Share of the pixels that are anywhere.
+    /// Share of the pixels with a random depth.
     pub stray: f32,
 }
 
 impl Sensor {
-    /// The Kinect's noise and nothing else, in images of so many columns.
+    /// The Kinect's noise alone, for images of so many columns.
     pub fn kinect(noise: f32, columns: usize) -> Sensor {
         Sensor {
             noise,
@@ -51,7 +50,7 @@ impl Sensor {
         }
     }
 
-    /// A sensor for one training view.
+    /// A random sensor for one training view.
     pub fn draw(rng: &mut Rng) -> Sensor {
         Sensor {
             noise: rng.random_range(0.2..1.4),
@@ -62,7 +61,7 @@ impl Sensor {
         }
     }
 
-    /// The depth that it gives at a pixel of an image of exact ones, millimetres; 0 for none in either.
+    /// The depth that it measures at a pixel of an exact image, millimetres; 0 for no depth in either.
     pub fn read(
         &self,
         depths: &impl Fn(usize, usize) -> f32,
@@ -70,7 +69,7 @@ impl Sensor {
         [column, row]: [usize; 2],
         rng: &mut Rng,
     ) -> f32 {
-        // The same number of draws for every pixel.
+        // A Kinect takes these draws, and no others, for every pixel.
         let (du, dv, dz) = (normal(rng), normal(rng), normal(rng));
         let dropped: f64 = rng.random();
         let near = |x: usize, shift: f32, size: usize| {
@@ -115,8 +114,7 @@ impl Sensor {
     }
 }
 
-/// Depths in millimetres as the sensor gives them, 0 where there is none. `noise` multiplies all of the noise; 0
-/// gives the exact depths.
+/// The depths that the sensor measures, millimetres, 0 for none. `noise` scales all of its noise; 0 gives the exact depths.
 pub fn observe(rendered: &Rendered, noise: f32, rng: &mut Rng) -> Vec<f32> {
     let [width, height] = rendered.size;
     let depths = |column: usize, row: usize| {
@@ -129,9 +127,9 @@ pub fn observe(rendered: &Rendered, noise: f32, rng: &mut Rng) -> Vec<f32> {
         .collect()
 }
 
-/// A mask as an estimator gives it: the true one displaced by some per cent of its extent, eroded or dilated by up to
-/// two pixels, and in three of ten cases with a round part missing. Where less than a third of the true one
-/// would be left, it is the true one.
+/// A mask as an estimator would give it: the true one displaced by some per cent of its extent, eroded or dilated by up
+/// to two pixels, and in three of ten cases with a round part missing. If less than a third of the true mask would be
+/// left, the true one is returned.
 pub fn estimated_mask(mask: &[bool], size: [usize; 2], rng: &mut Rng) -> Vec<bool> {
     let [left, top, columns, rows] = bounding_box(mask, size);
     let extent = columns.max(rows) as f32;

@@ -1,4 +1,4 @@
-//! A depth image in the source's place: `--depth`.
+//! A depth image in place of the source: `--depth`.
 
 use crate::dataset::Point;
 use crate::dataset::cloud_file::{CloudFile, Note};
@@ -7,7 +7,7 @@ use clap::Args;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-/// Millimetres a unit of depths in floating-point numbers, which are metres, and in integers.
+/// Millimetres per unit of depth: of floating-point numbers, which are metres, and of integers.
 const METRES: f64 = 1000.0;
 const MILLIMETRES: f64 = 1.0;
 
@@ -28,8 +28,8 @@ pub(super) struct DepthArgs {
         allow_hyphen_values = true
     )]
     camera: Option<Camera>,
-    /// Millimetres a unit of depth [default: of integers what the camera's file says, or 1; of floating-point numbers,
-    /// which are metres by convention, 1000]
+    /// Millimetres per unit of depth [default: for integers what the camera's file says, or 1; for floating-point
+    /// numbers, which are metres by convention, 1000]
     #[arg(long, value_name = "FACTOR", requires = "depth", conflicts_with = "pairs", value_parser = super::factor)]
     depth_scale: Option<f64>,
     /// Which pixels show the object: a greyscale PNG, or an array in a .npy file, 0 where they do not
@@ -62,7 +62,7 @@ impl FromStr for Camera {
 }
 
 impl DepthArgs {
-    /// Which options help where sizes differ.
+    /// The options that help if sizes differ.
     pub(super) fn size_advice(&self, notes: &[Note]) -> String {
         let scene = match self.mask {
             None => "Without --mask the source is the whole scene. ",
@@ -79,7 +79,7 @@ impl DepthArgs {
         format!("{scene}{unit}")
     }
 
-    /// The points of the object and those around it, millimetres in the camera's frame.
+    /// The object's points and those around it, millimetres in the camera's frame.
     pub(super) fn read(&self) -> Result<Option<(CloudFile, Vec<Point>)>, DepthError> {
         let (Some(path), Some(camera)) = (&self.depth, &self.camera) else {
             return Ok(None);

@@ -10,7 +10,7 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-/// Longest pose file that is read: a registration's JSON with its steps is far shorter.
+/// Longest pose file that is read; a registration's JSON with its steps is far shorter.
 const POSE_BYTES: u64 = 1 << 20;
 
 /// A start on the command line, or the file that holds it.
@@ -54,7 +54,7 @@ impl Initial {
         }
     }
 
-    /// The start; of a file, as many as it has poses.
+    /// The start, or all poses of a file.
     ///
     /// # Errors
     /// A file that cannot be read, or holds no pose.
@@ -92,7 +92,7 @@ fn read_poses(path: &Path) -> anyhow::Result<Vec<Pose64>> {
     }
 }
 
-/// The pose of a registration as `--json` writes it, alone, as a line of its own, or as the only one of a list.
+/// The pose of the only registration in the output of `--json`: an object, a line, or a list of one.
 fn of_registration(text: &str) -> anyhow::Result<Pose64> {
     let mut registrations = Vec::new();
     for document in Deserializer::from_str(text).into_iter::<Value>() {
@@ -121,8 +121,8 @@ fn parse_pose(text: &str) -> anyhow::Result<Pose64> {
     }
 }
 
-/// Twelve numbers a pose, the rows of `[R | t]`, or sixteen with the row 0 0 0 1; brackets, commas and white
-/// space separate them, as JSON arrays and text files do.
+/// Parses poses of twelve numbers, the rows of `[R | t]`, or of sixteen with the row 0 0 0 1. Brackets, commas and
+/// white space separate them, as in JSON arrays and text files.
 fn parse_poses(text: &str) -> anyhow::Result<Vec<Pose64>> {
     let numbers = text
         .split(|c: char| c.is_whitespace() || matches!(c, ',' | '[' | ']'))
@@ -196,7 +196,7 @@ mod tests {
         );
     }
 
-    /// A line of many pairs, and what makes a list of it.
+    /// A line about one of many pairs, and such lines as a list.
     #[test]
     fn the_only_registration_of_a_list_is_a_start() {
         let folder = tempfile::tempdir().expect("a temporary folder");

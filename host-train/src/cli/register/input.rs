@@ -1,4 +1,4 @@
-//! A file as it is registered.
+//! A file and the cloud that is registered from it.
 
 use crate::dataset::cloud_file::{CloudError, CloudFile, MAX_COORDINATE, read_file};
 use crate::register::prepared::Prepared;
@@ -9,14 +9,14 @@ use std::str::FromStr;
 /// One of the two clouds.
 #[derive(Debug)]
 pub struct Input {
-    /// What the file holds, scaled; all of it is written by `--out`.
+    /// The file's contents, scaled; `--out` writes all of them.
     pub file: CloudFile,
-    /// What is registered.
+    /// The cloud that is registered.
     pub cloud: Prepared<'static>,
 }
 
 impl Input {
-    /// Reads a file. Of a mesh, the seed decides which points of the surface are taken.
+    /// Reads a file. The seed decides which points of a mesh's surface are drawn.
     ///
     /// # Errors
     /// A file that cannot be read, and clouds that the core refuses.
@@ -29,7 +29,7 @@ impl Input {
         Input::of(read_file(path)?, path, scale, (points, seed))
     }
 
-    /// The same of what was read already, from `path`.
+    /// The same for contents that were read already, from `path`.
     pub(in crate::cli) fn of(
         mut file: CloudFile,
         path: &Path,
@@ -55,10 +55,10 @@ impl Input {
     }
 }
 
-/// Units of length: that of the source, and that of the target.
+/// Units of length, the source's and the target's.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Units {
-    /// Source units in a target unit.
+    /// Source unit, in target units.
     pub scale: f64,
 }
 

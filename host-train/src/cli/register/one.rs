@@ -1,4 +1,4 @@
-//! One pair: what is printed and written of it.
+//! Registration of one pair: its text and its files.
 
 use super::pairs::Pair;
 use super::{Pairing, RegisterArgs, series, text};
@@ -12,7 +12,7 @@ use crate::report::Report;
 use std::path::Path;
 
 impl RegisterArgs {
-    /// Registers one pair, and writes what is asked for.
+    /// Registers one pair, and prints and writes what was asked for.
     pub(super) fn run_one(
         &self,
         weights: &WeightFile,
@@ -83,7 +83,7 @@ impl RegisterArgs {
     }
 }
 
-/// The source, moved: a mesh as one where the format holds one, else the points of its surface.
+/// The moved source: a mesh if the format can hold one, else the points of its surface.
 fn aligned(pairing: &Pairing, path: &Path) -> CloudFile {
     let Pairing { inputs, done } = pairing;
     let [source, _] = inputs;

@@ -18,7 +18,7 @@ use walkdir::WalkDir;
 pub(super) struct Pair {
     pub(super) source: PathBuf,
     pub(super) target: PathBuf,
-    /// Where the sensor stood, if the source is a view from a point of its own.
+    /// Where the sensor stood, if the source is a view with a view point of its own.
     pub(super) view_point: Option<[f64; 3]>,
 }
 
@@ -31,10 +31,10 @@ pub(super) struct Lone {
     reason: &'static str,
 }
 
-/// The pairs of a folder: `NAME_source.EXT` and `NAME_target.EXT`, or `source.EXT` and `target.EXT` in folders of
-/// their own, by path. Of any other file, the pairs that it lists: two paths a line, relative to the file's folder, and
-/// the three coordinates of the source's view point if it has one of its own, separated by tabs, commas or blanks; `#`
-/// begins a comment.
+/// The pairs of a folder or of a list. In a folder, pairs are `NAME_source.EXT` and `NAME_target.EXT`, or `source.EXT`
+/// and `target.EXT` in folders of their own, ordered by path. In a list, each line has two paths relative to its
+/// folder, and the coordinates of the source's view point if it has one of its own, separated by tabs, commas or
+/// blanks; `#` begins a comment.
 pub(super) fn find(path: &Path) -> anyhow::Result<Vec<Result<Pair, Lone>>> {
     let pairs = if path.is_dir() {
         in_folder(path)?
@@ -130,7 +130,7 @@ fn listed(list: &Path) -> anyhow::Result<Vec<Pair>> {
 }
 
 impl RegisterArgs {
-    /// One line a pair, as it is done; a pair that fails, or a file without a partner, has a line with the reason.
+    /// Prints a line for each pair once it is done. A pair that fails, or a file without a partner, has the reason.
     pub(super) fn run_pairs(
         &self,
         weights: &WeightFile,
@@ -172,7 +172,7 @@ impl RegisterArgs {
     }
 }
 
-/// A line of the output, with fields in the order of `--json` of one pair.
+/// A line of the output, with fields in the order of a single pair's `--json`.
 #[derive(Default, Serialize)]
 struct Line {
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -181,13 +181,13 @@ struct Line {
     target: Option<String>,
     #[serde(flatten)]
     done: Option<Document>,
-    /// Why nothing was done.
+    /// Why the pair was not registered.
     #[serde(skip_serializing_if = "Option::is_none")]
     error: Option<String>,
 }
 
 impl Line {
-    /// The names of a pair, or of a file that has none.
+    /// A line with the names of a pair, or of a file without a partner.
     fn of(pair: &Result<Pair, Lone>) -> Line {
         let [source, target] = match pair {
             Ok(pair) => [Some(&pair.source), Some(&pair.target)],
@@ -243,7 +243,7 @@ mod tests {
         std::fs::write(at("list.txt"), "one\n").expect("written");
         let said = find(&at("list.txt")).expect_err("refused").to_string();
         assert!(said.contains("line 1: expected two files"), "{said}");
-        // A view from a point of its own.
+        // A view with a view point of its own.
         let views = "a_source.ply a_target.xyz 1 -2.5 3e2\nb-source.PLY, b-target.ply\n";
         std::fs::write(at("list.txt"), views).expect("written");
         let found = find(&at("list.txt")).expect("pairs");
@@ -255,7 +255,7 @@ mod tests {
             said.contains("line 1: a view point is three finite"),
             "{said}"
         );
-        // One that lacks its partner is named, and the others stay.
+        // A file without its partner is named, and the other pairs stay.
         std::fs::remove_file(at("a_target.xyz")).expect("removed");
         std::fs::remove_file(at("c/source.pcd")).expect("removed");
         let lone = |role, name: &str, reason| {

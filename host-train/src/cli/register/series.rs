@@ -8,7 +8,7 @@ use reagent_core::Pose;
 use std::fs;
 use std::path::Path;
 
-/// Refuses a folder that cannot be made or that holds something: what is left of a longer series would be taken for this one's.
+/// Makes the folder. Refuses one that is not empty, because it could hold the rest of a longer series.
 pub(super) fn make_folder(folder: &Path) -> anyhow::Result<()> {
     let named = || folder.display().to_string();
     fs::create_dir_all(folder).with_context(named)?;
@@ -17,7 +17,7 @@ pub(super) fn make_folder(folder: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Writes `target.ply`, and as `source_000.ply` and so on the source in its initial pose, after each step, and as it is given out.
+/// Writes `target.ply`, and as `source_000.ply` and so on the source in its initial, intermediate and final poses.
 pub(super) fn write(folder: &Path, traced: &Traced) -> anyhow::Result<()> {
     let Traced {
         header,

@@ -1,4 +1,4 @@
-//! What the source is: a cloud in a file or a depth image, in which unit, and from where it was seen.
+//! The source: a cloud in a file or a depth image, its unit, and where it was seen from.
 
 use super::depth::DepthArgs;
 use super::input::{Input, Units};
@@ -8,51 +8,51 @@ use crate::dataset::cloud_file::{CloudError, CloudFile, Note, extension, read_fi
 use clap::Args;
 use std::path::{Path, PathBuf};
 
-/// Said of a source that is none.
+/// The message about bag options for a source that is not a bag.
 pub(super) const OF_BAG: &str = "--topic and --message are for a bag (.mcap) as SOURCE";
 
-/// Said of an image where clouds are given.
+/// The message about an image in place of a cloud.
 const OF_IMAGE: &str = "a depth image goes with its camera in SOURCE's place: --depth IMAGE --camera FX,FY,CX,CY TARGET, and --mask and --depth-scale where they are needed";
 
-/// Columns that arrays of points have at most.
+/// Most columns of an array of points.
 const MOST_COLUMNS: usize = 16;
 
-/// Whether it is an image by its extension.
+/// Whether a file is an image, by its extension.
 fn is_image(path: &Path) -> bool {
     let images = ["png", "tif", "tiff", "exr", "pgm", "jpg", "jpeg", "bmp"];
     images.contains(&extension(path).as_str())
 }
 
-/// What the source is.
+/// Options that describe the source.
 #[derive(Clone, Debug, Default, Args)]
 pub struct SourceArgs {
-    /// Unit of the source, where the target is in metres, or of both: in:mm. Units: mm, cm, m, in, ft. The source
-    /// is scaled before anything else; the pose is that of the scaled source
+    /// Unit of the source if the target is in metres, or units of both: in:mm. Units: mm, cm, m, in, ft. The source is
+    /// scaled before anything else; the pose is that of the scaled source
     #[arg(long, value_name = "UNIT[:UNIT]", conflicts_with = "scale")]
     unit: Option<Units>,
-    /// Number by which the source is multiplied before anything else
+    /// Factor by which the source is multiplied before anything else
     #[arg(long, value_name = "FACTOR", value_parser = factor)]
     scale: Option<f64>,
     /// Where the sensor stood in the source's coordinates, scaled, three numbers separated by commas, or "origin": the
-    /// source is a view from there, and nothing stands between it and what it saw
+    /// source is a view from there, and nothing stands between the sensor and what it saw
     #[arg(long, value_name = "X,Y,Z", value_parser = view_point, allow_hyphen_values = true)]
     view: Option<[f64; 3]>,
     #[command(flatten)]
     depth: DepthArgs,
-    /// Of a bag as the source: the topic of the clouds [default: the only one that has some]
+    /// For a bag as the source: the topic of the clouds [default: the only one that has any]
     #[arg(long, value_name = "/TOPIC", conflicts_with = "depth")]
     topic: Option<String>,
-    /// Of a bag as the source: the number of the message, from 0, or seconds after the bag's start, as in 2.5s, for the first
-    /// from then on [default: 0]
+    /// For a bag as the source: the number of the message, from 0, or seconds after the bag's start, such as 2.5s, for
+    /// the first one from then on [default: 0]
     #[arg(long, value_name = "N|TIME", conflicts_with = "depth")]
     message: Option<Which>,
 }
 
 impl SourceArgs {
-    /// Source and target of the files named, two, or with a depth image the target alone.
+    /// Source and target from the files named: two of them, or the target alone with a depth image.
     ///
     /// # Errors
-    /// Too many or too few of them, in a sentence.
+    /// Too many or too few files, as a sentence.
     pub fn files(&self, named: [&Option<PathBuf>; 2]) -> Result<[PathBuf; 2], &'static str> {
         match (&self.depth.depth, named) {
             (_, [Some(source), _]) if !self.fits(source) => Err(OF_BAG),
@@ -66,7 +66,7 @@ impl SourceArgs {
         }
     }
 
-    /// Whether it may be such a file: a topic and a message are a bag's.
+    /// Whether the source may be this file: a topic and a message need a bag.
     pub(super) fn fits(&self, source: &Path) -> bool {
         self.topic.is_none() && self.message.is_none() || is_bag(source)
     }
@@ -76,7 +76,7 @@ impl SourceArgs {
         self.view.or(self.depth.depth.is_some().then_some([0.0; 3]))
     }
 
-    /// Which options help where the clouds' sizes differ.
+    /// The options that help if the clouds' sizes differ.
     pub(super) fn size_advice(&self, notes: &[Note]) -> String {
         match self.depth.depth {
             None => {
@@ -86,14 +86,14 @@ impl SourceArgs {
         }
     }
 
-    /// Which option takes what a note tells of the source.
+    /// The option that helps with a note about the source.
     pub(super) fn note_advice(&self, note: &Note) -> String {
         match *note {
             Note::ViewPoint { at } if self.view.is_none() => {
                 let [x, y, z] = at.map(|x| x * self.scale());
                 format!("; if the sensor stood there: --view {x},{y},{z}")
             }
-            // No points have so many coordinates.
+            // No array of points has so many columns.
             Note::LongerAxis { rows, .. } if rows > MOST_COLUMNS => {
                 format!("; {OF_IMAGE}")
             }
@@ -101,13 +101,13 @@ impl SourceArgs {
         }
     }
 
-    /// By what the source is multiplied.
+    /// The factor by which the source is multiplied.
     pub(super) fn scale(&self) -> f64 {
         let unit = self.unit.map(|units| units.scale);
         self.scale.or(unit).unwrap_or(1.0)
     }
 
-    /// Reads the source of which `path` is the name, with its background if it is a depth image.
+    /// Reads the source called `path`, with its background if it is a depth image.
     ///
     /// # Errors
     /// Files that cannot be read.

@@ -1,4 +1,4 @@
-//! What is printed.
+//! The text that is printed.
 
 use crate::pose64::Pose64;
 use crate::register::request::Done;
@@ -8,10 +8,10 @@ use reagent_core::pipeline::Refinement;
 use reagent_core::polish::Refined;
 use reagent_core::verdict::Percent;
 
-/// As the arguments are called.
+/// The clouds' names are those of the arguments.
 const NAMES: Names<'_> = ["source", "target"];
 
-/// Pose, stages and verdict, and where sizes differ the advice for that.
+/// Pose, stages and verdict, with advice if the clouds' sizes differ.
 pub(super) fn report(done: &Done, size_advice: &str) -> String {
     let Done {
         found,
@@ -68,14 +68,14 @@ pub(super) fn report(done: &Done, size_advice: &str) -> String {
     text + &format!("{}, {ms:.1} ms\n", answer.verdict)
 }
 
-/// The matrix `[R | t; 0 0 0 1]`, a row a line, in the shortest digits that read back the same.
+/// The matrix `[R | t; 0 0 0 1]`, one row a line, in the fewest digits that read back the same.
 pub(super) fn matrix(pose: &Pose64) -> String {
     let rows = pose.to_rows().into_iter().chain([[0.0, 0.0, 0.0, 1.0]]);
     let line = |row: [f64; 4]| row.map(|x| x.to_string()).join(" ") + "\n";
     rows.map(line).collect()
 }
 
-/// A line a stage, and how the clouds fit.
+/// A line for each stage, with the fit of the clouds.
 fn stages(found: &Refinement) -> String {
     let residual = |r: &Refined| {
         format!(
@@ -108,7 +108,7 @@ fn stages(found: &Refinement) -> String {
     text
 }
 
-/// Which option helps.
+/// The option that helps with a remark.
 fn advice(remark: &Remark, size_advice: &str) -> String {
     match remark {
         Remark::OtherPoses(_) => "; --json lists them".into(),

@@ -84,7 +84,7 @@ pub(crate) struct ModelInfo {
     pub(crate) name: Option<String>,
 }
 
-/// An axis about which any turn leaves the object as it is.
+/// An axis about which any turn leaves the object unchanged.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub(crate) struct ContinuousSymmetry {
     pub(crate) axis: [f64; 3],
@@ -119,7 +119,7 @@ pub(super) fn read<T: DeserializeOwned>(
         },
     })?;
     serde_json::from_slice(&text).map_err(|error| {
-        // Once more, slower, for the place of the fault.
+        // Once more, slower, to find the place of the fault.
         let document = &mut serde_json::Deserializer::from_slice(&text);
         let placed = serde_path_to_error::deserialize::<_, T>(document);
         BopError::Malformed {
@@ -141,8 +141,8 @@ pub(crate) fn write(path: &Path, document: &impl Serialize) -> Result<(), BopErr
     crate::files::write(path, (text + "\n").as_bytes()).map_err(io)
 }
 
-/// A pose from a row-major rotation and a translation, `None` unless it is finite and rigid to 1e-2 (files are
-/// written with few digits). The rotation is made exactly orthonormal.
+/// A pose from a row-major rotation and a translation; `None` unless it is finite and rigid to 1e-2, since files
+/// have few digits. The rotation is made exactly orthonormal.
 pub(super) fn pose(rotation: &[f64; 9], translation: &[f64; 3]) -> Option<Pose> {
     let (rows, _) = rotation.as_chunks::<3>();
     let row = |i: usize| Vec3::from_array(rows[i].map(|x| x as f32));

@@ -9,10 +9,10 @@
 //! | `SPLIT/NNNNNN/scene_gt_info.json` | `visib_fract`; may be absent |
 //! | `SPLIT/NNNNNN/depth/IIIIII.png` | depth, greyscale of 16 bits, 0 where there is none |
 //! | `SPLIT/NNNNNN/mask_visib/IIIIII_GGGGGG.png` | visible part of annotation `G` in image `I` |
-//! | `SPLIT/NNNNNN/mask_estimate/IIIIII_GGGGGG.png` | our addition: the same as an estimator sees it; may be absent |
+//! | `SPLIT/NNNNNN/mask_estimate/IIIIII_GGGGGG.png` | our addition: the same mask as an estimator gives it; may be absent |
 //! | `test_targets.json` | images of `test` to be evaluated; may be absent |
 //!
-//! Annotations are read at once, images one at a time when they are asked for.
+//! Annotations are read at once, images one at a time on demand.
 
 mod error;
 pub(crate) mod json;
@@ -29,10 +29,10 @@ use json::TargetEntry;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-/// List of the images that are evaluated, in the format of BOP's own `test_targets_bop19.json`. LINEMOD's usual
-/// split needs it: there, the images of `test` that are not listed are trained on.
+/// List of the images to evaluate, in the format of BOP's own `test_targets_bop19.json`. LINEMOD's usual split
+/// needs it: the images of `test` that it does not list are trained on.
 pub const TARGETS_FILE: &str = "test_targets.json";
-/// Folders of training images, the first of which is taken.
+/// Folders of training images; the first that exists is taken.
 const TRAINING_FOLDERS: [&str; 4] = ["train_real", "train_pbr", "train", "train_primesense"];
 
 /// Whether a folder has models in BOP layout.
@@ -42,13 +42,13 @@ pub fn is_bop(root: &Path) -> bool {
         .any(|models| root.join(models).join("models_info.json").is_file())
 }
 
-/// Scene, image and object of what is to be evaluated.
+/// Scene, image and object of an instance to evaluate.
 pub type Target = (u32, u32, u32);
 
-/// What is to be evaluated; `None` where the data set does not list it.
+/// The instances to evaluate; `None` where the data set does not list them.
 ///
 /// # Errors
-/// A list that cannot be read or is not as it should be.
+/// A list that cannot be read or is malformed.
 pub fn targets(root: &Path) -> Result<Option<BTreeSet<Target>>, BopError> {
     let path = root.join(TARGETS_FILE);
     if !path.exists() {
@@ -61,11 +61,11 @@ pub fn targets(root: &Path) -> Result<Option<BTreeSet<Target>>, BopError> {
     ))
 }
 
-/// The annotated objects to train on: where there is a [`TARGETS_FILE`], the objects that it lists in the images of
-/// `test` that it does not list; else those of the folder `train_real`, `train_pbr`, `train` or `train_primesense`.
+/// The annotated objects to train on: with a [`TARGETS_FILE`], the objects that it lists, in the images of `test` that
+/// it does not list; otherwise those of the first of `train_real`, `train_pbr`, `train` and `train_primesense`.
 ///
 /// # Errors
-/// As [`Scenes::open`], and where there is neither.
+/// As [`Scenes::open`]; neither a list nor a folder; a list that leaves nothing to train on.
 pub fn training_scenes(root: &Path, models: &Models) -> Result<Scenes, BopError> {
     if let Some(targets) = targets(root)? {
         let images: BTreeSet<(u32, u32)> = targets.iter().map(|&(s, i, _)| (s, i)).collect();

@@ -12,14 +12,14 @@ use std::collections::BTreeMap;
 use std::f32::consts::TAU;
 use std::path::{Path, PathBuf};
 
-/// Points drawn evenly from each mesh, once (authors' code: about 4096).
+/// Points drawn once from each mesh, evenly by area (authors' code: about 4096).
 pub const SURFACE_POINTS: usize = 4096;
-/// A mesh with fewer vertices is too coarse for them to stand for its surface in the AD metrics.
+/// A mesh with fewer vertices is too coarse for the AD metrics to use its vertices.
 const DENSE_VERTICES: usize = 1000;
-/// Index of the stream that draws the surface; models share it, each has its own mesh.
+/// Index of the stream that draws the surface; all models share it, since each has its own mesh.
 const SURFACE_STREAM: u64 = 1 << 48;
 
-/// Turns of a continuous symmetry: π / .01, rounded up.
+/// Steps of a full turn for a continuous symmetry: π / .01, rounded up.
 pub const CONTINUOUS_STEPS: usize = 315;
 
 /// Names of LINEMOD's objects; the data set itself has numbers only.
@@ -48,22 +48,22 @@ pub struct BopModel {
     pub object: u32,
     /// Its name, or `obj_NNNNNN`.
     pub name: String,
-    /// Largest distance between two of its vertices, millimetres, as `models_info.json` says.
+    /// Largest distance between two of its vertices, millimetres, from `models_info.json`.
     pub diameter_mm: f64,
-    /// Poses of the model in which it looks the same, millimetres, the identity among them; a continuous symmetry is cut into
-    /// turns of which each moves no point by more than .01 diameters ([`CONTINUOUS_STEPS`], the BOP toolkit's).
+    /// Poses of the model in which it looks the same, millimetres, the identity included. A continuous symmetry is
+    /// divided into [`CONTINUOUS_STEPS`] turns, as in the BOP toolkit; each moves no point by more than .01 diameters.
     pub symmetries: Vec<Pose>,
-    /// The mesh, millimetres; without faces where the model is a cloud.
+    /// The mesh, millimetres; without faces if the model is a cloud.
     pub mesh: Mesh,
     /// [`SURFACE_POINTS`] points drawn evenly from the surface, millimetres, from which targets are drawn.
     pub surface: Vec<Point>,
     /// Points of the AD metrics, millimetres: the mesh's vertices, as in the BOP toolkit, or twice
-    /// [`SURFACE_POINTS`] points of the surface where there are fewer than 1000.
+    /// [`SURFACE_POINTS`] points of the surface if it has fewer than 1000.
     pub metric_points: Vec<Point>,
 }
 
 impl BopModel {
-    /// Whether it has any symmetry, so that ADI is used instead of ADD.
+    /// Whether it has a symmetry, so that ADI replaces ADD.
     pub fn is_symmetric(&self) -> bool {
         self.symmetries.len() > 1
     }
@@ -72,13 +72,13 @@ impl BopModel {
 /// All objects of a data set, by id.
 #[derive(Clone, Debug)]
 pub struct Models {
-    /// Folder they were read from.
+    /// Folder that they were read from.
     pub dir: PathBuf,
     models: BTreeMap<u32, BopModel>,
 }
 
 impl Models {
-    /// Reads `models_eval`, or `models` where that is absent, of a data set's folder. The points drawn depend on
+    /// Reads `models_eval` of a data set's folder, or `models` where that is absent. The points drawn depend on
     /// `seed`.
     ///
     /// # Errors
@@ -145,7 +145,7 @@ impl Models {
         Ok(Models { dir, models })
     }
 
-    /// The object of this id.
+    /// The object with this id.
     pub fn get(&self, object: u32) -> Option<&BopModel> {
         self.models.get(&object)
     }
@@ -162,7 +162,7 @@ fn points(path: &Path, seed: u64) -> Result<(Mesh, [Vec<Point>; 2]), BopError> {
     let vertices = file.relative_to([0.0; 3]);
     let mesh = file.mesh();
     if file.faces.is_none() {
-        // A model that is a cloud already.
+        // The model is a cloud already.
         return Ok((mesh, [vertices.clone(), vertices]));
     }
     let rng = &mut stream(seed, Purpose::Shape, SURFACE_STREAM);
@@ -178,7 +178,7 @@ fn points(path: &Path, seed: u64) -> Result<(Mesh, [Vec<Point>; 2]), BopError> {
     Ok((mesh, [surface, metric_points]))
 }
 
-/// Every continuous symmetry after every discrete one; `None` where one is no symmetry.
+/// Compositions of all discrete with all continuous symmetries; `None` if one is malformed.
 fn symmetries(info: &ModelInfo) -> Option<Vec<Pose>> {
     let discrete = info.symmetries_discrete.iter().map(|rows| {
         let rows: &[f64; 16] = rows.as_slice().try_into().ok()?;
@@ -224,7 +224,7 @@ mod tests {
     #[test]
     fn symmetries_are_all_poses_in_which_an_object_looks_the_same() {
         assert_eq!(symmetries(&info("")), Some(vec![Pose::IDENTITY]));
-        // Half a turn about an axis through (5, 0, 0), and any turn about z through there.
+        // Half a turn about an axis through (5, 0, 0), and any turn about z through the same point.
         let half = ", \"symmetries_discrete\": [[-1,0,0,10, 0,-1,0,0, 0,0,1,0, 0,0,0,1]]";
         let any = ", \"symmetries_continuous\": [{\"axis\": [0, 0, 2], \"offset\": [5, 0, 3]}]";
         let found = symmetries(&info(half)).expect("two");
@@ -237,7 +237,7 @@ mod tests {
             let distance = pose.apply(Vec3::new(55.0, 0.0, 1.0)).distance(centre);
             assert!((distance - 50.0).abs() < 1e-3 && pose.apply(centre).distance(centre) < 1e-3);
         }
-        // Neighbouring turns of the farthest points are less than .01 diameters, 1 mm, apart.
+        // Neighbouring turns move the farthest points by less than .01 diameters, 1 mm.
         let [a, b] = [0, 1].map(|k| found[k].apply(Vec3::new(55.0, 0.0, 1.0)));
         assert!(a.distance(b) < 1.0, "{}", a.distance(b));
         for bad in [

@@ -1,6 +1,5 @@
-//! Pose estimates in the BOP challenge's results format: one CSV row an estimate,
-//! `scene_id,im_id,obj_id,score,R,t,time`, with `R` nine numbers row by row, `t` three (mm), separated by
-//! spaces, and `time` in seconds (-1 where it was not measured).
+//! Pose estimates in the BOP challenge's results format, one CSV row each: `scene_id,im_id,obj_id,score,R,t,time`. `R` is
+//! nine numbers row by row and `t` three (mm), separated by spaces; `time` is in seconds (-1 if it was not measured).
 
 use super::{BopError, json};
 use reagent_core::Pose;
@@ -26,11 +25,11 @@ pub struct Estimate {
     pub time_s: f32,
 }
 
-/// Reads a results file; a first row of column names may be there or not.
+/// Reads a results file, with or without a first row of column names.
 ///
 /// # Errors
-/// No file, a row with another number of fields, a field that is not the number it should be, a pose that
-/// is not rigid, no rows at all.
+/// A missing or empty file, a row with another number of fields, a field that is not the number it should be, a
+/// pose that is not rigid.
 pub fn read_results(path: &Path) -> Result<Vec<Estimate>, BopError> {
     let malformed = |reason: String| BopError::Malformed {
         path: path.into(),

@@ -16,23 +16,23 @@ pub struct Instance {
     pub scene: u32,
     /// Image of the scene.
     pub image: u32,
-    /// Place among the image's annotations.
+    /// Index among the image's annotations.
     pub index: u32,
     /// Object.
     pub object: u32,
     /// True pose, millimetres.
     pub camera_from_model: Pose,
-    /// Visible share of the silhouette; 1 where the data set does not say.
+    /// Visible share of the silhouette; 1 if the data set does not say.
     pub visible: f32,
 }
 
-/// Which segmentation of an instance is used.
+/// The segmentation that is used for an instance.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MaskKind {
     /// `mask_visib`: the true visible part.
     Visible,
-    /// `mask_estimate`, our addition to the layout, as an estimator would give it; where a scene has no such
-    /// folder, `mask_visib`.
+    /// `mask_estimate`, our addition to the layout: as an estimator would give it. `mask_visib` if a scene has no
+    /// such folder.
     Estimated,
 }
 
@@ -47,7 +47,7 @@ struct View {
 pub struct Scenes {
     /// Folder of the split.
     pub dir: PathBuf,
-    /// All annotated objects, by scene, image and place.
+    /// All annotated objects, ordered by scene, image and index.
     pub instances: Vec<Instance>,
     views: BTreeMap<(u32, u32), View>,
 }
@@ -57,7 +57,7 @@ impl Scenes {
     /// model.
     ///
     /// # Errors
-    /// A file that is missing or not as it should be, an object without a model, no annotations at all.
+    /// A file that is missing or malformed, an object without a model, no annotations at all.
     pub fn open(dir: &Path, models: &Models) -> Result<Scenes, BopError> {
         let mut scenes = Scenes {
             dir: dir.into(),
@@ -134,10 +134,10 @@ impl Scenes {
         Ok(())
     }
 
-    /// Reads depth image and mask of an instance, millimetres.
+    /// Reads an instance's depth image and mask, millimetres.
     ///
     /// # Errors
-    /// An image that is missing, of another kind, truncated, too large, or of another size than the other.
+    /// An image that is missing, of another kind, truncated or too large; two images of different sizes.
     pub fn observe(&self, instance: &Instance, kind: MaskKind) -> Result<DepthImage, BopError> {
         let folder = self.dir.join(format!("{:06}", instance.scene));
         let depth_path = folder.join(format!("depth/{:06}.png", instance.image));
@@ -175,7 +175,7 @@ impl Scenes {
     }
 }
 
-/// A missing image is a missing part of the layout.
+/// Reports a missing image as a missing part of the layout.
 fn of_layout(error: DepthError, expected: &'static str) -> BopError {
     match error {
         DepthError::Io { path, source } if source.kind() == std::io::ErrorKind::NotFound => {
@@ -227,7 +227,7 @@ fn scene_folders(dir: &Path) -> Result<BTreeMap<u32, PathBuf>, BopError> {
 }
 
 fn view(camera: &CameraEntry) -> Result<View, String> {
-    // As it is computed with: a skew too small for f32 is none.
+    // As f32, which it is computed with: a skew that vanishes there is accepted.
     let single = |x: f64| f64::from(x as f32);
     Ok(View {
         camera: Intrinsics::of_matrix(camera.intrinsics.map(single))?,

@@ -1,7 +1,7 @@
-//! Clouds out of bags of ROS 2: the messages of a topic of type `sensor_msgs/msg/PointCloud2` in MCAP files.
+//! Clouds from ROS 2 bags: messages of type `sensor_msgs/msg/PointCloud2` on one topic, in MCAP files.
 //!
-//! A bag is read from its start to the message asked for, a record at a time, so that its length does not matter. What an
-//! interrupted recording holds before its end is read as well.
+//! A bag is read from its start to the message asked for, one record at a time, so that its length does not matter.
+//! The whole records of an interrupted recording are read as well.
 
 mod error;
 mod records;
@@ -20,7 +20,7 @@ use std::str::FromStr;
 use std::time::Duration;
 use topics::Topics;
 
-/// What a message that was compressed by itself begins with.
+/// First bytes of a message that was compressed by itself.
 const ZSTD: [u8; 4] = [0x28, 0xb5, 0x2f, 0xfd];
 
 /// Which message of a topic.
@@ -28,7 +28,7 @@ const ZSTD: [u8; 4] = [0x28, 0xb5, 0x2f, 0xfd];
 pub enum Which {
     /// By its number, from 0.
     Number(u64),
-    /// The first that was recorded so long or longer after the bag's first message, whatever the topic of that.
+    /// The first one recorded at least this long after the bag's first message of any topic.
     After(Duration),
 }
 
@@ -55,8 +55,8 @@ impl FromStr for Which {
     }
 }
 
-/// Whether there is a bag: by its extension, or of a folder by the `metadata.yaml` in it. Of kinds that are not read,
-/// [`Bag::open`] says what to do.
+/// Whether a path is a bag: by its extension, or for a folder by the `metadata.yaml` in it. For kinds that are not
+/// read, [`Bag::open`] says what to do.
 pub fn is_bag(path: &Path) -> bool {
     match extension(path).as_str() {
         "mcap" | "db3" => true,
@@ -65,11 +65,11 @@ pub fn is_bag(path: &Path) -> bool {
     }
 }
 
-/// A bag, of which the clouds of one topic are read.
+/// A bag, and the one topic whose clouds are read.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Bag {
     path: PathBuf,
-    /// In the order of the recording.
+    /// In the order of recording.
     files: Vec<PathBuf>,
     topic: String,
 }
@@ -77,21 +77,22 @@ pub struct Bag {
 /// A message with a cloud.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Message {
-    /// Its place among those of its topic, from 0.
+    /// Its number among the topic's messages, from 0.
     pub number: u64,
-    /// When it was recorded, after the bag's first message of any topic.
+    /// Time of its recording since the bag's first message of any topic.
     pub after: Duration,
-    /// Names it in errors.
+    /// Its name in errors.
     pub label: PathBuf,
     topic: String,
     bytes: Vec<u8>,
 }
 
 impl Bag {
-    /// Opens a bag: a file, or a folder with `metadata.yaml`. The topic may be left out where only one has clouds.
+    /// Opens a bag: a file, or a folder with `metadata.yaml`. `topic` is optional if only one topic has clouds.
     ///
     /// # Errors
-    /// What is no bag, or one of another kind; a topic that is not there, or has no clouds; several with clouds.
+    /// A path that is not a bag, or one of another kind; a topic that is missing or has no clouds; none or several to
+    /// choose.
     pub fn open(path: &Path, topic: Option<&str>) -> Result<Bag, BagError> {
         let files = files(path)?;
         let mut topics = Topics::default();
@@ -106,7 +107,7 @@ impl Bag {
         })
     }
 
-    /// The messages of the topic in the order of the recording. An error is the last that comes.
+    /// The messages of the topic in the order of recording. Nothing follows an error.
     pub fn messages(&self) -> impl Iterator<Item = Result<Message, BagError>> {
         let mut number = 0;
         let mut start = None;
@@ -136,10 +137,10 @@ impl Bag {
         messages.take_while(move |message| !std::mem::replace(&mut failed, message.is_err()))
     }
 
-    /// One message.
+    /// Reads one message.
     ///
     /// # Errors
-    /// A bag that has no such message, or is damaged before it.
+    /// A bag that has no such message or is damaged before it.
     pub fn message(&self, which: Which) -> Result<Message, BagError> {
         let (mut count, mut last) = (0, Duration::ZERO);
         for message in self.messages() {
@@ -163,10 +164,10 @@ impl Bag {
 }
 
 impl Message {
-    /// Its cloud, and the stamp that its sensor gave it.
+    /// Its cloud, and the sensor's time stamp.
     ///
     /// # Errors
-    /// Bytes that are no cloud, and clouds without valid points.
+    /// Bytes that are not a cloud, and clouds without valid points.
     pub fn cloud(&self) -> Result<(CloudFile, Time), CloudError> {
         let path = &self.label;
         let malformed = |reason: String| CloudError::Malformed {
@@ -246,7 +247,7 @@ fn files(path: &Path) -> Result<Vec<PathBuf>, BagError> {
     })
 }
 
-/// When the messages of a file were recorded, nanoseconds, and the contents of those of a topic.
+/// For all messages of a file, the time of recording in nanoseconds; for those of `topic` also the contents.
 fn raw(file: &Path, topic: &str) -> impl Iterator<Item = Result<(u64, Option<Vec<u8>>), BagError>> {
     let mut topics = Topics::default();
     let topic = topic.to_owned();

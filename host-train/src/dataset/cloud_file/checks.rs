@@ -1,4 +1,4 @@
-//! What no format allows is left out of a file, or refused.
+//! Checks for all formats: what no cloud may hold is left out or refused.
 
 use super::{CloudError, CloudFile, MAX_COORDINATE, Note, extent};
 use crate::dataset::Point;
@@ -7,10 +7,10 @@ use glam::Vec3;
 use std::path::Path;
 
 impl CloudFile {
-    /// The file without invalid points and with unit normals, or none.
+    /// The file without invalid points, and with unit normals or none.
     ///
     /// # Errors
-    /// Faces without vertices, and files without valid points.
+    /// Faces that name missing vertices, and files without valid points.
     pub fn checked(mut self, path: &Path) -> Result<CloudFile, CloudError> {
         let vertices = self.points.len();
         for (face, corners) in self.faces.iter().flatten().enumerate() {
@@ -33,7 +33,7 @@ impl CloudFile {
         let unit = |normal: Point| Some(Vec3::from(normal).try_normalize()?.to_array());
         let count = self.points.len();
         if let Some(normals) = self.normals.take() {
-            // One undefined normal, and those of the file are of no use.
+            // A single undefined normal makes all of the file's unusable.
             let units: Option<Vec<Point>> = normals.into_iter().map(unit).collect();
             self.normals = units.filter(|units| units.len() == count);
             if self.normals.is_none() {
@@ -46,7 +46,7 @@ impl CloudFile {
         Ok(self)
     }
 
-    /// Notes where most vertices are corners of no face, as of a cloud with a few triangles beside it: the surface is used alone.
+    /// Adds a note if most vertices belong to no face, as in a cloud with a few triangles: only the surface is used.
     fn notice_loose_vertices(&mut self) {
         let Some(faces) = &self.faces else { return };
         let mut is_corner = vec![false; self.points.len()];
@@ -60,7 +60,7 @@ impl CloudFile {
         }
     }
 
-    /// Leaves out invalid points, what goes with them, and the faces that they are corners of. Returns how many.
+    /// Removes invalid points, their attributes, and the faces at them. Returns the number of points removed.
     fn drop_invalid(&mut self) -> usize {
         let valid = |p: &Position| p.iter().all(|x| x.abs() <= MAX_COORDINATE);
         let kept: Vec<bool> = self.points.iter().map(valid).collect();

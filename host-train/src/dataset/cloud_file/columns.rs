@@ -1,4 +1,4 @@
-//! Which columns of a table hold what, by their names or by their number.
+//! The meaning of a table's columns, told by their names or by their number.
 
 /// Which columns hold what.
 pub(super) struct Layout {
@@ -6,12 +6,12 @@ pub(super) struct Layout {
     pub(super) normal: Option<[usize; 3]>,
     pub(super) colour: Option<[usize; 3]>,
     pub(super) intensity: Option<usize>,
-    /// The columns of which nothing is known.
+    /// The columns whose meaning is not known.
     pub(super) ignored: String,
 }
 
 impl Layout {
-    /// By the columns' names; `None` where those of the coordinates are missing.
+    /// Tells columns by their names; `None` if those of the coordinates are missing.
     pub(super) fn named(names: &[String]) -> Option<Layout> {
         let place = |options: &[&str]| names.iter().position(|n| options.contains(&n.as_str()));
         let places = |options: [&[&str]; 3]| {
@@ -49,8 +49,8 @@ impl Layout {
         })
     }
 
-    /// By their number, as `.pts` and most programs order them: `x y z`, then an intensity, a colour, or both,
-    /// then a normal. `is_byte` tells whether a column holds whole numbers up to 255.
+    /// Tells columns by their number, in the order of `.pts` and most programs: `x y z`, then an intensity, a
+    /// colour, or both, then a normal. `is_byte` says whether a column holds whole numbers up to 255.
     pub(super) fn guessed(first: usize, columns: usize, is_byte: impl Fn(usize) -> bool) -> Layout {
         let at = |start: usize| [start, start + 1, start + 2];
         let after = first + 3;
@@ -95,7 +95,7 @@ impl Layout {
     }
 }
 
-/// Names of the coordinates, as one program or another gives them.
+/// Names of the coordinates in various programs.
 const COORDINATES: [[&str; 3]; 6] = [
     ["x", "y", "z"],
     ["points:0", "points:1", "points:2"],
@@ -105,7 +105,7 @@ const COORDINATES: [[&str; 3]; 6] = [
     ["east", "north", "height"],
 ];
 
-/// Where the coordinates are: columns whose names go together, whatever else is there, or the only ones that may be.
+/// The columns of the coordinates: the first complete set of names, or else the only candidate for each axis.
 fn coordinates(names: &[String]) -> Option<[usize; 3]> {
     let place = |name: &str| names.iter().position(|n| n == name);
     let together = |[x, y, z]: [&str; 3]| Some([place(x)?, place(y)?, place(z)?]);

@@ -6,7 +6,7 @@ use super::bag::BagError;
 use crate::words::count;
 use std::path::PathBuf;
 
-/// Why a file of points was refused.
+/// Why a cloud or mesh file was refused, or not written.
 #[derive(Debug, thiserror::Error)]
 pub enum CloudError {
     /// The extension is not one of those that are read.
@@ -27,13 +27,13 @@ pub enum CloudError {
         /// File concerned.
         path: PathBuf,
     },
-    /// The extension is one of meshes, and there are no faces.
+    /// The extension is a mesh format, and there are no faces.
     #[error("{}: a cloud without faces is no mesh; write it as .ply .pcd .xyz or .npy", path.display())]
     NoFaces {
         /// File concerned.
         path: PathBuf,
     },
-    /// A format of float32 would round coordinates that lie far from the origin.
+    /// Float32, the format's only type, would round coordinates far from the origin.
     #[error("{}: .stl has no digits for coordinates so far from the origin; write it as .ply .obj or .off", path.display())]
     Rounded {
         /// File concerned.
@@ -63,7 +63,7 @@ pub enum CloudError {
         /// Invalid points that were left out.
         dropped: usize,
     },
-    /// Multiplied by what was asked for, it is too large.
+    /// Scaled as asked, the cloud is too large.
     #[error("{}: multiplied by {scale}, coordinates are beyond 1e12", path.display())]
     Scaled {
         /// File concerned.
@@ -109,7 +109,7 @@ pub enum CloudError {
     },
 }
 
-/// Why there are no points, where there were some.
+/// The rest of the message if there were points, but all were invalid.
 fn invalid(dropped: usize) -> String {
     match dropped {
         0 => String::new(),

@@ -1,14 +1,14 @@
-//! Where a cloud lies, and how large it is.
+//! The place and size of a cloud.
 
 use crate::pose64::Position;
 use nalgebra::Vector3;
 
-/// A cloud farther from the origin than this many times its radius is registered relative to a point of its
-/// own; nearer by, f32 resolves a millionth of the radius.
+/// A cloud farther from the origin than this many radii is registered relative to a point of its own. Closer to the
+/// origin, f32 resolves a millionth of the radius.
 const FAR: f64 = 16.0;
 
-/// The point relative to which coordinates are f32: zero, or the middle of a cloud far from it, of whose size
-/// f32 would round more than a millionth.
+/// The origin to which coordinates are relative in f32: zero, or the middle of a cloud so far away that f32 would
+/// round more than a millionth of its size.
 pub(crate) fn origin_of(points: impl Iterator<Item = Position> + Clone) -> Position {
     let (middle, radius) = extent(points);
     match Vector3::from(middle).norm() > FAR * radius {
@@ -17,7 +17,7 @@ pub(crate) fn origin_of(points: impl Iterator<Item = Position> + Clone) -> Posit
     }
 }
 
-/// Whether a cloud of the size of these points, with its middle there, lies far from the origin.
+/// Whether a cloud of the size of these points would lie far from the origin with its middle there.
 pub(super) fn would_be_far(
     points: impl Iterator<Item = Position> + Clone,
     middle: Position,
@@ -25,11 +25,11 @@ pub(super) fn would_be_far(
     Vector3::from(middle).norm() > FAR * extent(points).1
 }
 
-/// Steps of float32 larger than this share of a cloud's radius are seen in its shape.
+/// Steps of float32 above this share of a cloud's radius are visible in its shape.
 const COARSE: f64 = 1e-3;
 
-/// How far neighbouring numbers of float32 are apart where the cloud lies, if its coordinates are of this type or on its grid and
-/// that is much for its size.
+/// The step between neighbouring float32 numbers at the cloud's coordinates, if all of these are on float32's grid
+/// and the step is coarse for the cloud's size.
 pub(super) fn coarse_step(points: &[Position]) -> Option<f64> {
     let some = points.iter().copied();
     let (middle, radius) = extent(some.step_by(points.len().div_ceil(SOME_POINTS).max(1)));
@@ -40,14 +40,14 @@ pub(super) fn coarse_step(points: &[Position]) -> Option<f64> {
     (is_coarse && points.iter().flatten().all(on_grid)).then_some(step)
 }
 
-/// Points that tell well enough where a cloud lies.
+/// Points that suffice to estimate a cloud's place and size.
 const SOME_POINTS: usize = 256;
 
-/// Points of which the extent of a cloud is found at most.
+/// Most points from which a cloud's extent is computed.
 const MEDIAN_POINTS: usize = 1 << 16;
 
-/// Median of each coordinate, and median distance from there: points that a sensor left at zero do not count. Of a large cloud,
-/// points at equal steps stand for all.
+/// Median of each coordinate, and median distance from that point; medians ignore points that a sensor left at
+/// zero. Large clouds are sampled at equal steps.
 fn extent(points: impl Iterator<Item = Position> + Clone) -> (Position, f64) {
     let count = points.clone().count();
     let points: Vec<Position> = points

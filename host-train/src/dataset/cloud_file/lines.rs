@@ -1,10 +1,10 @@
-//! Text as programs of all systems write it, line by line.
+//! Text files of any operating system, line by line.
 
 use super::{Note, Position};
 use std::borrow::Cow;
 
-/// The text of a file: UTF-8 with or without a byte order mark, UTF-16 with one. What is neither, as names in
-/// older encodings, becomes replacement characters; numbers are ASCII in all of them.
+/// Decodes a file's text: UTF-8 with or without a byte order mark, or UTF-16 with one. Invalid bytes, such as names
+/// in older encodings, become replacement characters; numbers are ASCII in all of these.
 pub(super) fn decode<'a>(bytes: &'a [u8], notes: &mut Vec<Note>) -> Result<Cow<'a, str>, String> {
     let wide = |bytes: &[u8], order: fn([u8; 2]) -> u16| {
         let (pairs, odd) = bytes.as_chunks::<2>();
@@ -30,14 +30,14 @@ pub(super) fn decode<'a>(bytes: &'a [u8], notes: &mut Vec<Note>) -> Result<Cow<'
         }
         _ => String::from_utf8_lossy(bytes),
     };
-    // Lines of a classic Macintosh, as some programs still write them.
+    // Line ends of classic Mac OS, which some programs still write.
     Ok(match text.contains('\r') && !text.contains('\n') {
         true => text.replace('\r', "\n").into(),
         false => text,
     })
 }
 
-/// A line without its comment, and the comment, which begins at a `#` that is none of a number's: see [`number`].
+/// Splits a line into content and comment, which begins at the first `#` outside of a number ([`number`]).
 pub(super) fn without_comment(line: &str) -> (&str, &str) {
     let is_number = |at: usize| {
         let after = line[at + 1..].chars().next();
@@ -47,7 +47,7 @@ pub(super) fn without_comment(line: &str) -> (&str, &str) {
     line.split_at(marks.find(|&at| !is_number(at)).unwrap_or(line.len()))
 }
 
-/// A number. What is none as programs on Windows write it, `-nan(ind)` or `1.#QNAN`, is NaN.
+/// Parses a number. The spellings of NaN on Windows, `-nan(ind)` or `1.#QNAN`, are NaN.
 pub(super) fn number(word: &str) -> Option<f64> {
     word.parse().ok().or_else(|| {
         let word = word.trim_start_matches(['-', '+']);
@@ -59,7 +59,7 @@ pub(super) fn number(word: &str) -> Option<f64> {
     })
 }
 
-/// Lines that hold something, with their numbers from 1, without what follows a `#`.
+/// Lines with content, numbered from 1, without comments.
 pub(super) fn numbered(text: &str) -> impl Iterator<Item = (usize, &str)> {
     let numbered = text
         .lines()
@@ -68,7 +68,7 @@ pub(super) fn numbered(text: &str) -> impl Iterator<Item = (usize, &str)> {
     numbered.filter(|(_, line)| !line.is_empty())
 }
 
-/// The numbers of a line, separated by white space; `None` where a word is no number.
+/// The numbers of a line, separated by white space; `None` if a word is not a number.
 pub(super) fn numbers(text: &str) -> Option<Vec<f64>> {
     text.split_whitespace().map(number).collect()
 }
@@ -88,7 +88,7 @@ pub(super) fn position(
     }
 }
 
-/// The beginning of a line, fit to be shown.
+/// The start of a line, made printable.
 pub(super) fn excerpt(text: &str) -> String {
     let shown = text.chars().take(40);
     shown

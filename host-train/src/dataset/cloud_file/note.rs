@@ -1,18 +1,18 @@
-//! What a reader noticed, understood in its own way, or left out.
+//! What a reader noticed, interpreted or left out.
 
 use crate::words::count;
 use serde::Serialize;
 use std::fmt;
 
-/// Something about a file that its user should know.
+/// Something that the user of a file should know.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum Note {
-    /// Points whose coordinates are NaN, infinite or beyond 1e12, as sensors mark what they did not see.
+    /// Points whose coordinates are NaN, infinite or beyond 1e12, which mark what a sensor did not see.
     Dropped {
         /// How many.
         points: usize,
-        /// Triangles that had one of them for a corner.
+        /// Triangles that had one of them as a corner.
         faces: usize,
     },
     /// An array with the coordinates along its first axis; the longer axis was taken for the points.
@@ -22,7 +22,7 @@ pub enum Note {
         /// Length of the second, the number of points.
         columns: usize,
     },
-    /// The file's own count is not that of what it holds.
+    /// The file's count differs from what it holds.
     Count {
         /// What is counted.
         what: &'static str,
@@ -31,7 +31,7 @@ pub enum Note {
         /// Number that was read.
         read: usize,
     },
-    /// The file goes on after all that its header counts.
+    /// The file goes on after everything that its header counts.
     Beyond {
         /// By how much.
         bytes: usize,
@@ -42,18 +42,18 @@ pub enum Note {
     IndexColumn,
     /// The text is UTF-16.
     Utf16,
-    /// Polygons whose outline crosses itself or has no plane; they were cut from their first corner.
+    /// Polygons whose outline crosses itself or has no plane; they were divided from their first corner.
     CrossedPolygons {
         /// How many.
         polygons: usize,
     },
     /// Normals that could not be kept: some are undefined, or a vertex has several.
     NormalsLeftOut,
-    /// Most vertices of a mesh are corners of no face; points are drawn from its faces alone.
+    /// Most vertices of a mesh belong to no face; points are drawn from its faces alone.
     LooseVertices {
         /// How many.
         vertices: usize,
-        /// Of all that the mesh has.
+        /// Number of all vertices.
         of: usize,
     },
     /// Vertices with a weight other than 1, homogeneous coordinates.
@@ -66,12 +66,12 @@ pub enum Note {
         /// Their names.
         what: String,
     },
-    /// Where the sensor stood, as the file says; it is not used.
+    /// The sensor's place according to the file; it is not used.
     ViewPoint {
         /// In the file's coordinates.
         at: [f64; 3],
     },
-    /// A cloud was thinned to what the policy takes.
+    /// A cloud was thinned for the policy.
     Thinned {
         /// Points of the cloud.
         from: usize,
@@ -83,7 +83,7 @@ pub enum Note {
         /// The point.
         origin: [f64; 3],
     },
-    /// The cloud is what a depth image shows, in millimetres.
+    /// The cloud comes from a depth image, in millimetres.
     Seen {
         /// Pixels of the object with a depth.
         pixels: usize,
@@ -92,54 +92,54 @@ pub enum Note {
         /// Millimetres a unit of depth.
         scale_mm: f64,
     },
-    /// Pixels of a depth image with the largest integer of their type, which marks what was not measured.
+    /// Pixels of a depth image with the largest integer of their type, which marks missing measurements.
     Marked {
         /// That integer.
         number: f64,
         /// How many, inside the mask and outside of it.
         pixels: usize,
     },
-    /// Coordinates are float32, or on its grid, and so far from the origin that its steps are seen in the shape.
+    /// Coordinates are float32, or on its grid, and so far from the origin that its steps are visible in the shape.
     Coarse {
-        /// How far neighbours of the largest coordinate are apart, in the file's units.
+        /// Step between neighbouring float32 numbers at the largest coordinate, in the file's units.
         step: f64,
     },
-    /// The camera's axis meets the plane of the image outside of it.
+    /// The camera's optical axis meets the image plane outside of the image.
     OffCentre {
         /// The principal point, pixels.
         centre: [f32; 2],
         /// Columns and rows of the image.
         size: [usize; 2],
     },
-    /// The cloud is one of a bag's.
+    /// The cloud is from a bag.
     Message {
         /// The topic.
         topic: String,
-        /// Place among the topic's messages, from 0.
+        /// Number among the topic's messages, from 0.
         number: u64,
-        /// The stamp that its sensor gave it: seconds,
+        /// The sensor's time stamp: seconds,
         sec: i32,
         /// and nanoseconds.
         nanosec: u32,
     },
     /// The cloud has no faces to draw points from.
     NoFaces,
-    /// The last refinement, on many points, fitted no better, and was dropped.
+    /// The last refinement, on many points, did not improve the fit and was dropped.
     NotFiner,
     /// As a source, the cloud fits far better once it is scaled.
     OtherSize {
-        /// How many times as large as the target it is.
+        /// Size of the source relative to the target.
         times: f32,
     },
     /// As a source, much of the cloud lies off the target, though the pose is called right.
     OffTarget {
-        /// The share of its points that does.
+        /// Share of its points off the target.
         share: f32,
     },
 }
 
 impl Note {
-    /// Of what follows all that a header counts; blanks and zeros only fill the file up.
+    /// The note for bytes after everything that a header counts; whitespace and zeros are only padding.
     pub(super) fn beyond(rest: &[u8]) -> Option<Note> {
         let is_filling = |&byte: &u8| byte == 0 || byte.is_ascii_whitespace();
         let bytes = rest.len();

@@ -1,7 +1,7 @@
-//! Wavefront `.obj`: all objects of the file as one mesh, or its bare vertices where it has no faces.
+//! Wavefront `.obj`: all objects of the file as one mesh, or its bare vertices if it has no faces.
 //!
-//! Read here rather than by a crate: a surface needs few of the format's keywords, and a refusal should name
-//! the line.
+//! It is read here rather than by a crate, because a surface needs few of the format's keywords, and because a
+//! refusal should name the line.
 
 use super::lines::{decode, numbered, numbers, position};
 use super::polygon::divide;
@@ -81,7 +81,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<CloudFile, String> {
     Ok(file)
 }
 
-/// The entry that an index names: they count from 1, negative ones back from the last.
+/// The entry that an index names: indices count from 1, negative ones backwards from the end.
 fn resolve(index: i64, entries: usize) -> Option<u32> {
     let count = i64::try_from(entries).ok()?;
     let at = if index < 0 {
@@ -96,13 +96,13 @@ fn resolve(index: i64, entries: usize) -> Option<u32> {
     }
 }
 
-/// Normals as the format has them: a list, and an index into it at every corner of a face.
+/// Normals as the format gives them: a list, and an index into it at every corner of a face.
 #[derive(Default)]
 struct Normals {
     listed: Vec<Point>,
-    /// That of each vertex, as far as faces name one.
+    /// The normal of each vertex that faces give one.
     of_vertex: Vec<Option<Point>>,
-    /// A vertex has several.
+    /// Some vertex has several normals.
     ambiguous: bool,
 }
 
@@ -120,7 +120,7 @@ impl Normals {
         self.ambiguous |= before.is_some_and(|before| before != normal);
     }
 
-    /// One for each vertex, where there is exactly one; of a plain cloud in the order of the list.
+    /// One normal for each vertex, if each has exactly one; for a plain cloud the list in its order.
     fn of_vertices(&mut self, vertices: usize, faces: bool) -> Option<Vec<Point>> {
         if !faces {
             return Some(self.listed.clone()).filter(|l| !l.is_empty() && l.len() == vertices);
@@ -132,7 +132,7 @@ impl Normals {
     }
 }
 
-/// The mesh, with colours and normals of its vertices where it has them.
+/// Writes the mesh, with colours and normals of its vertices if it has them.
 pub(super) fn emit(file: &CloudFile) -> Vec<u8> {
     let mut text = String::new();
     for (i, [x, y, z]) in file.points.iter().enumerate() {

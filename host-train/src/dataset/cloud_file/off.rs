@@ -1,5 +1,5 @@
-//! Object file format `.off`, with colours or normals of the vertices (COFF, NOFF, CNOFF), and with the counts
-//! on the first line as some files of ModelNet have them.
+//! Object file format `.off`, with colours or normals of the vertices (COFF, NOFF, CNOFF). Counts may be on the
+//! first line, as in some files of ModelNet.
 
 use super::lines::{decode, numbered, numbers, position};
 use super::polygon::divide;
@@ -84,7 +84,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<CloudFile, String> {
     Ok(file)
 }
 
-/// The mesh, with normals or colours of its vertices where it has them.
+/// Writes the mesh, with normals or colours of its vertices if it has them.
 pub(super) fn emit(file: &CloudFile) -> Vec<u8> {
     let faces = file.faces.as_deref().unwrap_or_default();
     let mut text = String::new();

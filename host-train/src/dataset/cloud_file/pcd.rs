@@ -1,10 +1,10 @@
-//! Point Cloud Library files: ASCII, binary and compressed.
+//! Files of the Point Cloud Library: ASCII, binary and compressed.
 
 use super::{CloudFile, Note, Position};
 use pcd_rs::{DataKind, DynReader, DynRecord, Field, PcdMeta, ViewPoint};
 use std::borrow::Cow;
 
-/// Larger records than any sensor's are a corrupt header.
+/// Largest record; a larger one means a corrupt header.
 const MAX_RECORD_BYTES: u64 = 1 << 16;
 
 pub(super) fn parse(bytes: &[u8]) -> Result<CloudFile, String> {
@@ -16,7 +16,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<CloudFile, String> {
         return Ok(CloudFile::default());
     };
     let reader = DynReader::from_bytes(bytes).map_err(|e| e.to_string())?;
-    // Padding has a definition, but no place in the records that the reader returns.
+    // Padding is in the definitions, but not in the records that the reader returns.
     let definitions = reader.meta().field_defs.fields.iter();
     let fields: Vec<String> = definitions
         .map(|field| field.name.clone())
@@ -104,7 +104,7 @@ fn number(record: &DynRecord, at: usize) -> Option<f64> {
     })
 }
 
-/// Red, green and blue of the lower 24 bits, whatever type they are given.
+/// Red, green and blue from the lower 24 bits, whatever the field's type.
 fn packed(record: &DynRecord, at: usize) -> Option<[u8; 3]> {
     let bits = match record.0.get(at)? {
         Field::F32(v) => v.first()?.to_bits(),
@@ -116,8 +116,8 @@ fn packed(record: &DynRecord, at: usize) -> Option<[u8; 3]> {
     Some([r, g, b])
 }
 
-/// The file without fields of COUNT 0: some programs pad so, the point cloud library leaves them out, and the
-/// reader here takes them for 1.
+/// The file without fields of COUNT 0. Some programs use them as padding; the Point Cloud Library skips them, but
+/// the reader used here takes them for COUNT 1.
 fn without_empty_fields(bytes: &[u8]) -> Cow<'_, [u8]> {
     let mut end = 0;
     let mut header: Vec<Vec<&[u8]>> = Vec::new();
@@ -163,8 +163,8 @@ fn without_empty_fields(bytes: &[u8]) -> Cow<'_, [u8]> {
     changed.into()
 }
 
-/// What follows the points that the header counts; `None` where it counts none. Refuses what would make the reader reserve
-/// memory for, or reach for, more than the file holds.
+/// The bytes after the points that the header counts; `None` if it counts none. Refuses headers that would make the
+/// reader allocate or read more than the file holds.
 fn after_points(bytes: &[u8]) -> Result<Option<&[u8]>, String> {
     let mut rest = bytes;
     let meta = PcdMeta::from_reader(&mut rest).map_err(|e| e.to_string())?;
@@ -200,7 +200,7 @@ fn after_points(bytes: &[u8]) -> Result<Option<&[u8]>, String> {
             let (sizes, data) = rest.split_at_checked(8).ok_or_else(too_short)?;
             let number = |at: usize| u32::from_le_bytes([0, 1, 2, 3].map(|i| sizes[at + i]));
             let [compressed, whole] = [0, 4].map(|at| u64::from(number(at)));
-            // LZF makes at most 264 bytes of 3.
+            // LZF expands 3 bytes to 264 at most.
             if whole != size || whole > 88 * compressed {
                 return Err(too_short());
             }
@@ -210,8 +210,8 @@ fn after_points(bytes: &[u8]) -> Result<Option<&[u8]>, String> {
     Ok(Some(after))
 }
 
-/// A binary file of points, with normals, colours and intensities where there are any. Coordinates are float32,
-/// as the library's own point types are, unless that would round those of a cloud far from the origin.
+/// Writes a binary file of points, with normals, colours and intensities if there are any. Coordinates are float32,
+/// as in the library's own point types, unless that would round those of a cloud far from the origin.
 pub(super) fn emit(file: &CloudFile) -> Vec<u8> {
     let count = file.points.len();
     let wide = file.origin() != [0.0; 3];

@@ -25,7 +25,7 @@ struct Vertex {
     values: [f64; 10],
 }
 
-/// Other names of some of them.
+/// Aliases of some of these.
 const ALIASES: [(&str, &str); 5] = [
     ("r", "red"),
     ("g", "green"),
@@ -34,7 +34,7 @@ const ALIASES: [(&str, &str); 5] = [
     ("reflectance", "intensity"),
 ];
 
-/// The place of a property, under any of its names, in small letters or capitals.
+/// Index of a property, by any of its names, in either case.
 fn place(name: &str) -> Option<usize> {
     let name = name.strip_prefix("diffuse_").unwrap_or(name);
     let other = ALIASES
@@ -70,7 +70,7 @@ impl PropertyAccess for Vertex {
     }
 }
 
-/// Vertex indices of a face, or of a strip, in which -1 begins a new one.
+/// Vertex indices of a face, or of strips separated by -1.
 #[derive(Default)]
 struct Corners(Vec<u32>);
 
@@ -110,7 +110,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<CloudFile, String> {
     let (mut polygons, mut sizes) = (Vec::new(), Vec::new());
     let mut ignored = Vec::new();
     for (name, element) in &header.elements {
-        // An entry takes a byte at least, so that a corrupt count cannot ask for more than the file has.
+        // An entry takes at least one byte, so a corrupt count cannot ask for more than the file has.
         if element.properties.is_empty() || element.count > bytes.len() {
             return Err(format!(
                 "{} elements \"{name}\" do not fit a file of {} bytes",
@@ -161,8 +161,8 @@ pub(super) fn parse(bytes: &[u8]) -> Result<CloudFile, String> {
     Ok(file)
 }
 
-/// The file with a number beyond all coordinates for every `nan`, `inf` and `1.#QNAN` of an ASCII one: the parser knows
-/// no such words.
+/// Replaces every `nan`, `inf` and `1.#QNAN` of an ASCII file by a number beyond all valid coordinates, because the
+/// parser does not know these words.
 fn without_words(bytes: &[u8]) -> Cow<'_, [u8]> {
     const END: &[u8] = b"end_header";
     let Some(end) = bytes.windows(END.len()).position(|word| word == END) else {
@@ -192,12 +192,12 @@ fn without_words(bytes: &[u8]) -> Cow<'_, [u8]> {
     changed.into()
 }
 
-/// The triangles of strips, all wound the same way.
+/// The triangles of strips, all with the same winding.
 fn strips(list: &[u32], mut push: impl FnMut([u32; 3])) {
     for strip in list.split(|&index| index == RESTART) {
         for (i, window) in strip.windows(3).enumerate() {
             let [a, b, c] = [window[0], window[1], window[2]];
-            // Strips are joined by triangles without area.
+            // Triangles without area join strips.
             if a != b && b != c && c != a {
                 push(if i % 2 == 0 { [a, b, c] } else { [b, a, c] });
             }
@@ -205,7 +205,7 @@ fn strips(list: &[u32], mut push: impl FnMut([u32; 3])) {
     }
 }
 
-/// Points and what goes with them.
+/// Fills in the points and their attributes.
 fn fill(file: &mut CloudFile, element: &ElementDef, read: &[Vertex]) -> Result<(), String> {
     let known: Vec<usize> = element.properties.keys().filter_map(|n| place(n)).collect();
     let has = |first: usize| (first..first + 3).all(|at| known.contains(&at));
@@ -235,7 +235,7 @@ fn fill(file: &mut CloudFile, element: &ElementDef, read: &[Vertex]) -> Result<(
     Ok(())
 }
 
-/// Properties of an element that are left out; opaque colours lose nothing by it.
+/// Properties of an element that are not used, without an opaque alpha, which says nothing.
 fn unused(element: &ElementDef, used: impl Fn(&str) -> bool) -> Vec<String> {
     let names = element
         .properties
@@ -244,8 +244,8 @@ fn unused(element: &ElementDef, used: impl Fn(&str) -> bool) -> Vec<String> {
     names.cloned().collect()
 }
 
-/// What the parser said, on one line: where and of what, without what its grammar expected. It repeats lines of the file, which
-/// may be long and binary.
+/// The parser's message on one line, without what its grammar expected. It quotes lines of the file, which may be
+/// long and binary.
 fn reason(error: ParseError) -> String {
     let said = error.to_string();
     let (said, _) = said.split_once("Error: ").unwrap_or((&said, ""));
@@ -258,7 +258,7 @@ fn reason(error: ParseError) -> String {
     printable.chars().take(200).collect()
 }
 
-/// A binary file with double coordinates, and normals, colours, intensities and faces where there are any.
+/// Writes a binary file with double coordinates, and with normals, colours, intensities and faces if there are any.
 pub(super) fn emit(file: &CloudFile) -> Vec<u8> {
     let count = file.points.len();
     let mut header = format!(

@@ -5,12 +5,11 @@ use crate::dataset::triangulate::{cross, signed_area, triangulate};
 use glam::Vec2;
 use nalgebra::Vector3;
 
-/// Corners of the largest outline with notches that is divided; clipping ears takes their square.
+/// Most corners of a concave outline that is divided; ear clipping takes the square of their number.
 const MAX_CORNERS: usize = 2048;
 
-/// Divides every polygon into triangles: convex ones from their first corner, those with notches by clipping
-/// ears. What is neither is cut from its first corner, and noted. `polygons` holds the corners of all, one
-/// after another, and `sizes` how many each has.
+/// Divides every polygon into triangles: convex ones by a fan from their first corner, concave ones by ear clipping. Others
+/// also become fans, with a note. `polygons` holds the corners of all, one after another, `sizes` the number of each.
 pub(super) fn divide(
     file: &mut CloudFile,
     polygons: &[u32],
@@ -41,19 +40,19 @@ pub(super) fn divide(
     Ok(())
 }
 
-/// Divides a polygon into triangles from its first corner.
+/// Divides a polygon into a fan of triangles from its first corner.
 fn fan(polygon: &[u32]) -> impl Iterator<Item = [u32; 3]> + '_ {
     let edges = polygon.windows(2).skip(1);
     edges.map(|edge| [polygon[0], edge[0], edge[1]])
 }
 
-/// The polygon's triangles; `None` where its outline crosses itself.
+/// The polygon's triangles; `None` if its outline crosses itself.
 fn cut(points: &[Position], polygon: &[u32]) -> Result<Option<Vec<[u32; 3]>>, String> {
     let corners: Option<Vec<Position>> = polygon
         .iter()
         .map(|&corner| points.get(corner as usize).copied())
         .collect();
-    // Faces that name no vertex, or none that is finite, are refused or dropped later.
+    // Faces that name missing vertices are refused later; those with invalid vertices are dropped.
     let Some(outline) = corners.and_then(|corners| flattened(&corners)) else {
         return Ok(Some(fan(polygon).collect()));
     };
@@ -76,7 +75,7 @@ fn cut(points: &[Position], polygon: &[u32]) -> Result<Option<Vec<[u32; 3]>>, St
     if (covered - whole.abs()).abs() > 1e-3 * whole.abs() {
         return Ok(None);
     }
-    // Clipping runs counter-clockwise; the file's own sense is kept.
+    // Ear clipping runs counterclockwise; the file's winding is restored.
     let named = triangles.into_iter().map(|[a, b, c]| {
         let turned = if whole < 0.0 { [a, c, b] } else { [a, b, c] };
         turned.map(|i| polygon[i as usize])
@@ -84,7 +83,7 @@ fn cut(points: &[Position], polygon: &[u32]) -> Result<Option<Vec<[u32; 3]>>, St
     Ok(Some(named.collect()))
 }
 
-/// The outline in its own plane, by Newell's normal, its largest coordinate at 1; `None` where it has no area.
+/// Projects the outline onto its own plane, by Newell's normal, its largest coordinate at 1; `None` if it has no area.
 fn flattened(corners: &[Position]) -> Option<Vec<Vec2>> {
     let from_first: Vec<Vector3<f64>> = corners
         .iter()
@@ -106,7 +105,7 @@ fn flattened(corners: &[Position]) -> Option<Vec<Vec2>> {
     Some(flat.collect()).filter(|flat: &Vec<Vec2>| flat.iter().all(|p| p.is_finite()))
 }
 
-/// Whether two edges cross at a point inside both.
+/// Whether two edges cross inside both.
 fn crosses_itself(outline: &[Vec2]) -> bool {
     let edge = |i: usize| (outline[i], outline[(i + 1) % outline.len()]);
     (0..outline.len()).any(|i| {
@@ -115,7 +114,7 @@ fn crosses_itself(outline: &[Vec2]) -> bool {
     })
 }
 
-/// Whether every corner turns left, and the outline turns round once.
+/// Whether every corner turns left and the outline makes one full turn.
 fn is_convex(outline: &[Vec2]) -> bool {
     let n = outline.len();
     let edge = |i: usize| outline[(i + 1) % n] - outline[i % n];
@@ -177,7 +176,7 @@ mod tests {
                 divide(&mut file, &polygon, &[8]).expect("divided");
                 let (found, vector) = area(&points, &file.faces.expect("faces"));
                 assert!((found - exact).abs() < 1e-6, "{found} from corner {start}");
-                // The triangles keep the sense of the outline.
+                // The triangles keep the outline's winding.
                 assert!((vector.norm() - exact).abs() < 1e-6);
                 assert_eq!(vector.z < 0.0, reversed);
                 assert_eq!(file.notes, []);

@@ -1,13 +1,13 @@
 //! Stereolithography `.stl`, ASCII and binary: a mesh of loose triangles.
 //!
-//! Read here rather than by a crate, which takes binary files whose header begins with "solid" for text, and
-//! stops at the first of several solids.
+//! It is read here rather than by a crate: the crate takes binary files whose header begins with "solid" for text,
+//! and stops at the first of several solids.
 
 use super::lines::{decode, numbered, numbers, position};
 use super::{CloudFile, Note, Position};
 use nalgebra::Vector3;
 
-/// Bytes before the triangles of a binary file; the last four are their number.
+/// Bytes before the triangles of a binary file; the last four are the number of triangles.
 const HEADER: usize = 84;
 /// Normal, three corners and two bytes of attributes.
 const TRIANGLE: usize = 50;
@@ -26,7 +26,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<CloudFile, String> {
     Ok(file)
 }
 
-/// Binary files may begin with "solid" too, but hold bytes of 0.
+/// Whether a file is text. Binary files may begin with "solid", too, but contain zero bytes.
 fn is_text(bytes: &[u8]) -> bool {
     let start = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     let start = start.trim_ascii_start();
@@ -108,7 +108,7 @@ fn ascii(text: &str) -> Result<Vec<Position>, String> {
     Ok(corners)
 }
 
-/// The mesh, binary; the format has no room for more than float32, which suffices near the origin.
+/// Writes the mesh as a binary file. The format has only float32, which suffices near the origin.
 pub(super) fn emit(file: &CloudFile) -> Vec<u8> {
     let faces = file.faces.as_deref().unwrap_or_default();
     let mut bytes = vec![b' '; HEADER - 4];

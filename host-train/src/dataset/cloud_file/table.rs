@@ -1,9 +1,8 @@
 //! Points as lines of numbers: `.xyz`, `.txt`, `.asc`, `.csv` and `.pts`.
 //!
-//! Taken are blanks, tabs, commas or semicolons between the numbers; comments after `#` or `//`; a count before
-//! the points; names of the columns, also in a comment (`//X Y Z`); a decimal comma; and a first column that
-//! counts the lines. Where columns have names, those beside the coordinates may hold text. What could be read in two ways is
-//! refused.
+//! Accepted are blanks, tabs, commas or semicolons between the numbers; comments after `#` or `//`; a count before
+//! the points; names of the columns, also in a comment (`//X Y Z`); a decimal comma; and a first column that counts
+//! the lines. If columns have names, those other than the coordinates may hold text. Ambiguous files are refused.
 
 use super::columns::Layout;
 use super::lines::{self, decode, excerpt, without_comment};
@@ -11,18 +10,18 @@ use super::{CloudFile, Note, Position};
 use crate::dataset::Point;
 use std::borrow::Cow;
 
-/// Columns of one file and what is known of them.
+/// The columns of one file, and what is known of them.
 #[derive(Default)]
 struct Table {
-    /// What the columns hold, where a line names them.
+    /// The columns' meaning, if a line names them.
     named: Option<Layout>,
     /// Numbers, row by row; NaN for text.
     numbers: Vec<f64>,
-    /// Numbers of a row; 0 before the first.
+    /// Numbers per row; 0 before the first row.
     columns: usize,
-    /// Whether numbers have a decimal comma; `None` until one tells.
+    /// Whether numbers have a decimal comma; `None` while unknown.
     decimal_comma: Option<bool>,
-    /// A number has a point or an exponent.
+    /// Whether a number has a point or an exponent.
     fractions: bool,
     /// Whether the columns are separated by commas.
     commas: bool,
@@ -93,8 +92,8 @@ impl Table {
         }
     }
 
-    /// Divides a line at its separators: semicolons where there are any, else commas, unless these are decimal
-    /// ones, else white space. A decimal comma becomes a point.
+    /// Splits a line at its separators: semicolons if there are any, else commas unless they are decimal, else
+    /// white space. A decimal comma becomes a point.
     fn fields<'a>(&mut self, content: &'a str) -> Result<Vec<Cow<'a, str>>, String> {
         let plain = |field: &'a str| Cow::from(field.trim().trim_matches('"'));
         let pointed = |field: &'a str| Cow::from(plain(field).replacen(',', ".", 1));
@@ -125,7 +124,7 @@ impl Table {
             return Ok(decimal);
         }
         if semicolons {
-            // Not numbers: names, or a line to be refused.
+            // The fields are not numbers: they are names, or the line will be refused.
             return Ok(ends_cut(';').map(plain).collect());
         }
         if self.decimal_comma == Some(true) {
@@ -139,7 +138,7 @@ impl Table {
         Ok(ends_cut(',').map(plain).collect())
     }
 
-    /// Notes that numbers have a decimal point, where these do.
+    /// Records that numbers have a decimal point, if this line shows it.
     fn note_point(&mut self, content: &str) -> Result<(), String> {
         let pointed = content.contains('.') && content.contains(|c: char| c.is_ascii_digit());
         self.fractions |= pointed || content.contains(['e', 'E']);
@@ -152,7 +151,7 @@ impl Table {
         }
     }
 
-    /// What the columns hold, if this line before the points names them.
+    /// The meaning of the columns, if this line before the points names them.
     fn names(&self, text: &str) -> Option<Layout> {
         if self.columns > 0 || self.named.is_some() {
             return None;
@@ -174,7 +173,7 @@ impl Table {
         Layout::named(&names)
     }
 
-    /// The points and what goes with them.
+    /// Fills in the points and their attributes.
     fn finish(self, file: &mut CloudFile) -> Result<(), String> {
         if self.numbers.is_empty() {
             return Ok(());
@@ -227,7 +226,7 @@ impl Table {
         file.points = triple(layout.point);
         let normals = layout.normal.filter(|&at| has(at));
         file.normals = normals.map(|at| single(triple(at)));
-        // Without names they may be something else.
+        // Without names, columns that are not unit vectors may be something else.
         if is_guess && !file.normals.as_deref().is_none_or(super::are_units) {
             file.normals = None;
             layout.ignored = "the last three columns".into();
@@ -245,7 +244,7 @@ impl Table {
     }
 }
 
-/// A number, or NaN for a field without content.
+/// A number, or NaN for an empty field.
 fn number(field: &str) -> Option<f64> {
     match field {
         "" => Some(f64::NAN),
@@ -253,8 +252,8 @@ fn number(field: &str) -> Option<f64> {
     }
 }
 
-/// Lines of `x y z` and what else there is, named on the first line if anything is; in the shortest form that
-/// reads back the same.
+/// Writes lines of `x y z` and the attributes, in the shortest form that reads back the same. The first line names
+/// the columns if there are attributes.
 pub(super) fn emit(file: &CloudFile) -> Vec<u8> {
     let mut names = String::new();
     let mut push = |present: bool, name: &str| {

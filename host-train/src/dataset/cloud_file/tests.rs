@@ -163,7 +163,7 @@ fn normals_are_kept_where_all_are_defined() {
         None
     );
 
-    // Padding lies between the fields as the point cloud library writes them.
+    // Padding between the fields, as the Point Cloud Library writes it.
     let pcd = "VERSION .7\nFIELDS x y z _ normal_x normal_y normal_z _\nSIZE 4 4 4 1 4 4 4 1\nTYPE F F F U F F F U\nCOUNT 1 1 1 4 1 1 1 4\nWIDTH 1\nHEIGHT 1\nPOINTS 1\nDATA binary\n";
     let mut bytes = pcd.as_bytes().to_vec();
     for row in [[1.0f32, 2.0, 3.0], [0.0, 1.0, 0.0]] {
@@ -315,7 +315,7 @@ fn invalid_points_go_with_their_faces() {
             file.points,
             [TETRAHEDRON[0], TETRAHEDRON[2], TETRAHEDRON[3]]
         );
-        // Of the triangle and the polygon cut in two, one triangle has no invalid corner.
+        // The file has a triangle and a polygon that is divided in two; only one triangle has no invalid corner.
         assert_eq!(file.faces, Some(vec![[0, 1, 2]]));
         assert!(file.notes.contains(&Note::Dropped {
             points: 1,

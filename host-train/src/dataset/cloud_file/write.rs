@@ -6,7 +6,7 @@ use crate::files;
 use crate::pose64::Position;
 use std::path::Path;
 
-/// Refuses a path that [`write_cloud`] could not write for its extension.
+/// Refuses a path whose extension [`write_cloud`] could not write.
 pub fn check_output(path: &Path) -> Result<(), CloudError> {
     match extension(path).as_str() {
         "ply" | "pcd" | "xyz" | "npy" | "obj" | "off" | "stl" => Ok(()),
@@ -15,7 +15,7 @@ pub fn check_output(path: &Path) -> Result<(), CloudError> {
     }
 }
 
-/// Refuses a cloud without faces where the path's extension is one of meshes.
+/// Refuses a cloud without faces if the path's extension is a mesh format.
 pub fn check_cloud(path: &Path, file: &CloudFile) -> Result<(), CloudError> {
     match extension(path).as_str() {
         "obj" | "off" | "stl" if file.faces.is_none() => {
@@ -25,7 +25,7 @@ pub fn check_cloud(path: &Path, file: &CloudFile) -> Result<(), CloudError> {
     }
 }
 
-/// Refuses a mesh for `.stl` that would lie far from the origin once its middle is there.
+/// Refuses a mesh for `.stl` that would lie far from the origin with its middle there.
 ///
 /// # Errors
 /// [`CloudError::Rounded`].
@@ -37,8 +37,8 @@ pub fn check_place(path: &Path, file: &CloudFile, middle: Position) -> Result<()
     }
 }
 
-/// Writes a cloud or mesh: `.ply` with all that it has; `.obj`, `.off` or `.stl` of a mesh; `.pcd` of a cloud with
-/// all that it has; `.npy` (`[N, 3]` or, with normals, `[N, 6]`, float64); or lines of `.xyz`. Standard output
+/// Writes a cloud or mesh. `.ply` gets everything that it has, as does `.pcd` for clouds; `.obj`, `.off` and `.stl`
+/// are for meshes; `.npy` is `[N, 3]` or, with normals, `[N, 6]`, float64; `.xyz` is lines of text. Standard output
 /// (`-`), devices and pipes get `.ply`.
 pub fn write_cloud(path: &Path, file: &CloudFile) -> Result<(), CloudError> {
     check_output(path)?;

@@ -29,7 +29,7 @@ fn sample() -> PairSet {
     }
 }
 
-/// The same, of which some sources are views.
+/// The same, with view points for some sources.
 fn views() -> PairSet {
     let seen = |m: usize| {
         (m % 3 == 1).then(|| Seen {
@@ -180,7 +180,7 @@ fn symmetries_are_read_from_beside_the_pairs() {
     let set = sample();
     set.save(&path).expect("written");
     assert_eq!(PairSet::load(&path).expect("read").symmetries, None);
-    // What an evaluation wrote under the same name says nothing of symmetries.
+    // The output of an evaluation under the same name says nothing of symmetries.
     std::fs::write(&beside, r#"{"pairs": 10}"#).expect("written");
     assert_eq!(PairSet::load(&path).expect("read").symmetries, None);
     let one = r#"{"truths": [[[1,0,0,0],[0,1,0,0],[0,0,1,0]]], "sym": true, "what": "a can"}"#;

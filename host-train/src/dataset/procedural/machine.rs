@@ -47,7 +47,7 @@ pub(super) fn bracket(s: &mut Sketch) {
             Vec2::new((a - foot) * reach, 0.0),
             Vec2::new(0.0, b * reach),
         ];
-        // Profile axes (z of the part, y of the part): turn x to z about y, after standing it up.
+        // Profile axes (z of the part, y of the part): stand it up, then turn x to z about y.
         let place = at(x, 0.0, foot)
             * Affine3A::from_rotation_y(-FRAC_PI_2)
             * Affine3A::from_rotation_x(-FRAC_PI_2);
@@ -83,7 +83,7 @@ pub(super) fn flange(s: &mut Sketch) {
     s.mesh
         .add_tube(at(0.0, neck / 2.0, 0.0), bore + wall, bore, neck);
     if s.chance(0.75) {
-        // A branch or a foot on one side takes the turn's symmetry away.
+        // A branch or a foot on one side breaks the rotational symmetry.
         let (y, long, angle) = (
             s.uniform(0.4, 0.9) * neck,
             s.uniform(0.4, 0.8),
@@ -187,7 +187,7 @@ pub(super) fn stepped_shaft(s: &mut Sketch) {
     }
     profile.push(Vec2::new(0.0, x));
     s.mesh.add_revolved(along_x(0.0, 0.0, 0.0), &profile, TAU);
-    // A key, a crank arm with its pin, or both: shafts alone would be symmetric.
+    // A key, a crank arm with its pin, or both, because bare shafts are symmetric.
     let (radius, at_x) = widest;
     let crank = s.chance(0.7);
     if crank {
@@ -280,7 +280,7 @@ pub(super) fn extrusion(s: &mut Sketch) {
                 .add_extruded(place, &rectangle(w, h), &[cell(-1.0), cell(1.0)], long);
         }
     }
-    // What is bolted on.
+    // Things bolted on.
     let mounts = s.whole(1, 3);
     for _ in 0..mounts {
         let (lift, out) = (s.uniform(-0.45, 0.45) * long, s.uniform(0.05, 0.25));

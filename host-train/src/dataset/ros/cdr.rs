@@ -1,23 +1,23 @@
-//! CDR, as DDS and the middlewares of ROS 2 lay out messages.
+//! CDR, the encoding of messages in DDS and the middlewares of ROS 2.
 
 use byteorder::{BigEndian, LittleEndian};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-/// Why bytes are no message.
+/// Why bytes are not a message.
 #[derive(Debug, Error, PartialEq, Eq)]
 pub enum CdrError {
-    /// They begin otherwise than plain CDR does.
+    /// They do not begin as plain CDR does.
     #[error(
         "the message begins with {0:02x?}, and plain CDR with 00 00 or 00 01 and two bytes of options"
     )]
     Encapsulation(Vec<u8>),
-    /// They end early, or hold what cannot be.
+    /// They end early, or have impossible contents.
     #[error("the message is not one of its type: {0}")]
     Content(String),
 }
 
-/// Little-endian, with the encapsulation header of DDS. Messages hold nothing that CDR does not.
+/// Encodes a message in little-endian CDR, with the encapsulation header of DDS. Messages hold nothing that CDR cannot.
 pub fn to_cdr(message: &impl Serialize) -> Vec<u8> {
     let mut bytes = vec![0, 1, 0, 0];
     let body = cdr_encoding::to_vec::<_, LittleEndian>(message);
@@ -25,10 +25,10 @@ pub fn to_cdr(message: &impl Serialize) -> Vec<u8> {
     bytes
 }
 
-/// In either byte order.
+/// Decodes a message of either byte order.
 ///
 /// # Errors
-/// Bytes that are no message of the type in plain CDR.
+/// Bytes that are not a message of the type in plain CDR.
 pub fn from_cdr<'b, T: Deserialize<'b>>(bytes: &'b [u8]) -> Result<T, CdrError> {
     let read = match bytes {
         [0, 1, _, _, body @ ..] => cdr_encoding::from_bytes::<T, LittleEndian>(body),
@@ -72,7 +72,7 @@ mod tests {
                 "{cut}"
             );
         }
-        // A length that no message has.
+        // A length that no message can have.
         let endless = bytes("00010000 01000000 02000000 ffffffff 61");
         assert!(matches!(header(&endless), Err(CdrError::Content(_))));
     }

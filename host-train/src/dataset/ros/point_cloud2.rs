@@ -1,5 +1,5 @@
-//! `sensor_msgs/PointCloud2`, in the order of its definition in `common_interfaces`, and the points in it, whatever lies between and
-//! beside them.
+//! `sensor_msgs/PointCloud2`, with fields in the order of its definition in `common_interfaces`, and the points in
+//! it, whatever padding and other fields there are.
 
 use crate::dataset::Point;
 use crate::pose64::Position;
@@ -11,52 +11,52 @@ use thiserror::Error;
 pub struct Time {
     /// Seconds.
     pub sec: i32,
-    /// And nanoseconds.
+    /// Nanoseconds beyond them.
     pub nanosec: u32,
 }
 
 /// `std_msgs/Header`.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Header {
-    /// When it was so.
+    /// Time of the measurement.
     pub stamp: Time,
-    /// Of the coordinates.
+    /// Frame of the coordinates.
     pub frame_id: String,
 }
 
 /// `sensor_msgs/PointField`.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PointField {
-    /// Such as `x`.
+    /// Name, such as `x`.
     pub name: String,
-    /// Bytes before it in its point.
+    /// Offset in a point, bytes.
     pub offset: u32,
-    /// One of the constants of the definition.
+    /// Number type, one of the definition's constants.
     pub datatype: u8,
-    /// Numbers in it.
+    /// Number of values.
     pub count: u32,
 }
 
 /// `sensor_msgs/PointCloud2`.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PointCloud2 {
-    /// When and where.
+    /// Time and frame.
     pub header: Header,
-    /// Rows; 1 of a cloud that is not organised.
+    /// Number of rows; 1 for a cloud that is not organised.
     pub height: u32,
-    /// Points of a row.
+    /// Points per row.
     pub width: u32,
-    /// What a point has.
+    /// Fields of a point.
     pub fields: Vec<PointField>,
-    /// Of the points, whatever the byte order of the message.
+    /// Byte order of the points, whatever that of the message.
     pub is_bigendian: bool,
-    /// Bytes of a point.
+    /// Length of a point, bytes.
     pub point_step: u32,
-    /// Bytes of a row.
+    /// Length of a row, bytes.
     pub row_step: u32,
-    /// The points.
+    /// Bytes of the points.
     pub data: Vec<u8>,
-    /// Whether all of them are finite.
+    /// Whether all points are finite.
     pub is_dense: bool,
 }
 
@@ -64,51 +64,51 @@ pub struct PointCloud2 {
 const FLOAT32: u8 = 7;
 const FLOAT64: u8 = 8;
 
-/// Why there are no points.
+/// Why a message's points cannot be read.
 #[derive(Debug, Error, PartialEq, Eq)]
 pub enum PointCloudError {
     /// A coordinate is missing.
     #[error("the cloud has no field {0:?}: its fields are {1}")]
     NoField(&'static str, String),
-    /// A coordinate is no floating-point number.
+    /// A coordinate is not a floating-point number.
     #[error("field {name:?} of the cloud has datatype {datatype}: give FLOAT32 (7) or FLOAT64 (8)")]
     Datatype {
-        /// Which.
+        /// The field.
         name: String,
-        /// As the message says.
+        /// Its datatype in the message.
         datatype: u8,
     },
-    /// A coordinate lies outside of its point.
+    /// A coordinate reaches beyond its point.
     #[error("field {name:?} of the cloud ends {end} bytes into a point of {point_step}")]
     Offset {
-        /// Which.
+        /// The field.
         name: String,
-        /// Where it ends.
+        /// Offset of its end, bytes.
         end: u64,
         /// Length of a point.
         point_step: u32,
     },
-    /// Points overlap the next row.
+    /// The points of a row are longer than the row.
     #[error("{width} points of {point_step} bytes are longer than the cloud's row of {row_step}")]
     Row {
-        /// Points of a row.
+        /// Points per row.
         width: u32,
         /// Length of a point.
         point_step: u32,
         /// Length of a row.
         row_step: u32,
     },
-    /// Points are missing.
+    /// The data is too short for the points.
     #[error("the cloud says {says} bytes and has {has}")]
     Length {
-        /// By its rows.
+        /// Bytes that rows and points need.
         says: u64,
-        /// Of data.
+        /// Bytes of data.
         has: usize,
     },
 }
 
-/// Where a coordinate lies in a point, and how many bytes it has.
+/// A coordinate's offset in a point, and its type.
 struct Coordinate {
     at: usize,
     is_double: bool,
@@ -161,7 +161,7 @@ impl Coordinate {
 }
 
 impl PointCloud2 {
-    /// Points in a frame.
+    /// A message with these points in this frame.
     pub fn of(points: impl Iterator<Item = Point>, frame: String) -> PointCloud2 {
         let data: Vec<u8> = points.flatten().flat_map(f32::to_le_bytes).collect();
         let field = |(name, offset): (&str, u32)| PointField {
@@ -190,7 +190,7 @@ impl PointCloud2 {
     /// All points, row by row. An organised cloud has points that are not finite where its sensor saw nothing.
     ///
     /// # Errors
-    /// Coordinates that are missing, of other types or outside of a point, and fewer bytes than rows and points need.
+    /// Coordinates that are missing, of other types or reach beyond a point, and too few bytes for the rows and points.
     pub fn positions(&self) -> Result<Vec<Position>, PointCloudError> {
         let [x, y, z] = ["x", "y", "z"].map(|name| Coordinate::of(self, name));
         let coordinates = [x?, y?, z?];
@@ -206,7 +206,7 @@ impl PointCloud2 {
         if row == 0 {
             return Ok(Vec::new());
         }
-        // A single row needs no length of its own, and some drivers give none.
+        // A single row needs no row step, and some drivers give none.
         let step = if height <= 1 {
             row.max(row_step.into())
         } else {
@@ -253,7 +253,7 @@ mod tests {
         [7.0, 8.0, 9.0],
     ];
 
-    /// Two rows of two points: fields in any order, of either width and byte order, with gaps in points and after rows.
+    /// Two rows of two points: fields in any order, either width and byte order, gaps in points and after rows.
     fn cloud(
         order: [usize; 3],
         is_double: bool,
@@ -304,7 +304,7 @@ mod tests {
         }
     }
 
-    /// Those that are finite.
+    /// The points that are finite.
     fn points(cloud: &PointCloud2) -> Result<Vec<Position>, PointCloudError> {
         let mut points = cloud.positions()?;
         points.retain(|point| point.iter().all(|x| x.is_finite()));
@@ -343,7 +343,7 @@ mod tests {
             }),
             Ok(vec![])
         );
-        // As many rows as can be said, of no points.
+        // As many rows as possible, without points.
         let empty = PointCloud2 {
             height: u32::MAX,
             width: 0,

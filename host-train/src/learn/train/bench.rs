@@ -9,7 +9,7 @@ use crate::learn::optim::Adam;
 use serde::Serialize;
 use std::time::Instant;
 
-/// Speed of one stage, and where its time goes. All times are seconds of the clock.
+/// Speed of one stage, and where its time goes. All times are wall-clock seconds.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Speed {
     /// The stage.
@@ -22,9 +22,9 @@ pub struct Speed {
     pub samples: usize,
     /// Observations a second.
     pub samples_per_s: f64,
-    /// All of it.
+    /// Total time.
     pub seconds: f64,
-    /// Drawing clouds, as far as it was waited for.
+    /// Waiting for clouds to be drawn.
     pub data_s: f64,
     /// Roll-outs.
     pub roll_out_s: f64,

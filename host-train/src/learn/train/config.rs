@@ -26,12 +26,12 @@ pub enum DataSource {
     Bop(PathBuf),
     /// The built-in parametric shapes, this many.
     Procedural(usize),
-    /// Depth views, rendered as they are drawn, of the meshes of a directory or of built-in shapes.
+    /// Depth views of the meshes of a directory or of built-in shapes, rendered as samples are drawn.
     Views(Meshes),
 }
 
-/// What is looked at of views: what lies within 1.25 radii of the target, since most starts err by less than a quarter of
-/// one, and what the target has near it, chosen anew every three steps.
+/// What a policy for views looks at. Of the source, points within 1.25 radii of the target's centre, since most starts
+/// err by less than .25; of the target, points near some of the source, chosen anew every three steps.
 const VIEWS: Sight = Sight {
     cut: Cut::from_header(20),
     focus: 3,
@@ -40,8 +40,8 @@ const VIEWS: Sight = Sight {
 impl FromStr for DataSource {
     type Err = String;
 
-    /// `procedural`, `procedural:COUNT`, or a directory, whose layout is seen from its contents; the same after `views:`
-    /// for depth views of them.
+    /// Parses `procedural`, `procedural:COUNT` or a directory, whose layout is told from its contents. A prefix
+    /// `views:` asks for depth views of the same meshes.
     fn from_str(s: &str) -> Result<Self, String> {
         if let Some(meshes) = s.strip_prefix("views:") {
             return match meshes.parse()? {
@@ -77,7 +77,7 @@ impl fmt::Display for DataSource {
     }
 }
 
-/// Which part of the method runs.
+/// Which stage of the method runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum Stage {
@@ -155,13 +155,13 @@ pub struct TrainConfig {
     pub init: Option<PathBuf>,
     /// Widths of the network (paper: wide).
     pub network: Network,
-    /// Points a cloud (paper: 1024 of 2048).
+    /// Points of a cloud (paper: 1024 of 2048).
     pub points: usize,
     /// Whether shapes are deformed by scale, shear and mirror (paper: yes; design table, column
     /// "augm.").
     pub augmentation: bool,
-    /// What is looked at of both clouds: keys `cut`, sixteenths of the target's radius, and `focus`; 0 for everything
-    /// (paper).
+    /// What the policy looks at: keys `cut`, in sixteenths of the target's radius, and `focus`; 0 looks at
+    /// everything (paper).
     #[serde(flatten)]
     pub sight: Sight,
     /// Partial views and outliers in sources.

@@ -27,7 +27,7 @@ pub(super) struct TrainingData {
 }
 
 impl TrainingData {
-    /// Clouds and annotated objects: samples of an epoch.
+    /// Clouds, annotated objects and meshes of views: the samples of an epoch.
     pub(super) fn len(&self) -> usize {
         self.clouds.len()
             + self
@@ -39,7 +39,7 @@ impl TrainingData {
     }
 }
 
-/// What is trained on, and pairs of the meshes and images held back for validation.
+/// Loads what a run trains on, and draws the pairs for validation from the meshes and images held back.
 pub(super) fn load(config: &TrainConfig) -> Result<(TrainingData, PairSet), TrainError> {
     let mut objects = Vec::new();
     let mut views = Vec::new();
@@ -106,11 +106,11 @@ pub(super) fn load(config: &TrainConfig) -> Result<(TrainingData, PairSet), Trai
     Ok((data, pairs))
 }
 
-/// The problems of an update: the next clouds in an endless sequence of shuffled epochs, each with an
-/// augmentation of its own.
+/// The problems of an update: the next samples in an endless sequence of shuffled epochs, each with an augmentation
+/// of its own.
 ///
 /// # Errors
-/// A depth image or a mask that cannot be read.
+/// A depth image or a mask that cannot be read, or a mesh of which no view shows anything.
 pub(super) fn problems(
     config: &TrainConfig,
     data: &TrainingData,
@@ -144,7 +144,7 @@ pub(super) fn problems(
         .collect()
 }
 
-/// A training pair of cloud or annotated object number `pick`: clouds come first.
+/// A training pair of sample number `pick`: clouds come first, then annotated objects, then meshes of views.
 fn draw(
     config: &TrainConfig,
     data: &TrainingData,
@@ -173,7 +173,7 @@ fn draw(
     unreachable!("picks are below the number of clouds and objects")
 }
 
-/// A training pair of one cloud, as the stage wants it.
+/// A training pair of one cloud under the stage's conditions: clean in pre-training, noisy after it.
 fn sample(config: &TrainConfig, rng: &mut Rng, cloud: &[Point]) -> Sample {
     let mut sample = match (config.stage, config.augmentation) {
         (Stage::Pretrain, true) => clean_sample(rng, cloud, config.points),
@@ -188,8 +188,8 @@ fn sample(config: &TrainConfig, rng: &mut Rng, cloud: &[Point]) -> Sample {
     sample
 }
 
-/// SHA-256 of all training clouds in their order, and of the annotations and models of objects, in hexadecimal:
-/// what a run was trained on. Images are not read for it.
+/// SHA-256 over everything a run was trained on, in hexadecimal: all training clouds in their order, and the
+/// annotations and models of objects. Images are not read for it.
 pub(super) fn fingerprint(data: &TrainingData) -> String {
     let mut hash = Sha256::new();
     let models = data.objects.iter().flat_map(BopTraining::surfaces);

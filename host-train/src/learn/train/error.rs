@@ -24,7 +24,7 @@ pub enum TrainError {
         "{0} training clouds are too few: give at least 3, of which one is held back for validation"
     )]
     TooFewClouds(usize),
-    /// No mesh can be seen.
+    /// None of the meshes shows in a depth view.
     #[error("nothing is seen of any of the meshes: they are too thin to be rendered")]
     NothingSeen,
     /// Options that contradict each other.
@@ -92,7 +92,7 @@ pub enum TrainError {
     /// Validation failed.
     #[error("validation failed")]
     Validation(#[from] EvalError),
-    /// The loss is no number any more.
+    /// The loss is not a number any more.
     #[error(
         "update {update} diverged in mini-batch {mini_batch}: loss {loss}, gradient norm {gradient_norm}; lower the learning rate or give --clip-gradient{}",
         .saved.as_ref().map(|path| format!("; the mini-batch and the state before it are in {}", path.display())).unwrap_or_default()

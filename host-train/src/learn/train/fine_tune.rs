@@ -1,4 +1,4 @@
-//! A short run without a run directory: the policy that is shipped, trained on.
+//! A short run without a run directory: it trains the shipped policy further.
 
 use super::config::{Stage, TrainConfig};
 use super::error::TrainError;
@@ -13,14 +13,13 @@ use rayon::prelude::*;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-/// Rate of the first update; it falls to zero with the time that is left.
+/// Learning rate of the first update; it falls linearly to zero as the time runs out.
 const LEARNING_RATE: f32 = 2e-4;
-/// Of the average over the last mini-batches ([`super::Method::average`]), of which there are a few hundred.
+/// Decay of the exponential average ([`super::Method::average`]); a short run has a few hundred mini-batches.
 const AVERAGE: f32 = 0.98;
 
-/// Trains a policy in f32 on with imitation until the time is up, and returns the new policy, which looks and decides as
-/// the first does. Sample number `i` is drawn by `sample` from a stream of its own; `progress` is told the updates done and
-/// the loss.
+/// Trains an f32 policy further by imitation until the time is up. The new policy looks and decides as the given one does.
+/// `sample` draws sample number `i` from a stream of its own; `progress` is told the number of updates done and the loss.
 ///
 /// # Errors
 /// [`TrainError::Diverged`] or [`TrainError::Policy`].
@@ -32,7 +31,7 @@ pub fn fine_tune(
     mut progress: impl FnMut(u64, f64),
 ) -> Result<WeightFile, TrainError> {
     let mut config = TrainConfig::new(Stage::Il, Vec::new(), PathBuf::new());
-    // A short run: smaller buffers give more frequent, fresher ones.
+    // A short run: smaller buffers are fresher, and give more updates.
     config.roll_out = RollOut {
         problems: 32,
         trajectories: 1,

@@ -29,7 +29,7 @@ pub struct LearningRate {
 }
 
 impl LearningRate {
-    /// Rate of an update in epoch `epoch` (from 0), `done` of the whole run lying behind it.
+    /// Rate of an update in epoch `epoch` (from 0), when the share `done` of the run's updates is done.
     pub fn at(&self, epoch: u32, done: f32) -> f32 {
         match self.anneal {
             Anneal::Halve => Schedule {

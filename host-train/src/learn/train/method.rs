@@ -54,10 +54,10 @@ pub enum Follow {
     Mean,
 }
 
-/// What one update does, the problems given.
+/// What one update does with given problems.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Method {
-    /// Who labels the observations (paper: steady).
+    /// The expert that labels the observations (paper: steady).
     pub expert: Expert,
     /// How actions accumulate (paper: global).
     pub accumulation: Accumulation,
@@ -65,12 +65,12 @@ pub struct Method {
     pub follow: Follow,
     /// The reinforcement term.
     pub ppo: PpoSettings,
-    /// Longest gradient; a longer one is scaled down to it (authors' code: no limit).
+    /// Largest gradient norm; a longer gradient is scaled down to it (authors' code: no limit).
     pub clip_gradient: Option<f32>,
-    /// Decay, in every mini-batch, of an exponential average of the parameters that is validated and
-    /// exported in their place (ours; the authors' code has none).
+    /// Decay per mini-batch of an exponential average of the parameters, which is validated and exported in their
+    /// place (ours; the authors' code has none).
     pub average: Option<f32>,
-    /// How the points that reach a feature's maximum are found.
+    /// How training finds the points that reach a feature's maximum.
     pub search: Search,
 }
 

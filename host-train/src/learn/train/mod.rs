@@ -1,15 +1,14 @@
 //! The training loop: clouds in, checkpoints and metrics out.
 //!
-//! One update is Algorithm 1 of the paper: [`Trainer::update`] rolls N trajectories of n steps out from each of 32
-//! problems by the stochastic policy, rewards them, computes returns and advantages, and goes once over the
-//! shuffled buffer in mini-batches. Clouds come in an endless sequence of shuffled epochs, so the buffer
-//! that an epoch leaves partly filled is filled by the first clouds of the next, and no state but the number
-//! of updates lies between two updates.
+//! One update is Algorithm 1 of the paper, [`Trainer::update`]. It rolls out N trajectories of n steps from each of 32
+//! problems with the stochastic policy, rewards them, computes returns and advantages, and goes once over the shuffled
+//! buffer in mini-batches. Clouds come in an endless sequence of shuffled epochs: the first clouds of an epoch fill the
+//! buffer that the last epoch left partly filled. No state but the number of updates lies between two updates.
 //!
 //! # Known details of PPO
 //!
-//! The list is that of Huang et al., "The 37 implementation details of proximal policy optimization" (2022). The tests
-//! are those of the package `reagent-tests`, but for the last ones.
+//! The list is that of Huang et al., "The 37 implementation details of proximal policy optimization" (2022). Tests
+//! are in the package `reagent-tests` unless a path is given.
 //!
 //! | detail | here | where | test |
 //! |---|---|---|---|
@@ -32,7 +31,7 @@
 //! | 26 separate networks for continuous control | no, see 13 | | |
 //! | 28-31 normalised or clipped observations and rewards | no: clouds are in normalised units, rewards are .5, -.1, -.6 | [`crate::learn::reward`] | `rewards_follow_the_chamfer_distance` |
 //! | 32-36 LSTM | no: a state is one observation | | |
-//! | limit of the episode told from its end | `--bootstrap` continues by the value; default 0, as in the authors' code | [`Buffer::compute_returns`](crate::learn::buffer::Buffer::compute_returns) | `returns_and_advantages_equal_the_reference` |
+//! | time limit of the episode is no terminal state | `--bootstrap` adds the value of the last state; by default it counts as 0, as in the authors' code | [`Buffer::compute_returns`](crate::learn::buffer::Buffer::compute_returns) | `returns_and_advantages_equal_the_reference` |
 //! | annealed clipping range | no | | |
 //! | parallel gradients | yes, summed in a fixed order | [`crate::learn::agent`] | `results_do_not_depend_on_the_number_of_threads` |
 //! | early stopping by KL | no: with one pass it stays near 0.01; it is logged | [`UpdateStats`] | |

@@ -1,4 +1,4 @@
-//! What a run says of itself: a line of JSON for each update and epoch, a bar or a line on the terminal.
+//! What a run reports: a line of JSON for each update and epoch, and a bar or a line on the terminal.
 
 use super::config::TrainConfig;
 use super::stats::UpdateStats;
@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use std::io::IsTerminal;
 use std::time::{Duration, Instant};
 
-/// The line on an update.
+/// The line for an update.
 pub(super) fn update_line(update: u64, epoch: u32, rate: f32, stats: &UpdateStats) -> Value {
     let mut line = json!({"update": update, "epoch": epoch, "lr": rate});
     merge(&mut line, json!(stats));
@@ -18,13 +18,13 @@ pub(super) fn update_line(update: u64, epoch: u32, rate: f32, stats: &UpdateStat
 
 /// An epoch at its end.
 pub(super) struct EpochEnd<'a> {
-    /// Which, from 0.
+    /// Number of the epoch, from 0.
     pub(super) epoch: u32,
     /// Updates done since the start of the run.
     pub(super) updates: u64,
     /// The learning rate.
     pub(super) rate: f32,
-    /// Sums over its updates.
+    /// Sums over the epoch's updates.
     pub(super) sums: EpochSums,
     /// Speed, observations per second.
     pub(super) samples_per_s: f64,
@@ -35,7 +35,7 @@ pub(super) struct EpochEnd<'a> {
 }
 
 impl EpochEnd<'_> {
-    /// The line on it.
+    /// The line for the epoch.
     pub(super) fn line(&self) -> Value {
         let n = f64::from(self.sums.updates);
         let mut line = json!({
@@ -49,7 +49,7 @@ impl EpochEnd<'_> {
         line
     }
 
-    /// The same for people, with the time that so many observations still take.
+    /// The epoch's line for people, with the time that the observations left will take.
     fn text(&self, observations_left: f64) -> String {
         let n = f64::from(self.sums.updates);
         let reward = self.sums.reward.map(|r| format!("  reward {:.3}", r / n));
@@ -84,12 +84,12 @@ pub(super) struct Display {
     bar: ProgressBar,
     observations: usize,
     total: u64,
-    /// When the epoch, or this process, began, and after how many updates.
+    /// When the epoch, or this process, began, and how many updates had been done then.
     since: (Instant, u64),
 }
 
 impl Display {
-    /// The display of `total` updates, of which some are done.
+    /// Starts the display of `total` updates, of which `done` are done.
     pub(super) fn start(config: &TrainConfig, total: u64, done: u64) -> Self {
         let bar = if std::io::stderr().is_terminal() {
             let template = "{bar:30} {pos}/{len} updates  {msg}  eta {eta}";
@@ -123,7 +123,7 @@ impl Display {
             .set_message(format!("loss {:.3}  {pace:.0} samples/s", stats.loss));
     }
 
-    /// Tells of an epoch.
+    /// Reports the end of an epoch.
     pub(super) fn epoch(&self, end: &EpochEnd<'_>) {
         let left = (self.total - end.updates) as f64 * self.observations as f64;
         if self.bar.is_hidden() {
@@ -133,7 +133,7 @@ impl Display {
         }
     }
 
-    /// The next epoch begins after so many updates.
+    /// Starts the clock of the next epoch, after so many updates.
     pub(super) fn next_epoch(&mut self, updates: u64) {
         self.since = (Instant::now(), updates);
     }

@@ -1,4 +1,4 @@
-//! The run directory: what a run is, and what it measured.
+//! The run directory: the record of a run and of what it measured.
 //!
 //! | file | what |
 //! |---|---|
@@ -6,7 +6,7 @@
 //! | `metrics.jsonl` | one line an update (`update`, …), one an epoch (`epoch`, `updates`, `validation`, …) |
 //! | `last.safetensors`, `previous.safetensors` | newest checkpoints |
 //! | `best/checkpoint.safetensors` | checkpoint with the lowest validation error |
-//! | `diverged.json`, `diverged.safetensors` | the mini-batch whose loss was no number, and the state before it |
+//! | `diverged.json`, `diverged.safetensors` | the mini-batch whose loss was not a number, and the state before it |
 
 use super::config::TrainConfig;
 use super::error::TrainError;
@@ -38,7 +38,7 @@ impl RunRecord {
     /// Reads the record of a run.
     ///
     /// # Errors
-    /// [`TrainError::Record`] where there is none or it is of another version's making.
+    /// [`TrainError::Record`] where there is none, or another version wrote it.
     pub fn load(run: &Path) -> Result<Self, TrainError> {
         let path = run.join(CONFIG);
         let unreadable = |what: String| TrainError::Record {
@@ -49,7 +49,7 @@ impl RunRecord {
         serde_json::from_slice(&text).map_err(|e| unreadable(e.to_string()))
     }
 
-    /// Names what may not change when a run is resumed and yet does, each with both values.
+    /// Names the settings that may not change when a run is resumed and yet differ, each with both values.
     fn differences(&self, now: &RunRecord) -> Vec<String> {
         let mut differences = Vec::new();
         let value = |record: &RunRecord| serde_json::to_value(record).unwrap_or(Value::Null);
@@ -92,8 +92,8 @@ pub(super) struct RunDirectory {
 }
 
 impl RunDirectory {
-    /// Makes sure that a run can be written, with room for `bytes`, and starts its metrics; a resumed run
-    /// must be the same run, and goes on after the metrics of its first `updates` updates.
+    /// Checks that the directory can be written and has room for `bytes`, and starts the metrics. A resumed run
+    /// must be the same run; its metrics go on after those of its first `updates` updates.
     pub(super) fn open(
         record: &RunRecord,
         resumed: Option<u64>,
@@ -135,7 +135,7 @@ impl RunDirectory {
 
     /// Adds a line to the metrics.
     pub(super) fn log(&mut self, line: &Value) -> Result<(), TrainError> {
-        // One write a line: a process that is killed leaves whole lines.
+        // One write per line, so that a killed process leaves whole lines only.
         let text = format!("{line}\n");
         let written = self.metrics.write_all(text.as_bytes());
         written.map_err(|e| unusable(&self.path.join(METRICS), e))
@@ -168,7 +168,7 @@ impl RunDirectory {
                 })
             })
             .collect();
-        // Numbers that are none become null.
+        // Values that are not numbers become null.
         let document = json!({
             "update": update, "mini_batch": what.mini_batch, "losses": what.losses,
             "gradient_norm": what.gradient_norm, "observations": observations, "problems": problems,
@@ -178,7 +178,7 @@ impl RunDirectory {
     }
 }
 
-/// Removes files that a killed process was writing (see [`crate::files`]).
+/// Removes files that a killed process left half written (see [`crate::files`]).
 fn remove_unfinished(folder: &Path) -> std::io::Result<()> {
     for entry in std::fs::read_dir(folder)? {
         let entry = entry?;
@@ -190,7 +190,7 @@ fn remove_unfinished(folder: &Path) -> std::io::Result<()> {
     Ok(())
 }
 
-/// Writes and removes a file of the given size.
+/// Checks for room: writes a file of the given size and removes it.
 fn probe(directory: &Path, bytes: usize) -> Result<(), TrainError> {
     let write = || -> std::io::Result<()> {
         let mut file = tempfile::NamedTempFile::new_in(directory)?;

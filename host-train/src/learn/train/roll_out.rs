@@ -17,11 +17,11 @@ pub(super) struct Gathered {
     pub(super) buffer: Buffer,
     /// Poses after the last step, one a trajectory.
     ends: Vec<Pose>,
-    /// Value estimates there, where the method asks for them.
+    /// Value estimates of those poses, where the method bootstraps from them.
     end_values: Vec<f32>,
 }
 
-/// Rolls N trajectories of n steps out from each problem.
+/// Rolls out N trajectories of n steps from each problem.
 pub(super) fn gather(
     agent: &mut Agent,
     mut problems: Vec<Problem>,
@@ -89,8 +89,8 @@ pub(super) fn gather(
 }
 
 impl Gathered {
-    /// Rewards every step by the Chamfer distance of the source to where it belongs, and computes
-    /// returns and advantages.
+    /// Rewards every step by the Chamfer distance between the source and where it belongs, then computes returns
+    /// and advantages.
     pub(super) fn reward(mut self, method: &Method) -> Buffer {
         let Buffer {
             problems,
@@ -122,7 +122,7 @@ impl Gathered {
     }
 }
 
-/// Rewards of the steps between poses. A pose that did not change has the same distance, bit by bit.
+/// Rewards of the steps between consecutive poses. An unchanged pose keeps its distance, bit for bit.
 fn rewards(
     problem: &Problem,
     truth: &[crate::dataset::Point],

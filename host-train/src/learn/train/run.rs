@@ -13,11 +13,11 @@ use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-/// Runs a stage of training to its end, or to `stop`. What it writes is in the table of
-/// [`super::record`]; `after_epoch` is called when the log has an epoch more.
+/// Runs a stage of training to its end, or until `stop`. The table of [`super::record`] lists what it writes;
+/// `after_epoch` is called whenever the log has gained an epoch.
 ///
 /// # Errors
-/// See [`TrainError`]; what was checkpointed before stays.
+/// See [`TrainError`]; checkpoints written before stay.
 pub fn run(
     config: &TrainConfig,
     resume: bool,
@@ -29,7 +29,7 @@ pub fn run(
     })
 }
 
-/// Works on so many threads; 0 takes all cores.
+/// Runs `work` on so many threads; 0 takes all cores.
 pub(super) fn on_threads<T: Send>(
     threads: usize,
     work: impl FnOnce() -> Result<T, TrainError> + Send,
@@ -115,7 +115,7 @@ fn run_here(
         if epoch_of(trainer.updates) > epoch || trainer.updates == total {
             let samples_per_s = display.samples_per_s(trainer.updates);
             let errors = validate(config, trainer.result(), &validation)?;
-            // A source of which a part is cut off is not near the target even where it belongs.
+            // A cut source is not near the target even in place, so its Chamfer distance says nothing.
             let error = match config.sight.cut {
                 Cut::NONE => errors.chamfer_mod,
                 _ => 100.0 - errors.adi_auc_pct,

@@ -1,4 +1,4 @@
-//! Where a run begins, and what it leaves behind to go on from.
+//! Where a run begins, and the checkpoint from which it can go on.
 
 use super::config::TrainConfig;
 use super::error::TrainError;
@@ -9,7 +9,7 @@ use crate::policy::WeightFile;
 use crate::policy::checkpoint::{Checkpoint, Progress};
 use std::path::PathBuf;
 
-/// The trainer at the start of a run, or where it was left, and the progress made so far.
+/// The trainer at the start of a run or where a stopped run left it, and the progress made so far.
 pub(super) fn start(
     config: &TrainConfig,
     resumed: Option<Checkpoint>,
@@ -77,7 +77,7 @@ pub(super) fn start(
     Ok((trainer, progress))
 }
 
-/// All that the run needs to go on from here.
+/// Everything that the run needs to go on from here.
 pub(super) fn checkpoint(
     config: &TrainConfig,
     trainer: &Trainer,

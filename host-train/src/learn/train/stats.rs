@@ -1,4 +1,4 @@
-//! What one update measures, as it is written to the metrics.
+//! The measurements of one update, as the metrics file has them.
 
 use super::method::Method;
 use crate::learn::buffer::Buffer;
@@ -8,10 +8,10 @@ use crate::policy::checkpoint::EpochSums;
 use reagent_core::dims::STEP_SIZES;
 use serde::{Deserialize, Serialize};
 
-/// What one update measured. The reinforcement's fields are absent in stages without it.
+/// The measurements of one update. Fields of the reinforcement term are absent in stages without it.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct UpdateStats {
-    /// What is minimised, mean over the mini-batches.
+    /// The loss that is minimised, mean over the mini-batches.
     pub loss: f64,
     /// Imitation term.
     pub clone: f64,
@@ -23,7 +23,7 @@ pub struct UpdateStats {
     pub value: Option<f64>,
     /// Mean entropy of an axis, nats.
     pub entropy: f64,
-    /// How far the policy moved from the one that was rolled out, nats.
+    /// Estimate of the KL divergence of the policy from the one that was rolled out, nats.
     pub approx_kl: f64,
     /// Share of ratios outside the clipping range.
     pub clip_fraction: f64,
@@ -83,7 +83,7 @@ impl UpdateStats {
         }
     }
 
-    /// Counts it among the updates of its epoch.
+    /// Adds these to the sums of their epoch.
     pub(super) fn add_to(&self, epoch: &mut EpochSums) {
         epoch.updates += 1;
         epoch.loss += self.loss;

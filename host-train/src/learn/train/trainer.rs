@@ -15,7 +15,7 @@ use rand::seq::SliceRandom;
 use rayon::prelude::*;
 use std::time::{Duration, Instant};
 
-/// The agent, its optimiser, and the memory that an update works in.
+/// The agent, its optimiser, and an update's working memory.
 #[derive(Debug)]
 pub struct Trainer {
     /// The network.
@@ -24,7 +24,7 @@ pub struct Trainer {
     pub adam: Adam,
     /// Exponential average of the parameters, where the method keeps one.
     pub averaged: Option<Vec<f32>>,
-    /// Updates done: with the seed, the state of every random stream.
+    /// Updates done. Together with the seed it determines the state of every random stream.
     pub updates: u64,
     /// Where the time went.
     pub spent: Spent,
@@ -49,14 +49,13 @@ pub struct Spent {
     pub learn: Duration,
 }
 
-/// A mini-batch whose loss or gradient is no number. The agent and its optimiser are as they were before
-/// it.
+/// A mini-batch whose loss or gradient is not a number. Agent and optimiser are as they were before it.
 pub struct Diverged {
     /// Which mini-batch of the update, from 0.
     pub mini_batch: usize,
     /// Its losses.
     pub losses: Losses,
-    /// Length of its gradient.
+    /// Norm of its gradient.
     pub gradient_norm: f64,
     /// Its observations.
     pub observations: Vec<Observation>,
@@ -66,7 +65,7 @@ pub struct Diverged {
 
 impl std::fmt::Debug for Diverged {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        // Without the clouds, which are megabytes.
+        // The clouds are megabytes, and left out.
         f.debug_struct("Diverged")
             .field("mini_batch", &self.mini_batch)
             .field("losses", &self.losses)
@@ -76,8 +75,7 @@ impl std::fmt::Debug for Diverged {
 }
 
 impl Trainer {
-    /// A trainer for given parameters and optimiser state; the average, if any, starts at the
-    /// parameters.
+    /// A trainer for given parameters and optimiser state; the average, if any, starts at the parameters.
     pub fn new(
         parameters: Parameters,
         adam: Adam,
@@ -106,7 +104,7 @@ impl Trainer {
     /// One update on new problems.
     ///
     /// # Errors
-    /// [`Diverged`]; nothing of the offending mini-batch is taken over.
+    /// [`Diverged`]; the offending mini-batch changes nothing.
     pub fn update(
         &mut self,
         problems: Vec<Problem>,
@@ -118,7 +116,7 @@ impl Trainer {
         Ok(stats)
     }
 
-    /// Rolls trajectories out from each problem and, where there is a reinforcement term, rewards them.
+    /// Rolls out trajectories from each problem and, where there is a reinforcement term, rewards them.
     pub fn gather(&mut self, problems: Vec<Problem>) -> Buffer {
         let started = Instant::now();
         let mut rng = stream(self.seed, Purpose::Action, self.updates);
@@ -170,7 +168,7 @@ impl Trainer {
         Ok(UpdateStats::new(&mean, mean_norm, &buffer, &self.method))
     }
 
-    /// Takes the last gradient over into the parameters.
+    /// Updates the parameters with the last gradient.
     fn step(&mut self, norm: f64, learning_rate: f32) {
         if let Some(longest) = self.method.clip_gradient
             && norm > f64::from(longest)
@@ -189,7 +187,7 @@ impl Trainer {
         self.agent.packed.pack(&self.agent.parameters);
     }
 
-    /// Loss of a mini-batch and its gradient, which [`Trainer::last_gradient`] shows. A target that several
+    /// Loss of a mini-batch and its gradient, which [`Trainer::last_gradient`] returns. A target that several
     /// observations share is embedded once.
     pub fn gradient(&mut self, problems: &[Problem], batch: &[Observation]) -> Losses {
         let agent = &mut self.agent;
@@ -269,7 +267,7 @@ impl Trainer {
         &self.gradient
     }
 
-    /// The parameters that are validated and exported: the average where there is one.
+    /// The parameters that are validated and exported: the average if there is one.
     pub fn result(&self) -> Parameters {
         let mut parameters = self.agent.parameters.clone();
         if let Some(averaged) = &self.averaged {
@@ -279,10 +277,10 @@ impl Trainer {
     }
 }
 
-/// Numbers that one thread works on at a time in passes over all parameters.
+/// Numbers per task in parallel passes over all parameters.
 const BLOCK: usize = 1 << 14;
 
-/// Length of a vector; the sum is taken over fixed blocks in their order.
+/// Euclidean norm of a vector, summed over fixed blocks in a fixed order.
 fn norm(values: &[f32]) -> f64 {
     let blocks: Vec<f64> = values
         .par_chunks(BLOCK)
@@ -301,8 +299,8 @@ fn norm(values: &[f32]) -> f64 {
     blocks.iter().sum::<f64>().sqrt()
 }
 
-/// `averaged += (1 - decay) (values - averaged)`, with less decay over the first steps, so that where
-/// training started is soon forgotten.
+/// `averaged += (1 - decay) (values - averaged)`, with less decay over the first steps, so that the starting point
+/// is soon forgotten.
 fn average(averaged: &mut [f32], values: &[f32], decay: f32, steps: u64) {
     let early = (1.0 + steps as f32) / (10.0 + steps as f32);
     let keep = decay.min(early);

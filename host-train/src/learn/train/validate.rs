@@ -1,4 +1,4 @@
-//! Validation: the errors of the policy, deciding as exported ones do, on pairs of held-back meshes.
+//! Validation: the policy's errors on pairs of held-back meshes, with decisions made as exported policies make them.
 
 use super::config::TrainConfig;
 use super::error::TrainError;
@@ -13,7 +13,7 @@ use crate::policy::WeightFile;
 use rayon::prelude::*;
 use reagent_core::{Decision, Pose};
 
-/// Errors after the given number of steps: on the robot's code where it can run the policy, else on the
+/// Errors after the given number of steps, computed by the robot's code if it can run the policy, else by the
 /// trainer's.
 pub(super) fn validate(
     config: &TrainConfig,
@@ -45,7 +45,7 @@ pub(super) fn validate(
     Ok(outcomes[0].row.summary)
 }
 
-/// Errors of one pose a pair.
+/// Errors of one pose for each pair.
 pub(super) fn summary(
     pairs: &PairSet,
     pose: impl Fn(usize) -> Pose + Sync,

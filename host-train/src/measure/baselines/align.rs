@@ -1,4 +1,4 @@
-//! The rigid motion that brings matched points together, in the least-squares sense.
+//! Least-squares rigid alignment of matched points.
 
 use nalgebra::{Matrix3, Matrix6, Rotation3, Vector3, Vector6};
 
@@ -7,8 +7,8 @@ use nalgebra::{Matrix3, Matrix6, Rotation3, Vector3, Vector6};
 const RANK_TOLERANCE: f64 = 1e-12;
 
 /// The rotation and translation that take the first points to the second with the least weighted squared error
-/// (Kabsch 1976, with Umeyama's sign so that the result is never a mirror image). Items are (from, to, weight),
-/// of positive weights.
+/// (Kabsch 1976, with Umeyama's sign so that the result is never a reflection). Items are (from, to, weight), with
+/// positive weights.
 pub(super) fn kabsch(
     pairs: impl Iterator<Item = (Vector3<f64>, Vector3<f64>, f64)> + Clone,
 ) -> (Matrix3<f64>, Vector3<f64>) {
@@ -23,7 +23,7 @@ pub(super) fn kabsch(
     for (a, b, weight) in pairs {
         covariance += (weight * (b - mean_b)) * (a - mean_a).transpose();
     }
-    // Singular values come in descending order: the smallest direction is the one to flip.
+    // Singular values come in descending order: the last direction is the one to flip.
     let svd = covariance.svd(true, true);
     let u = svd.u.expect("U was asked for");
     let v_t = svd.v_t.expect("V was asked for");
@@ -32,9 +32,9 @@ pub(super) fn kabsch(
     (rotation, mean_b - rotation * mean_a)
 }
 
-/// One Gauss-Newton step of the squared distances to planes (Chen and Medioni 1991). Items are (point, point of
-/// the plane, the plane's unit normal). The angles about x, y, z of the linearised problem are applied in this order;
-/// motions that the planes do not constrain are not made.
+/// One Gauss-Newton step on the squared point-to-plane distances (Chen and Medioni 1991). Items are (point, point
+/// of the plane, the plane's unit normal). The solved angles about x, y, z are applied in this order; motions that
+/// the planes do not constrain are left out.
 pub(super) fn plane_step(
     pairs: impl Iterator<Item = (Vector3<f64>, Vector3<f64>, Vector3<f64>)>,
 ) -> (Matrix3<f64>, Vector3<f64>) {

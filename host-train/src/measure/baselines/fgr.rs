@@ -1,8 +1,8 @@
-//! Fast global registration (Zhou, Park and Koltun, ECCV 2016): matches of features, most of them wrong, and a robust
+//! Fast global registration (Zhou, Park and Koltun, ECCV 2016): feature matches, most of them wrong, and a robust
 //! cost that is made less and less convex.
 //!
-//! Parameters are Open3D's, but for the correspondence distance of .05. Where the paper takes one Gauss-Newton step for
-//! each value of the line process, the rigid motion is solved for in closed form.
+//! Parameters are Open3D's, except for the correspondence distance of .05. Where the paper takes one Gauss-Newton
+//! step for each value of the line process, this solves for the rigid motion in closed form.
 
 use super::align::kabsch;
 use super::fpfh::{FpfhSettings, fpfh};
@@ -16,46 +16,46 @@ use ndarray::{Array1, Array2, ArrayView2, Axis, s};
 use rand::RngExt;
 use reagent_core::{Error, Pose};
 
-/// Fewest matches that are worth a registration; below it the pose stays where it is.
+/// Fewest matches that are worth a registration; with fewer, the pose is the identity.
 const FEWEST_MATCHES: usize = 10;
 /// Tuples tried for each match.
 const TRIALS: usize = 100;
 /// Iterations between two changes of the cost.
 const PERIOD: usize = 4;
-/// Features compared at a time, which bounds the memory.
+/// Features compared at once, which bounds the memory.
 const BLOCK: usize = 128;
 
-/// How to match and to register. Lengths beside the radii are shares of the larger cloud's radius about its mean.
+/// How to match and to register. Lengths, but for those of neighbourhoods, are in radii of the larger cloud.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FgrSettings {
     /// Neighbourhoods of normals.
     pub normals: NormalSettings,
-    /// Whether normals are turned away from the cloud's mean, as fits an object seen as a whole, or keep the signs that the
-    /// eigenvector solver happens to give them.
+    /// Whether normals are turned away from the cloud's mean, which suits an object seen as a whole. Otherwise they
+    /// keep the signs that the eigenvector solver happens to give them.
     pub outward: bool,
-    /// Neighbourhoods of features, at least as large.
+    /// Neighbourhoods of features, at least as large as those of normals.
     pub features: FpfhSettings,
-    /// The cost's scale μ, from 1, is made smaller until it is below this.
+    /// The cost's scale μ starts at 1 and falls until it is no larger than this.
     pub max_correspondence: f64,
-    /// By what it is divided every fourth iteration; 1 leaves it as it is.
+    /// Divisor of μ at every fourth iteration; 1 leaves it constant.
     pub division: f64,
     /// Iterations.
     pub iterations: usize,
-    /// Sides of corresponding triangles differ at most by this factor.
+    /// Least ratio of corresponding sides of two triangles, the shorter to the longer.
     pub tuple_scale: f64,
     /// Triangles of matches to find.
     pub max_tuples: usize,
 }
 
 impl FgrSettings {
-    /// What Open3D's Python interface does unless told otherwise: the cost stays as it is, so that matches which are
-    /// far off count for something to the end, and signs of normals change as a cloud is turned.
+    /// The defaults of Open3D's Python interface. The cost stays constant, so that matches which are far off keep
+    /// some weight to the end, and signs of normals change as a cloud is turned.
     pub const OPEN3D: FgrSettings = FgrSettings {
         outward: false,
         division: 1.0,
         ..FgrSettings::GRADUATED
     };
-    /// Graduated as in the paper, with normals that do not depend on the pose.
+    /// Graduated non-convexity as in the paper, with normals that do not depend on the pose.
     pub const GRADUATED: FgrSettings = FgrSettings {
         outward: true,
         normals: NormalSettings::DEFAULT,
@@ -68,18 +68,18 @@ impl FgrSettings {
     };
 }
 
-/// Where it ended.
+/// Result of fast global registration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FgrResult {
     /// The estimate; the identity where there were too few matches.
     pub target_from_source: Pose,
-    /// Matches of features that are each other's nearest.
+    /// Number of reciprocal matches: features that are each other's nearest.
     pub reciprocal: usize,
     /// Triangles of such matches that passed the test.
     pub tuples: usize,
 }
 
-/// Registers `source [N, 3]` to `target [M, 3]` without a first estimate. `rng` chooses the triangles to test.
+/// Registers `source [N, 3]` to `target [M, 3]` without an initial estimate. `rng` chooses the triangles to test.
 ///
 /// Refuses empty clouds, clouds without extent and coordinates that are not finite.
 pub fn fgr(
@@ -116,7 +116,7 @@ pub fn fgr(
     Ok(result)
 }
 
-/// Features of a cloud, a row a point.
+/// FPFH features of a cloud, one row a point.
 fn features(points: &[Point], settings: &FgrSettings) -> Result<Array2<f64>, Error> {
     let tree = Neighbours::new(points)?;
     // One search serves both: the neighbours for normals are the nearest of those for features.
@@ -128,7 +128,7 @@ fn features(points: &[Point], settings: &FgrSettings) -> Result<Array2<f64>, Err
     Ok(Array2::from(fpfh(points, &normals, &lists)))
 }
 
-/// The cloud about its mean, the mean, and the distance of the farthest point from it.
+/// The cloud centred on its mean, the mean, and the distance of the farthest point from it.
 fn centred(points: &[Point]) -> (Vec<Vector3<f64>>, Vector3<f64>, f64) {
     let sum: Vector3<f64> = points.iter().map(|&p| wide(p)).sum();
     let mean = sum / points.len() as f64;
@@ -137,7 +137,7 @@ fn centred(points: &[Point]) -> (Vec<Vector3<f64>>, Vector3<f64>, f64) {
     (centred, mean, radius)
 }
 
-/// Rows of `a [N, 33]` and of `b [M, 33]` that are each other's nearest.
+/// Pairs of rows of `a [N, 33]` and `b [M, 33]` that are each other's nearest.
 fn reciprocal(a: &Array2<f64>, b: &Array2<f64>) -> Vec<(usize, usize)> {
     let norms = |m: &Array2<f64>| -> Array1<f64> { m.map_axis(Axis(1), |row| row.dot(&row)) };
     let (norms_a, norms_b) = (norms(a), norms(b));
@@ -163,7 +163,7 @@ fn reciprocal(a: &Array2<f64>, b: &Array2<f64>) -> Vec<(usize, usize)> {
     matches.filter(|&(i, j)| nearest_b[j].1 == i).collect()
 }
 
-/// Matches in threes whose triangles have sides of like length in both clouds, drawn at random.
+/// Random triples of matches whose triangles have sides of similar length in both clouds, flattened.
 fn triangles(
     from: &[Vector3<f64>],
     to: &[Vector3<f64>],
@@ -191,7 +191,7 @@ fn triangles(
     passed
 }
 
-/// Minimises the sum of `μ r² / (μ + r²)` (Geman-McClure) over rigid motions of the first points, while μ falls: the
+/// Minimises the sum of `μ r² / (μ + r²)` (Geman-McClure) over rigid motions of the first points while μ falls. The
 /// weight of a match is `(μ / (μ + r²))²`.
 fn graduated(
     pairs: &[(Vector3<f64>, Vector3<f64>)],

@@ -1,5 +1,4 @@
-//! Fast point feature histograms (Rusu, Blodow and Beetz 2009): what the surface around a point looks like,
-//! whatever the pose.
+//! Fast point feature histograms (Rusu, Blodow and Beetz 2009): pose-invariant descriptors of the surface around a point.
 
 use crate::dataset::Point;
 use crate::neighbours::wide;
@@ -13,28 +12,28 @@ const BINS: usize = 11;
 /// Sum over the bins of one angle.
 const TOTAL: f64 = 100.0;
 
-/// How large a neighbourhood is.
+/// Size of a neighbourhood.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FpfhSettings {
     /// Its radius, in the cloud's units.
     pub radius: f64,
-    /// Most points in it, the nearest.
+    /// Most points in it; the nearest are taken.
     pub most: usize,
 }
 
 impl FpfhSettings {
-    /// For clouds of about a thousand points and radius 1.
+    /// For clouds of about a thousand points and a radius of 1.
     pub const DEFAULT: FpfhSettings = FpfhSettings {
         radius: 0.3,
         most: 100,
     };
 }
 
-/// Features `[N]` of a cloud `[N]` with unit normals `[N]`. `lists` holds the neighbours of each point as the settings
-/// ask for, with squared distances.
+/// Features `[N]` of a cloud `[N]` with unit normals `[N]`. `lists` holds each point's neighbours within the
+/// settings' radius and number, with squared distances.
 ///
-/// As Open3D computes them: a point's own histogram is added to the mean of its neighbours', weighted by the inverse
-/// of the squared distance, where each angle's bins sum to 100 in both.
+/// They are computed as in Open3D: a point's own histogram is added to the mean of its neighbours' histograms,
+/// weighted by the inverse squared distance. In both terms each angle's bins sum to 100.
 pub fn fpfh(
     points: &[Point],
     normals: &[Vector3<f64>],
@@ -72,7 +71,7 @@ fn simple(
     let mut counts = vec![[0u32; FPFH_BINS]; points.len()];
     for (i, list) in lists.iter().enumerate() {
         for &(j, squared) in list.iter().filter(|near| near.0 != i) {
-            // The angles are those of the unordered pair: where each is in the other's list, once is enough.
+            // The angles belong to the unordered pair: if each point is in the other's list, one computation serves both.
             let mutual = holds(&lists[j], i, squared);
             if mutual && j < i {
                 continue;
@@ -101,8 +100,8 @@ fn holds(list: &[(usize, f64)], i: usize, squared: f64) -> bool {
     as_far.map(|near| near.0).any(|j| j == i)
 }
 
-/// The bins of the three angles between two oriented points, in the frame of the one whose normal is closer to
-/// the line between them.
+/// Bins of the three angles between two oriented points, in the frame of the one whose normal is closer to the line
+/// between them.
 fn bins(p: Vector3<f64>, n_p: &Vector3<f64>, q: Vector3<f64>, n_q: &Vector3<f64>) -> [usize; 3] {
     let line = q - p;
     let length = line.norm();
@@ -114,7 +113,7 @@ fn bins(p: Vector3<f64>, n_p: &Vector3<f64>, q: Vector3<f64>, n_q: &Vector3<f64>
     };
     let v = line.cross(u);
     let norm = v.norm();
-    // Equal points, or a line along the normal: no frame. NaN fails the comparison too.
+    // Equal points, or a line along the normal, define no frame. NaN fails the comparison, too.
     let [theta, alpha, phi] = if norm > 0.0 {
         let v = v / norm;
         let w = u.cross(&v);

@@ -1,9 +1,9 @@
-//! Iterative closest point (Besl and McKay 1992; to planes: Chen and Medioni 1991; trimmed: Chetverikov et al. 2002).
+//! Iterative closest point (Besl and McKay 1992; planes: Chen and Medioni 1991; trimmed: Chetverikov et al. 2002).
 //!
-//! Same rules as Open3D's `registration_icp`, so that numbers compare: correspondences are the nearest
-//! target points within a fixed distance; each iteration solves for the rigid transform (in closed form for points,
-//! by one Gauss-Newton step for planes); it stops when fitness and RMSE, both of distances between points, change by less
-//! than 1e-6. Trimming keeps a fixed share of the correspondences, the shortest.
+//! The rules are those of Open3D's `registration_icp`, so that numbers compare. Correspondences are the nearest
+//! target points within a fixed distance. Each iteration solves for the rigid transform, in closed form point to
+//! point, by one Gauss-Newton step point to plane. It stops when fitness and RMSE, both of point-to-point
+//! distances, change by less than 1e-6. Trimming keeps a fixed share of the correspondences, the shortest.
 
 use super::align::{kabsch, plane_step};
 use super::narrow;
@@ -14,7 +14,7 @@ use crate::neighbours::{Neighbours, check_finite, wide};
 use nalgebra::{Matrix3, Vector3};
 use reagent_core::{Error, Pose};
 
-/// What an iteration makes small.
+/// What an iteration minimises.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Residual {
     /// Distances to the corresponding points.
@@ -26,7 +26,7 @@ pub enum Residual {
 /// What to minimise, when to stop, and what counts as a correspondence.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct IcpSettings {
-    /// What an iteration makes small.
+    /// What an iteration minimises.
     pub residual: Residual,
     /// Farthest a source point may be from its nearest target point, in the clouds' units.
     pub max_correspondence: f64,
@@ -56,14 +56,14 @@ impl IcpSettings {
         max_iterations: 50,
         ..IcpSettings::POINT
     };
-    /// Point to plane, by the nearer 80 % of the points: for sources that show parts the target lacks.
+    /// Point to plane, on the nearest 80 % of the points: for sources that show parts which the target lacks.
     pub const TRIMMED: IcpSettings = IcpSettings {
         kept_share: 0.8,
         ..IcpSettings::PLANE
     };
 }
 
-/// Where ICP ended.
+/// Result of ICP.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct IcpResult {
     /// The estimate.
@@ -78,7 +78,7 @@ pub struct IcpResult {
     pub converged: bool,
 }
 
-/// Registers `source [N, 3]` to `target [M, 3]`, from the plain transform `initial`.
+/// Registers `source [N, 3]` to `target [M, 3]`, starting from the plain transform `initial`.
 ///
 /// Refuses empty clouds, coordinates that are not finite and an initial pose that is not rigid.
 pub fn icp(
@@ -90,17 +90,17 @@ pub fn icp(
     IcpTarget::new(target, settings.residual)?.register(source, initial, settings)
 }
 
-/// A target, prepared once for several runs.
+/// A target that is prepared once for several runs.
 #[derive(Debug)]
 pub struct IcpTarget<'t> {
     points: &'t [Point],
     tree: Neighbours,
-    /// Of every point, where distances to planes are made small.
+    /// Normals of all points; used by [`Residual::Plane`].
     normals: Vec<Vector3<f64>>,
 }
 
 impl<'t> IcpTarget<'t> {
-    /// Prepares `target [M, 3]`; for [`Residual::Plane`] its normals, too.
+    /// Prepares `target [M, 3]`, with its normals for [`Residual::Plane`].
     ///
     /// # Errors
     /// As [`icp`].
@@ -121,7 +121,7 @@ impl<'t> IcpTarget<'t> {
         })
     }
 
-    /// As [`icp`]; to planes only where the target was prepared for them.
+    /// As [`icp`]; point to plane only if the target was prepared for it.
     ///
     /// # Errors
     /// As [`icp`].

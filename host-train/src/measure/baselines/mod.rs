@@ -1,14 +1,14 @@
-//! Classical registration beside the policy, in f64: the baselines of the paper's tables.
+//! Classical registration in f64 to compare the policy with: the baselines of the paper's tables.
 //!
 //! | file | what |
 //! |---|---|
 //! | `icp` | iterative closest point: point to point, point to plane, trimmed |
-//! | `fgr` | fast global registration of FPFH matches, for when there is no first estimate |
-//! | `normals`, `fpfh` | what they need of a cloud |
-//! | `align` | the least-squares problems they solve |
+//! | `fgr` | fast global registration on FPFH matches, without an initial estimate |
+//! | `normals`, `fpfh` | the surface normals and features that they need |
+//! | `align` | the least-squares problems that they solve |
 //!
-//! Rules and parameters are those of Open3D 0.20, so that numbers compare. No published crate would have served:
-//! threecrate-algorithms has FPFH with RANSAC, not FGR, in f32; fast-gicp wraps a C++ library.
+//! Rules and parameters are those of Open3D 0.20, so that numbers compare. No published crate serves:
+//! threecrate-algorithms has FPFH with RANSAC in f32, but not FGR; fast-gicp wraps a C++ library.
 
 mod align;
 mod fgr;
@@ -24,7 +24,7 @@ pub use normals::{NormalSettings, normals, outward};
 use nalgebra::{Matrix3, Vector3};
 use reagent_core::Pose;
 
-/// A pose computed in f64, as the rest of the program takes it.
+/// Converts a pose from f64 to the rest of the program's f32.
 fn narrow(rotation: &Matrix3<f64>, translation: &Vector3<f64>) -> Pose {
     Pose::from_rows(std::array::from_fn(|i| {
         let r = rotation.row(i);

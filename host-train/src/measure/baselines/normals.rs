@@ -4,17 +4,17 @@ use crate::dataset::Point;
 use crate::neighbours::wide;
 use nalgebra::{Matrix3, Vector3};
 
-/// How large a neighbourhood is.
+/// Size of a neighbourhood.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NormalSettings {
     /// Its radius, in the cloud's units.
     pub radius: f64,
-    /// Most points in it, the nearest.
+    /// Most points in it; the nearest are taken.
     pub most: usize,
 }
 
 impl NormalSettings {
-    /// For clouds of about a thousand points and radius 1.
+    /// For clouds of about a thousand points and a radius of 1.
     pub const DEFAULT: NormalSettings = NormalSettings {
         radius: 0.2,
         most: 30,
@@ -22,13 +22,13 @@ impl NormalSettings {
 }
 
 /// Unit normals `[N]` of a cloud `[N]`: the direction in which a point's neighbours spread least. `lists` holds
-/// the neighbours of each point, itself among them, the nearest first, at least as many as the settings ask for
-/// ([`Neighbours::lists`](crate::neighbours::Neighbours::lists)). The normal of a point is z where fewer than three or only equal
-/// points are neighbours.
+/// each point's neighbours, itself included, the nearest first, and at least as many as the settings ask for
+/// ([`Neighbours::lists`](crate::neighbours::Neighbours::lists)). A point with fewer than three neighbours, or only
+/// equal ones, gets z.
 ///
-/// A neighbourhood does not tell inside from outside, but features of normals depend on the sign. Here it is that of
-/// the eigenvector solver in Open3D (Eberly, "A Robust Eigensolver for 3 x 3 Symmetric Matrices"), so that features
-/// are the same; it changes as a cloud is turned. [`outward`] does not.
+/// A neighbourhood does not tell inside from outside, but features depend on the normals' signs. Here the sign is
+/// that of Open3D's eigenvector solver (Eberly, "A Robust Eigensolver for 3 x 3 Symmetric Matrices"), so that
+/// features are the same. It changes as a cloud is turned; that of [`outward`] does not.
 pub fn normals(
     points: &[Point],
     lists: &[Vec<(usize, f64)>],
@@ -43,7 +43,7 @@ pub fn normals(
     lists.iter().map(normal).collect()
 }
 
-/// Turns the normals of a cloud away from its mean: the same surface has the same normals in every pose.
+/// Turns a cloud's normals away from its mean, so that the same surface has the same normals in every pose.
 pub fn outward(points: &[Point], normals: &mut [Vector3<f64>]) {
     let sum: Vector3<f64> = points.iter().map(|&p| wide(p)).sum();
     let mean = sum / points.len().max(1) as f64;
@@ -100,7 +100,7 @@ fn least_spread(points: impl Iterator<Item = Vector3<f64>> + Clone) -> Vector3<f
     (sign * across).cross(&along)
 }
 
-/// The vector or its opposite, so that the largest component is positive along x and z, negative along y.
+/// The vector or its opposite: the one whose largest component is positive along x and z, negative along y.
 fn signed(vector: Vector3<f64>) -> Vector3<f64> {
     let largest = vector.iamax();
     let wanted = if largest == 1 { -1.0 } else { 1.0 };

@@ -6,10 +6,10 @@ use reagent_core::evidence::FEATURES;
 
 /// Newton steps of the fit.
 const NEWTON: usize = 30;
-/// Weight of the squared weights in the fit.
+/// Factor of the ridge penalty on the squared weights.
 const RIDGE: f64 = 0.1;
 
-/// Weights that make the rows most likely.
+/// Fits the weights by maximum likelihood with a ridge penalty.
 pub fn fit<'a>(rows: impl Iterator<Item = &'a Row> + Clone) -> [f64; FEATURES] {
     let mut weights = SVector::<f64, FEATURES>::zeros();
     for _ in 0..NEWTON {
@@ -33,7 +33,7 @@ fn logistic(x: f64) -> f64 {
     1.0 / (1.0 + (-x).exp())
 }
 
-/// Probability of a row by given weights.
+/// The model's probability that a row is right.
 pub fn probability(row: &Row, weights: &[f64; FEATURES]) -> f64 {
     let terms = row.features.iter().zip(weights);
     logistic(terms.map(|(&x, w)| f64::from(x) * w).sum())

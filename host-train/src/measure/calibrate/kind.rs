@@ -1,4 +1,4 @@
-//! Pairs of every kind that a verdict is fitted to.
+//! The kinds of pairs that a verdict is fitted to.
 
 use crate::augment::{crop, random_direction};
 use crate::dataset::pairs::PairSet;
@@ -23,11 +23,11 @@ pub enum Kind {
     Clean,
     /// Sources of which a plane cuts off three tenths.
     Part,
-    /// Parts of both clouds, each by a plane of its own.
+    /// Parts of both clouds, each cut off by a plane of its own.
     Parts,
     /// The noisy protocol with distorted sources.
     Rough,
-    /// Parts of the source that are distorted.
+    /// Partial sources that are distorted.
     RoughPart,
     /// Targets of another mesh.
     Wrong,
@@ -47,14 +47,14 @@ pub enum Kind {
     SeenWrongView,
 }
 
-/// Points of the source and of the target in [`Kind::Sparse`], each of as many pairs.
+/// Numbers of points of source and target in [`Kind::Sparse`]; each combination serves an equal number of pairs.
 const SPARSE: [[usize; 2]; 5] = [[64, 64], [64, 200], [96, 200], [128, 128], [256, 256]];
-/// Share of a cloud of which a plane cuts off the rest; where both are cut, each of as many pairs.
+/// Share of a cloud that a plane leaves; where both clouds are cut, each share serves an equal number of pairs.
 const PART: f32 = 0.7;
 const PARTS: [f32; 2] = [0.7, 0.55];
 /// Points of each cloud of a view.
 const VIEW: usize = 1024;
-/// Standard deviation of the noise of distorted sources, in sizes of the source: its logarithm is uniform.
+/// Standard deviation of the noise on distorted sources, in sizes of the source; its logarithm is uniform.
 const ROUGH_NOISE: [f32; 2] = [0.002, 0.015];
 /// Largest bend of distorted sources, in sizes of the source.
 const ROUGH_BEND: f32 = 0.02;
@@ -79,7 +79,7 @@ impl Kind {
         Kind::SeenWrongView,
     ];
 
-    /// The kind of which these are the same pairs, if the view point is known.
+    /// The kind of the same pairs without a view point, if this kind has one.
     fn blind(self) -> Option<Kind> {
         match self {
             Kind::SeenView => Some(Kind::View),
@@ -89,7 +89,7 @@ impl Kind {
         }
     }
 
-    /// Whether the clouds are of different things, so that no pose is right.
+    /// Whether the clouds show different things, so that no pose is right.
     pub fn is_wrong(self) -> bool {
         let kind = self.blind().unwrap_or(self);
         matches!(kind, Kind::Wrong | Kind::WrongParts | Kind::WrongView)
@@ -111,7 +111,7 @@ impl Kind {
         set
     }
 
-    /// The same with the view points of views.
+    /// The same; views keep their view points.
     fn drawn(self, models: &[Model], views: &Views, count: usize, seed: u64) -> PairSet {
         // Each kind has a stream of its own.
         let seed = seed + self as u64;
@@ -174,11 +174,11 @@ impl Kind {
     }
 }
 
-/// Bends a cloud smoothly and adds noise: sensors are wrong in both ways, models too.
+/// Bends a cloud smoothly and adds noise: sensors err in both ways, and so do models.
 fn distort(points: &mut [Point], rng: &mut Rng) {
     const WAVES: usize = 4;
     let centre = points.iter().copied().map(Vec3::from).sum::<Vec3>() / points.len() as f32;
-    // Of most points: pixels that fly lie metres away.
+    // Size by the median distance, since flying pixels lie metres away.
     let mut distances: Vec<f32> = points.iter().map(|&p| centre.distance(p.into())).collect();
     distances.sort_by(f32::total_cmp);
     let size = 4.0 * distances[distances.len() / 2];

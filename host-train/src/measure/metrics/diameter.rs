@@ -6,8 +6,8 @@ use nalgebra::Vector3;
 
 /// Exact diameter of a cloud, in its units; 0 for fewer than two points.
 ///
-/// Points are visited from the farthest from the centroid inwards. By the triangle inequality a pair is at
-/// most the sum of its two radii apart, so that the search ends long before all pairs are seen.
+/// Points are visited from the farthest from the centroid inwards. By the triangle inequality the distance of a
+/// pair is at most the sum of its two radii, so that the search ends long before all pairs are seen.
 pub fn diameter(points: &[Point]) -> f64 {
     let points: Vec<Vector3<f64>> = points.iter().map(|&p| wide(p)).collect();
     let centroid = points.iter().sum::<Vector3<f64>>() / points.len().max(1) as f64;

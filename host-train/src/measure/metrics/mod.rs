@@ -44,13 +44,13 @@ pub struct PairMetrics {
     pub chamfer_mod: f64,
     /// Average distance of corresponding model points, in diameters.
     pub add: f64,
-    /// Average distance of closest model points ("indistinguishable views"), in diameters.
+    /// Average distance of closest model points, for objects whose views are indistinguishable, in diameters.
     pub adi: f64,
-    /// ADI of an object that is known to have a symmetry, else ADD, from the nearest of the poses that look like the true one.
+    /// ADI if the object is known to have a symmetry, else ADD; the least over the poses that look like the true one.
     pub ad: f64,
 }
 
-/// What an estimate for one pair is measured against.
+/// Reference that estimates for one pair are measured against.
 #[derive(Debug)]
 pub struct GroundTruth<'a> {
     source: &'a [Point],
@@ -59,17 +59,17 @@ pub struct GroundTruth<'a> {
     target_from_source: Pose,
     clean_tree: Neighbours,
     diameter: f64,
-    /// Poses that look like the true one, and whether ADI counts.
+    /// Poses that look like the true one; `symmetric` says whether ADI counts.
     alike: Vec<Pose>,
     symmetric: bool,
 }
 
 impl<'a> GroundTruth<'a> {
-    /// Prepares a pair: `source [N, 3]` and `target [M, 3]` as observed, `raw [K, 3]` the noise-free cloud in
-    /// the target's frame (without one, the target stands in for it), and the true pose.
+    /// Prepares a pair: `source [N, 3]` and `target [M, 3]` as observed, the true pose, and `raw [K, 3]`, the
+    /// noise-free cloud in the target's frame. Without `raw` the target stands in for it.
     ///
-    /// Refuses empty clouds, coordinates that are not finite, a clean cloud without extent, and a true
-    /// pose that is not rigid.
+    /// Refuses empty clouds, coordinates that are not finite, a clean cloud without extent, and a true pose that is
+    /// not rigid.
     pub fn new(
         source: &'a [Point],
         target: &'a [Point],
@@ -100,10 +100,10 @@ impl<'a> GroundTruth<'a> {
         })
     }
 
-    /// With what is known of the object's symmetry.
+    /// Adds what is known of the object's symmetry.
     ///
     /// # Errors
-    /// [`Error::BadPose`] for one that is not rigid.
+    /// [`Error::BadPose`] for a symmetry that is not rigid.
     pub fn with_symmetry(mut self, symmetry: &Symmetry) -> Result<GroundTruth<'a>, Error> {
         let poses = symmetry
             .truths
@@ -185,8 +185,8 @@ fn angle_deg(r: &Matrix3<f64>) -> f64 {
     twice_sine.norm().atan2(r.trace() - 1.0).to_degrees()
 }
 
-/// Angles of `R = Rz(c) Ry(b) Rx(a)` in degrees, as scipy's `as_euler("xyz")`; at gimbal lock the
-/// third angle is 0.
+/// Angles of `R = Rz(c) Ry(b) Rx(a)` in degrees, as scipy's `as_euler("xyz")` gives them; at gimbal lock the third
+/// angle is 0.
 fn euler_extrinsic_xyz_deg(r: &Matrix3<f64>) -> Vector3<f64> {
     let sine = (-r[(2, 0)]).clamp(-1.0, 1.0);
     let (first, third) = if sine.abs() > 1.0 - 1e-12 {

@@ -3,8 +3,8 @@
 use super::PairMetrics;
 use serde::Serialize;
 
-/// Thresholds of the AUC: .001, .002 … .1 of the diameter (the paper's sum also has 0, where only an
-/// exact pose counts; the authors' code starts at .001, and so does this).
+/// Thresholds of the AUC: .001, .002 … .1 of the diameter. The paper's sum also has 0, which only an exact pose
+/// meets; the authors' code starts at .001, as does this.
 const THRESHOLDS: usize = 100;
 const SPACING: f64 = 1e-3;
 /// Recall counts a pair whose rotation error is below this, degrees …
@@ -12,13 +12,13 @@ const RECALL_R_DEG: f64 = 5.0;
 /// … and whose translation error is below this, normalised units.
 const RECALL_T: f64 = 0.05;
 
-/// Whether recall counts a pair with these errors, degrees and normalised units.
+/// Whether recall counts a pair with these errors, in degrees and normalised units.
 pub fn is_right(r_iso_deg: f64, t_iso: f64) -> bool {
     r_iso_deg < RECALL_R_DEG && t_iso < RECALL_T
 }
 
 impl PairMetrics {
-    /// Whether recall counts it.
+    /// Whether recall counts this pair.
     pub fn is_right(&self) -> bool {
         is_right(self.r_iso_deg, self.t_iso)
     }
@@ -78,7 +78,7 @@ pub struct Quartiles {
     pub adi: [f64; 3],
 }
 
-/// The errors of each pair, in the order of the pairs: one list an error, for plots.
+/// The errors of each pair, one list per metric, in the order of the pairs: for plots.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Errors {
     /// [`PairMetrics::r_iso_deg`], degrees.
@@ -108,7 +108,7 @@ impl Errors {
 }
 
 impl Summary {
-    /// Summarises at least one pair; NaN throughout for none.
+    /// Summarises the pairs; NaN throughout if there are none.
     pub fn of(pairs: &[PairMetrics]) -> Summary {
         let values = |f: fn(&PairMetrics) -> f64| pairs.iter().map(f).collect::<Vec<f64>>();
         let mean =
@@ -147,8 +147,8 @@ impl Summary {
     }
 }
 
-/// Area under the recall curve in [0, 1]: the mean, over the thresholds .001 … .1, of the fraction of
-/// `errors` (in diameters) not above the threshold.
+/// Area under the recall curve, in [0, 1]: the mean over the thresholds .001 … .1 of the fraction of `errors` (in
+/// diameters) that do not exceed the threshold.
 pub fn auc(errors: &[f64]) -> f64 {
     let recalled = |k: usize| {
         let threshold = SPACING * k as f64;

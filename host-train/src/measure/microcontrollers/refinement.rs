@@ -1,4 +1,4 @@
-//! What a refinement costs beside a registration: the target made ready, closest points, comparison with other poses.
+//! What refinement costs beside registration: preparing the target, closest points, comparison with other poses.
 
 use super::{Compared, Limit, McuError, ask, cannot_panic, instructions};
 use crate::dataset::pairs::PairSet;
@@ -14,28 +14,28 @@ use reagent_core::wire::{CloudView, Mode, RefineRequest};
 use reagent_link::board::{Board, Clouds, Kind, Simulation, build_image};
 use serde::{Deserialize, Serialize};
 
-/// What one board needs to refine a pose of 1024 points.
+/// What one board needs to refine the pose of clouds of 1024 points.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Refinement {
-    /// Its name.
+    /// Name of the board.
     pub board: String,
-    /// Flash of the whole program, verification, frames and serial line included.
+    /// Flash of the whole program, verification, frames and serial line included, bytes.
     pub program_bytes: usize,
-    /// RAM of everything but the stack, clouds included.
+    /// RAM of everything but the stack, clouds included, bytes.
     pub static_bytes: usize,
-    /// RAM that the stack has reached in refinements.
+    /// Largest extent of the stack in refinements, bytes.
     pub stack_bytes: usize,
-    /// The same once a pose was compared with others, too.
+    /// The same once a pose has been compared with others, too.
     pub verify_stack_bytes: usize,
-    /// Instructions to make the target ready, once for any number of sources, simulated.
+    /// Simulated instructions to prepare the target, once for any number of sources.
     pub target_instructions: u64,
-    /// Instructions of a refinement with a ready target, simulated.
+    /// Simulated instructions of a refinement with a prepared target.
     pub instructions: u64,
-    /// Instructions of a refinement and comparison with other poses with a ready target, simulated.
+    /// Simulated instructions of a refinement with a prepared target and a comparison with other poses.
     pub verify_instructions: u64,
 }
 
-/// Refines a pose near the truth of the first pair, with a new target and with a ready one, and compares it with others.
+/// Refines a pose near the truth of the first pair, with a new and a prepared target, and compares it with others.
 pub(super) fn measure(kind: Kind, pairs: &PairSet) -> Result<Refinement, McuError> {
     let image = build_image(kind, Clouds::Floats)?.with_file_name("refinement");
     cannot_panic(&elf::read(&image)?)?;
@@ -77,7 +77,7 @@ pub(super) fn measure(kind: Kind, pairs: &PairSet) -> Result<Refinement, McuErro
     })
 }
 
-/// A tenth of a radian about each axis and a twentieth of a radius along each from the truth, as in tracking.
+/// A pose off the truth by .1 radians about each axis and .05 of the radius along each, as in tracking.
 fn near_truth(pairs: &PairSet) -> Pose {
     let off = Pose {
         rotation: rotation_from_euler(Vec3::splat(0.1)),
@@ -93,7 +93,7 @@ impl Refinement {
         self.static_bytes + self.verify_stack_bytes
     }
 
-    /// What the library promises of it.
+    /// The limits that the library promises for it.
     pub fn limits(&self) -> Vec<Limit> {
         let most = if self.board == Kind::CortexM7.name() {
             CORTEX_M7_REFINEMENT_BUDGET

@@ -1,22 +1,22 @@
-//! What was measured as tables in a page.
+//! Writes the measurements as tables into a page.
 
 use super::{Budget, Measured, Refinement};
 
-/// Where the table of registrations begins in a page, where that of refinements does, and where they end.
+/// Marks in a page: where the table of registrations begins, where that of refinements begins, and where each ends.
 const MARKS: [&str; 3] = [
     "<!-- host-train bench --mcu -->\n",
     "<!-- host-train bench --mcu refinement -->\n",
     "<!-- end -->\n",
 ];
 
-/// `page` with its tables replaced; `None` where it has no place for one.
+/// `page` with its tables replaced; `None` where it has no place for them.
 pub fn with_tables(page: &str, measured: &Measured) -> Option<String> {
     let [registration, refinement, _] = MARKS;
     let page = replaced(page, registration, &registrations(&measured.registration))?;
     replaced(&page, refinement, &refinements(&measured.refinement))
 }
 
-/// `page` with `table` between this mark and the next end.
+/// `page` with `table` between the mark `begin` and the next end.
 fn replaced(page: &str, begin: &str, table: &str) -> Option<String> {
     let [.., end] = MARKS;
     let (before, rest) = page.split_once(begin)?;
@@ -24,7 +24,7 @@ fn replaced(page: &str, begin: &str, table: &str) -> Option<String> {
     Some(format!("{before}{begin}{table}{end}{after}"))
 }
 
-/// A row of a table: what it is, and its cell for a board.
+/// A row of a table: its label, and the cell of a board.
 type Row<T> = (&'static str, fn(&T) -> String);
 
 fn registrations(budgets: &[Budget]) -> String {
@@ -84,7 +84,7 @@ fn refinements(budgets: &[Refinement]) -> String {
     table(budgets, &rows)
 }
 
-/// A table in Markdown, a column for each board; the first row is its head.
+/// A table in Markdown with a column for each board; the first row is its head.
 fn table<T>(budgets: &[T], rows: &[Row<T>]) -> String {
     let row = |(what, cell): &Row<T>| {
         let cells: Vec<String> = budgets.iter().map(cell).collect();
@@ -95,7 +95,7 @@ fn table<T>(budgets: &[T], rows: &[Row<T>]) -> String {
     lines.concat()
 }
 
-/// Bytes with their thousands apart.
+/// Bytes with their thousands separated.
 fn grouped(bytes: usize) -> String {
     let digits = bytes.to_string();
     let groups: Vec<&str> = digits

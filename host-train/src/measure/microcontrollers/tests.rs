@@ -5,7 +5,7 @@ fn committed() -> Measured {
     serde_json::from_str(file).expect("budgets")
 }
 
-/// What is said where one number of the first row is another.
+/// Complaints after a change to the first row.
 fn said(change: impl Fn(&mut Budget)) -> Vec<String> {
     let mut now = committed();
     change(&mut now.registration[0]);

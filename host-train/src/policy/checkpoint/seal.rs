@@ -1,4 +1,4 @@
-//! A checksum in the header of a safetensors file, and the header in one order: equal contents make equal files.
+//! A checksum and a fixed order for the header of a safetensors file, so that equal contents make equal files.
 
 use serde_json::Value;
 use sha2::{Digest, Sha256};
@@ -6,25 +6,25 @@ use std::collections::BTreeMap;
 
 const METADATA: &str = "__metadata__";
 const CHECKSUM: &str = "checksum";
-/// Fields of checkpoints of version 0.1, which have no checksum.
+/// Header fields of checkpoints of version 0.1, which have no checksum.
 const UNSEALED: [&str; 3] = ["accumulation", "progress", "shape"];
 
-/// A safetensors file, divided.
+/// A safetensors file, split into its parts.
 struct File<'a> {
-    /// What the header says of each tensor.
+    /// The header's entry for each tensor.
     tensors: BTreeMap<String, Value>,
     /// Texts in the header.
     metadata: BTreeMap<String, String>,
     data: &'a [u8],
 }
 
-/// The file with its header sorted and a SHA-256 of all else in it.
+/// The file with its header sorted, and the SHA-256 of everything else added to it.
 pub(super) fn seal(bytes: &[u8]) -> Result<Vec<u8>, String> {
     File::parse(bytes)?.sealed()
 }
 
-/// Refuses a file that is not, to the bit, what [`seal`] made. One without a checksum is taken if it has nothing
-/// but what checkpoints of version 0.1 had.
+/// Refuses a file that is not, bit for bit, what [`seal`] made. A file without a checksum is accepted if its header
+/// has only the fields that version 0.1 wrote.
 pub(super) fn check(bytes: &[u8]) -> Result<(), String> {
     let mut file = File::parse(bytes)?;
     if file.metadata.remove(CHECKSUM).is_none() {

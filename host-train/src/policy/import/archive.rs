@@ -1,4 +1,4 @@
-//! Tensors of a `torch.save` archive: a ZIP of `data.pkl` and one file of raw numbers a storage.
+//! Tensors of a `torch.save` archive: a ZIP of `data.pkl` and one file of raw numbers for each storage.
 
 use super::pickle::{Id, Pickle, Value};
 use super::{ImportError, Tensor};
@@ -12,7 +12,7 @@ const MAX_PICKLE: u64 = 16 << 20;
 /// The whole network is 10.6 MB.
 const MAX_STORAGE: u64 = 256 << 20;
 
-/// An open checkpoint: the names of its tensors, and access to each.
+/// An open checkpoint: the names of its tensors, and access to each of them.
 pub(super) struct Archive {
     path: PathBuf,
     zip: ZipArchive<BufReader<File>>,
@@ -124,7 +124,7 @@ fn state_dict(pickle: &Pickle) -> Option<Vec<(String, Id)>> {
     }
 }
 
-/// Where a tensor's numbers lie.
+/// Place of a tensor's numbers in a storage.
 struct Layout {
     storage: String,
     numbers: usize,
@@ -134,7 +134,7 @@ struct Layout {
 }
 
 impl Layout {
-    /// Reads `_rebuild_tensor_v2(storage, offset, shape, strides, …)`, if need be inside
+    /// Reads `_rebuild_tensor_v2(storage, offset, shape, strides, …)`, possibly wrapped in
     /// `_rebuild_parameter(tensor, …)`.
     fn of(pickle: &Pickle, mut id: Id) -> Result<Layout, String> {
         let sequence = |id: Id| match pickle.get(id) {
@@ -190,7 +190,7 @@ impl Layout {
         layout.check()
     }
 
-    /// All elements lie in the storage, and there are no more of them than it has.
+    /// Checks that all elements lie in the storage, and that there are no more of them than it has.
     fn check(self) -> Result<Layout, String> {
         if self.shape.len() != self.strides.len() || self.shape.len() > 8 {
             return Err(format!(

@@ -17,7 +17,7 @@ pub(super) type Id = usize;
 pub(super) enum Value {
     /// `None`, and anything else that plays no part in a checkpoint's tensors.
     Other,
-    /// An integer or a truth value.
+    /// An integer or a boolean.
     Int(i64),
     /// A string.
     Text(String),
@@ -29,7 +29,7 @@ pub(super) enum Value {
     Global(String),
     /// A persistent id: how torch refers to a storage.
     Persistent(Id),
-    /// A call of a global that was not made.
+    /// A call of a global, recorded but not made.
     Call(Id, Id),
 }
 
@@ -49,7 +49,7 @@ impl Pickle {
         self.values.get(id).unwrap_or(&Value::Other)
     }
 
-    /// Reads a pickle of protocol 2 to 5. The error says at which byte and why.
+    /// Reads a pickle of protocol 2 to 5. An error says at which byte and why.
     pub(super) fn parse(bytes: &[u8]) -> Result<Pickle, String> {
         let mut reader = Reader {
             bytes: Bytes::new(bytes),
@@ -72,7 +72,7 @@ struct Reader<'a> {
     bytes: Bytes<'a>,
     values: Vec<Value>,
     stack: Vec<Id>,
-    /// Heights of the stack at which marks lie.
+    /// Stack heights at the marks.
     marks: Vec<usize>,
     memo: HashMap<u32, Id>,
 }
@@ -229,7 +229,7 @@ impl Reader<'_> {
         self.values.push(value);
     }
 
-    /// Stack height below the top `count` values, which may not reach below the last mark.
+    /// Height of the stack without its top `count` values, which may not reach below the last mark.
     fn height_for(&self, count: usize) -> Result<usize, String> {
         let floor = self.marks.last().copied().unwrap_or(0);
         let height = self
@@ -256,7 +256,7 @@ impl Reader<'_> {
         Ok(self.stack.split_off(mark))
     }
 
-    /// Adds to the sequence on top; additions to objects that were not made are dropped.
+    /// Appends to the sequence on top; additions to objects that were not made are dropped.
     fn append(&mut self, items: Vec<Id>) -> Result<(), String> {
         let top = self.top()?;
         if let Value::Sequence(sequence) = &mut self.values[top] {

@@ -6,7 +6,7 @@ use std::io::Write;
 use zip::ZipWriter;
 use zip::write::SimpleFileOptions;
 
-/// What goes into a checkpoint.
+/// Contents of a checkpoint to be written.
 #[derive(Clone)]
 struct Checkpoint {
     nested: bool,

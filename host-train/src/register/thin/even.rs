@@ -1,27 +1,27 @@
-//! Evenly over space: how uneven a cloud is, and one point of each cell of a grid.
+//! Even thinning over space: a measure of how uneven a cloud is, and one point from each cell of a grid.
 
 use super::{along, bounds};
 use crate::dataset::Point;
 
-/// Points by which evenness is judged, at most.
+/// Most points on which evenness is measured.
 const JUDGED: usize = 1024;
-/// Points a cell of the grid that judges has on average.
+/// Mean number of points in a cell of the grid that measures evenness.
 const POINTS_A_CELL: usize = 4;
-/// Clouds below this evenness are uneven. Views and clouds drawn from surfaces have .6 to .9; scans by a lidar, whose rings
-/// lie close about the sensor, have .1 to .46.
+/// Clouds below this evenness are uneven. Views and clouds drawn from surfaces have .6 to .9; lidar scans, whose
+/// rings lie close around the sensor, have .1 to .46.
 const UNEVEN: f64 = 0.5;
-/// Sizes of cells that are tried, at most.
+/// Most cell sizes that are tried.
 const TRIALS: usize = 16;
 
-/// Whether few places hold most of the points, which are in order along the curve.
+/// Whether few places hold most of the points. The points must be in order along the curve.
 pub(super) fn is_uneven(points: &[Point]) -> bool {
     let step = points.len().div_ceil(JUDGED).max(1);
     let some: Vec<Point> = points.iter().step_by(step).copied().collect();
     evenness(&some) < UNEVEN
 }
 
-/// Jain's index of the points in the occupied cells: 1 where all cells hold the same number, and about the share of the cells
-/// that hold most of the points otherwise. 1 where there are too few points to tell.
+/// Jain's fairness index of the number of points in the occupied cells: 1 if all hold the same number, otherwise
+/// about the share of the cells that hold most of the points. 1 if there are too few points to tell.
 fn evenness(points: &[Point]) -> f64 {
     let Some(grid) = Grid::of(points, points.len() / POINTS_A_CELL) else {
         return 1.0;
@@ -32,8 +32,8 @@ fn evenness(points: &[Point]) -> f64 {
     (points.len() as f64).powi(2) / (squares * counts().count() as f64)
 }
 
-/// The middle one of the points of each cell of a grid of which at least `count` cells are occupied, and few more; `None` where
-/// so many places do not differ.
+/// The middle point of each occupied cell, in a grid with at least `count` such cells and few more; `None` if there
+/// are not so many distinct places.
 pub(super) fn one_a_cell(points: &[Point], count: usize) -> Option<Vec<Point>> {
     let grid = Grid::of(points, count)?;
     let mut keyed: Vec<(u64, Point)> = points.iter().map(|p| (grid.key(p), *p)).collect();
@@ -42,21 +42,21 @@ pub(super) fn one_a_cell(points: &[Point], count: usize) -> Option<Vec<Point>> {
     Some(cells.map(|cell| cell[cell.len() / 2].1).collect())
 }
 
-/// Cubic cells.
+/// A grid of cubic cells.
 struct Grid {
     low: Point,
     size: f64,
 }
 
 impl Grid {
-    /// One of which at least `occupied` cells hold points, and few more: its size is narrowed down from both sides.
+    /// The grid in which at least `occupied` cells hold points, and few more, found by narrowing the cell size.
     fn of(points: &[Point], occupied: usize) -> Option<Grid> {
         let (low, side) = bounds(points);
         let side = f64::from(side);
         if occupied == 0 || side <= 0.0 {
             return None;
         }
-        // 20 bits of a key for each axis, and one for what lies on the border.
+        // A key has 20 bits for each axis, and one for points on the border.
         let (mut fine, mut coarse) = (side / f64::from(1 << 20), side);
         let mut found = None;
         let mut size = side / (occupied as f64).sqrt();
@@ -90,7 +90,7 @@ impl Grid {
         keys
     }
 
-    /// A cell's places along the three axes, in one number.
+    /// A cell's indices along the three axes, packed into one number.
     fn key(&self, point: &Point) -> u64 {
         let place = |axis: usize| (f64::from(point[axis] - self.low[axis]) / self.size) as u64;
         place(0) | place(1) << 21 | place(2) << 42

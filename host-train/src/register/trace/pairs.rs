@@ -8,8 +8,8 @@ use crate::register::register;
 use reagent_core::pipeline::{Mode, Task};
 use reagent_core::{Frame, Pose};
 
-/// The first `count` pairs of a set as every policy among the contestants registers them in `steps` steps:
-/// clouds as they are, from the identity, as [`crate::measure::eval::evaluate`] does.
+/// Traces of the first `count` pairs of a set, registered by every policy among the contestants in `steps` steps.
+/// Clouds are not normalised and starts are the identity, as in [`crate::measure::eval::evaluate`].
 ///
 /// # Errors
 /// [`EvalError::Pair`], with a cloud that the core refuses.

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-/// Why a bag was refused, or ended before its end.
+/// Why a bag was refused, or why reading it ended early.
 #[derive(Debug, thiserror::Error)]
 pub enum BagError {
     /// The operating system refused to read.
@@ -13,7 +13,7 @@ pub enum BagError {
         /// What the system said.
         source: std::io::Error,
     },
-    /// The bag is a database.
+    /// The bag is an SQLite database.
     #[error(
         "{0}: a bag in SQLite is not read; convert it to MCAP: \
          echo 'output_bags: [{{uri: converted, storage_id: mcap, all: true}}]' > mcap.yaml && ros2 bag convert -i {0} -o mcap.yaml",
@@ -44,7 +44,7 @@ pub enum BagError {
         /// The folder.
         path: PathBuf,
     },
-    /// The contents are something else.
+    /// The file is not an MCAP file.
     #[error("{}: it is no MCAP file: it does not begin as one", path.display())]
     NotMcap {
         /// File concerned.
@@ -67,14 +67,14 @@ pub enum BagError {
         /// Its length.
         bytes: u64,
     },
-    /// A record is not what it should be.
+    /// A record is malformed.
     #[error("{}: the bag is damaged before byte {byte} ({reason}); copy it again, or save what is whole: mcap recover", path.display())]
     Damaged {
         /// File concerned.
         path: PathBuf,
-        /// Bytes that were read.
+        /// Bytes read until then.
         byte: u64,
-        /// What the reader of MCAP said.
+        /// What the MCAP reader said.
         reason: String,
     },
     /// No topic has clouds.

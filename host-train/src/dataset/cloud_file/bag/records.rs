@@ -1,4 +1,4 @@
-//! The records of an MCAP file in their order.
+//! The records of an MCAP file, in their order.
 
 use super::BagError;
 use mcap::records::{Record, op};
@@ -8,24 +8,24 @@ use std::fs::File;
 use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
-/// The longest record or chunk of a file of so many bytes, uncompressed: no message is compressed to less than a 4096th, and a damaged
-/// length is not to be believed.
+/// Longest record or uncompressed chunk accepted in a file of so many bytes. No message compresses to less than a
+/// 4096th; a larger length is damaged.
 fn longest(bytes: u64) -> usize {
     bytes.saturating_mul(4096).min(1 << 30) as usize
 }
 
-/// Reads a file as its records are asked for.
+/// A reader that reads the file as records are asked for.
 pub(super) struct Records {
     path: PathBuf,
     file: BufReader<File>,
-    /// Bytes of the file, and those of them that were read.
+    /// Length of the file in bytes, and how many have been read.
     length: u64,
     read: u64,
     reader: LinearReader,
 }
 
 impl Records {
-    /// From the start of the file.
+    /// Reads from the start of the file.
     pub(super) fn open(path: &Path) -> Result<Records, BagError> {
         let io = |source| BagError::Io {
             path: path.into(),
@@ -36,10 +36,10 @@ impl Records {
         Ok(Records::new(path, file, length, 0))
     }
 
-    /// Those of the summary, which a bag has at its end unless its recording was interrupted.
+    /// Reads the summary, which a bag has at its end unless its recording was interrupted.
     pub(super) fn of_summary(path: &Path) -> Option<Records> {
         let mut file = File::open(path).ok()?;
-        // The file ends with where the summary begins, where its offsets do, its checksum and the magic.
+        // The file ends with the summary's offset, the offset of its index, a checksum, and the magic.
         let mut end = [0; 8 + 8 + 4 + MAGIC.len()];
         file.seek(SeekFrom::End(-(end.len() as i64))).ok()?;
         file.read_exact(&mut end).ok()?;
@@ -66,7 +66,7 @@ impl Records {
         }
     }
 
-    /// The first of the next schemas, channels and messages of which something is taken; nothing after an error.
+    /// Offers the next schemas, channels and messages to `take`, and returns the first taken. Nothing follows an error.
     pub(super) fn find<T>(
         &mut self,
         mut take: impl FnMut(Record<'_>) -> Option<T>,
@@ -88,7 +88,7 @@ impl Records {
                 }
                 Err(error) => return Some(Err(self.damaged(&error))),
             };
-            // What the file cannot hold is not made room for.
+            // Reserves no memory for more than the file can hold.
             if wanted as u64 > self.length - self.read {
                 let path = self.path.clone();
                 return Some(Err(match self.length {
@@ -120,8 +120,8 @@ impl Records {
     }
 }
 
-/// Whether a record is a schema, channel or message; `None` where a text in it would end after it, as the library makes room for a
-/// text before it reads it.
+/// Whether a record is a schema, channel or message. `None` if a string in it would reach beyond the record: the
+/// library reserves a string's memory before it reads it.
 fn is_used(opcode: u8, data: &[u8]) -> Option<bool> {
     let texts = match opcode {
         op::SCHEMA => data.get(2..)?,
@@ -139,7 +139,7 @@ fn is_used(opcode: u8, data: &[u8]) -> Option<bool> {
     Some(true)
 }
 
-/// What follows a text, which stands behind its length.
+/// The bytes after a string, which follows its length.
 fn after_text(data: &[u8]) -> Option<&[u8]> {
     let (length, rest) = data.split_first_chunk()?;
     rest.get(u32::from_le_bytes(*length) as usize..)

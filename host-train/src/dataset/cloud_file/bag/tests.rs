@@ -3,7 +3,7 @@ use crate::pose64::Position;
 use std::collections::BTreeMap;
 use tempfile::TempDir;
 
-/// Written by rosbags and by the library of MCAP in Python: see `tests/bags.py`.
+/// Written by rosbags and by MCAP's Python library: see `tests/bags.py`.
 fn fixture(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("../tests/fixtures/bags")
@@ -53,7 +53,7 @@ fn messages_are_named_by_number_or_time() {
         assert_eq!(message.number, number, "{which:?}");
         let (cloud, stamp) = message.cloud().expect("a cloud");
         assert_eq!((stamp.sec, stamp.nanosec), (number as i32, 5));
-        // One is not finite; of two or four rows points are left over.
+        // One point is not finite; the division into two or four rows drops the remainder.
         let points = cloud.points.len();
         assert!((197..=200).contains(&points), "{points}");
     }
@@ -165,7 +165,7 @@ fn other_kinds_are_refused_with_what_to_do() {
     ));
 }
 
-/// Of what is left, whatever is read is what was written.
+/// Whatever is still read from a damaged bag is what was written.
 #[test]
 fn damaged_bags_end_early_or_are_refused() {
     let folder = folder();
@@ -198,7 +198,7 @@ fn damaged_bags_end_early_or_are_refused() {
     }
 }
 
-/// Chunks that are neither compressed nor have a checksum: a record may say that it is longer than its chunk.
+/// Chunks that are neither compressed nor checksummed: a record may claim to be longer than its chunk.
 #[test]
 fn damaged_lengths_are_no_panic() {
     let folder = folder();

@@ -1,4 +1,4 @@
-//! The topics of a bag and what is on them.
+//! The topics of a bag and their message types.
 
 use super::BagError;
 use super::records::Records;
@@ -6,10 +6,10 @@ use mcap::records::Record;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// What has clouds, as schemas of ROS 2 name it.
+/// The message type of clouds, as ROS 2 schemas name it.
 const CLOUDS: &str = "sensor_msgs/msg/PointCloud2";
 
-/// Channels by their number in a file, and topics of all files.
+/// A file's channels by number, and the topics of all files.
 #[derive(Debug, Default)]
 pub(super) struct Topics {
     schemas: BTreeMap<u16, String>,
@@ -19,7 +19,7 @@ pub(super) struct Topics {
 }
 
 impl Topics {
-    /// Takes in a record that is no message.
+    /// Takes in a schema or channel record.
     pub(super) fn take(&mut self, record: Record<'_>) {
         match record {
             Record::Schema { header, .. } => {
@@ -35,12 +35,12 @@ impl Topics {
         }
     }
 
-    /// Whether a channel has messages of a topic.
+    /// Whether a channel carries messages of a topic.
     pub(super) fn is_of(&self, channel: u16, topic: &str) -> bool {
         self.channels.get(&channel).is_some_and(|of| of == topic)
     }
 
-    /// Those of records, and why these ended early.
+    /// The topics in the records, and the error that ended them early, if one did.
     fn of(mut records: Records) -> (Topics, Option<BagError>) {
         let mut topics = Topics::default();
         let end = records.find(|record| {
@@ -50,7 +50,7 @@ impl Topics {
         (topics, end.and_then(Result::err))
     }
 
-    /// Takes in the topics of a file: from its summary, or where that is of no use from all that can be read.
+    /// Takes in the topics of a file from its summary, or, if that is unusable, from all records that can be read.
     pub(super) fn read(&mut self, file: &Path) -> Result<(), BagError> {
         let summary = Records::of_summary(file).map(Topics::of);
         let found = match summary {
@@ -64,7 +64,7 @@ impl Topics {
         Ok(())
     }
 
-    /// The topic asked for, or the only one that has clouds.
+    /// The topic asked for, or else the only one that has clouds.
     pub(super) fn choose(&self, path: &Path, asked: Option<&str>) -> Result<String, BagError> {
         let path = path.to_path_buf();
         let clouds = self.types.iter().filter(|(_, of)| *of == CLOUDS);
@@ -107,7 +107,7 @@ impl Topics {
     }
 }
 
-/// The type of a channel's messages, with their encoding where it is not that of ROS 2.
+/// The message type of a channel, with its encoding if that is not ROS 2's.
 fn kind(schema: Option<&str>, encoding: &str) -> String {
     let schema = schema.unwrap_or("no type");
     match encoding {

@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// What float32 leaves of coordinates of a map is told, where it is seen in the shape.
+/// The rounding of map coordinates to float32 is noted if it is visible in the shape.
 #[test]
 fn steps_of_float32_far_from_the_origin_are_told() {
     for (size, is_told) in [(1.0, true), (100.0, true), (10_000.0, false)] {
@@ -77,7 +77,7 @@ fn arrays_of_both_orders_and_widths() {
         read(".npy", &image).expect("npy").points[3],
         [9.0, 10.0, 11.0]
     );
-    // One cloud in a batch is read as that cloud; where the coordinates are in other arrays of three axes is a guess.
+    // A batch of one cloud is read as that cloud; in other arrays of three axes, the coordinates' place would be a guess.
     let numbers: Vec<u8> = (0..60i32).flat_map(i32::to_le_bytes).collect();
     let batch = npy("<i4", "False", "1, 3, 20", &numbers);
     let file = read(".npy", &batch).expect("npy");
@@ -86,7 +86,7 @@ fn arrays_of_both_orders_and_widths() {
         let said = refused(".npy", &npy("<i4", "False", shape, &numbers));
         assert!(said.contains(&format!("its shape is ({shape})")), "{said}");
     }
-    // Six columns that are no unit vectors are something else than normals.
+    // Columns four to six are not unit vectors, and so not normals.
     let colours: Vec<u8> = [1.0f32, 2.0, 3.0, 255.0, 0.0, 7.0]
         .iter()
         .flat_map(|x| x.to_le_bytes())
@@ -127,7 +127,7 @@ fn arrays_of_both_orders_and_widths() {
 
 #[test]
 fn every_width_that_an_error_names_is_read() {
-    // 1, -2.5 and 65504, the largest; then the least above 0, infinity and no number.
+    // 1, -2.5 and 65504, the largest; then the smallest above 0, infinity and NaN.
     let halves = [0x3c00u16, 0xc100, 0x7bff, 0x0001, 0x7c00, 0x7e00];
     let little = halves.map(u16::to_le_bytes).concat();
     let big = halves.map(u16::to_be_bytes).concat();

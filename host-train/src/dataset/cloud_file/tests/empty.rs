@@ -6,7 +6,7 @@ use super::*;
 fn files_without_bytes_have_no_points() {
     for extension in EXTENSIONS {
         for blank in ["", " \n"] {
-            // Of a bag's file, blanks are contents.
+            // For a bag's file, blanks are contents.
             if *extension == "mcap" && !blank.is_empty() {
                 continue;
             }

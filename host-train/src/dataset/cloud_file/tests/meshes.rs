@@ -17,7 +17,7 @@ fn meshes_as_programs_write_them() {
         (file.points.as_slice(), file.faces),
         (&TETRAHEDRON[..3], Some(vec![[0, 1, 2]]))
     );
-    // A cloud with a triangle beside it is a mesh: what is not used is said.
+    // A cloud with a triangle beside it is a mesh; a note names what is not used.
     let beside = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 5 5 5\nv 6 6 6\nv 7 7 7\nv 8 8 8\nf 1 2 3\n";
     let file = read(".obj", beside).expect("obj");
     let loose = Note::LooseVertices { vertices: 4, of: 7 };
@@ -95,7 +95,7 @@ fn strips_of_triangles() {
     assert!(refused(".ply", bad.as_bytes()).contains("names vertex 9 of 4"));
 }
 
-/// The outline of a U of area 7, once as a polygon in each format that has them.
+/// The outline of a U of area 7, as one polygon in each format that has polygons.
 #[test]
 fn polygons_with_a_notch_keep_it_open() {
     let rows = |prefix: &str| {
@@ -228,7 +228,7 @@ fn homogeneous_coordinates_are_divided_by_their_weight() {
         file.points,
         [[1.0, 2.0, 3.0], [1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]
     );
-    // That at infinity is left out.
+    // The vertex at infinity is left out.
     let weighted = Note::Weighted { vertices: 2 };
     let points = 1;
     assert_eq!(file.notes, [weighted, Note::Dropped { points, faces: 0 }]);

@@ -1,4 +1,4 @@
-//! Points in text, as programs and countries write it.
+//! Points in text, as various programs and countries write it.
 
 use super::*;
 
@@ -50,7 +50,7 @@ fn text_as_programs_and_countries_write_it() {
             }],
         ),
         ("1.5 -2.25 3\r4 5.5 6 # a comment\r7 8 9.5\r", vec![]),
-        // What is no number, as programs on Windows write it.
+        // NaN as programs on Windows write it.
         (
             "1.5 -2.25 3\n1.#QNAN 2 3\n-1.#IND -1.#IND 1.#R\n4 5.5 6\n-nan(ind) 0 0\n7 8 9.5#end\n2 NaN(snan) 1.#INF00\n",
             vec![Note::Dropped {
@@ -105,7 +105,7 @@ fn what_could_be_read_in_two_ways_is_refused() {
         let said = refused(".txt", text.as_bytes());
         assert!(said.contains(words), "{text:?}: {said}");
     }
-    // Whole numbers with names, or of three columns, are unambiguous.
+    // Whole numbers are unambiguous with names or in three columns.
     assert!(read(".csv", b"x,y,z,r,g,b\n1,2,3,4,5,6\n").is_ok());
     assert_eq!(
         read(".csv", b"1,2,3\n").expect("csv").points,
@@ -136,7 +136,7 @@ fn columns_beyond_the_coordinates_are_what_they_look_like() {
     );
 }
 
-/// Names that go together are those of the coordinates, whatever else is named so.
+/// Names that belong together are those of the coordinates, even if other columns have similar names.
 #[test]
 fn columns_are_the_coordinates_whose_names_go_together() {
     let expected = [[1.0, 2.0, 3.0]];

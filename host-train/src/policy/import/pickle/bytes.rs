@@ -1,6 +1,6 @@
-//! The bytes of a pickle, taken from its front: numbers and texts.
+//! A reader of a pickle's bytes: numbers and texts.
 
-/// What has not been read, and where it begins.
+/// The bytes that have not been read, and their offset.
 pub(super) struct Bytes<'a> {
     rest: &'a [u8],
     at: usize,
@@ -11,7 +11,7 @@ impl<'a> Bytes<'a> {
         Bytes { rest: bytes, at: 0 }
     }
 
-    /// How many have been read.
+    /// Number of bytes read so far.
     pub(super) fn at(&self) -> usize {
         self.at
     }
@@ -60,7 +60,7 @@ impl<'a> Bytes<'a> {
         text.map_err(|_| "a string that is not UTF-8".into())
     }
 
-    /// Up to the end of the line, which is taken, too.
+    /// The rest of the line; its end is read, too.
     pub(super) fn line(&mut self) -> Result<&'a str, String> {
         let end = self.rest.iter().position(|&byte| byte == b'\n');
         let end = end.ok_or("the pickle ends early")?;

@@ -16,7 +16,7 @@ use host_train::dataset::pairs::PairSet;
 use host_train::measure::metrics::PairMetrics;
 use host_train::pose64::Position;
 use host_train::random::{SEED, seeds};
-use host_train::register::background::that_counts;
+use host_train::register::background::nearest_per_cell;
 use host_train::register::prepared::Prepared;
 use host_train::register::{Start, in_order, within_capacity};
 use reagent_core::dims::STEPS;
@@ -176,7 +176,7 @@ impl RefineArgs {
         if let Some(view_point) = seen.view_point {
             // Send only the background that counts.
             let clouds = [seen.points.as_slice(), &model.points];
-            seen.background = that_counts(clouds, view_point.into(), &seen.background)?;
+            seen.background = nearest_per_cell(clouds, view_point.into(), &seen.background)?;
         }
         Ok([seen, model])
     }

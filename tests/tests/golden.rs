@@ -141,7 +141,7 @@ fn experts_label_as_the_reference() {
                         chosen: Vec::new(),
                         sight: Sight::ALL,
                         centroid: Vec3::ZERO,
-                        registering: targets[i],
+                        true_pose: targets[i],
                     };
                     let remaining = Accumulation::Global.remaining(&sources[i], &problem);
                     let action = expert.action(&remaining);

@@ -75,7 +75,7 @@ fn rewards_belong_to_the_steps_that_earned_them() {
     method.follow = Follow::Expert;
     let mut solved = problems(2, 50);
     for problem in &mut solved {
-        problem.registering = reagent_core::Pose::IDENTITY;
+        problem.true_pose = reagent_core::Pose::IDENTITY;
     }
     for o in small(method).gather(solved).observations {
         assert_eq!((o.action, o.reward), (Action::STOP, SAME));

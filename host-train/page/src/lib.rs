@@ -13,7 +13,7 @@ use host_train::register::document::Document;
 use host_train::register::prepared::Prepared;
 use host_train::register::request::{Done, Request};
 use host_train::register::sentences::{Names, Remark, fit, probability, uncertainty};
-use host_train::register::trace::{Given, Header, Traced};
+use host_train::register::trace::{FinalAnswer, Header, Traced};
 use host_train::register::view::View;
 use host_train::register::{Memory, Start};
 use reagent_core::Policy;
@@ -134,7 +134,7 @@ impl Page {
         let (starts, memory) = ([request.start], &mut self.memory);
         let go_on = || Ok::<_, reagent_core::Error>(());
         let done = request.untimed(&starts, 1, policy, memory, clouds, go_on)?;
-        let answer = Given::of(&done.found.answer, request.mode).map(|given| Given {
+        let answer = FinalAnswer::of(&done.found.answer, request.mode).map(|given| FinalAnswer {
             target_from_source: done.near().to_rows(),
             ..given
         });

@@ -25,7 +25,7 @@ pub struct Problem {
     /// Centroid about which disentangled poses turn the source, without the points cut off under the first estimate.
     pub centroid: Vec3,
     /// The disentangled pose that registers the source.
-    pub registering: Pose,
+    pub true_pose: Pose,
 }
 
 impl From<Sample> for Problem {
@@ -57,7 +57,7 @@ impl Problem {
             .centroid(Cloud::F32(&source), &Frame::IDENTITY, &Pose::IDENTITY);
         let mut problem = Problem {
             sight,
-            registering: target_from_source.to_disentangled(centroid),
+            true_pose: target_from_source.to_disentangled(centroid),
             centroid,
             source,
             chosen: Vec::new(),
@@ -102,14 +102,14 @@ impl Problem {
         }
     }
 
-    /// The source's points that rewards are measured on: those that the policy looks at under the registering pose.
+    /// The source's points that rewards are measured on: those that the policy looks at under the true pose.
     pub fn rewarded(&self) -> Cow<'_, [Point]> {
-        self.looked_at(&Accumulation::Global.view(self.centroid, &self.registering))
+        self.looked_at(&Accumulation::Global.view(self.centroid, &self.true_pose))
     }
 
-    /// The same points under the registering pose: the reference that rewards are measured against.
+    /// The same points under the true pose: the reference that rewards are measured against.
     pub fn truth(&self) -> Vec<Point> {
-        let view = Accumulation::Global.view(self.centroid, &self.registering);
+        let view = Accumulation::Global.view(self.centroid, &self.true_pose);
         self.rewarded().iter().map(|&p| view.see(p)).collect()
     }
 }
@@ -163,19 +163,17 @@ impl Accumulation {
     /// by its steps (paper, eqs. 10, 11). The paper gives no equation for the basic form; there it is the whole
     /// remaining transform `T* T⁻¹`, including the translation that the rotation induces.
     pub fn remaining(self, pose: &Pose, problem: &Problem) -> Pose {
-        let registering = &problem.registering;
+        let true_pose = &problem.true_pose;
         match self {
             Accumulation::Global => Pose {
-                rotation: registering.rotation * pose.rotation.transpose(),
-                translation: registering.translation - pose.translation,
+                rotation: true_pose.rotation * pose.rotation.transpose(),
+                translation: true_pose.translation - pose.translation,
             },
             Accumulation::Local => Pose {
-                rotation: pose.rotation.transpose() * registering.rotation,
-                translation: registering.translation - pose.translation,
+                rotation: pose.rotation.transpose() * true_pose.rotation,
+                translation: true_pose.translation - pose.translation,
             },
-            Accumulation::Basic => registering
-                .to_global(problem.centroid)
-                .after(pose.inverse()),
+            Accumulation::Basic => true_pose.to_global(problem.centroid).after(pose.inverse()),
         }
     }
 

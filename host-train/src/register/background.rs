@@ -11,7 +11,7 @@ use std::collections::HashSet;
 ///
 /// # Errors
 /// Clouds that the core refuses.
-pub fn that_counts(
+pub fn nearest_per_cell(
     [source, target]: [&[Point]; 2],
     view_point: Vec3,
     background: &[Point],
@@ -55,7 +55,7 @@ mod tests {
         let clouds = [source.as_slice(), &target];
         let out_of_sight = [[0.0, 0.0, -20.0]; 3];
         for background in [&background[..], &out_of_sight, &[]] {
-            let few = that_counts(clouds, eye, background).expect("two clouds");
+            let few = nearest_per_cell(clouds, eye, background).expect("two clouds");
             assert!(few.len() <= 48 * 48 && few.is_empty() == background.is_empty());
             let mut workspace = Box::new(Workspace::new());
             let mut residuals = |background: &[Point]| -> Vec<_> {

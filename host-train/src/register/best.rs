@@ -58,20 +58,20 @@ pub fn best_and_others(
         first = candidates.first().map_or(0, |&(place, _)| place);
     }
     if count > 0 {
-        others = next_to(memory, clouds, tasks, &tried, first)?;
+        others = other_hypotheses(memory, clouds, tasks, &tried, first)?;
     }
     for _ in 0..count {
         let given = probability(&tried[first]);
         let Some(likelier) = others.first().filter(|other| other.probability > given) else {
             break;
         };
-        let again = done_again(memory, clouds, tasks, &tried, likelier)?;
+        let again = repeat_from(memory, clouds, tasks, &tried, likelier)?;
         if probability(&again) <= given {
             break;
         }
         tried.push(again);
         first = tried.len() - 1;
-        others = next_to(memory, clouds, tasks, &tried, first)?;
+        others = other_hypotheses(memory, clouds, tasks, &tried, first)?;
     }
     let given = probability(&tried[first]);
     for other in &mut others {
@@ -132,7 +132,7 @@ fn candidates(
 }
 
 /// Hypotheses other than that of registration `first`, refined, the most probable first.
-fn next_to(
+fn other_hypotheses(
     memory: &mut Memory,
     clouds: [&[Point]; 2],
     tasks: &[Task<'_>],
@@ -182,7 +182,7 @@ fn next_to(
 }
 
 /// Repeats the task that another pose came from, starting at that pose, without the policy's steps.
-fn done_again(
+fn repeat_from(
     memory: &mut Memory,
     clouds: [&[Point]; 2],
     tasks: &[Task<'_>],

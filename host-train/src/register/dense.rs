@@ -24,7 +24,7 @@ pub enum Dense {
 
 /// Result of the refinement.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Densely {
+pub struct DenseRefinement {
     /// The pose.
     #[serde(skip)]
     pub target_from_source: Pose,
@@ -32,7 +32,7 @@ pub struct Densely {
     pub points: [usize; 2],
     /// Iterations made.
     pub iterations: usize,
-    /// Share of the source's points that have a target point within [`Densely::within`].
+    /// Share of the source's points that have a target point within [`DenseRefinement::within`].
     pub overlap: f64,
     /// Root mean square distance of those pairs, in the clouds' units.
     pub rmse: f64,
@@ -50,7 +50,7 @@ pub fn refine_densely(
     source: &[Point],
     target: &[Point],
     from: Pose,
-) -> Result<Option<Densely>, Error> {
+) -> Result<Option<DenseRefinement>, Error> {
     // Points far from all others were left out for the policy, too.
     let near = |cloud| match near_and_far(cloud) {
         Some([near, _]) => thin(&near, DENSE_POINTS),
@@ -98,7 +98,7 @@ pub fn refine_densely(
         return Ok(None);
     }
     let unit = f64::from(frame.scale);
-    Ok(Some(Densely {
+    Ok(Some(DenseRefinement {
         target_from_source: Pose {
             rotation: found.rotation,
             translation: found.translation * frame.scale + centre - found.rotation * centre,

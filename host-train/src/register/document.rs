@@ -3,7 +3,7 @@
 use crate::dataset::cloud_file::Note;
 use crate::pose64::{Pose64, Position};
 use crate::register::best::Other;
-use crate::register::dense::Densely;
+use crate::register::dense::DenseRefinement;
 use crate::register::prepared::Prepared;
 use crate::register::request::Done;
 use reagent_core::Pose;
@@ -213,7 +213,7 @@ pub struct DenseStage {
     pub target_from_source: [[f64; 4]; 3],
     /// How it ended.
     #[serde(flatten)]
-    pub found: Densely,
+    pub found: DenseRefinement,
 }
 
 /// Something about a cloud that its user should know.

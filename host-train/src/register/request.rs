@@ -2,7 +2,7 @@
 
 use crate::pose64::{Pose64, Position};
 use crate::register::best::{Best, Other, best_and_others};
-use crate::register::dense::{Dense, Densely, refine_densely};
+use crate::register::dense::{Dense, DenseRefinement, refine_densely};
 use crate::register::prepared::Prepared;
 use crate::register::scale::other_size;
 use crate::register::{Memory, Registered, Start, register_in};
@@ -50,7 +50,7 @@ pub struct Done {
     /// Answer and steps, between coordinates relative to the clouds' origins.
     pub found: Registered,
     /// The last refinement, if it improved the pose.
-    pub dense: Option<Densely>,
+    pub dense: Option<DenseRefinement>,
     /// Whether the last refinement was dropped because it did not improve the pose.
     pub is_dense_dropped: bool,
     /// target_from_source between the clouds' own coordinates.

@@ -1,7 +1,7 @@
 //! Trace files: registrations step by step, one JSON object a line.
 //!
 //! A registration begins with a header line, `{"registration": {…}}` ([`Header`]), and goes on with one line a step
-//! ([`Step`]) in the order taken. If something followed the steps, it ends with `{"answer": {…}}` ([`Given`]), the
+//! ([`Step`]) in the order taken. If something followed the steps, it ends with `{"answer": {…}}` ([`FinalAnswer`]), the
 //! final pose. A file holds any number of registrations, one after another.
 
 #[cfg(not(target_family = "wasm"))]
@@ -99,7 +99,7 @@ pub fn probabilities(logits: &[f32; LOGITS]) -> Probabilities {
 
 /// The final pose, after refinement and comparison with others.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Given {
+pub struct FinalAnswer {
     /// Name of the mode, which says what followed the steps.
     pub mode: String,
     /// The verdict in words.
@@ -110,10 +110,10 @@ pub struct Given {
     pub target_from_source: [[f32; 4]; 3],
 }
 
-impl Given {
+impl FinalAnswer {
     /// The answer of a registration; `None` if nothing followed the policy's steps.
-    pub fn of(answer: &Answer, mode: Mode) -> Option<Given> {
-        answer.refinement.is_some().then(|| Given {
+    pub fn of(answer: &Answer, mode: Mode) -> Option<FinalAnswer> {
+        answer.refinement.is_some().then(|| FinalAnswer {
             mode: mode.resolved().to_string(),
             verdict: answer.verdict.to_string(),
             probability: answer.probability,
@@ -130,7 +130,7 @@ pub struct Traced {
     /// The steps taken.
     pub steps: Vec<Step>,
     /// What followed them.
-    pub answer: Option<Given>,
+    pub answer: Option<FinalAnswer>,
 }
 
 /// The text of a trace file with these registrations.
@@ -189,7 +189,7 @@ pub enum TraceError {
 enum Line {
     Registration { registration: Header },
     Step(Box<Step>),
-    Answer { answer: Given },
+    Answer { answer: FinalAnswer },
 }
 
 /// Reads the first `limit` registrations of a trace file and checks the rest, too. The second value is the number
@@ -326,7 +326,7 @@ fn check_header(header: &Header) -> Result<(), String> {
         .map_or(Ok(()), |pose| check_pose("truth", pose))
 }
 
-fn check_answer(answer: &Given) -> Result<(), String> {
+fn check_answer(answer: &FinalAnswer) -> Result<(), String> {
     check_pose("target_from_source", answer.target_from_source)?;
     match answer.probability {
         Some(p) if !(0.0..=1.0).contains(&p) => Err(format!("{p} is not a probability")),

@@ -42,7 +42,7 @@ const DENSE: usize = 8192;
 /// Range of an object's radius before it is deformed, millimetres; its logarithm is uniform.
 const RADIUS_MM: [f32; 2] = [30.0, 200.0];
 /// Range of the distance from the camera to the object's centre less two radii, millimetres.
-const DISTANCE_MM: std::ops::Range<f32> = 450.0..1200.0;
+const CLEARANCE_MM: std::ops::Range<f32> = 450.0..1200.0;
 /// Range of the columns and rows of an image, a crop about the object.
 const SIDE: std::ops::RangeInclusive<usize> = 56..=112;
 /// Share of the image's side that an object fills before it is deformed.
@@ -115,7 +115,7 @@ impl Object {
         for _ in 0..ATTEMPTS {
             let truth = Pose {
                 rotation: Mat3::from_quat(random_rotation(rng)),
-                translation: Vec3::Z * (rng.random_range(DISTANCE_MM) + 2.0 * radius),
+                translation: Vec3::Z * (rng.random_range(CLEARANCE_MM) + 2.0 * radius),
             };
             let Some(source) = self.segment(rng, points, radius, &truth, &model_from_mesh) else {
                 continue;

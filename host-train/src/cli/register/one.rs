@@ -7,7 +7,7 @@ use crate::dataset::Point;
 use crate::dataset::cloud_file::{CloudFile, STANDARD, extension, write_cloud};
 use crate::policy::WeightFile;
 use crate::register::Start;
-use crate::register::trace::{self, Given, Header, Traced};
+use crate::register::trace::{self, FinalAnswer, Header, Traced};
 use crate::report::Report;
 use std::path::Path;
 
@@ -75,7 +75,7 @@ impl RegisterArgs {
                 initial: done.initial.to_rows(),
             },
             steps: done.found.trace.clone(),
-            answer: Given::of(&done.found.answer, self.mode).map(|answer| Given {
+            answer: FinalAnswer::of(&done.found.answer, self.mode).map(|answer| FinalAnswer {
                 target_from_source: done.near().to_rows(),
                 ..answer
             }),

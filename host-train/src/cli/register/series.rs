@@ -42,7 +42,7 @@ pub(super) fn write(folder: &Path, traced: &Traced) -> anyhow::Result<()> {
 mod tests {
     use super::*;
     use crate::dataset::cloud_file::read_file;
-    use crate::register::trace::{Given, Header};
+    use crate::register::trace::{FinalAnswer, Header};
     use glam::Vec3;
 
     #[test]
@@ -66,7 +66,7 @@ mod tests {
                 initial: along_x(1.0),
             },
             steps: Vec::new(),
-            answer: Some(Given {
+            answer: Some(FinalAnswer {
                 mode: String::new(),
                 verdict: String::new(),
                 probability: None,

@@ -3,7 +3,7 @@
 use super::depth::DepthArgs;
 use super::input::{Input, Units};
 use super::{factor, view_point};
-use crate::dataset::cloud_file::bag::{self, Which, is_bag};
+use crate::dataset::cloud_file::bag::{self, MessageSelector, is_bag};
 use crate::dataset::cloud_file::{CloudError, CloudFile, Note, extension, read_file};
 use clap::Args;
 use std::path::{Path, PathBuf};
@@ -45,7 +45,7 @@ pub struct SourceArgs {
     /// For a bag as the source: the number of the message, from 0, or seconds after the bag's start, such as 2.5s, for
     /// the first one from then on [default: 0]
     #[arg(long, value_name = "N|TIME", conflicts_with = "depth")]
-    message: Option<Which>,
+    message: Option<MessageSelector>,
 }
 
 impl SourceArgs {
@@ -123,7 +123,7 @@ impl SourceArgs {
     }
 
     fn read_cloud(&self, path: &Path) -> Result<CloudFile, CloudError> {
-        let message = self.message.unwrap_or(Which::FIRST);
+        let message = self.message.unwrap_or(MessageSelector::FIRST);
         match is_bag(path) {
             true => bag::read(path, self.topic.as_deref(), message),
             false => read_file(path),

@@ -23,31 +23,31 @@ use topics::Topics;
 /// First bytes of a message that was compressed by itself.
 const ZSTD: [u8; 4] = [0x28, 0xb5, 0x2f, 0xfd];
 
-/// Which message of a topic.
+/// Selects a message of a topic.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Which {
+pub enum MessageSelector {
     /// By its number, from 0.
     Number(u64),
     /// The first one recorded at least this long after the bag's first message of any topic.
     After(Duration),
 }
 
-impl Which {
+impl MessageSelector {
     /// The first one.
-    pub const FIRST: Which = Which::Number(0);
+    pub const FIRST: MessageSelector = MessageSelector::Number(0);
 }
 
-impl FromStr for Which {
+impl FromStr for MessageSelector {
     type Err = String;
 
-    fn from_str(text: &str) -> Result<Which, String> {
+    fn from_str(text: &str) -> Result<MessageSelector, String> {
         let which = match text.strip_suffix('s') {
             Some(seconds) => {
                 let seconds = seconds.parse().ok();
                 let after = seconds.and_then(|seconds| Duration::try_from_secs_f64(seconds).ok());
-                after.map(Which::After)
+                after.map(MessageSelector::After)
             }
-            None => text.parse().ok().map(Which::Number),
+            None => text.parse().ok().map(MessageSelector::Number),
         };
         which.ok_or_else(|| {
             "a message is its number from 0, or seconds after the bag's start, such as 2.5s".into()
@@ -141,13 +141,13 @@ impl Bag {
     ///
     /// # Errors
     /// A bag that has no such message or is damaged before it.
-    pub fn message(&self, which: Which) -> Result<Message, BagError> {
+    pub fn message(&self, which: MessageSelector) -> Result<Message, BagError> {
         let (mut count, mut last) = (0, Duration::ZERO);
         for message in self.messages() {
             let message = message?;
             let found = match which {
-                Which::Number(number) => message.number == number,
-                Which::After(after) => message.after >= after,
+                MessageSelector::Number(number) => message.number == number,
+                MessageSelector::After(after) => message.after >= after,
             };
             if found {
                 return Ok(message);
@@ -206,7 +206,11 @@ impl Message {
 ///
 /// # Errors
 /// As [`Bag::open`], [`Bag::message`] and [`Message::cloud`].
-pub fn read(path: &Path, topic: Option<&str>, which: Which) -> Result<CloudFile, CloudError> {
+pub fn read(
+    path: &Path,
+    topic: Option<&str>,
+    which: MessageSelector,
+) -> Result<CloudFile, CloudError> {
     let message = Bag::open(path, topic)?.message(which)?;
     Ok(message.cloud()?.0)
 }

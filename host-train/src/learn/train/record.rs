@@ -164,7 +164,7 @@ impl RunDirectory {
             .iter()
             .map(|p| {
                 json!({
-                    "source": p.source, "target": p.target, "registering": p.registering.to_rows(),
+                    "source": p.source, "target": p.target, "true_pose": p.true_pose.to_rows(),
                 })
             })
             .collect();

@@ -1,6 +1,6 @@
 //! Traces of evaluated pairs.
 
-use super::{Given, Header, Traced};
+use super::{FinalAnswer, Header, Traced};
 use crate::dataset::pairs::PairSet;
 use crate::measure::eval::EvalError;
 use crate::measure::method::{Contestant, Finish, Method, Start, task_of};
@@ -51,7 +51,7 @@ pub fn pairs(
                     truth: Some(set.target_from_source[index].to_rows()),
                     initial: Pose::IDENTITY.to_rows(),
                 },
-                answer: Given::of(&found.answer, mode),
+                answer: FinalAnswer::of(&found.answer, mode),
                 steps: found.trace,
             });
         }

@@ -47,7 +47,7 @@ fn write(text: &[u8]) -> tempfile::NamedTempFile {
 #[test]
 fn what_is_written_is_read() {
     let mut two = [traced("a"), traced("b")];
-    two[0].answer = Some(Given {
+    two[0].answer = Some(FinalAnswer {
         mode: "verify".into(),
         verdict: "converged".into(),
         probability: Some(0.75),

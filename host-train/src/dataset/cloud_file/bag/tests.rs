@@ -33,21 +33,21 @@ fn clouds(path: &Path) -> (Vec<Vec<Position>>, Option<String>) {
 
 #[test]
 fn messages_are_named_by_number_or_time() {
-    assert_eq!("12".parse(), Ok(Which::Number(12)));
+    assert_eq!("12".parse(), Ok(MessageSelector::Number(12)));
     let after = Duration::from_millis(2500);
-    assert_eq!("2.5s".parse(), Ok(Which::After(after)));
+    assert_eq!("2.5s".parse(), Ok(MessageSelector::After(after)));
     for wrong in ["", "s", "-1", "-1s", "1e99s", "nans", "2.5", "first"] {
-        assert!(wrong.parse::<Which>().is_err(), "{wrong}");
+        assert!(wrong.parse::<MessageSelector>().is_err(), "{wrong}");
     }
     let bag = Bag::open(&fixture("lz4.mcap"), None).expect("one topic");
     // Ten a second, each a microsecond after a message of another topic.
     for (which, number) in [
-        (Which::FIRST, 0),
-        (Which::Number(5), 5),
-        (Which::After(Duration::ZERO), 0),
-        (Which::After(Duration::from_micros(1)), 0),
-        (Which::After(Duration::from_micros(2)), 1),
-        (Which::After(Duration::from_millis(500)), 5),
+        (MessageSelector::FIRST, 0),
+        (MessageSelector::Number(5), 5),
+        (MessageSelector::After(Duration::ZERO), 0),
+        (MessageSelector::After(Duration::from_micros(1)), 0),
+        (MessageSelector::After(Duration::from_micros(2)), 1),
+        (MessageSelector::After(Duration::from_millis(500)), 5),
     ] {
         let message = bag.message(which).expect("there is one");
         assert_eq!(message.number, number, "{which:?}");
@@ -57,7 +57,10 @@ fn messages_are_named_by_number_or_time() {
         let points = cloud.points.len();
         assert!((197..=200).contains(&points), "{points}");
     }
-    for which in [Which::Number(6), Which::After(Duration::from_millis(501))] {
+    for which in [
+        MessageSelector::Number(6),
+        MessageSelector::After(Duration::from_millis(501)),
+    ] {
         let said = bag.message(which).expect_err("there is none").to_string();
         assert!(
             said.contains("/camera/points of the bag has 6 messages, the last 0.500 s after"),
@@ -85,7 +88,7 @@ fn every_compression_and_layout_gives_the_same_part() {
 
 #[test]
 fn what_a_cloud_is_of_is_noted() {
-    let cloud = read(&fixture("lz4.mcap"), None, Which::Number(1)).expect("a cloud");
+    let cloud = read(&fixture("lz4.mcap"), None, MessageSelector::Number(1)).expect("a cloud");
     let notes: Vec<String> = cloud.notes.iter().map(ToString::to_string).collect();
     assert_eq!(
         notes,

@@ -3,9 +3,9 @@
 //!
 //! `host-train pairs` writes such files of pairs; for any other source of clouds, fill a `PairSet` as below.
 
+use host_train::baselines::IcpSettings;
 use host_train::dataset::pairs::{PairSet, Sample};
 use host_train::dataset::procedural;
-use host_train::measure::baselines::IcpSettings;
 use host_train::measure::eval::{EvalSettings, evaluate};
 use host_train::measure::method::{Contestant, Finish, Start};
 use host_train::policy::WeightFile;

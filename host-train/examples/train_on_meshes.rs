@@ -5,8 +5,8 @@
 //! whole schedule use `host-train train`, which calls the same functions.
 
 use anyhow::bail;
-use host_train::learn::train::{self, Categories, DataSource, Stage, TrainConfig};
 use host_train::policy::{WeightFile, parameters_of};
+use host_train::train::{self, Categories, DataSource, Stage, TrainConfig};
 use reagent_core::Decision;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;

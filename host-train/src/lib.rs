@@ -1,7 +1,21 @@
 //! The workstation side of ReAgent: data, training, evaluation, export and publishing.
 //!
-//! Data flows one way: `dataset` reads clouds, `learn` trains a policy on them, `policy` makes it a file,
-//! `measure` and `register` run it, `report` draws what came of it, and `publish` hands it to the fleet.
+//! Data flows one way: `dataset` reads clouds, `learn` computes what a policy learns from them, `policy` keeps it in files,
+//! `register` and `measure` run it, `train` is the loop over all of these, `report` draws what came of it, and `publish` hands
+//! it to the fleet.
+//!
+//! Modules stand in layers, and import from layers before theirs only (`tests/tests/layers.rs`):
+//!
+//! - layer: files, pose64, random, words
+//! - layer: dataset
+//! - layer: augment, learn, neighbours
+//! - layer: baselines, diameter, policy, protocol
+//! - layer: bop, register
+//! - layer: views
+//! - layer: measure
+//! - layer: report, train
+//! - layer: publish
+//! - layer: cli
 #![doc = "\n"]
 #![doc = include_str!("../README.md")]
 
@@ -11,11 +25,13 @@ extern crate reagent_link;
 // A browser reads clouds and registers them; everything else takes files and threads.
 #[cfg(not(target_family = "wasm"))]
 pub mod augment;
+pub mod baselines;
 #[cfg(not(target_family = "wasm"))]
 pub mod bop;
 #[cfg(not(target_family = "wasm"))]
 pub mod cli;
 pub mod dataset;
+pub mod diameter;
 pub mod files;
 #[cfg(not(target_family = "wasm"))]
 pub mod learn;
@@ -32,6 +48,8 @@ pub mod random;
 pub mod register;
 #[cfg(not(target_family = "wasm"))]
 pub mod report;
+#[cfg(not(target_family = "wasm"))]
+pub mod train;
 #[cfg(not(target_family = "wasm"))]
 pub mod views;
 pub mod words;

@@ -24,8 +24,8 @@ pub use robots::{Heard, Reception};
 
 pub use stages::{Gate, Halt, Stages};
 
-use crate::learn::train::TrainError;
 use crate::policy::{ExportError, WeightFile};
+use crate::train::TrainError;
 use ed25519_dalek::{Signer, SigningKey};
 use reagent_core::Error;
 use reagent_core::wire::{self, Manifest, Message, NotTaken, Release, SignedManifest, keys};

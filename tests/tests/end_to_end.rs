@@ -4,9 +4,9 @@ mod support;
 
 use firmware_sim::client;
 use host_train::dataset::procedural;
-use host_train::learn::train::{DataSource, RollOut, Stage, TrainConfig, run};
 use host_train::policy::{WeightFile, parameters_of};
 use host_train::publish::{Publisher, keygen, read_key};
+use host_train::train::{DataSource, RollOut, Stage, TrainConfig, run};
 use reagent_core::net::Scratch;
 use reagent_core::wire::{CloudView, Mode, RefineRequest};
 use reagent_core::{Frame, Pose, Registrar};

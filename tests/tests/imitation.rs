@@ -8,7 +8,7 @@ use host_train::learn::loss::Losses;
 use host_train::learn::nn::{Parameters, Search, Shape};
 use host_train::learn::optim::Adam;
 use host_train::learn::ppo::PpoSettings;
-use host_train::learn::train::{Method, RollOut, Trainer};
+use host_train::train::{Method, RollOut, Trainer};
 use reagent_core::{Action, Pose};
 use reagent_tests::{Golden, reference_parameters};
 

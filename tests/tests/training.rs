@@ -3,11 +3,11 @@
 use host_train::learn::env::Accumulation;
 use host_train::learn::expert::Expert;
 use host_train::learn::nn::{Parameters, Shape};
-use host_train::learn::train::{
-    Anneal, DataSource, Follow, Method, Network, RollOut, Stage, TrainConfig, TrainError, run,
-};
 use host_train::policy::checkpoint::{Checkpoint, LAST, PREVIOUS};
 use host_train::policy::parameters_of;
+use host_train::train::{
+    Anneal, DataSource, Follow, Method, Network, RollOut, Stage, TrainConfig, TrainError, run,
+};
 use reagent_core::sight::Sight;
 use serde_json::Value;
 use std::path::Path;

@@ -2,10 +2,10 @@
 
 use super::output::{check_outputs, write_json, write_text};
 use super::source::{DataSource, positive};
-use crate::learn::train::{self, Stage, TrainConfig};
 use crate::measure::latency;
 use crate::measure::microcontrollers::{self, Limit, Measured};
 use crate::policy::WeightFile;
+use crate::train::{self, Stage, TrainConfig};
 use anyhow::Context;
 use clap::Args;
 use clap::builder::RangedI64ValueParser;

@@ -165,7 +165,8 @@ impl EvalArgs {
             print!("\n{}", table::agreement(name, found));
         }
         if let Some(path) = &self.trace {
-            let traced = trace::pairs(&set, &contestants, settings.steps, self.traced);
+            let traced =
+                crate::measure::trace::pairs(&set, &contestants, settings.steps, self.traced);
             write_text(
                 path,
                 &trace::to_text(&traced.with_context(|| origin.clone())?)?,

@@ -1,9 +1,9 @@
 //! The methods that a command compares, from its arguments.
 
 use super::{bad_usage, source};
+use crate::baselines::{FgrSettings, IcpSettings};
 use crate::learn::env::Accumulation;
 use crate::learn::nn::Parameters;
-use crate::measure::baselines::{FgrSettings, IcpSettings};
 use crate::measure::method::{Contestant, Finish, Start};
 use crate::policy::checkpoint::Checkpoint;
 use crate::policy::{ExportError, WeightFile};

@@ -11,7 +11,7 @@ use clap::ValueEnum;
 use clap::builder::RangedI64ValueParser;
 use std::path::Path;
 
-pub(super) use crate::learn::train::DataSource;
+pub(super) use crate::train::DataSource;
 
 /// Default number of pairs drawn from the built-in shapes.
 const PROCEDURAL_PAIRS: usize = 100;

@@ -1,7 +1,7 @@
 //! `host-train views`
 
 use super::source::positive;
-use crate::learn::train::DataSource;
+use crate::train::DataSource;
 use crate::views::{Meshes, Views};
 use crate::words::count;
 use anyhow::Context;

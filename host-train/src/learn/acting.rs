@@ -20,10 +20,10 @@ const BATCH: usize = 128;
 pub struct Agent {
     /// The network.
     pub parameters: Parameters,
-    pub(super) packed: PackedEmbedding,
-    pub(super) sources: Features,
+    pub(crate) packed: PackedEmbedding,
+    pub(crate) sources: Features,
     targets: Features,
-    pub(super) activations: Activations,
+    pub(crate) activations: Activations,
 }
 
 impl Agent {
@@ -39,7 +39,7 @@ impl Agent {
     }
 
     /// Embeds the targets that [`Agent::act`] refers to.
-    pub(super) fn embed_targets(&mut self, problems: &[Problem]) {
+    pub(crate) fn embed_targets(&mut self, problems: &[Problem]) {
         let width = self.parameters.shape.features();
         let seen: Vec<Seen<'_>> = problems.iter().map(target).collect();
         embed(&self.packed, width, &seen, &mut self.targets);
@@ -48,7 +48,7 @@ impl Agent {
     /// Chooses the targets' points anew if the policy does so after `steps` steps
     /// ([`Sight::refocuses`](reagent_core::sight::Sight::refocuses)). Each run then gets a problem of its own,
     /// appended to `problems`.
-    pub(super) fn refocus(
+    pub(crate) fn refocus(
         &mut self,
         problems: &mut Vec<Problem>,
         accumulation: Accumulation,
@@ -74,7 +74,7 @@ impl Agent {
     }
 
     /// Evaluates both policy heads for the source of problem `runs[i]` under `poses[i]`.
-    pub(super) fn act(
+    pub(crate) fn act(
         &mut self,
         problems: &[Problem],
         accumulation: Accumulation,
@@ -97,12 +97,12 @@ impl Agent {
     }
 
     /// The action that follows from the logits in state `row` of the batch.
-    pub(super) fn decide(&self, row: usize, decision: Decision) -> Action {
+    pub(crate) fn decide(&self, row: usize, decision: Decision) -> Action {
         self.choose(row, |logits| usize::from(decision.step(&logits)))
     }
 
     /// Chooses a step on every axis from its logits.
-    pub(super) fn choose(
+    pub(crate) fn choose(
         &self,
         row: usize,
         mut pick: impl FnMut([f32; STEP_SIZES]) -> usize,
@@ -122,7 +122,7 @@ impl Agent {
     }
 
     /// Log-probability of an action in state `row`, for each axis.
-    pub(super) fn log_probability(&self, row: usize, action: &Action) -> [f32; ALL_AXES] {
+    pub(crate) fn log_probability(&self, row: usize, action: &Action) -> [f32; ALL_AXES] {
         let ids = axes(action);
         std::array::from_fn(|all| {
             let logits = self.axis_logits(all / 3, all % 3, row);
@@ -132,7 +132,7 @@ impl Agent {
 }
 
 /// The source of a problem as it appears under a pose.
-pub(super) fn source<'a>(
+pub(crate) fn source<'a>(
     problem: &'a Problem,
     accumulation: Accumulation,
     pose: &Pose,
@@ -145,7 +145,7 @@ pub(super) fn source<'a>(
 }
 
 /// The target of a problem.
-pub(super) fn target(problem: &Problem) -> Seen<'_> {
+pub(crate) fn target(problem: &Problem) -> Seen<'_> {
     Seen {
         points: Cow::Borrowed(&problem.chosen),
         view: View::IDENTITY,

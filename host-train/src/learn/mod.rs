@@ -1,4 +1,4 @@
-//! Learning a policy: `env <-> agent -> buffer -> loss -> optim`; the loop is in [`train`].
+//! Learning a policy: `env <-> agent -> buffer -> loss -> optim`; the loop is in [`crate::train`].
 
 pub mod acting;
 pub mod agent;
@@ -12,4 +12,3 @@ pub mod nn;
 pub mod optim;
 pub mod ppo;
 pub mod reward;
-pub mod train;

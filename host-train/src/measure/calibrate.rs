@@ -15,10 +15,9 @@ use crate::dataset::pairs::PairSet;
 use crate::views::Views;
 use glam::{Mat3, Quat, Vec3};
 use rayon::prelude::*;
-use reagent_core::dims::STEPS;
 use reagent_core::evidence::FEATURES;
 use reagent_core::net::Scratch;
-use reagent_core::pipeline::{Mode, Refinement, Task, refine};
+use reagent_core::pipeline::{Mode, Progress, Refinement, Task, refine, register};
 use reagent_core::polish::Workspace;
 use reagent_core::{Error, Frame, Policy, Pose, Registrar};
 
@@ -74,11 +73,20 @@ fn rows(
 ) -> Result<[Row; 2], Error> {
     let (source, target) = (&set.source[i], &set.target[i]);
     let mut registrar = Registrar::new(policy, &mut memory.0);
-    let mut registration = registrar.start(source, target, Frame::IDENTITY, Pose::IDENTITY)?;
-    for _ in 0..STEPS {
-        registrar.step(&mut registration)?;
-    }
-    let initial = registration.target_from_source();
+    let go_on = |_: Progress<'_, '_>| Ok::<(), Error>(());
+    let task = Task {
+        mode: Mode::Fast,
+        frame: Some(Frame::IDENTITY),
+        ..task_of(set.seen(i))
+    };
+    let reached = register(
+        &mut registrar,
+        &mut memory.1,
+        [source, target],
+        &task,
+        go_on,
+    )?;
+    let initial = reached.target_from_source;
     let raw = set.raw.as_ref().map(|raw| &raw[i][..]);
     let truth = GroundTruth::new(source, target, raw, set.target_from_source[i])?;
     let mut row = |mode| -> Result<Row, Error> {

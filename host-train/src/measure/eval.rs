@@ -1,7 +1,7 @@
 //! Policies and baselines side by side on the same pairs: the paper's tables.
 //!
 //! As in the paper's experiments, clouds are not normalised. A policy decides as its file says, on core's kernels,
-//! and takes all steps, even after one that stops on every axis.
+//! in the pipeline that `register` and robots run.
 
 use super::method::{Contestant, Trajectory};
 use super::metrics::{Errors, GroundTruth, PairMetrics, Summary, quantile};

@@ -1,15 +1,15 @@
 //! Methods that are compared: each has a start, which finds a pose, and a finish, which refines it.
 
+use crate::baselines::{FgrSettings, IcpSettings, fgr, icp};
 use crate::dataset::Point;
 use crate::dataset::pairs::Seen;
 use crate::learn::acting::poses_of;
 use crate::learn::env::{Accumulation, Problem};
 use crate::learn::nn::Parameters;
-use crate::measure::baselines::{FgrSettings, IcpSettings, fgr, icp};
 use crate::random::{Purpose, stream};
 use crate::register::Memory;
 use glam::Vec3;
-use reagent_core::pipeline::{Mode, Task, refine};
+use reagent_core::pipeline::{Mode, Progress, Task, refine, register};
 use reagent_core::{Decision, Error, Frame, Policy, Pose, Registrar, start};
 use std::time::Instant;
 
@@ -106,6 +106,11 @@ impl Trajectory {
         }
     }
 
+    /// The last pose and its time.
+    fn last(&self) -> (Pose, f64) {
+        (self.poses[self.poses.len() - 1], self.ms[self.ms.len() - 1])
+    }
+
     /// Appends a pose and its time, and returns the pose.
     fn reach(&mut self, pose: Pose) -> Pose {
         self.poses.push(pose);
@@ -126,17 +131,40 @@ impl Method<'_> {
         memory: &mut Memory,
     ) -> Result<Trajectory, Error> {
         let mut track = Trajectory::begin();
+        let mode = match self.finish {
+            Finish::Core(mode) => mode,
+            Finish::Nothing | Finish::Icp(_) => Mode::Fast,
+        };
+        let task = Task {
+            mode,
+            steps,
+            frame: Some(Frame::IDENTITY),
+            ..task_of(seen)
+        };
+        let mut refinement = None;
         let pose = match self.start {
             Start::Identity => Pose::IDENTITY,
             Start::Policy(policy) => {
                 let mut registrar = Registrar::new(policy, &mut memory.scratch);
-                let mut registration =
-                    registrar.start(source, target, Frame::IDENTITY, Pose::IDENTITY)?;
-                for _ in 0..steps {
-                    registrar.step(&mut registration)?;
-                    track.reach(registration.target_from_source());
-                }
-                registration.target_from_source()
+                let workspace = &mut memory.workspace;
+                let answer = register(
+                    &mut registrar,
+                    workspace,
+                    [source, target],
+                    &task,
+                    |progress| {
+                        if let Progress::Step(_, registration) = progress {
+                            track.reach(registration.target_from_source());
+                        }
+                        Ok::<(), Error>(())
+                    },
+                )?;
+                refinement = answer.refinement;
+                // Once it has settled, further steps would change nothing.
+                let settled = track.last();
+                track.poses.resize(1 + steps, settled.0);
+                track.ms.resize(1 + steps, settled.1);
+                settled.0
             }
             Start::Trained {
                 parameters,
@@ -166,14 +194,12 @@ impl Method<'_> {
             Finish::Icp(settings) => {
                 track.reach(icp(source, target, pose, &settings)?.target_from_source);
             }
-            Finish::Core(mode) => {
-                let task = Task {
-                    mode,
-                    ..task_of(seen)
-                };
-                let (workspace, clouds) = (&mut memory.workspace, [source, target]);
-                let go_on = || Ok::<(), Error>(());
-                if let Some(found) = refine(workspace, clouds, pose, &task, go_on)? {
+            Finish::Core(_) => {
+                if !matches!(self.start, Start::Policy(_)) {
+                    let (workspace, clouds) = (&mut memory.workspace, [source, target]);
+                    refinement = refine(workspace, clouds, pose, &task, || Ok::<(), Error>(()))?;
+                }
+                if let Some(found) = refinement {
                     track.reach(found.refined.target_from_source);
                     track.probability = Some(found.evidence.probability());
                 }

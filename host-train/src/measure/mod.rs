@@ -2,7 +2,6 @@
 
 #[cfg(not(target_family = "wasm"))]
 pub mod agreement;
-pub mod baselines;
 #[cfg(not(target_family = "wasm"))]
 pub mod calibrate;
 #[cfg(not(target_family = "wasm"))]
@@ -22,3 +21,5 @@ pub mod microcontrollers;
 pub mod quality;
 #[cfg(not(target_family = "wasm"))]
 pub mod sweep;
+#[cfg(not(target_family = "wasm"))]
+pub mod trace;

@@ -6,9 +6,9 @@ use super::{
     has_certificate, open_session, read_key,
 };
 use crate::dataset::pairs::PairSet;
-use crate::learn::train::DataSource;
 use crate::policy::WeightFile;
 use crate::random::SEED;
+use crate::train::DataSource;
 use crate::views::Views;
 use reagent_core::wire::{Manifest, PolicyName};
 use reagent_link::metrics::MetricsArgs;

@@ -1,7 +1,7 @@
 //! The origin of a policy.
 
 use super::PublishError;
-use crate::learn::train::record::RunRecord;
+use crate::train::record::RunRecord;
 use sha2::{Digest, Sha256};
 use std::path::Path;
 

@@ -1,7 +1,7 @@
 //! The last refinement: ICP on all points that the files hold, where the policy saw a part of them.
 
+use crate::baselines::{IcpSettings, IcpTarget, Residual};
 use crate::dataset::Point;
-use crate::measure::baselines::{IcpSettings, IcpTarget, Residual};
 use crate::register::thin::{near_and_far, thin};
 use reagent_core::dims::MAX_POINTS;
 use reagent_core::pose::centroid;

@@ -4,12 +4,6 @@
 //! ([`Step`]) in the order taken. If something followed the steps, it ends with `{"answer": {…}}` ([`FinalAnswer`]), the
 //! final pose. A file holds any number of registrations, one after another.
 
-#[cfg(not(target_family = "wasm"))]
-mod pairs;
-
-#[cfg(not(target_family = "wasm"))]
-pub use pairs::pairs;
-
 use crate::dataset::Point;
 use reagent_core::dims::{AXES, LOGITS, STEP_SIZES};
 use reagent_core::pipeline::{Answer, Mode};

@@ -6,7 +6,7 @@ use crate::dataset::cloud_file::{extension, read_file};
 use crate::dataset::mesh::Mesh;
 use crate::dataset::procedural::{FAMILIES, shape};
 use crate::dataset::tree;
-use crate::measure::metrics::diameter;
+use crate::diameter::diameter;
 use crate::random::{Purpose, Rng, stream};
 use glam::{Affine3A, Vec2, Vec3};
 use rand::RngExt;

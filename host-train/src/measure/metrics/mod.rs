@@ -15,16 +15,16 @@
 //! the nearest point of `Y_clean`, and the diameter does not depend on `E`: one kd-tree and one diameter
 //! serve every estimate for a pair.
 
-mod diameter;
 mod summary;
 
-pub use diameter::diameter;
 #[cfg(not(target_family = "wasm"))]
 pub(crate) use summary::quantile;
 pub use summary::{Errors, Quartiles, Summary, auc, is_right};
 
+use crate::baselines::widen;
 use crate::dataset::Point;
 use crate::dataset::pairs::Symmetry;
+use crate::diameter::diameter;
 use crate::neighbours::{Neighbours, check_finite, wide};
 use nalgebra::{Matrix3, Vector3};
 use reagent_core::{Error, Pose};
@@ -167,12 +167,6 @@ impl<'a> GroundTruth<'a> {
 
 fn mean(points: &[Point], f: impl Fn(Point) -> f64) -> f64 {
     points.iter().map(|&p| f(p)).sum::<f64>() / points.len() as f64
-}
-
-pub(crate) fn widen(pose: Pose) -> (Matrix3<f64>, Vector3<f64>) {
-    let [a, b, c] = pose.to_rows().map(|row| row.map(f64::from));
-    let rotation = Matrix3::new(a[0], a[1], a[2], b[0], b[1], b[2], c[0], c[1], c[2]);
-    (rotation, Vector3::new(a[3], b[3], c[3]))
 }
 
 /// Angle of a rotation, degrees, by atan2 of its sine and cosine: exact near 0, where acos is not.

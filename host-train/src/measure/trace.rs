@@ -1,15 +1,15 @@
 //! Traces of evaluated pairs.
 
-use super::{FinalAnswer, Header, Traced};
+use super::eval::EvalError;
+use super::method::{Contestant, Finish, Method, Start, task_of};
 use crate::dataset::pairs::PairSet;
-use crate::measure::eval::EvalError;
-use crate::measure::method::{Contestant, Finish, Method, Start, task_of};
 use crate::register::register;
+use crate::register::trace::{FinalAnswer, Header, Traced};
 use reagent_core::pipeline::{Mode, Task};
 use reagent_core::{Frame, Pose};
 
 /// Traces of the first `count` pairs of a set, registered by every policy among the contestants in `steps` steps.
-/// Clouds are not normalised and starts are the identity, as in [`crate::measure::eval::evaluate`].
+/// Clouds are not normalised and starts are the identity, as in [`super::eval::evaluate`].
 ///
 /// # Errors
 /// [`EvalError::Pair`], with a cloud that the core refuses.

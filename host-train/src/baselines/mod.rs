@@ -31,3 +31,10 @@ fn narrow(rotation: &Matrix3<f64>, translation: &Vector3<f64>) -> Pose {
         [r[0], r[1], r[2], translation[i]].map(|x| x as f32)
     }))
 }
+
+/// Converts a pose to f64.
+pub(crate) fn widen(pose: Pose) -> (Matrix3<f64>, Vector3<f64>) {
+    let [a, b, c] = pose.to_rows().map(|row| row.map(f64::from));
+    let rotation = Matrix3::new(a[0], a[1], a[2], b[0], b[1], b[2], c[0], c[1], c[2]);
+    (rotation, Vector3::new(a[3], b[3], c[3]))
+}

@@ -6,10 +6,9 @@
 //! distances, change by less than 1e-6. Trimming keeps a fixed share of the correspondences, the shortest.
 
 use super::align::{kabsch, plane_step};
-use super::narrow;
 use super::normals::{NormalSettings, normals};
+use super::{narrow, widen};
 use crate::dataset::Point;
-use crate::measure::metrics::widen;
 use crate::neighbours::{Neighbours, check_finite, wide};
 use nalgebra::{Matrix3, Vector3};
 use reagent_core::{Error, Pose};

@@ -129,7 +129,7 @@ fn bins(p: Vector3<f64>, n_p: &Vector3<f64>, q: Vector3<f64>, n_q: &Vector3<f64>
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::measure::baselines::{NormalSettings, normals};
+    use crate::baselines::{NormalSettings, normals};
     use crate::neighbours::Neighbours;
     use crate::random::{Purpose, stream};
     use glam::Vec3;

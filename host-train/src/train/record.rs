@@ -226,7 +226,7 @@ fn measured_by(text: &str, updates: u64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::learn::train::{DataSource, Stage};
+    use crate::train::{DataSource, Stage};
 
     #[test]
     fn metrics_beyond_a_checkpoint_and_torn_lines_are_dropped() {

@@ -126,8 +126,12 @@ async fn everybody_does_their_part_and_nothing_else() {
     let fourth = fourth.expect("a good policy");
     let (poses, wait) = (1, SILENCE);
     let stages = "1,100%".parse().expect("stages");
-    let gate = Gate { poses, wait };
-    let stages = impostor.roll_out(&fourth, &file, &stages, gate, |line| panic!("{line}"));
+    let gate = Gate {
+        poses,
+        wait,
+        except: Vec::new(),
+    };
+    let stages = impostor.roll_out(&fourth, &file, &stages, &gate, |line| panic!("{line}"));
     let unheard = stages.await;
     assert!(
         matches!(unheard, Err(PublishError::Unheard { .. })),

@@ -14,7 +14,7 @@ use reagent_core::weights::{FORMAT_INT8, checksum, offsets};
 use reagent_core::wire::{CloudView, Mode, RefineRequest};
 use std::path::Path;
 use std::time::Duration;
-use support::{FLEET, Network, publisher, until};
+use support::{FLEET, Network, key, publisher, until};
 
 const ROBOTS: usize = 200;
 /// Number of robots that share a session.
@@ -120,13 +120,14 @@ async fn a_policy_that_is_silently_worse_is_caught_at_the_first_stage_of_a_fleet
     let gate = Gate {
         poses: POSES,
         wait: Duration::from_secs(60),
+        except: Vec::new(),
     };
     let worse = worse_policy();
     let manifest = publisher.prepare(2, "worse", &worse).await;
     let manifest = manifest.expect("a sound policy");
     let told = |line| println!("{line}");
     let outcome = publisher
-        .roll_out(&manifest, &worse, &stages, gate, told)
+        .roll_out(&manifest, &worse, &stages, &gate, told)
         .await;
     let halt = outcome.expect("an open session");
     let halt = halt.expect_err("it is worse");
@@ -141,7 +142,7 @@ async fn a_policy_that_is_silently_worse_is_caught_at_the_first_stage_of_a_fleet
     let manifest = publisher.prepare(3, "as good", &good_policy()).await;
     let manifest = manifest.expect("a sound policy");
     let outcome = publisher
-        .roll_out(&manifest, &good_policy(), &stages, gate, told)
+        .roll_out(&manifest, &good_policy(), &stages, &gate, told)
         .await;
     let outcome = outcome.expect("an open session");
     assert_eq!(outcome, Ok(()));
@@ -164,6 +165,7 @@ async fn a_stage_has_its_robots_before_it_is_judged() {
     let gate = Gate {
         poses: 0,
         wait: Duration::from_secs(60),
+        except: Vec::new(),
     };
     let stages: Stages = "1,2,100%".parse().expect("stages");
     let mut told = Vec::new();
@@ -172,7 +174,7 @@ async fn a_stage_has_its_robots_before_it_is_judged() {
             &manifest.expect("a sound policy"),
             &good_policy(),
             &stages,
-            gate,
+            &gate,
             |line| told.push(line),
         )
         .await;
@@ -183,4 +185,34 @@ async fn a_stage_has_its_robots_before_it_is_judged() {
         told,
         taken.map(|robots| format!("stage of {robots}: taken"))
     );
+}
+
+/// One robot that cannot take a policy stops a roll-out, and the error says how to go on without it.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_roll_out_goes_on_without_a_robot_that_is_excepted() {
+    let network = Network::start().await;
+    let distrustful = NodeConfig {
+        fleet: FLEET.into(),
+        robot: "b".into(),
+        trust: Trust::Keys(vec![key(8).verifying_key()]),
+        state: None,
+    };
+    let b = Node::start(network.join().await, distrustful).await;
+    let _nodes = [network.node(FLEET, "a").await, b.expect("good names")];
+    let mut publisher = publisher(&network).await;
+    let stages: Stages = "100%".parse().expect("stages");
+    let mut gate = Gate {
+        poses: 0,
+        wait: Duration::from_secs(60),
+        except: Vec::new(),
+    };
+    let (file, told) = (good_policy(), |line| println!("{line}"));
+    let manifest = publisher.prepare(1, "first", &file).await.expect("sound");
+    let outcome = publisher.roll_out(&manifest, &file, &stages, &gate, told);
+    let halt = outcome.await.expect("an open session").expect_err("not b");
+    assert!(halt.to_string().ends_with("--except b"), "{halt}");
+    gate.except = vec!["b".into()];
+    let manifest = publisher.prepare(2, "second", &file).await.expect("sound");
+    let outcome = publisher.roll_out(&manifest, &file, &stages, &gate, told);
+    assert_eq!(outcome.await.expect("an open session"), Ok(()));
 }

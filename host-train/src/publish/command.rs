@@ -75,6 +75,14 @@ pub struct PublishArgs {
         requires = "stages"
     )]
     pub gate_wait: u64,
+    /// Robots that need not take the policy, such as one whose flash is broken: names, separated by commas.
+    #[arg(
+        long,
+        value_name = "ROBOTS",
+        value_delimiter = ',',
+        requires = "stages"
+    )]
+    pub except: Vec<String>,
     /// Pairs, or meshes to render 300 views of, on which the policy is compared with the one before it; a worse policy
     /// is not published.
     #[arg(long, value_name = "FILE.h5|views:DIR", requires = "against")]
@@ -193,10 +201,11 @@ async fn roll_out(
     let gate = Gate {
         poses: args.gate_poses,
         wait: Duration::from_secs(args.gate_wait),
+        except: args.except.clone(),
     };
     let told = |line: String| println!("{line}");
     let outcome = publisher
-        .roll_out(manifest, file, stages, gate, told)
+        .roll_out(manifest, file, stages, &gate, told)
         .await?;
     let Err(halt) = outcome else { return Ok(()) };
     let back = match (&halt, &args.against) {

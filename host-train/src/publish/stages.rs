@@ -80,12 +80,14 @@ impl Stage {
 }
 
 /// What the robots of a stage must have done before the next stage.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Gate {
     /// Poses that they must give together, once all of them have the policy.
     pub poses: u64,
     /// How long that may take.
     pub wait: Duration,
+    /// Robots that need not take the policy, such as one whose flash is broken.
+    pub except: Vec<String>,
 }
 
 /// Why a roll-out stops.
@@ -109,7 +111,14 @@ pub enum Halt {
 impl fmt::Display for Halt {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Halt::NotTaken(reception) => f.write_str(&reception.one_line()),
+            Halt::NotTaken(reception) => {
+                let robots: Vec<&str> = reception.failed().map(|(robot, _)| &**robot).collect();
+                let (robots, reception) = (robots.join(","), reception.one_line());
+                write!(
+                    f,
+                    "{reception}; if that is the robot's fault alone, go on without it: --except {robots}"
+                )
+            }
             Halt::Unknown { poses, wanted } => {
                 write!(
                     f,
@@ -136,7 +145,7 @@ impl Publisher {
         manifest: &Manifest,
         file: &WeightFile,
         stages: &Stages,
-        gate: Gate,
+        gate: &Gate,
         mut told: impl FnMut(String),
     ) -> Result<Result<(), Halt>, PublishError> {
         self.serve(manifest, file.clone()).await?;
@@ -148,10 +157,12 @@ impl Publisher {
             };
             self.announce(&manifest).await?;
             let reception = self.reception(&manifest, gate.wait).await?;
-            let (taken, refused) = (reception.taken.len(), reception.failed().count());
+            let taken = reception.taken.len();
             let robots = count(taken, "robot", "robots");
             told(format!("stage of {robots}: taken"));
-            if refused > 0 {
+            let mut failed = reception.failed();
+            if failed.any(|(robot, _)| !gate.except.contains(robot)) {
+                drop(failed);
                 return Ok(Err(Halt::NotTaken(reception)));
             }
             if taken == 0 && before.is_empty() || manifest.reach == u32::MAX {
@@ -170,7 +181,7 @@ impl Publisher {
         &self,
         manifest: &Manifest,
         before: &BTreeMap<String, Tally>,
-        gate: Gate,
+        gate: &Gate,
         told: &mut impl FnMut(String),
     ) -> Result<Result<(), Halt>, PublishError> {
         let deadline = Instant::now() + gate.wait;
@@ -302,6 +313,9 @@ impl Figures {
 impl fmt::Display for Figures {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let part = |tally: &Tally| {
+            if tally.poses() == 0 {
+                return "no poses".to_owned();
+            }
             let share = 100.0 * converged(tally) as f64 / tally.poses() as f64;
             let mut text = format!("{} poses, {share:.1} % converged", tally.poses());
             if tally.judged > 0 {

@@ -100,6 +100,8 @@ typedef enum {
   REAGENT_STATUS_BACKGROUND_TOO_MANY_POINTS = 24,
   // The step of a grid is 0 or negative.
   REAGENT_STATUS_BAD_GRID = 25,
+  // The task has outward directions, but not one for each point of the target.
+  REAGENT_STATUS_OUTWARD_COUNT = 26,
 } ReagentStatus;
 
 // What can be said about a pose.
@@ -190,6 +192,12 @@ typedef struct {
   const float *background;
   // Number of these points, at most 4096: pixels spread around the object are enough.
   size_t background_points;
+  // Which way the target's surface faces, as a closed mesh tells: x, y and z of a direction for each point of the target,
+  // in their order. What faces away from the sensor was not seen. Null if unknown; ignored without a view point, and for
+  // a target of more than 2048 points.
+  const float *outward;
+  // Number of these directions: that of the target's points, or 0.
+  size_t outward_directions;
   // The target, prepared by reagent_prepare; null if it is not. A model of another target is ignored.
   const ReagentModel *model;
 } ReagentTask;

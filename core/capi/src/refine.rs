@@ -112,6 +112,9 @@ unsafe fn answered(
     Cloud::F32(source).check()?;
     let checked = Cloud::F32(target).check().map_err(ReagentStatus::from);
     checked.map_err(ReagentStatus::of_target)?;
+    if ![0, target.len()].contains(&task.outward.len()) {
+        return Err(ReagentStatus::OutwardCount);
+    }
     // SAFETY: the caller's promise.
     let found = by(unsafe { in_place(workspace) }?, [source, target], task)?;
     // SAFETY: the caller's promise, and checked above.

@@ -60,6 +60,8 @@ pub enum ReagentStatus {
     BackgroundTooManyPoints = 24,
     /// The step of a grid is 0 or negative.
     BadGrid = 25,
+    /// The task has outward directions, but not one for each point of the target.
+    OutwardCount = 26,
 }
 
 impl ReagentStatus {
@@ -76,7 +78,7 @@ impl ReagentStatus {
 }
 
 /// One for each number of a [`ReagentStatus`].
-const TEXTS: [&CStr; 26] = [
+const TEXTS: [&CStr; 27] = [
     c"done",
     c"a pointer is null or not aligned",
     c"the memory is not initialised: call reagent_init first",
@@ -103,6 +105,7 @@ const TEXTS: [&CStr; 26] = [
     c"the task's model is not prepared: call reagent_prepare first",
     c"the task's background has more than 4096 points: leave some out",
     c"the grid's step is 0 or negative: reagent_grid_of makes a grid",
+    c"the task's outward directions are not as many as the target's points: give one for each, or none",
 ];
 
 /// An English sentence that says what a status means and what to do; it lives as long as the program.

@@ -50,6 +50,12 @@ pub struct ReagentTask {
     pub background: *const f32,
     /// Number of these points, at most 4096: pixels spread around the object are enough.
     pub background_points: usize,
+    /// Which way the target's surface faces, as a closed mesh tells: x, y and z of a direction for each point of the target,
+    /// in their order. What faces away from the sensor was not seen. Null if unknown; ignored without a view point, and for
+    /// a target of more than 2048 points.
+    pub outward: *const f32,
+    /// Number of these directions: that of the target's points, or 0.
+    pub outward_directions: usize,
     /// The target, prepared by reagent_prepare; null if it is not. A model of another target is ignored.
     pub model: *const ReagentModel,
 }
@@ -73,6 +79,8 @@ pub extern "C" fn reagent_task() -> ReagentTask {
         view_point: null(),
         background: null(),
         background_points: 0,
+        outward: null(),
+        outward_directions: 0,
         model: null(),
     }
 }
@@ -81,7 +89,7 @@ impl ReagentTask {
     /// The task in Rust.
     ///
     /// # Safety
-    /// The view point is null, not aligned, or points to three floats; the background, to as many points as it states; the
+    /// The view point is null, not aligned, or points to three floats; the background and the directions, to as many as it states; the
     /// model is null, not aligned, or points to a whole ReagentModel.
     pub(crate) unsafe fn read<'c>(&self) -> Result<Task<'c>, ReagentStatus> {
         let mode = [Mode::Fast, Mode::Polish, Mode::Verify, Mode::Refine];
@@ -96,6 +104,12 @@ impl ReagentTask {
         let background = unsafe { floats(self.background, self.background_points) };
         let background = background.map_err(|status| match status {
             ReagentStatus::TooManyPoints => ReagentStatus::BackgroundTooManyPoints,
+            other => other,
+        })?;
+        // SAFETY: the caller's promise.
+        let outward = unsafe { floats(self.outward, self.outward_directions) };
+        let outward = outward.map_err(|status| match status {
+            ReagentStatus::TooManyPoints => ReagentStatus::OutwardCount,
             other => other,
         })?;
         // SAFETY: the caller's promise.
@@ -114,6 +128,7 @@ impl ReagentTask {
             steps: self.steps as usize,
             view_point,
             background,
+            outward,
             model,
             ..Task::new(start)
         })

@@ -40,7 +40,8 @@ impl Quality {
         // Ties count half in the ROC area; the risk-coverage curve takes them in the order of the pairs.
         let mut start = 0;
         while start < count {
-            let tied = |o: &&(f64, bool)| o.0 == outcomes[start].0;
+            // A NaN equals itself here.
+            let tied = |o: &&(f64, bool)| o.0.total_cmp(&outcomes[start].0).is_eq();
             let length = outcomes[start..].iter().take_while(tied).count();
             let group = &outcomes[start..start + length];
             let wrong_here = group.iter().filter(|o| !o.1).count();
@@ -104,5 +105,6 @@ mod tests {
         assert_eq!(tied.auc, 0.5);
         assert!((tied.brier - 0.25).abs() < 1e-12);
         assert_eq!(tied.bins[5], [0.5, 2.0 / 3.0, 3.0]);
+        assert_eq!(quality(&[(f64::NAN, true), (0.5, false)]).count, 2);
     }
 }

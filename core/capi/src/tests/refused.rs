@@ -66,6 +66,7 @@ fn what_cannot_be_registered_is_refused_and_changes_nothing() {
     let mut model = model();
     let model: *mut ReagentModel = &raw mut *model;
     static NOWHERE: [f32; 3] = [0.0, f32::NAN, 0.0];
+    static AWAY: [[f32; 3]; 600] = [[0.0, 0.0, 1.0]; 600];
     let bent = ReagentPose {
         rows: [[2.0; 4]; 3],
     };
@@ -118,6 +119,13 @@ fn what_cannot_be_registered_is_refused_and_changes_nothing() {
             (
                 refine(with(|task| task.background_points = 1 << 20)),
                 BackgroundTooManyPoints,
+            ),
+            (refine(with(|task| task.outward_directions = 600)), Pointer),
+            (
+                refine(with(|task| {
+                    (task.outward, task.outward_directions) = (AWAY.as_flattened().as_ptr(), 599)
+                })),
+                OutwardCount,
             ),
             (
                 refine(with(|task| task.start.rows[0][3] = f32::INFINITY)),

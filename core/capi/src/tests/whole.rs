@@ -28,9 +28,11 @@ fn tasks() -> Vec<(ReagentTask, Task<'static>)> {
     }
     const EYE: [f32; 3] = [50.0, -300.0, 200.0];
     static BEHIND: [[f32; 3]; 2] = [[0.0, 300.0, -100.0], [20.0, 310.0, -90.0]];
+    static UPWARD: [[f32; 3]; 600] = [[0.0, 0.0, 1.0]; 600];
     let mut view = reagent_task();
     view.view_point = EYE.as_ptr();
     (view.background, view.background_points) = (BEHIND.as_flattened().as_ptr(), BEHIND.len());
+    (view.outward, view.outward_directions) = (UPWARD.as_flattened().as_ptr(), UPWARD.len());
     (view.steps, view.rotation_rad, view.along, view.across) = (2, 0.1, 0.2, 0.3);
     let uncertainty = Uncertainty {
         rotation_rad: 0.1,
@@ -41,6 +43,7 @@ fn tasks() -> Vec<(ReagentTask, Task<'static>)> {
         steps: 2,
         view_point: Some(EYE.into()),
         background: &BEHIND,
+        outward: &UPWARD,
         ..Task::new(Start::Pose(Pose::IDENTITY, uncertainty))
     };
     tasks.push((view, expected));

@@ -29,14 +29,20 @@ pub(super) fn charts(
     colour: impl Fn(&str) -> usize,
 ) -> Vec<Chart> {
     let (mut reliability, mut risk) = (Vec::new(), Vec::new());
-    for (name, outcomes) in lines.iter().filter(|(_, outcomes)| !outcomes.is_empty()) {
+    for (name, outcomes) in lines {
+        // A pair without a probability says nothing of probabilities.
+        let given = outcomes.iter().filter(|(p, _)| p.is_finite());
+        let outcomes: Outcomes = given.copied().collect();
+        if outcomes.is_empty() {
+            continue;
+        }
         let colour = colour(name);
         let quality = Quality::of(outcomes.clone());
         let bins = quality.bins.iter().filter(|[_, _, count]| *count > 0.0);
         let points = bins.map(|&[p, right, _]| (100.0 * p, 100.0 * right));
         reliability.push(Line::new(*name, colour, points.collect()));
         let area = 100.0 * quality.risk_coverage;
-        let curve = risk_coverage(outcomes.clone());
+        let curve = risk_coverage(outcomes);
         let mut line = Line::new(format!("{name}: area {area:.2} %"), colour, curve);
         line.dots = false;
         risk.push(line);

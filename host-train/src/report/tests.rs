@@ -127,6 +127,23 @@ fn verdicts_are_drawn_by_mode_and_kind_of_pairs() {
     assert!(refused.to_string().contains("outcomes"), "{refused}");
 }
 
+/// Such a pair once held up the report for ever.
+#[test]
+fn a_pair_without_a_probability_is_left_out_of_verdicts() {
+    let folder = folder();
+    let paths = [folder.path().join("calibration.json")];
+    let document = |probability: [Option<f64>; 5]| {
+        let outcomes = json!({"probability": probability, "right": [1, 0, 1, 0, 1]});
+        let line = json!({"pairs": "Verify Noisy", "built_in": {}, "outcomes": outcomes});
+        fs::write(&paths[0], json!({"quality": [line]}).to_string()).expect("written");
+        html(&paths)
+    };
+    let page = document([Some(0.9), Some(0.8), Some(0.3), Some(0.1), None]);
+    // Wrong among the one to four most probable: 0, 1, 1 and 2.
+    assert!(page.contains("Noisy: area 33.33 %"));
+    assert!(!document([None; 5]).contains("Noisy: area"));
+}
+
 #[test]
 fn an_evaluation_with_probabilities_shows_whether_they_hold() {
     let folder = folder();
@@ -253,6 +270,58 @@ fn bad_inputs_say_what_where_and_what_to_do() {
 }
 
 #[test]
+fn a_refusal_names_the_key_and_what_belongs_there() {
+    let folder = folder();
+    let path = folder.path().join("k.json");
+    for (document, key, expected) in [
+        (json!({"methods": {"icp": 3}}), "methods.icp", "an object"),
+        (
+            json!({"methods": {}, "per_step": {"a": {}}}),
+            "per_step.a",
+            "a list",
+        ),
+        (
+            json!({"methods": {}, "per_step": {"a": [{}, null]}}),
+            "per_step.a.1",
+            "an object",
+        ),
+        (
+            json!({"methods": {}, "probability": {"a": [true]}}),
+            "probability.a",
+            "a list of numbers",
+        ),
+        (json!({"sweep": {}}), "sweep", "a list"),
+        (json!({"sweep": [{"methods": {}}]}), "sweep.0.vary", "there"),
+        (
+            json!({"sweep": [{"methods": {}, "vary": "noise", "unit": 3}]}),
+            "sweep.0.unit",
+            "a text",
+        ),
+        (
+            json!({"sweep": [{"methods": {"a": [{"value": 1}, {"value": 1e100}]}}]}),
+            "sweep.0.methods.a.1.value",
+            "a number",
+        ),
+        (
+            json!({"sweep": [{"methods": {"a": [{"value": 1, "errors": {"adi": [""]}}]}}]}),
+            "sweep.0.methods.a.0.errors.adi",
+            "a list of numbers",
+        ),
+        (json!({"quality": [3]}), "quality.0.outcomes", "there"),
+        (
+            json!({"quality": [{"outcomes": {"probability": [], "right": []}}]}),
+            "quality.0.built_in",
+            "there",
+        ),
+    ] {
+        fs::write(&path, document.to_string()).expect("written");
+        let error = Report::read(std::slice::from_ref(&path)).expect_err(key);
+        let said = format!("k.json: \"{key}\" is not {expected}; write");
+        assert!(error.to_string().contains(&said), "{error}");
+    }
+}
+
+#[test]
 fn names_are_stems_unless_they_repeat() {
     let paths = [
         "a/eval.json",
@@ -273,13 +342,13 @@ proptest::proptest! {
     /// Whatever bytes are overwritten or cut: a report or a typed error, never a panic.
     #[test]
     fn corrupted_inputs_never_panic(
-        which in 0usize..3,
+        which in 0usize..4,
         places in proptest::collection::vec((0usize..4000, proptest::num::u8::ANY), 1..4),
         cut in 0usize..40,
     ) {
         let folder = folder();
-        let (file, input) =
-            [("eval.json", "eval.json"), ("sweep.json", "sweep.json"), ("run/metrics.jsonl", "run")][which];
+        let file = ["eval.json", "sweep.json", "calibration.json", "run/metrics.jsonl"][which];
+        let input = if which == 3 { "run" } else { file };
         let path = folder.path().join(file);
         let mut bytes = fs::read(&path).expect("written");
         let length = bytes.len();

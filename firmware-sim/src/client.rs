@@ -1,5 +1,6 @@
 //! Asking a robot for a pose.
 
+mod asked;
 mod fleet;
 mod robots;
 
@@ -9,7 +10,7 @@ pub use robots::Heard;
 use crate::session::plain;
 use reagent_core::Error;
 use reagent_core::wire::{self, Message, RefineReply, RefineRequest, Refusal, Status, keys};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use thiserror::Error as ThisError;
 use zenoh::Session;
 use zenoh::query::ReplyError;
@@ -27,10 +28,14 @@ pub enum RefineError {
     #[error("{0}")]
     Request(Error),
     /// Nobody serves this key, or the robot went away before it answered.
-    #[error("no robot answered at {key}; is it running, in this fleet and on this network?")]
+    #[error(
+        "no robot answered at {key} within {waited:.1?}; is it running, in this fleet and on this network?"
+    )]
     NoRobot {
         /// The key asked.
         key: String,
+        /// How long.
+        waited: Duration,
     },
     /// The robot refused the request.
     #[error("robot {robot} refused request {}: {}", .refusal.id, .refusal.reason)]
@@ -129,6 +134,7 @@ async fn ask_from(
         key: key.to_string(),
         waited: time,
     };
+    let asked = Instant::now();
     let answer = async {
         // A congested link may also delay the request itself.
         let replies = session.get(key.as_str()).payload(frame).timeout(time);
@@ -142,8 +148,10 @@ async fn ask_from(
         reason,
     };
     let Ok(reply) = reply else {
-        let key = key.to_string();
-        return Err(RefineError::NoRobot { key });
+        return Err(RefineError::NoRobot {
+            key: key.to_string(),
+            waited: asked.elapsed(),
+        });
     };
     match reply.result() {
         Ok(sample) => match wire::decode(&sample.payload().to_bytes()) {

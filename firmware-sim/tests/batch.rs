@@ -1,9 +1,10 @@
-//! Many pairs for a fleet in which a robot dies.
+//! Many pairs for a fleet in which a robot dies, or the router is away for a while.
 #![cfg(feature = "demo")]
 
 use ed25519_dalek::SigningKey;
 use firmware_sim::node::{Node, NodeConfig};
 use firmware_sim::policy::Trust;
+use firmware_sim::view::View;
 use host_train::dataset::pairs::PairSet;
 use host_train::learn::nn::{Parameters, Shape};
 use host_train::policy::WeightFile;
@@ -14,24 +15,24 @@ use reagent_link::session::{SessionArgs, open};
 use reagent_tests::network::network;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use tokio::task::JoinHandle;
-use zenoh::Wait;
+use zenoh::{Session, Wait};
 
 const FLEET: &str = "f";
 
-fn write_pairs(path: &Path) {
+fn write_pairs(path: &Path, count: usize) {
     let cloud: Vec<_> = (0..60u8)
         .map(|i| [i % 5, i % 7, i % 11].map(f32::from))
         .collect();
     let pairs = PairSet {
-        source: vec![cloud.clone(); 3],
-        target: vec![cloud.clone(); 3],
-        target_from_source: vec![Pose::IDENTITY; 3],
+        source: vec![cloud.clone(); count],
+        target: vec![cloud.clone(); count],
+        target_from_source: vec![Pose::IDENTITY; count],
         raw: None,
-        label: vec![0; 3],
+        label: vec![0; count],
         symmetries: None,
-        seen: vec![None; 3],
+        seen: vec![None; count],
     };
     pairs.save(path).expect("a writable directory");
 }
@@ -44,11 +45,7 @@ fn frame(message: &Message<'_>) -> Vec<u8> {
 
 /// Robot `a`. It has a policy and nothing to do, answers one request, and dies during the second.
 async fn short_lived(endpoint: &str) -> JoinHandle<()> {
-    let args = SessionArgs {
-        connect: vec![endpoint.into()],
-        ..SessionArgs::default()
-    };
-    let session = open(&args).await.expect("the router listens");
+    let session = join(endpoint).await;
     let status = keys::status(FLEET, "a").expect("good names");
     let refine = keys::refine(FLEET, "a").expect("good names");
     let idle = frame(&Message::Status(Status {
@@ -88,12 +85,48 @@ async fn short_lived(endpoint: &str) -> JoinHandle<()> {
     })
 }
 
+/// A robot with a policy, on a session of its own.
+async fn robot(name: &str, endpoint: &str, publisher: &mut Publisher, version: u64) -> Node {
+    let config = NodeConfig {
+        fleet: FLEET.into(),
+        robot: name.into(),
+        trust: Trust::AnyKey,
+        state: None,
+    };
+    let node = Node::start(join(endpoint).await, config).await;
+    let node = node.expect("good names");
+    let policy = WeightFile::from_parameters(&Parameters::random(Shape::COMPACT, 1));
+    let published = publisher.publish(version, "p", policy.expect("deployable"));
+    published.await.expect("a good policy");
+    until(&node, |view| view.policy.is_some()).await;
+    node
+}
+
+async fn until(node: &Node, wanted: impl FnMut(&View) -> bool) {
+    let mut view = node.watch();
+    let reached = tokio::time::timeout(Duration::from_secs(60), view.wait_for(wanted)).await;
+    reached.expect("within a minute").expect("the node runs");
+}
+
+async fn join(endpoint: &str) -> Session {
+    let args = SessionArgs {
+        connect: vec![endpoint.into()],
+        ..SessionArgs::default()
+    };
+    open(&args).await.expect("the router listens")
+}
+
 /// Asks `robot` for all pairs, and says who answered each of them.
-async fn refine(robot: &str, endpoint: &str, folder: &Path) -> (Output, Vec<Option<String>>) {
+async fn refine(
+    robot: &str,
+    endpoint: &str,
+    deadline: &str,
+    folder: &Path,
+) -> (Output, Vec<Option<String>>) {
     let json: PathBuf = folder.join(format!("{robot}.json"));
     let mut program = Command::new(env!("CARGO_BIN_EXE_firmware-sim"));
     program.args(["refine", "--fleet", FLEET, "--robot", robot]);
-    program.args(["--mode", "fast", "--deadline", "60"]);
+    program.args(["--mode", "fast", "--deadline", deadline]);
     program.args(["--connect", endpoint]);
     program.arg("--pairs").arg(folder.join("pairs.h5"));
     program.arg("--json").arg(&json);
@@ -112,12 +145,12 @@ async fn refine(robot: &str, endpoint: &str, folder: &Path) -> (Output, Vec<Opti
 #[tokio::test(flavor = "multi_thread")]
 async fn a_robot_that_dies_does_not_end_a_batch() {
     let folder = tempfile::tempdir().expect("a temporary directory");
-    write_pairs(&folder.path().join("pairs.h5"));
+    write_pairs(&folder.path().join("pairs.h5"), 3);
     let (router, endpoint) = network().await;
 
     // No other robot is asked. The pair that was answered counts, and each other pair is reported.
     let dying = short_lived(&endpoint).await;
-    let (output, robots) = refine("a", &endpoint, folder.path()).await;
+    let (output, robots) = refine("a", &endpoint, "3", folder.path()).await;
     dying.await.expect("it dies in peace");
     let [said, error] = [&output.stdout, &output.stderr].map(|text| String::from_utf8_lossy(text));
     assert_eq!(output.status.code(), Some(1), "{error}");
@@ -135,27 +168,53 @@ async fn a_robot_that_dies_does_not_end_a_batch() {
     assert_eq!(error.lines().count(), 1, "{error}");
 
     // Any robot may answer, so another one takes its place.
-    let config = NodeConfig {
-        fleet: FLEET.into(),
-        robot: "b".into(),
-        trust: Trust::AnyKey,
-        state: None,
-    };
-    let node = Node::start(router.clone(), config).await;
-    let node = node.expect("good names");
     let publisher = Publisher::new(router, FLEET, SigningKey::from_bytes(&[1; 32]));
     let mut publisher = publisher.expect("a good name");
-    let policy = WeightFile::from_parameters(&Parameters::random(Shape::COMPACT, 1));
-    let published = publisher.publish(1, "p", policy.expect("deployable"));
-    published.await.expect("a good policy");
-    let mut view = node.watch();
-    let has_policy = view.wait_for(|view| view.policy.is_some());
-    let has_policy = tokio::time::timeout(Duration::from_secs(60), has_policy).await;
-    has_policy.expect("within a minute").expect("the node runs");
+    let _node = robot("b", &endpoint, &mut publisher, 1).await;
     let dying = short_lived(&endpoint).await;
-    let (output, robots) = refine("any", &endpoint, folder.path()).await;
+    let (output, robots) = refine("any", &endpoint, "60", folder.path()).await;
     dying.await.expect("it dies in peace");
     let error = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success(), "{error}");
     assert_eq!(robots, ["a", "b", "b"].map(|robot| Some(robot.to_owned())));
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_router_that_restarts_loses_no_pair() {
+    const PAIRS: usize = 400;
+    let folder = tempfile::tempdir().expect("a temporary directory");
+    write_pairs(&folder.path().join("pairs.h5"), PAIRS);
+    let (mut router, endpoint) = network().await;
+    let key = SigningKey::from_bytes(&[1; 32]);
+    let mut publisher = Publisher::new(join(&endpoint).await, FLEET, key).expect("a good name");
+    let node = robot("b", &endpoint, &mut publisher, 1).await;
+    for (asked, before) in [("any", 0), ("b", PAIRS)] {
+        let batch = refine(asked, &endpoint, "60", folder.path());
+        let restart = async {
+            until(&node, |view| view.served > before as u64 + 20).await;
+            router.close().await.expect("an open session");
+            let served = node.watch().borrow().served as usize - before;
+            assert!(served < PAIRS, "the batch is over");
+            router = reagent_tests::network::router(&endpoint).await;
+        };
+        let ((output, robots), ()) = tokio::join!(batch, restart);
+        let error = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{error}");
+        assert_eq!(robots, vec![Some("b".to_owned()); PAIRS]);
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn where_no_robot_comes_the_deadline_ends_a_request() {
+    let folder = tempfile::tempdir().expect("a temporary directory");
+    write_pairs(&folder.path().join("pairs.h5"), 1);
+    let (_router, endpoint) = network().await;
+    for robot in ["any", "a"] {
+        let begun = Instant::now();
+        let (output, _) = refine(robot, &endpoint, "0.5", folder.path()).await;
+        assert!(begun.elapsed() >= Duration::from_millis(500));
+        let error = String::from_utf8_lossy(&output.stderr);
+        assert!(error.contains("no robot answered at "), "{error}");
+        assert!(error.contains(" within 50"), "{error}");
+    }
 }

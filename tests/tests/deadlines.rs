@@ -309,7 +309,11 @@ async fn any_robot_is_the_one_with_the_least_to_do() {
     let operator = client(&network).await;
     let cloud = random_cloud(1, 20);
     let small = request(&cloud, &cloud);
-    let nobody = operator.refine_any(&small).await;
+    let brief = RefineRequest {
+        budget_ms: 1,
+        ..small
+    };
+    let nobody = operator.refine_any(&brief).await;
     assert!(
         matches!(nobody, Err(RefineError::NoRobot { .. })),
         "{nobody:?}"

@@ -1,31 +1,32 @@
 //! A client that stays connected: robots know whether it is there, and it knows how busy the robots are.
 
-use super::robots::{Heard, Robots};
+use super::asked::Asked;
+use super::robots::{Heard, Robots, Tried};
 use super::{RefineError, STATUS_TIME, read_status, refine_from};
-use crate::frames::small_frame;
 use crate::presence::number_of;
-use reagent_core::wire::{Cancel, Message, Reason, RefineReply, RefineRequest, keys};
+use reagent_core::wire::{Cancel, Reason, RefineReply, RefineRequest, keys};
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 use tokio::runtime::Handle;
 use tokio::sync::{OnceCell, watch};
+use tokio::time::{Instant, timeout_at};
+use zenoh::Session;
 use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::Subscriber;
 use zenoh::query::{Querier, QueryTarget};
 use zenoh::sample::{SampleKind, SourceInfo};
-use zenoh::{Session, Wait};
 
 /// Asks the robots of one fleet. A request whose future is dropped is taken back. If the client or its link is gone, all its
 /// requests are, so that they block no robot's queue.
 #[derive(Debug)]
 pub struct Client {
-    session: Session,
-    fleet: String,
+    pub(super) session: Session,
+    pub(super) fleet: String,
     /// The number by which robots see whether its session is there.
     number: u64,
     /// Asks robots for their status. Its identity also marks the session's requests.
     statuses: Querier<'static>,
-    robots: Arc<Robots>,
+    pub(super) robots: Arc<Robots>,
     following: OnceCell<[Subscriber<()>; 2]>,
     _alive: LivelinessToken,
 }
@@ -55,7 +56,7 @@ impl Client {
     }
 
     /// The sender of the requests.
-    fn source(&self) -> SourceInfo {
+    pub(super) fn source(&self) -> SourceInfo {
         SourceInfo::new(self.statuses.id(), 0)
     }
 
@@ -64,11 +65,43 @@ impl Client {
         &self.session
     }
 
-    /// Sends a request to a robot and waits for its pose.
+    /// Sends a request to a robot and waits for its pose. If the robot is not there, or its link is lost before it answers, it is
+    /// asked again as soon as it is there again, within the request's time.
     ///
     /// # Errors
-    /// As [`super::refine`].
+    /// As [`super::refine`]; `NoRobot` once the request's time has passed.
     pub async fn refine(
+        &self,
+        robot: &str,
+        request: &RefineRequest<'_>,
+    ) -> Result<RefineReply, RefineError> {
+        let started = Instant::now();
+        let until = started + budget(request);
+        loop {
+            let heard = self.robots.times_heard(robot);
+            let answer = self.ask(robot, &within(request, until)).await;
+            let Err(RefineError::NoRobot { key, .. }) = answer else {
+                return answer;
+            };
+            let back = async {
+                self.follow_robots().await?;
+                let is_back = |(): &()| self.robots.is_back(robot, heard);
+                // The client holds the sender.
+                self.changes().wait_for(is_back).await.ok();
+                Ok::<_, RefineError>(())
+            };
+            match timeout_at(until, back).await {
+                Ok(back) => back?,
+                Err(_) => {
+                    let waited = started.elapsed();
+                    return Err(RefineError::NoRobot { key, waited });
+                }
+            }
+        }
+    }
+
+    /// Sends a request to a robot once.
+    async fn ask(
         &self,
         robot: &str,
         request: &RefineRequest<'_>,
@@ -85,49 +118,63 @@ impl Client {
     }
 
     /// Sends a request to the robot with the least to do. If that robot is busy, gone, without a policy or without memory for the
-    /// mode, the next one is asked, within the request's time.
+    /// mode, the next one is asked, within the request's time. If no robot is there, waits for one as long.
     ///
     /// # Errors
-    /// As [`super::refine`], of the last robot asked; `NoRobot` if none is there.
+    /// As [`super::refine`]; a refusal if robots are there and all refuse; `NoRobot` once the request's time has passed.
     pub async fn refine_any(
         &self,
         request: &RefineRequest<'_>,
     ) -> Result<(String, RefineReply), RefineError> {
         let started = Instant::now();
-        let budget = Duration::from_millis(request.budget_ms.into());
+        let until = started + budget(request);
         self.follow_robots().await?;
-        let mut tried = Vec::new();
-        let mut last = None;
-        while let Some(robot) = self.robots.least(&tried) {
-            let left = budget.saturating_sub(started.elapsed());
-            if last.is_some() && left.is_zero() {
+        let (mut tried, mut refusal) = (Vec::<Tried>::new(), None);
+        loop {
+            let all_refused = refusal.is_some() && tried.iter().all(Tried::refused);
+            let wait_until = if all_refused { started } else { until };
+            let Some(robot) = self.next(&tried, wait_until).await else {
+                break;
+            };
+            if !tried.is_empty() && Instant::now() >= until {
                 break;
             }
-            let request = RefineRequest {
-                budget_ms: u32::try_from(left.as_millis()).unwrap_or(u32::MAX),
-                ..*request
-            };
-            match self.refine(&robot, &request).await {
+            let heard = self.robots.times_heard(&robot);
+            let heard = match self.ask(&robot, &within(request, until)).await {
                 Ok(reply) => return Ok((robot, reply)),
-                Err(error) if passed_over(&error) => last = Some(error),
+                Err(RefineError::NoRobot { .. }) => Some(heard),
+                Err(error) if passed_over(&error) => {
+                    refusal = Some(error);
+                    None
+                }
                 Err(error) => {
                     if matches!(error, RefineError::Deadline { .. }) {
                         self.robots.silent(&robot);
                     }
                     return Err(error);
                 }
-            }
-            tried.push(robot);
+            };
+            tried.retain(|tried| tried.robot != robot);
+            tried.push(Tried { robot, heard });
         }
-        match last {
-            Some(error) => Err(error),
-            None => {
-                let key = keys::all_status(&self.fleet).map_err(RefineError::Request)?;
-                Err(RefineError::NoRobot {
-                    key: key.to_string(),
-                })
-            }
-        }
+        let key = keys::all_status(&self.fleet).map_err(RefineError::Request)?;
+        Err(refusal.unwrap_or_else(|| RefineError::NoRobot {
+            key: key.to_string(),
+            waited: started.elapsed(),
+        }))
+    }
+
+    /// The robot to ask next, if one is there before a time.
+    async fn next(&self, tried: &[Tried], until: Instant) -> Option<String> {
+        let mut next = None;
+        let mut changes = self.changes();
+        let found = changes.wait_for(|()| {
+            next = self.robots.least(tried);
+            next.is_some()
+        });
+        // Looks at least once, however late it is.
+        timeout_at(until, found).await.ok()?.ok()?;
+        next
     }
 
     /// Asks every robot for its status and follows its changes from here on. [`Client::refine_any`] does this, too.
@@ -223,10 +270,24 @@ async fn ask_status(session: Session, fleet: String, robot: String, robots: Arc<
     }
 }
 
+/// A request's own time.
+fn budget(request: &RefineRequest<'_>) -> Duration {
+    Duration::from_millis(request.budget_ms.into())
+}
+
+/// A request with the time that is left.
+fn within<'a>(request: &RefineRequest<'a>, until: Instant) -> RefineRequest<'a> {
+    let left = until.saturating_duration_since(Instant::now());
+    RefineRequest {
+        // Rounded up, so that the first robot is given all of it.
+        budget_ms: u32::try_from(left.as_micros().div_ceil(1000)).unwrap_or(u32::MAX),
+        ..*request
+    }
+}
+
 /// Whether another robot may do better.
 fn passed_over(error: &RefineError) -> bool {
     match error {
-        RefineError::NoRobot { .. } => true,
         RefineError::Refused { refusal, .. } => {
             matches!(
                 refusal.reason,
@@ -241,51 +302,6 @@ fn passed_over(error: &RefineError) -> bool {
             )
         }
         _ => false,
-    }
-}
-
-/// A request in flight. If it is dropped before it is answered, it is taken back.
-struct Asked<'c> {
-    client: &'c Client,
-    robot: &'c str,
-    request: Cancel,
-    answered: bool,
-}
-
-impl<'c> Asked<'c> {
-    fn new(client: &'c Client, robot: &'c str, request: Cancel) -> Self {
-        let mut robots = client.robots.lock();
-        robots.entry(robot.into()).or_default().asked += 1;
-        Asked {
-            client,
-            robot,
-            request,
-            answered: false,
-        }
-    }
-}
-
-impl Drop for Asked<'_> {
-    fn drop(&mut self) {
-        if let Some(robot) = self.client.robots.lock().get_mut(self.robot) {
-            robot.asked = robot.asked.saturating_sub(1);
-        }
-        if self.answered {
-            return;
-        }
-        let Ok(key) = keys::cancel(&self.client.fleet, self.robot) else {
-            return;
-        };
-        let frame = small_frame(&Message::Cancel(self.request));
-        if let Err(error) = self
-            .client
-            .session
-            .put(key.as_str(), frame)
-            .source_info(self.client.source())
-            .wait()
-        {
-            tracing::debug!("request {} was not taken back: {error}", self.request.id);
-        }
     }
 }
 

@@ -30,6 +30,21 @@ pub struct Heard {
     pub offline_since: Option<SystemTime>,
 }
 
+/// A robot that was asked in vain.
+#[derive(Debug)]
+pub(super) struct Tried {
+    pub(super) robot: String,
+    /// How often it had been heard when it was asked and did not answer: it is asked again once it is heard again. None if it
+    /// refused the request, which it would do again.
+    pub(super) heard: Option<u32>,
+}
+
+impl Tried {
+    pub(super) fn refused(&self) -> bool {
+        self.heard.is_none()
+    }
+}
+
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Robot {
     /// The last status; none if the robot was asked but never heard.
@@ -44,6 +59,8 @@ pub(super) struct Robot {
     offline_since: Option<SystemTime>,
     /// How often it has gone away.
     pub(super) departures: u32,
+    /// How often it has been heard.
+    times_heard: u32,
 }
 
 impl Robots {
@@ -68,11 +85,23 @@ impl Robots {
         self.lock().get(robot).map_or(0, |known| known.departures)
     }
 
+    pub(super) fn times_heard(&self, robot: &str) -> u32 {
+        self.lock().get(robot).map_or(0, |known| known.times_heard)
+    }
+
+    /// Whether the robot is there, and has been heard since it had been heard so often.
+    pub(super) fn is_back(&self, robot: &str, times_heard: u32) -> bool {
+        self.lock()
+            .get(robot)
+            .is_some_and(|known| known.offline_since.is_none() && known.times_heard != times_heard)
+    }
+
     pub(super) fn hear(&self, robot: &str, status: Status) {
         let mut robots = self.lock();
         let known = robots.entry(robot.into()).or_default();
         known.offline_since = None;
         known.is_silent = false;
+        known.times_heard = known.times_heard.wrapping_add(1);
         if let Some(last) = known.status.replace(status)
             && last.instance != status.instance
         {
@@ -111,17 +140,21 @@ impl Robots {
         heard.collect()
     }
 
-    /// The robot to ask next, except those in `but`: one that answers, with a policy, with the least to do, that has served least, in
+    /// The robot to ask next, except those that were tried and have not been heard since: one that answers, with a policy, with the least to do, that has served least, in
     /// this order. Requests of this client count even if they are not in the robot's status yet.
-    pub(super) fn least(&self, but: &[String]) -> Option<String> {
+    pub(super) fn least(&self, tried: &[Tried]) -> Option<String> {
         let load = |robot: &Robot| {
             let status = robot.status.filter(|_| robot.offline_since.is_none())?;
             let in_hand = status.in_hand.max(robot.asked);
             let has_no_policy = status.policy.is_none();
             Some((robot.is_silent, has_no_policy, in_hand, status.served))
         };
+        let in_vain = |name: &String, robot: &Robot| {
+            let tried = tried.iter().find(|tried| tried.robot == *name);
+            tried.is_some_and(|tried| tried.heard.is_none_or(|heard| heard == robot.times_heard))
+        };
         let robots = self.lock();
-        let eligible = robots.iter().filter(|(name, _)| !but.contains(name));
+        let eligible = robots.iter().filter(|(name, robot)| !in_vain(name, robot));
         let loads = eligible.filter_map(|(name, robot)| Some((load(robot)?, name)));
         loads.min().map(|(_, name)| name.clone())
     }
@@ -159,7 +192,14 @@ mod tests {
         assert_eq!(robots.least(&[]).as_deref(), Some("a"));
         robots.silent("a");
         assert_eq!(robots.least(&[]).as_deref(), Some("b"));
-        assert_eq!(robots.least(&["b".into()]).as_deref(), Some("a"));
+        let tried = |heard| Tried {
+            robot: "b".into(),
+            heard,
+        };
+        assert_eq!(robots.least(&[tried(None)]).as_deref(), Some("a"));
+        // It did not answer, and then it was heard.
+        assert_eq!(robots.least(&[tried(Some(1))]).as_deref(), Some("a"));
+        assert_eq!(robots.least(&[tried(Some(0))]).as_deref(), Some("b"));
         robots.heard("a", Status::default());
         assert_eq!(robots.least(&[]).as_deref(), Some("a"));
     }

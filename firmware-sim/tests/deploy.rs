@@ -39,6 +39,44 @@ fn systemd_understands_every_line_of_the_units() {
     assert!(said.status.success() && warnings.is_empty(), "{warnings}");
 }
 
+#[test]
+fn configurations_are_replaced_whole_while_others_read_them() {
+    use std::fs::{File, metadata};
+    use std::os::unix::fs::MetadataExt;
+    if Command::new("openssl").arg("version").output().is_err() {
+        return eprintln!("skipped: openssl is not installed");
+    }
+    let folder = tempfile::tempdir().expect("a temporary directory");
+    let make = || {
+        let mut made = Command::new(deploy("make-ca"));
+        let made = made.arg(folder.path()).args(["lab", "localhost", "arm1"]);
+        assert!(made.output().expect("bash runs").status.success());
+    };
+    make();
+    let names = [
+        "router.json5",
+        "trainer.json5",
+        "client.json5",
+        "arm1.json5",
+    ];
+    let paths = names.map(|name| folder.path().join(name));
+    let files = paths
+        .each_ref()
+        .map(|path| File::open(path).expect("readable"));
+    make();
+    for (path, file) in paths.iter().zip(files) {
+        let before = file.metadata().expect("open").ino();
+        let after = metadata(path).expect("readable").ino();
+        assert_ne!(before, after, "{} was written in place", path.display());
+        let text = std::fs::read_to_string(path).expect("readable");
+        assert!(text.ends_with("}\n"), "{text}");
+    }
+    let left = std::fs::read_dir(folder.path()).expect("readable");
+    let left = left.map(|entry| entry.expect("readable").file_name());
+    let hidden = left.filter(|name| name.to_string_lossy().starts_with('.'));
+    assert_eq!(hidden.count(), 0);
+}
+
 /// The arguments of every command of this program in a file, one list for each command.
 fn commands(text: &str, program: &str) -> Vec<Vec<String>> {
     let joined = text.replace("\\\n", " ").replace("#     ", " ");

@@ -91,9 +91,14 @@ fn text(robots: &[Heard], rows: usize) -> String {
         // Writing to a string cannot fail.
         writeln!(text, "{line}").ok();
     };
+    let here = || robots.iter().filter(|heard| heard.offline_since.is_none());
+    let total = count(here().count(), "robot", "robots");
+    let names = robots.iter().map(|heard| heard.robot.as_str());
+    let names = names.chain(["robot", &total]).map(str::len);
+    let wide = names.max().unwrap_or_default();
     let verdicts = Verdict::ALL.map(|verdict| format!("{:>15}", verdict.to_string()));
     line(format_args!(
-        "{:32} {:>12} {:>5} {:>8} {:>8} {}",
+        "{:wide$} {:>12} {:>5} {:>8} {:>8} {}",
         "robot",
         "policy",
         "queue",
@@ -108,9 +113,9 @@ fn text(robots: &[Heard], rows: usize) -> String {
     });
     for heard in sorted.iter().take(rows) {
         match heard.offline_since {
-            None => line(format_args!("{}", row(&heard.robot, &heard.status))),
+            None => line(format_args!("{}", row(&heard.robot, wide, &heard.status))),
             Some(since) => line(format_args!(
-                "{:32} offline since {}",
+                "{:wide$} offline since {}",
                 heard.robot,
                 time_of_day(since)
             )),
@@ -119,7 +124,6 @@ fn text(robots: &[Heard], rows: usize) -> String {
     if sorted.len() > rows {
         line(format_args!("… and {} more", sorted.len() - rows));
     }
-    let here = || robots.iter().filter(|heard| heard.offline_since.is_none());
     let mut all = Status::default();
     let mut versions = BTreeMap::<_, usize>::new();
     for Heard { status, .. } in here() {
@@ -133,10 +137,7 @@ fn text(robots: &[Heard], rows: usize) -> String {
             *sum += count;
         }
     }
-    line(format_args!(
-        "{}",
-        row(&count(here().count(), "robot", "robots"), &all)
-    ));
+    line(format_args!("{}", row(&total, wide, &all)));
     let versions = versions.iter().map(|(version, robots)| match version {
         Some(version) => format!("version {version}: {robots}"),
         None => format!("none: {robots}"),
@@ -160,11 +161,11 @@ fn text(robots: &[Heard], rows: usize) -> String {
     text
 }
 
-fn row(name: &str, status: &Status) -> String {
+fn row(name: &str, wide: usize, status: &Status) -> String {
     let version = status.policy.map(|policy| policy.release().to_string());
     let verdicts = status.verdicts.map(|count| format!("{count:>15}"));
     format!(
-        "{name:32} {:>12} {:>5} {:>8} {:>8} {}",
+        "{name:wide$} {:>12} {:>5} {:>8} {:>8} {}",
         version.as_deref().unwrap_or("-"),
         status.in_hand,
         status.served,
@@ -239,6 +240,9 @@ mod tests {
         let words: Vec<_> = lines[2].split_whitespace().collect();
         assert_eq!(words, ["a", "offline", "since", "01:02:03", "UTC"]);
         assert!(lines[3].starts_with("1 robot "), "{text}");
+        assert!(lines[0].starts_with("robot         policy "), "{text}");
+        let at_80 = cut(lines[0], 80);
+        assert!(at_80.contains(" converged"), "{at_80}");
     }
 
     #[test]

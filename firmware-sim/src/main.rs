@@ -12,6 +12,7 @@ use reagent_link::name::name;
 use reagent_link::stop::stop_requested;
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::sync::Arc;
 
 /// Simulated robots that fetch policies and answer refinement requests over Zenoh.
 #[derive(Debug, Parser)]
@@ -84,6 +85,7 @@ struct RouterArgs {
 impl RouterArgs {
     async fn run(self) -> anyhow::Result<()> {
         let router = open(&self.session).await?;
+        let _certificates = certificates(&self.session)?;
         tracing::info!("router {} is up", router.zid());
         Ok(stop_requested().await?)
     }
@@ -110,17 +112,20 @@ impl NodeArgs {
             node.check_heard(&open(&self.session).await?).await?;
         }
         let (view, robot) = (node.watch(), node.name().to_owned());
-        let certificates = certificates(&self.session)?;
+        let certificates = Arc::new(certificates(&self.session)?);
+        let shown = certificates.clone();
         let figures = move || {
             let view = view.borrow();
             Figures {
                 robots: vec![view.figures(&robot)],
-                certificates: certificates.clone(),
+                certificates: shown.read(),
                 wrong: view.wrong(),
             }
         };
         let _metrics = self.metrics.serve(figures).await?;
-        Ok(stop_requested().await?)
+        stop_requested().await?;
+        drop(certificates);
+        Ok(())
     }
 }
 

@@ -78,7 +78,16 @@ fn a_certificate_that_has_expired_or_will_soon_is_told() {
     std::fs::write(config("cloud.xyz"), clouds).expect("writable");
     let refine = |name: &str| {
         let mut refine = program();
-        refine.args(["refine", "--fleet", "lab", "--robot", "any", "--zenoh"]);
+        refine.args([
+            "refine",
+            "--fleet",
+            "lab",
+            "--robot",
+            "any",
+            "--deadline",
+            "1",
+            "--zenoh",
+        ]);
         refine.arg(config(name));
         let output = refine.args([config("cloud.xyz"), config("cloud.xyz")]);
         let output = output.output().expect("the program runs");
@@ -91,7 +100,10 @@ fn a_certificate_that_has_expired_or_will_soon_is_told() {
     let foreign = text.replace("/ca.pem", "/client.pem");
     std::fs::write(config("foreign.json5"), foreign).expect("writable");
     let said = refine("foreign.json5");
-    assert!(said.contains("of one authority"), "{said}");
+    assert!(
+        said.contains("of one authority, and do both certificates hold by both clocks?"),
+        "{said}"
+    );
     let (output, said) = watch(&[]);
     assert_eq!(output.status.code(), Some(1), "{said}");
     assert!(said.contains("not let this certificate see"), "{said}");

@@ -7,7 +7,8 @@ use std::process::ExitCode;
 fn main() -> ExitCode {
     let cli = Cli::parse();
     let log = cli.log;
-    log.start("warn");
+    // What Zenoh logs does not matter: commands say all they have to say themselves.
+    log.start("warn,zenoh=off");
     match cli.run() {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {

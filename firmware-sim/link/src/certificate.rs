@@ -5,7 +5,9 @@
 )]
 
 use std::path::{Path, PathBuf};
-use std::time::SystemTime;
+use std::time::{Duration, SystemTime};
+use tokio::task::JoinHandle;
+use tokio::time::{Instant, interval_at};
 use x509_parser::pem::parse_x509_pem;
 use zenoh::Config;
 
@@ -26,21 +28,72 @@ pub struct Certificate {
     times: [String; 2],
 }
 
-/// The certificates that a configuration names, as far as they can be read. Zenoh refuses the others.
-pub fn named_in(config: &Config) -> Vec<Certificate> {
+/// The certificates of a running session. While this lives, the log says once a day which of them have expired or will soon.
+#[derive(Debug)]
+pub struct Certificates {
+    files: Vec<PathBuf>,
+    reminding: JoinHandle<()>,
+}
+
+impl Drop for Certificates {
+    fn drop(&mut self) {
+        self.reminding.abort();
+    }
+}
+
+impl Certificates {
+    /// Those that a configuration names. The log says what is wrong with them from tomorrow on.
+    pub(crate) fn named_in(config: &Config) -> Certificates {
+        let files = files_in(config);
+        let watched = files.clone();
+        let reminding = async move {
+            let day = Duration::from_secs(DAY.unsigned_abs());
+            let mut days = interval_at(Instant::now() + day, day);
+            loop {
+                days.tick().await;
+                for notice in notices(&read(&watched), now()) {
+                    tracing::warn!("{notice}");
+                }
+            }
+        };
+        Certificates {
+            files,
+            reminding: tokio::spawn(reminding),
+        }
+    }
+
+    /// The certificates as their files are now: they may have been renewed.
+    pub fn read(&self) -> Vec<Certificate> {
+        read(&self.files)
+    }
+}
+
+/// What an operator should know about certificates at a time.
+pub(crate) fn notices(certificates: &[Certificate], now: i64) -> Vec<String> {
+    let notices = certificates.iter().filter_map(|found| found.notice(now));
+    notices.collect()
+}
+
+/// The certificates in files, as far as they can be read. Zenoh refuses the others.
+pub(crate) fn read(files: &[PathBuf]) -> Vec<Certificate> {
+    let found = files.iter().filter_map(|path| Certificate::read(path));
+    found.collect()
+}
+
+/// The files of certificates that a configuration names.
+pub(crate) fn files_in(config: &Config) -> Vec<PathBuf> {
     let keys = [
         "connect_certificate",
         "listen_certificate",
         "root_ca_certificate",
     ];
-    let mut found: Vec<Certificate> = Vec::new();
+    let mut found: Vec<PathBuf> = Vec::new();
     for key in keys {
         let value = config.get_json(&format!("transport/link/tls/{key}"));
         let path = value
             .ok()
             .and_then(|text| serde_json::from_str::<PathBuf>(&text).ok());
-        let certificate = path.as_deref().and_then(Certificate::read);
-        found.extend(certificate.filter(|new| found.iter().all(|other| other.path != new.path)));
+        found.extend(path.filter(|new| !found.contains(new)));
     }
     found
 }
@@ -62,6 +115,17 @@ impl Certificate {
             until: validity.not_after.timestamp(),
             times: [validity.not_before, validity.not_after].map(|time| time.to_string()),
         })
+    }
+
+    #[cfg(test)]
+    pub(crate) fn for_test(path: &str, from: i64, until: i64) -> Certificate {
+        let (path, times) = (path.into(), ["Monday", "Friday"].map(String::from));
+        Certificate {
+            path,
+            from,
+            until,
+            times,
+        }
     }
 
     /// Whether it is valid at a time.
@@ -103,12 +167,7 @@ mod tests {
 
     #[test]
     fn what_ends_soon_has_ended_or_has_not_begun_is_told() {
-        let certificate = Certificate {
-            path: "arm1.pem".into(),
-            from: 100 * DAY,
-            until: 925 * DAY,
-            times: ["Monday".into(), "Friday".into()],
-        };
+        let certificate = Certificate::for_test("arm1.pem", 100 * DAY, 925 * DAY);
         let said = |now| certificate.notice(now).unwrap_or_default();
         assert_eq!(said(100 * DAY), "");
         assert_eq!(said(895 * DAY), "");
@@ -122,5 +181,16 @@ mod tests {
             assert!(said(now).contains(expected), "{}", said(now));
             assert_eq!(certificate.holds(now), holds);
         }
+    }
+
+    #[test]
+    fn days_later_those_are_told_that_have_run_out_by_then() {
+        let certificates = [("a.pem", 100 * DAY), ("b.pem", 900 * DAY)];
+        let certificates = certificates.map(|(path, until)| Certificate::for_test(path, 0, until));
+        let told = |day: i64| notices(&certificates, day * DAY).join("\n");
+        assert_eq!(told(1), "");
+        assert!(told(80).starts_with("certificate a.pem expires in 20 days"));
+        assert!(told(101).starts_with("certificate a.pem has expired"));
+        assert_eq!(told(899).lines().count(), 2);
     }
 }

@@ -10,6 +10,8 @@ pub mod metrics;
 pub mod name;
 pub mod print;
 #[cfg(feature = "session")]
+pub mod routers;
+#[cfg(feature = "session")]
 pub mod session;
 #[cfg(feature = "session")]
 pub mod stop;

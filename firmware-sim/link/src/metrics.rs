@@ -1,6 +1,6 @@
 //! Serves metrics of robots in the text format of Prometheus, and whether all is well, over HTTP.
 
-use crate::certificate::Certificate;
+use crate::certificate::{self, Certificate};
 use http_body_util::Full;
 use hyper::body::{Bytes, Incoming};
 use hyper::header::CONTENT_TYPE;
@@ -66,7 +66,7 @@ pub struct Figures {
     pub robots: Vec<Robot>,
     /// Certificates of the session.
     pub certificates: Vec<Certificate>,
-    /// What is wrong, if anything is.
+    /// What else is wrong, if anything is.
     pub wrong: Option<String>,
 }
 
@@ -157,7 +157,7 @@ fn answer(request: &Request<Incoming>, figures: impl Fn() -> Figures) -> Respons
             let text = figures().text();
             (StatusCode::OK, prometheus_text::CONTENT_TYPE, text)
         }
-        (&Method::GET, "/health") => match figures().wrong {
+        (&Method::GET, "/health") => match figures().wrong_at(certificate::now()) {
             None => (StatusCode::OK, plain, "ok\n".into()),
             Some(wrong) => (StatusCode::SERVICE_UNAVAILABLE, plain, wrong + "\n"),
         },
@@ -177,6 +177,14 @@ type Sums = Family<Labels, Counter<f64, AtomicU64>>;
 type Values = Family<Labels, Gauge>;
 
 impl Figures {
+    /// What is wrong at a time, certificates that do not hold then included.
+    fn wrong_at(&self, now: i64) -> Option<String> {
+        let past = self.certificates.iter().filter(|found| !found.holds(now));
+        let past = past.filter_map(|found| found.notice(now));
+        let wrong: Vec<_> = self.wrong.iter().cloned().chain(past).collect();
+        (!wrong.is_empty()).then(|| wrong.join("; "))
+    }
+
     /// The metrics in the text format of Prometheus, version 0.0.4.
     pub fn text(&self) -> String {
         let (up, runs, refuses, twice, in_hand) = (
@@ -225,7 +233,7 @@ impl Figures {
             expiry.get_or_create(&labels).set(certificate.until);
         }
         let healthy: Gauge = Gauge::default();
-        healthy.set(self.wrong.is_none().into());
+        healthy.set(self.wrong_at(certificate::now()).is_none().into());
 
         let mut all = Registry::with_prefix("reagent");
         all.register("healthy", "Whether all is well here", healthy);
@@ -322,6 +330,24 @@ mod tests {
         );
         assert!(text.contains(&policy), "{text}");
         assert!(text.contains("version=\"8\",reason="), "{text}");
+    }
+
+    #[test]
+    fn a_certificate_that_has_run_out_is_no_health() {
+        let mut figures = figures();
+        figures.certificates = vec![Certificate::for_test("arm1.pem", 10, 20)];
+        let wrong = |figures: &Figures, now| figures.wrong_at(now).unwrap_or_default();
+        assert_eq!(wrong(&figures, 15), "no policy");
+        let both = "no policy; certificate arm1.pem has expired on ";
+        assert!(
+            wrong(&figures, 21).starts_with(both),
+            "{}",
+            wrong(&figures, 21)
+        );
+        figures.wrong = None;
+        assert_eq!(wrong(&figures, 15), "");
+        assert!(wrong(&figures, 21).starts_with("certificate arm1.pem has expired on "));
+        assert!(wrong(&figures, 9).starts_with("certificate arm1.pem holds from "));
     }
 
     async fn ask(address: SocketAddr, request: &str) -> String {

@@ -1,6 +1,6 @@
 //! Opens a Zenoh session, and says at once what is wrong. Both ends use this one definition.
 
-use crate::certificate::{self, Certificate};
+use crate::certificate::{self, Certificates};
 use serde_json::Value;
 use std::net::{Ipv4Addr, TcpListener};
 use std::ops::Range;
@@ -99,7 +99,8 @@ const AGAINST_SILENCE: [(&str, &str); 2] = [
 /// See [`SessionError`].
 pub async fn open(args: &SessionArgs) -> Result<Session, SessionError> {
     let config = config(args)?;
-    let (certificates, now) = (certificate::named_in(&config), certificate::now());
+    let certificates = certificate::read(&certificate::files_in(&config));
+    let now = certificate::now();
     let mut notice_of_expiry = None;
     for certificate in &certificates {
         let Some(notice) = certificate.notice(now) else {
@@ -145,7 +146,8 @@ fn hint(args: &SessionArgs, proves_itself: bool, reason: &zenoh::Error) -> &'sta
     } else if reason.to_string().contains("Unable to connect") {
         match proves_itself {
             true => {
-                "is the router running there, and are its certificate and this one of one authority?"
+                "is the router running there, are its certificate and this one of one authority, and do both certificates \
+                 hold by both clocks?"
             }
             false => "is the router running there?",
         }
@@ -154,12 +156,12 @@ fn hint(args: &SessionArgs, proves_itself: bool, reason: &zenoh::Error) -> &'sta
     }
 }
 
-/// The certificates of a session.
+/// The certificates of a session, which are looked at as long as this lives.
 ///
 /// # Errors
 /// `Config`.
-pub fn certificates(args: &SessionArgs) -> Result<Vec<Certificate>, SessionError> {
-    Ok(certificate::named_in(&config(args)?))
+pub fn certificates(args: &SessionArgs) -> Result<Certificates, SessionError> {
+    Ok(Certificates::named_in(&config(args)?))
 }
 
 /// Whether the session proves its identity.

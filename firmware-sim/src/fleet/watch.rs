@@ -53,10 +53,11 @@ impl WatchArgs {
         let client = Client::new(open(&self.session).await?, &self.fleet).await?;
         client.follow_robots().await?;
         let client = Arc::new(client);
-        let (watched, certificates) = (client.clone(), certificates(&self.session)?);
+        let certificates = Arc::new(certificates(&self.session)?);
+        let (watched, shown) = (client.clone(), certificates.clone());
         let figures = move || Figures {
             robots: watched.heard().iter().map(figures).collect(),
-            certificates: certificates.clone(),
+            certificates: shown.read(),
             wrong: check(&watched.heard()).err().map(|error| error.to_string()),
         };
         let _metrics = self.metrics.serve(figures).await?;

@@ -2,15 +2,18 @@
 
 use super::Heard;
 use crate::files;
-use reagent_core::wire::{Manifest, PolicyId};
+use reagent_core::wire::{Manifest, PolicyId, WhyNot};
 use serde_json::{Map, Value, json};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::fs::{File, OpenOptions};
 use std::io::{self, BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
-/// The file, and its last line about each event and robot.
+/// Most lines that wait until they can be written.
+const WAITING: usize = 10_000;
+
+/// The file, its last line about each event and robot, and the lines that could not be written yet.
 #[derive(Debug)]
 pub(super) struct History {
     path: PathBuf,
@@ -20,6 +23,12 @@ pub(super) struct History {
     cut: bool,
     /// The last line of each event and robot, without its time.
     last: BTreeMap<(String, String), Map<String, Value>>,
+    /// Lines that are not written yet, in order.
+    waiting: VecDeque<String>,
+    /// Whether there was no room for a line among them.
+    lost: bool,
+    /// Why they cannot be written.
+    reason: Option<String>,
 }
 
 /// What a line is about: its event, and its robot if it names one.
@@ -60,35 +69,49 @@ impl History {
             file,
             cut,
             last,
+            waiting: VecDeque::new(),
+            lost: false,
+            reason: None,
         })
     }
 
     /// Records that a policy was announced with this key.
-    pub(super) fn published(&mut self, manifest: &Manifest, key: &[u8; 32]) -> io::Result<()> {
+    pub(super) fn published(&mut self, manifest: &Manifest, key: &[u8; 32]) {
         let (name, key) = (manifest.name.as_str(), const_hex::encode(key));
         self.add(
             "published",
             json!({ "name": name, "key": key }),
             &manifest.id(),
-        )
+        );
     }
 
-    /// Records a robot's status if it runs or refuses another policy than before.
-    pub(super) fn heard(&mut self, Heard { robot, status }: &Heard) -> io::Result<()> {
+    /// Records a robot's status if it runs or refuses another policy than before. A robot that waits for its stage refuses nothing.
+    pub(super) fn heard(&mut self, Heard { robot, status }: &Heard) {
         if let Some(policy) = &status.policy {
-            self.add("runs", json!({ "robot": robot }), policy)?;
+            self.add("runs", json!({ "robot": robot }), policy);
         }
-        if let Some(not) = &status.not_taken {
+        if let Some(not) = &status.not_taken
+            && not.reason != WhyNot::NotYet
+        {
             let reason = not.reason.to_string();
             let more = json!({ "robot": robot, "reason": reason });
-            self.add("refuses", more, &not.policy)?;
+            self.add("refuses", more, &not.policy);
         }
-        Ok(())
     }
 
-    /// Appends a line in one write, so that lines of two publishers do not mix. A line that only repeats the last one
-    /// is skipped, so that a restarted publisher repeats nothing.
-    fn add(&mut self, event: &str, more: Value, policy: &PolicyId) -> io::Result<()> {
+    /// What is wrong with the file, if anything is.
+    pub(super) fn wrong(&self) -> Option<String> {
+        let reason = self.reason.as_ref()?;
+        let (path, count) = (self.path.display(), self.waiting.len());
+        let lines = match self.lost {
+            false => format!("{count} lines wait until it can"),
+            true => format!("{count} lines wait until it can, and later ones are lost"),
+        };
+        Some(format!("{path} cannot be written: {reason}; {lines}"))
+    }
+
+    /// Adds a line. One that only repeats the last one is skipped, so that a restarted publisher repeats nothing.
+    fn add(&mut self, event: &str, more: Value, policy: &PolicyId) {
         let mut line = Map::new();
         line.insert("event".into(), event.into());
         line.insert("epoch".into(), policy.epoch.into());
@@ -98,28 +121,65 @@ impl History {
             line.extend(more);
         }
         if self.last.get(&about(&line)) == Some(&line) {
-            return Ok(());
+            return;
+        }
+        if self.waiting.len() >= WAITING {
+            self.lost = true;
+            return;
         }
         let since_1970 = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
         let mut timed = line.clone();
         let time = since_1970.map_or(0, |time| time.as_secs());
         timed.insert("time".into(), time.into());
-        let (before, timed) = (if self.cut { "\n" } else { "" }, Value::Object(timed));
-        self.append(format!("{before}{timed}\n").as_bytes())?;
+        let timed = Value::Object(timed);
+        self.waiting.push_back(format!("{timed}\n"));
         self.last.insert(about(&line), line);
-        Ok(())
+        self.write();
     }
 
-    fn append(&mut self, line: &[u8]) -> io::Result<()> {
+    /// Writes the lines that wait, as far as that is possible. The log says when it is not, and when it is again.
+    pub(super) fn write(&mut self) {
+        while let Some(line) = self.waiting.front().cloned() {
+            if let Err(error) = self.append(&line) {
+                let is_new = self.reason.replace(error.to_string()).is_none();
+                if is_new && let Some(wrong) = self.wrong() {
+                    tracing::error!("the history {wrong}");
+                }
+                return;
+            }
+            self.waiting.pop_front();
+        }
+        if self.reason.take().is_some() {
+            tracing::warn!("the history {} is written again", self.path.display());
+        }
+    }
+
+    /// Appends a line in one write, so that lines of two publishers do not mix.
+    fn append(&mut self, line: &str) -> io::Result<()> {
+        let before = if self.cut { "\n" } else { "" };
+        let text = format!("{before}{line}");
         if self.file.is_none() && !self.path.exists() {
-            return files::write(&self.path, line);
+            return files::write(&self.path, text.as_bytes());
         }
         let file = match &mut self.file {
             Some(file) => file,
             None => self.file.insert(appended(&self.path)?),
         };
-        let written = file.write_all(line);
-        self.cut = written.is_err();
+        let mut rest = text.as_bytes();
+        let written = loop {
+            match file.write(rest) {
+                Ok(0) => break Err(io::ErrorKind::WriteZero.into()),
+                Ok(count) if count < rest.len() => rest = &rest[count..],
+                Ok(_) => break Ok(()),
+                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+                Err(error) => break Err(error),
+            }
+        };
+        if written.is_ok() {
+            self.cut = false;
+        } else if rest.len() < text.len() {
+            self.cut = rest.len() < line.len();
+        }
         written
     }
 }
@@ -170,12 +230,12 @@ mod tests {
         };
         let mut history = History::open(&path).expect("writable");
         for robot in ["a", "b", "a", "a"] {
-            history.heard(&heard(robot, 1, None)).expect("written");
+            history.heard(&heard(robot, 1, None));
         }
-        history.heard(&heard("a", 2, None)).expect("written");
+        history.heard(&heard("a", 2, None));
         for _ in 0..2 {
             let refuses = heard("b", 1, Some(WhyNot::SelfTest));
-            history.heard(&refuses).expect("written");
+            history.heard(&refuses);
         }
         drop(history);
         let first = ["a runs 1", "b runs 1", "a runs 2", "b refuses 1"];
@@ -191,15 +251,27 @@ mod tests {
             ("b", 3, Some(WhyNot::NotKept)),
         ] {
             let heard = heard(robot, version, refuses);
-            history.heard(&heard).expect("written");
+            history.heard(&heard);
         }
+        // One that waits for its stage refuses nothing.
+        history.heard(&heard("b", 3, Some(WhyNot::NotYet)));
         let more = ["cut", "b runs 3", "b refuses 3"];
         assert_eq!(events(), [&first[..], &more].concat());
         assert!(History::open(folder.path()).is_err());
         History::open(Path::new("/dev/null")).expect("a device is written through");
         if let Ok(mut full) = History::open(Path::new("/dev/full")) {
-            let unwritten = full.heard(&heard("a", 1, None)).expect_err("it is full");
-            assert_eq!(unwritten.kind(), io::ErrorKind::StorageFull);
+            full.heard(&heard("a", 1, None));
+            let wrong = full.wrong().expect("it is full");
+            let said = "/dev/full cannot be written: No space left on device";
+            assert!(wrong.starts_with(said), "{wrong}");
+            for robot in 0..WAITING + 3 {
+                full.heard(&heard(&robot.to_string(), 1, None));
+            }
+            assert_eq!(full.waiting.len(), WAITING);
+            assert!(
+                full.wrong()
+                    .is_some_and(|wrong| wrong.ends_with("are lost"))
+            );
         }
     }
 
@@ -216,15 +288,46 @@ mod tests {
             let mut history = History::open(&path).expect("a name is free");
             assert!(!path.exists());
             std::fs::write(&filling, vec![7; 200_000]).expect_err("it is full");
-            let unwritten = history.heard(&heard("a", 1, None)).expect_err("it is full");
-            assert_eq!(unwritten.kind(), io::ErrorKind::StorageFull);
+            history.heard(&heard("a", 1, None));
+            history.heard(&heard("b", 1, None));
+            let wrong = history.wrong().expect("it is full");
+            assert!(
+                wrong.contains("history.jsonl cannot be written: No space"),
+                "{wrong}"
+            );
+            assert!(wrong.ends_with("2 lines wait until it can"), "{wrong}");
             assert!(!path.exists());
+            let versions = || {
+                let text = std::fs::read_to_string(&path).expect("readable");
+                let line = |line| serde_json::from_str::<Value>(line).expect("whole");
+                let lines = text.lines().map(line);
+                lines
+                    .map(|line| format!("{} {}", line["robot"], line["version"]))
+                    .collect::<Vec<_>>()
+            };
             std::fs::remove_file(&filling).expect("it is there");
-            for version in 1..=2 {
-                history.heard(&heard("a", version, None)).expect("written");
+            history.write();
+            assert_eq!(history.wrong(), None);
+            let first = [r#""a" 1"#, r#""b" 1"#];
+            assert_eq!(versions(), first);
+            // The disk is full again, now with the file on it.
+            std::fs::write(&filling, vec![7; 200_000]).expect_err("it is full");
+            for version in 2..200 {
+                history.heard(&heard("a", version, None));
             }
+            assert!(history.wrong().is_some());
+            std::fs::remove_file(&filling).expect("it is there");
+            history.heard(&heard("a", 200, None));
+            assert_eq!(history.wrong(), None);
             let text = std::fs::read_to_string(&path).expect("readable");
-            assert_eq!(text.lines().count(), 2, "{text}");
+            let whole = text
+                .lines()
+                .filter_map(|line| serde_json::from_str::<Value>(line).ok());
+            let versions: Vec<_> = whole.filter_map(|line| line["version"].as_u64()).collect();
+            assert_eq!(
+                versions,
+                [1, 1].into_iter().chain(2..=200).collect::<Vec<_>>()
+            );
         });
         unmount();
         outcome.expect("nothing is lost");
@@ -238,7 +341,7 @@ mod tests {
         for (version, key, lines) in [(1, 1, 1), (1, 1, 1), (1, 2, 2), (2, 2, 3), (2, 2, 3)] {
             let mut history = History::open(&path).expect("writable");
             let manifest = manifest(version).expect("a good name");
-            history.published(&manifest, &[key; 32]).expect("written");
+            history.published(&manifest, &[key; 32]);
             let text = std::fs::read_to_string(&path).expect("readable");
             assert_eq!(text.lines().count(), lines, "{text}");
         }

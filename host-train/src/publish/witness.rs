@@ -3,8 +3,9 @@
 use super::history::History;
 use super::{Heard, Newest, PublishArgs, PublishError, Publisher, refused, robots, stored};
 use reagent_core::wire::{Manifest, Release, Status, keys};
-use reagent_link::certificate::Certificate;
+use reagent_link::certificate::{Certificate, Certificates};
 use reagent_link::metrics::{Figures, Robot, Serving};
+use reagent_link::routers::follow_routers;
 use reagent_link::session::certificates;
 use std::collections::BTreeMap;
 use std::convert::Infallible;
@@ -14,6 +15,7 @@ use zenoh::Session;
 use zenoh::handlers::FifoChannelHandler;
 use zenoh::pubsub::Subscriber;
 use zenoh::sample::{Sample, SampleKind};
+use zenoh::session::TransportEventsListener;
 
 /// How often robots are asked whether they are still there.
 const ASK_INTERVAL: Duration = Duration::from_secs(10);
@@ -28,6 +30,8 @@ pub(super) struct Witness {
     /// Robots that come and go, if the router lets the trainer see it.
     alive: Subscriber<FifoChannelHandler<Sample>>,
     seen: Seen,
+    _routers: TransportEventsListener<()>,
+    _certificates: Arc<Certificates>,
     _serving: Option<Serving>,
 }
 
@@ -43,6 +47,8 @@ struct State {
     /// Each robot's last status, and whether it is online.
     robots: BTreeMap<String, (Status, bool)>,
     history: Option<History>,
+    /// Routers that the publisher is connected to; `None` before the first one.
+    routers: Option<usize>,
 }
 
 impl Seen {
@@ -50,7 +56,7 @@ impl Seen {
         self.0.lock().expect("no holder panics")
     }
 
-    fn figures(&self, certificates: &[Certificate]) -> Figures {
+    fn figures(&self, certificates: Vec<Certificate>) -> Figures {
         let robot = |(name, (status, online)): (&String, &(Status, bool))| Robot {
             name: name.clone(),
             status: *status,
@@ -61,14 +67,24 @@ impl Seen {
         Figures {
             wrong: self.lock().wrong(),
             robots,
-            certificates: certificates.to_vec(),
+            certificates,
         }
     }
 }
 
 impl State {
-    /// The fleet's problems, if there are any.
+    /// What is wrong with the fleet or here, if anything is.
     fn wrong(&self) -> Option<String> {
+        let history = self.history.as_ref().and_then(History::wrong);
+        let wrong: Vec<_> = self.fleet_wrong().into_iter().chain(history).collect();
+        (!wrong.is_empty()).then(|| wrong.join("; "))
+    }
+
+    fn fleet_wrong(&self) -> Option<String> {
+        // Nothing is known of the robots then.
+        if self.routers == Some(0) {
+            return Some("no router".into());
+        }
         let named = |is_wrong: &dyn Fn(&String, &Status, bool) -> bool| {
             let wrong = self.robots.iter();
             let wrong = wrong.filter(|(name, (status, online))| is_wrong(name, status, *online));
@@ -92,6 +108,14 @@ impl State {
             .map(|(what, robots)| format!("{what}: {}", robots.join(", ")))
             .collect();
         (!wrong.is_empty()).then(|| wrong.join("; "))
+    }
+
+    fn count_router(&mut self, found: bool) {
+        let routers = self.routers.unwrap_or(0);
+        self.routers = Some(match found {
+            true => routers + 1,
+            false => routers.saturating_sub(1),
+        });
     }
 
     /// Warns once about a release in the fleet that is newer than the one served here.
@@ -129,9 +153,17 @@ impl Witness {
             in_fleet: Release::default(),
             robots: BTreeMap::new(),
             history: history.transpose()?,
+            routers: None,
         })));
-        let (shown, certificates) = (seen.clone(), certificates(&args.session)?);
-        let figures = move || shown.figures(&certificates);
+        let certificates = Arc::new(certificates(&args.session)?);
+        let (shown, held, counted) = (seen.clone(), certificates.clone(), seen.clone());
+        let figures = move || shown.figures(held.read());
+        let routers = follow_routers(&publisher.session, move |router, found| {
+            if !found {
+                tracing::warn!("lost router {router}; looking for it");
+            }
+            counted.lock().count_router(found);
+        });
         let fleet = publisher.fleet.clone();
         let alive = keys::all_alive(&fleet).map_err(refused(&fleet))?;
         let alive = publisher
@@ -145,6 +177,8 @@ impl Witness {
             public_key: publisher.key.verifying_key().to_bytes(),
             changes: publisher.follow_robots().await?,
             seen,
+            _routers: routers.await?,
+            _certificates: certificates,
             _serving: args.metrics.serve(figures).await?,
         })
     }
@@ -152,7 +186,7 @@ impl Witness {
     /// Records what has been published.
     pub(super) fn published(&self, manifest: &Manifest) {
         if let Some(history) = &mut self.seen.lock().history {
-            told(history.published(manifest, &self.public_key));
+            history.published(manifest, &self.public_key);
         }
     }
 
@@ -196,6 +230,9 @@ impl Witness {
             *online = false;
         }
         there.iter().for_each(|heard| self.note(heard));
+        if let Some(history) = &mut self.seen.lock().history {
+            history.write();
+        }
         Ok(())
     }
 
@@ -207,15 +244,8 @@ impl Witness {
             seen.found(policy.release());
         }
         if let Some(history) = &mut seen.history {
-            told(history.heard(heard));
+            history.heard(heard);
         }
-    }
-}
-
-/// Logs a failed write of the history, which is no reason to stop serving.
-fn told(written: std::io::Result<()>) {
-    if let Err(error) = written {
-        tracing::error!("the history cannot be written: {error}");
     }
 }
 
@@ -234,6 +264,7 @@ mod tests {
             in_fleet: Release::default(),
             robots: BTreeMap::new(),
             history: None,
+            routers: None,
         };
         let serve = |state: &State, manifest: Manifest| {
             *state.newest.lock().expect("no holder panics") = Some((manifest, Vec::new()));
@@ -256,6 +287,12 @@ mod tests {
         state.robots.get_mut("b").expect("it was heard").1 = false;
         let both = "offline: b; without version 11: a";
         assert_eq!(state.wrong().as_deref(), Some(both));
+        // Without a router nothing is known of the robots.
+        state.count_router(true);
+        assert_eq!(state.wrong().as_deref(), Some(both));
+        state.count_router(false);
+        assert_eq!(state.wrong().as_deref(), Some("no router"));
+        state.count_router(true);
         runs(&mut state, "b", 11);
         // This one goes to other robots first.
         serve(

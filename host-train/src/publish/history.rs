@@ -2,6 +2,7 @@
 
 use super::Heard;
 use crate::files;
+use crate::words::count;
 use reagent_core::wire::{Manifest, PolicyId, WhyNot};
 use serde_json::{Map, Value, json};
 use std::collections::{BTreeMap, VecDeque};
@@ -102,12 +103,16 @@ impl History {
     /// What is wrong with the file, if anything is.
     pub(super) fn wrong(&self) -> Option<String> {
         let reason = self.reason.as_ref()?;
-        let (path, count) = (self.path.display(), self.waiting.len());
-        let lines = match self.lost {
-            false => format!("{count} lines wait until it can"),
-            true => format!("{count} lines wait until it can, and later ones are lost"),
+        let path = self.path.display();
+        let waiting = count(self.waiting.len(), "line waits", "lines wait");
+        let lost = if self.lost {
+            ", and later ones are lost"
+        } else {
+            ""
         };
-        Some(format!("{path} cannot be written: {reason}; {lines}"))
+        Some(format!(
+            "{path} cannot be written: {reason}; {waiting} until it can{lost}"
+        ))
     }
 
     /// Adds a line. One that only repeats the last one is skipped, so that a restarted publisher repeats nothing.

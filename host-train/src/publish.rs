@@ -3,9 +3,11 @@
 mod command;
 mod comparison;
 mod history;
+mod judgement;
 mod key;
 mod provenance;
 mod robots;
+mod roll_out;
 mod stages;
 mod statistics;
 mod stored;
@@ -21,8 +23,8 @@ pub use reagent_link::session::{
     SessionArgs, SessionError, has_certificate, open as open_session, plain,
 };
 pub use robots::{Heard, Reception};
-
-pub use stages::{Gate, Halt, Stages};
+pub use roll_out::{Gate, Halt};
+pub use stages::Stages;
 
 use crate::policy::{ExportError, WeightFile};
 use crate::train::TrainError;

@@ -66,12 +66,8 @@ impl Stage {
 }
 
 /// The largest draw that a stage of the fleet reaches.
-pub(super) fn reach<'r>(
-    manifest: &Manifest,
-    stage: Stage,
-    robots: impl Iterator<Item = &'r String>,
-) -> u32 {
-    let mut draws: Vec<_> = robots.map(|robot| manifest.draw(robot)).collect();
+pub(super) fn reach(manifest: &Manifest, stage: Stage, robots: &[&String]) -> u32 {
+    let mut draws: Vec<_> = robots.iter().map(|robot| manifest.draw(robot)).collect();
     draws.sort_unstable();
     let wanted = stage.robots(draws.len());
     match draws.get(wanted.saturating_sub(1)) {

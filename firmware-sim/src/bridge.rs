@@ -58,7 +58,8 @@ pub(crate) fn serve(
                     (Ok(()), Some(refused)) => refused,
                     (Err(Stop::Deadline), _) | (_, None) => refusal(&payload, Reason::Deadline),
                 };
-                outlet.settle(&job.query, answer);
+                // Boards do not refine.
+                outlet.settle(&job.query, answer, None);
                 if let (Ok(reply), Some(manifest)) = (answer, &in_flash)
                     && read_request(&payload).is_ok_and(|request| request.trace)
                 {

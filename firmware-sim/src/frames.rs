@@ -19,10 +19,15 @@ pub(crate) struct Outlet {
 }
 
 impl Outlet {
-    /// Counts the answer to a query and sends it.
-    pub(crate) fn settle(&self, query: &Query, answer: Result<RefineReply, Refusal>) {
+    /// Counts the answer to a query and sends it; `reached` is as for [`wire::Tally::count`].
+    pub(crate) fn settle(
+        &self,
+        query: &Query,
+        answer: Result<RefineReply, Refusal>,
+        reached: Option<bool>,
+    ) {
         self.view.send_modify(|view| match answer {
-            Ok(reply) => view.count_served(&reply),
+            Ok(reply) => view.count_served(&reply, reached),
             Err(_) => view.count_refused(),
         });
         let reply = match answer {

@@ -5,20 +5,26 @@ use crate::policy::LoadedPolicy;
 use crate::queue::{Job, Queue, Stop};
 use crate::view::View;
 use reagent_core::dims::MAX_POINTS;
-use reagent_core::frame::check_cloud;
+use reagent_core::frame::{Frame, check_cloud};
 use reagent_core::kernels::Isa;
 use reagent_core::net::Scratch;
-use reagent_core::pipeline::{self, Progress};
+use reagent_core::pipeline::{self, Answer, Progress};
 use reagent_core::polish::Workspace;
+use reagent_core::pose::centroid;
 use reagent_core::wire::{
     Cloud, CloudView, Fit, KernelName, PolicyId, Reason, RefineReply, Refusal, StepsView, Trace,
     step_bytes,
 };
-use reagent_core::{Error, Registrar};
+use reagent_core::{Error, Registrar, Verdict};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tokio::runtime::Handle;
 use tokio::sync::watch;
+
+/// The policy has reached a pose from which its own differs by less than this angle, and this share of the target's radius:
+/// the limits of a right pose.
+const REACHED_RAD: f32 = 5.0_f32.to_radians();
+const REACHED_RADII: f32 = 0.05;
 
 /// Answers queued requests until the queue is closed, always with the newest policy. A policy that arrives while a request
 /// runs is used from the next request on.
@@ -44,13 +50,13 @@ pub(crate) fn serve(
             let answer = answer(engine, &mut buffers, &payload, &job);
             queue.done();
             match answer {
-                Ok((reply, trace)) => {
-                    outlet.settle(&job.query, Ok(reply));
-                    if let Some(trace) = trace {
+                Ok(answered) => {
+                    outlet.settle(&job.query, Ok(answered.reply), answered.reached);
+                    if let Some(trace) = answered.trace {
                         outlet.publish_trace(trace);
                     }
                 }
-                Err(Ended::Refused(refusal)) => outlet.settle(&job.query, Err(refusal)),
+                Err(Ended::Refused(refusal)) => outlet.settle(&job.query, Err(refusal), None),
                 Err(Ended::TakenBack) => {
                     outlet.view.send_modify(View::count_taken_back);
                 }
@@ -127,6 +133,15 @@ impl Buffers {
     }
 }
 
+/// A pose, and what is told of it.
+struct Answered {
+    reply: RefineReply,
+    /// Of a converged pose that was refined: whether the policy itself had reached it.
+    reached: Option<bool>,
+    /// The frame of its trace, if the request asks for one.
+    trace: Option<Vec<u8>>,
+}
+
 /// Why there is no pose.
 enum Ended {
     Refused(Refusal),
@@ -145,13 +160,13 @@ impl From<Error> for Interrupted {
     }
 }
 
-/// Registers the clouds of a request. Also returns its trace, if it asks for one.
+/// Registers the clouds of a request.
 fn answer(
     engine: Result<&mut Engine<'_, '_>, Reason>,
     buffers: &mut Buffers,
     payload: &[u8],
     job: &Job,
-) -> Result<(RefineReply, Option<Vec<u8>>), Ended> {
+) -> Result<Answered, Ended> {
     let request = read_request(payload).map_err(Ended::Refused)?;
     let id = request.id;
     let refused = |reason| Ended::Refused(Refusal { id, reason });
@@ -209,7 +224,26 @@ fn answer(
             reply,
         })
     };
-    Ok((reply, request.trace.then(trace)))
+    Ok(Answered {
+        reply,
+        reached: reached(&found, [source, target]),
+        trace: request.trace.then(trace),
+    })
+}
+
+/// Of a converged pose that was refined after the policy's steps: whether the policy itself had reached it.
+fn reached(found: &Answer, [source, target]: [&[[f32; 3]]; 2]) -> Option<bool> {
+    let policy = found.policy?.target_from_source;
+    if found.refinement.is_none() || found.verdict != Verdict::Converged {
+        return None;
+    }
+    let given = found.target_from_source;
+    let centroid = centroid(source);
+    let apart = (policy.apply(centroid) - given.apply(centroid)).length();
+    let turn = policy.rotation.transpose() * given.rotation;
+    let cosine = 0.5 * (turn.x_axis.x + turn.y_axis.y + turn.z_axis.z - 1.0);
+    let radius = Frame::of(target).ok()?.scale;
+    Some(cosine > REACHED_RAD.cos() && apart < REACHED_RADII * radius)
 }
 
 fn micros(time: Duration) -> u32 {

@@ -102,12 +102,14 @@ impl View {
         self.last_refusal = Some(Arc::new(error));
     }
 
-    pub(crate) fn count_served(&mut self, reply: &RefineReply) {
+    /// Counts an answer; `reached` is as for [`Tally::count`].
+    pub(crate) fn count_served(&mut self, reply: &RefineReply, reached: Option<bool>) {
         self.served += 1;
         let RefineReply { verdict, .. } = *reply;
         // A pose that was found without the policy says nothing about the policy.
         if reply.steps > 0 {
-            self.tally.count(verdict, reply.probability, reply.micros);
+            let tally = &mut self.tally;
+            tally.count(verdict, reply.probability, reply.micros, reached);
         }
         let of_kind = self.verdicts.get_mut(verdict as usize);
         of_kind.into_iter().for_each(|count| *count += 1);
@@ -135,7 +137,7 @@ mod tests {
     fn what_is_found_without_the_policy_does_not_speak_for_it() {
         let mut view = View::default();
         for (mode, steps) in [(Mode::Refine, 0), (Mode::Verify, 0), (Mode::Polish, 10)] {
-            view.count_served(&RefineReply {
+            let reply = RefineReply {
                 id: 1,
                 target_from_source: [[0.0; 4]; 3],
                 steps,
@@ -146,9 +148,11 @@ mod tests {
                 waited_micros: 0,
                 micros: 1000,
                 policy_version: 1,
-            });
+            };
+            view.count_served(&reply, Some(true));
         }
         assert_eq!((view.served, view.tally.poses()), (3, 1));
+        assert_eq!((view.tally.refined, view.tally.reached), (1, 1));
     }
 
     #[test]

@@ -2,10 +2,13 @@
 
 mod command;
 mod comparison;
+mod error;
 mod history;
+mod judgement;
 mod key;
 mod provenance;
 mod robots;
+mod roll_out;
 mod stages;
 mod statistics;
 mod stored;
@@ -15,160 +18,28 @@ mod witness;
 pub use crate::policy::manifest::{chunk_table, manifest};
 pub use command::{PublishArgs, run};
 pub use comparison::{Comparison, Paired};
+pub use error::PublishError;
 pub use key::{KeyError, keygen, read_key};
 pub use provenance::Provenance;
 pub use reagent_link::session::{
     SessionArgs, SessionError, has_certificate, open as open_session, plain,
 };
 pub use robots::{Heard, Reception};
+pub use roll_out::{Gate, Halt};
+pub use stages::Stages;
 
-pub use stages::{Gate, Halt, Stages};
-
-use crate::policy::{ExportError, WeightFile};
-use crate::train::TrainError;
+use crate::policy::WeightFile;
 use ed25519_dalek::{Signer, SigningKey};
 use reagent_core::Error;
-use reagent_core::wire::{self, Manifest, Message, NotTaken, Release, SignedManifest, keys};
+use reagent_core::wire::{self, Manifest, Message, NotTaken, SignedManifest, keys};
 use std::collections::BTreeMap;
-use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
-use thiserror::Error;
-use version::greatest_after;
 use zenoh::query::{Query, Queryable};
 use zenoh::{Session, Wait};
 
 /// How long a router may take to pass on an announcement.
 const KNOWN_WITHIN: Duration = Duration::from_secs(2);
-
-/// Why a policy was not published.
-#[derive(Debug, Error)]
-pub enum PublishError {
-    /// The signing key cannot be read.
-    #[error(transparent)]
-    Key(#[from] KeyError),
-    /// The session cannot be opened.
-    #[error(transparent)]
-    Session(#[from] SessionError),
-    /// The metrics cannot be served.
-    #[error(transparent)]
-    Metrics(#[from] reagent_link::metrics::MetricsError),
-    /// The policy file cannot be read, or is not a policy.
-    #[error(transparent)]
-    Weights(#[from] ExportError),
-    /// A name cannot be used.
-    #[error("{name:?}: {reason}")]
-    Name {
-        /// Name of a fleet or a policy.
-        name: String,
-        /// What is wrong with it.
-        reason: Error,
-    },
-    /// The version belongs to an epoch that is over.
-    #[error(
-        "policy version {given} belongs to epoch {}, and {announced}, which {by}, is later whatever the version: give \
-         --epoch {} with a greater version", .given.epoch, .announced.epoch
-    )]
-    Epoch {
-        /// The release that was to be published.
-        given: Release,
-        /// The newest release so far.
-        announced: Release,
-        /// Who has it.
-        by: String,
-    },
-    /// The version is not newer than the last one.
-    #[error(
-        "policy version {given} is not newer than {announced}, which {by}; give a higher --policy-version, or, where \
-         that one should never have been, --epoch {} to begin anew", .announced.epoch.saturating_add(1)
-    )]
-    Version {
-        /// The release that was to be published.
-        given: Release,
-        /// The newest release so far.
-        announced: Release,
-        /// Who has it.
-        by: String,
-    },
-    /// The version leaves no versions for later policies.
-    #[error(
-        "policy version {given} is too far ahead of {last}, the newest so far: give a --policy-version of at most {}, \
-         or --epoch {} to begin anew", greatest_after(.last), .last.epoch.saturating_add(1)
-    )]
-    FarAhead {
-        /// The release that was to be published.
-        given: Release,
-        /// The newest release so far.
-        last: Release,
-    },
-    /// The announcement reaches nobody.
-    #[error(
-        "nobody hears this publisher of fleet {fleet:?}: the router does not let its certificate publish; give it the \
-         configuration that was made for the trainer"
-    )]
-    Unheard {
-        /// Name of the fleet.
-        fleet: String,
-    },
-    /// Online robots should have taken the policy and have not.
-    #[error("{}{}", .reception.one_line(), .reception.why_silent())]
-    NotTaken {
-        /// The robots' reception of it.
-        reception: Reception,
-    },
-    /// The pairs for the comparison cannot be read or registered.
-    #[error("{path}: {reason}")]
-    Evaluation {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong with it.
-        reason: String,
-    },
-    /// The policy is worse than the one before it.
-    #[error(
-        "not published, since it is worse than {old}: {comparison}; --anyway publishes it all the same"
-    )]
-    Worse {
-        /// The policy before it.
-        old: PathBuf,
-        /// How they compare.
-        comparison: Comparison,
-    },
-    /// A stage of the fleet does worse than before.
-    #[error("the roll-out halts: {halt}; {}", .back)]
-    Halted {
-        /// Why.
-        halt: Halt,
-        /// What became of the policy.
-        back: String,
-    },
-    /// The storages have not kept the whole policy.
-    #[error(
-        "{stored} of {chunks} chunks came back from {key}; does a router keep reagent/v1/** in a storage?"
-    )]
-    NotStored {
-        /// Chunks that came back as they were put.
-        stored: usize,
-        /// Chunks that were put.
-        chunks: usize,
-        /// Key expression of the chunks.
-        key: String,
-    },
-    /// The run that the policy came from has no record.
-    #[error(transparent)]
-    Run(#[from] TrainError),
-    /// The record of the evaluation, the hash in a run's record, or the history cannot be read.
-    #[error("{path}: {reason}")]
-    Record {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong with it.
-        reason: String,
-    },
-    /// The session failed.
-    #[error("zenoh: {}", plain(.0))]
-    Zenoh(#[from] zenoh::Error),
-}
 
 /// A publisher's newest manifest, plain and as a signed frame, shared with whoever serves it.
 type Newest = Arc<Mutex<Option<(Manifest, Vec<u8>)>>>;

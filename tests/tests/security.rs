@@ -130,6 +130,8 @@ async fn everybody_does_their_part_and_nothing_else() {
         poses,
         wait,
         except: Vec::new(),
+        old: published.sha256,
+        anyway: false,
     };
     let stages = impostor.roll_out(&fourth, &file, &stages, &gate, |line| panic!("{line}"));
     let unheard = stages.await;

@@ -5,15 +5,10 @@ mod support;
 use firmware_sim::client::Client;
 use firmware_sim::node::{Node, NodeConfig};
 use firmware_sim::policy::Trust;
-use host_train::dataset::pairs::PairSet;
 use host_train::dataset::procedural;
-use host_train::policy::WeightFile;
 use host_train::protocol::{self, Protocol};
-use host_train::publish::{Gate, Halt, Stages};
-use reagent_core::weights::{FORMAT_INT8, checksum, offsets};
-use reagent_core::wire::{CloudView, Mode, RefineRequest};
-use std::path::Path;
-use std::time::Duration;
+use host_train::publish::{Halt, Stages};
+use support::rollout::{ask_on_and_on, gate, good_policy, negated};
 use support::{FLEET, Network, key, publisher, until};
 
 const ROBOTS: usize = 200;
@@ -21,62 +16,6 @@ const ROBOTS: usize = 200;
 const TOGETHER: usize = 25;
 /// Number of poses by which a stage is judged.
 const POSES: u64 = 100;
-/// Points of each cloud of a request.
-const POINTS: usize = 256;
-
-/// The bundled policy for small memories.
-fn good_policy() -> WeightFile {
-    let weights = Path::new(env!("CARGO_MANIFEST_DIR")).join("../core/weights");
-    WeightFile::load(&weights.join("reagent-compact-int8.rgw")).expect("it is bundled")
-}
-
-/// The same with every seventh weight negated: a valid file that passes its self-test.
-fn worse_policy() -> WeightFile {
-    let good = good_policy();
-    let mut bytes = good.bytes().to_vec();
-    let shape = good.policy().shape;
-    for ((inputs, outputs), (weights, _)) in
-        shape.layers().into_iter().zip(offsets(&shape, FORMAT_INT8))
-    {
-        let weights = &mut bytes[weights..][..inputs * outputs];
-        for weight in weights.iter_mut().step_by(7) {
-            *weight = (*weight as i8).saturating_neg() as u8;
-        }
-    }
-    let (body, sum) = bytes.split_last_chunk_mut().expect("it ends with a sum");
-    *sum = checksum(body).to_le_bytes();
-    WeightFile::from_bytes(&bytes).expect("a sound file")
-}
-
-/// Asks robots for poses without end; every other request goes to one that has the newest policy.
-async fn ask_on_and_on(client: Client, pairs: PairSet) {
-    client.follow_robots().await.expect("an open session");
-    for id in 0.. {
-        let heard = client.heard();
-        let version = |i: usize| heard[i].status.policy.map(|policy| policy.version);
-        let newest = (0..heard.len()).filter_map(version).max();
-        let (new, old): (Vec<_>, Vec<_>) =
-            (0..heard.len()).partition(|&i| version(i).is_some() && version(i) == newest);
-        let group = match id % 2 {
-            0 if !old.is_empty() => old,
-            _ => new,
-        };
-        let Some(&robot) = group.get(id as usize / 2 % group.len().max(1)) else {
-            tokio::task::yield_now().await;
-            continue;
-        };
-        let pair = id as usize % pairs.source.len();
-        let clouds = [&pairs.source[pair], &pairs.target[pair]];
-        let clouds = clouds.map(|cloud| CloudView::of(&cloud[..POINTS]));
-        let request = RefineRequest {
-            mode: Mode::Polish,
-            budget_ms: 60_000,
-            ..RefineRequest::new(id, clouds[0], clouds[1])
-        };
-        let answer = client.refine(&heard[robot].robot, &request).await;
-        answer.expect("a pose");
-    }
-}
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_policy_that_is_silently_worse_is_caught_at_the_first_stage_of_a_fleet_of_200() {
@@ -117,12 +56,8 @@ async fn a_policy_that_is_silently_worse_is_caught_at_the_first_stage_of_a_fleet
     let client = Client::new(network.join().await, FLEET).await;
     let load = tokio::spawn(ask_on_and_on(client.expect("a good name"), pairs));
     let stages: Stages = "1,10%,100%".parse().expect("stages");
-    let gate = Gate {
-        poses: POSES,
-        wait: Duration::from_secs(60),
-        except: Vec::new(),
-    };
-    let worse = worse_policy();
+    let gate = gate(POSES);
+    let worse = negated(7);
     let manifest = publisher.prepare(2, "worse", &worse).await;
     let manifest = manifest.expect("a sound policy");
     let told = |line| println!("{line}");
@@ -162,11 +97,7 @@ async fn a_stage_has_its_robots_before_it_is_judged() {
     ];
     let mut publisher = publisher(&network).await;
     let manifest = publisher.prepare(1, "first", &good_policy()).await;
-    let gate = Gate {
-        poses: 0,
-        wait: Duration::from_secs(60),
-        except: Vec::new(),
-    };
+    let gate = gate(0);
     let stages: Stages = "1,2,100%".parse().expect("stages");
     let mut told = Vec::new();
     let outcome = publisher
@@ -201,11 +132,7 @@ async fn a_roll_out_goes_on_without_a_robot_that_is_excepted() {
     let _nodes = [network.node(FLEET, "a").await, b.expect("good names")];
     let mut publisher = publisher(&network).await;
     let stages: Stages = "100%".parse().expect("stages");
-    let mut gate = Gate {
-        poses: 0,
-        wait: Duration::from_secs(60),
-        except: Vec::new(),
-    };
+    let mut gate = gate(0);
     let (file, told) = (good_policy(), |line| println!("{line}"));
     let manifest = publisher.prepare(1, "first", &file).await.expect("sound");
     let outcome = publisher.roll_out(&manifest, &file, &stages, &gate, told);

@@ -119,11 +119,22 @@ pub struct Tally {
     pub probability_millionths: u64,
     /// Sum of the times of all poses, in microseconds.
     pub micros: u64,
+    /// Converged poses that were refined after the policy's steps.
+    pub refined: u32,
+    /// Of these, those that the policy itself had reached, so that refinement corrected little.
+    pub reached: u32,
 }
 
 impl Tally {
-    /// Counts a pose: its verdict, its probability if known, and its time.
-    pub fn count(&mut self, verdict: Verdict, probability: Option<f32>, micros: u32) {
+    /// Counts a pose: its verdict, its probability if known, its time, and whether the policy itself had reached it if
+    /// it converged and was refined.
+    pub fn count(
+        &mut self,
+        verdict: Verdict,
+        probability: Option<f32>,
+        micros: u32,
+        reached: Option<bool>,
+    ) {
         if let Some(count) = self.verdicts.get_mut(verdict as usize) {
             *count = count.saturating_add(1);
         }
@@ -133,6 +144,10 @@ impl Tally {
             self.probability_millionths += (probability.clamp(0.0, 1.0) * 1e6) as u64;
         }
         self.micros += u64::from(micros);
+        if let Some(reached) = reached {
+            self.refined = self.refined.saturating_add(1);
+            self.reached = self.reached.saturating_add(reached.into());
+        }
     }
 
     /// Number of poses.
@@ -185,10 +200,11 @@ mod tests {
     #[test]
     fn a_tally_counts_what_is_no_number_as_nothing() {
         let mut tally = Tally::default();
-        tally.count(Verdict::Converged, Some(0.5), 10);
-        tally.count(Verdict::StepLimit, Some(f32::NAN), 20);
-        tally.count(Verdict::Converged, None, 30);
+        tally.count(Verdict::Converged, Some(0.5), 10, Some(true));
+        tally.count(Verdict::StepLimit, Some(f32::NAN), 20, None);
+        tally.count(Verdict::Converged, None, 30, Some(false));
         assert_eq!((tally.poses(), tally.judged), (3, 2));
+        assert_eq!((tally.refined, tally.reached), (2, 1));
         assert_eq!((tally.probability_millionths, tally.micros), (500_000, 60));
     }
 }

@@ -10,11 +10,13 @@ use crate::policy::WeightFile;
 use crate::random::SEED;
 use crate::train::DataSource;
 use crate::views::Views;
+use crate::words::count;
 use reagent_core::wire::{Manifest, PolicyName};
 use reagent_link::metrics::MetricsArgs;
 use reagent_link::name::name;
 use reagent_link::stop::stop_requested;
-use std::io::IsTerminal;
+use sha2::{Digest, Sha256};
+use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
@@ -55,8 +57,9 @@ pub struct PublishArgs {
     /// Record of the policy's evaluation, such as the JSON of `eval`; its SHA-256 goes into the manifest.
     #[arg(long, value_name = "FILE")]
     pub evaluation: Option<PathBuf>,
-    /// Ship to parts of the fleet one after the other, such as 1,10%,100%. If robots do worse with the policy than the
-    /// others do with --against, the latter is published again under the next version.
+    /// Ship to parts of the fleet one after the other, such as 1,10%,100%. If robots do worse with the policy than they
+    /// did with --against, or than the others do, the latter is published again under the next version, and served until
+    /// Ctrl-C; the status is then 1.
     #[arg(
         long,
         value_name = "LIST",
@@ -87,11 +90,12 @@ pub struct PublishArgs {
     /// is not published.
     #[arg(long, value_name = "FILE.h5|views:DIR", requires = "against")]
     pub evaluate: Option<DataSource>,
-    /// The policy before it, for --evaluate and --stages.
+    /// The policy before it, for --evaluate and --stages; with --stages, a robot must run it.
     #[arg(long, value_name = "FILE.rgw")]
     pub against: Option<PathBuf>,
-    /// Publish even a worse policy; without this option the user is asked, if there is a terminal.
-    #[arg(long, requires = "evaluate")]
+    /// Publish even a policy that --evaluate calls worse, or cannot tell; without this option the user is asked, if there
+    /// is a terminal. With --stages, go on even where robots do worse.
+    #[arg(long, requires = "against")]
     pub anyway: bool,
     /// File that grows by a line of JSON whenever a policy is published and whenever a robot runs or refuses another one:
     /// who ran what when.
@@ -113,8 +117,9 @@ pub async fn run(args: PublishArgs) -> Result<(), PublishError> {
     let key = read_key(&args.key)?;
     let file = WeightFile::load(&args.weights)?;
     let provenance = Provenance::read(args.run.as_deref(), args.evaluation.as_deref())?;
-    if let (Some(on), Some(old)) = (&args.evaluate, &args.against) {
-        compare(on, old, &file, args.anyway)?;
+    let old = args.against.as_deref().map(WeightFile::load).transpose()?;
+    if let (Some(on), Some(path), Some(old)) = (&args.evaluate, &args.against, &old) {
+        compare(on, [old, &file], path, args.anyway)?;
     }
     let session = open_session(&args.session).await?;
     let mut publisher = Publisher::new(session, &args.fleet, key)?;
@@ -135,15 +140,22 @@ pub async fn run(args: PublishArgs) -> Result<(), PublishError> {
     let witness = Witness::start(&publisher, &args).await?;
     let shipped = tokio::select! {
         Err(failed) = witness.follow() => Err(failed),
-        shipped = ship(&mut publisher, &witness, &args, version, file) => shipped,
+        shipped = ship(&mut publisher, &witness, &args, version, file, old) => shipped,
     };
-    if args.store || shipped.is_err() {
-        witness.ask().await?;
-        return shipped;
+    match &shipped {
+        // Robots that are away find the old policy when they come back.
+        Err(taken_back @ PublishError::TakenBack { .. }) => {
+            tracing::error!("{taken_back}; it is served until Ctrl-C");
+        }
+        Ok(()) if !args.store => {}
+        _ => {
+            witness.ask().await?;
+            return shipped;
+        }
     }
     tokio::select! {
         Err(failed) = witness.follow() => Err(failed),
-        stopped = stop_requested() => Ok(stopped.map_err(zenoh::Error::from)?),
+        stopped = stop_requested() => shipped.and(Ok(stopped.map_err(zenoh::Error::from)?)),
     }
 }
 
@@ -154,22 +166,22 @@ async fn ship(
     args: &PublishArgs,
     version: u64,
     file: WeightFile,
+    old: Option<WeightFile>,
 ) -> Result<(), PublishError> {
     let stem = args.weights.file_stem().unwrap_or_default();
     let name = fitting(&stem.to_string_lossy());
-    let manifest = match (args.store, &args.stages) {
-        (true, _) => publisher.store(version, &name, &file).await?,
-        (false, None) => publisher.publish(version, &name, file).await?,
-        (false, Some(stages)) => {
-            let manifest = publisher.prepare(version, &name, &file).await?;
-            witness.published(&manifest);
-            roll_out(publisher, witness, &manifest, &file, stages, args).await?;
-            manifest
-        }
-    };
-    if args.stages.is_none() {
+    let manifest = if let (Some(stages), Some(old)) = (&args.stages, old) {
+        let manifest = publisher.prepare(version, &name, &file).await?;
+        roll_out(publisher, witness, &manifest, [file, old], stages, args).await?;
+        manifest
+    } else {
+        let manifest = match args.store {
+            true => publisher.store(version, &name, &file).await?,
+            false => publisher.publish(version, &name, file).await?,
+        };
         witness.published(&manifest);
-    }
+        manifest
+    };
     let (verb, preposition, end) = match args.store {
         true => ("stored", "for", ""),
         false => ("serving", "to", "; Ctrl-C ends it"),
@@ -194,7 +206,7 @@ async fn roll_out(
     publisher: &mut Publisher,
     witness: &Witness,
     manifest: &Manifest,
-    file: &WeightFile,
+    [file, old]: [WeightFile; 2],
     stages: &Stages,
     args: &PublishArgs,
 ) -> Result<(), PublishError> {
@@ -202,36 +214,41 @@ async fn roll_out(
         poses: args.gate_poses,
         wait: Duration::from_secs(args.gate_wait),
         except: args.except.clone(),
+        old: Sha256::digest(old.bytes()).into(),
+        anyway: args.anyway,
     };
+    publisher.check_old(manifest, gate.old).await?;
+    witness.published(manifest);
     let told = |line: String| println!("{line}");
     let outcome = publisher
-        .roll_out(manifest, file, stages, &gate, told)
+        .roll_out(manifest, &file, stages, &gate, told)
         .await?;
     let Err(halt) = outcome else { return Ok(()) };
-    let back = match (&halt, &args.against) {
-        (Halt::Worse(_) | Halt::NotTaken(_), Some(old)) => {
-            let old = WeightFile::load(old)?;
-            let version = manifest.version + 1;
-            let back = publisher.publish(version, "taken-back", old).await?;
-            witness.published(&back);
-            let wait = Duration::from_secs(args.wait);
-            let reception = publisher.reception(&back, wait).await?;
-            let taken = reception.one_line();
-            format!("version {version} is the old policy again, {taken}")
-        }
-        _ => "the robots that have it keep it; run again with the same version to go on".into(),
-    };
-    Err(PublishError::Halted { halt, back })
+    if !matches!(halt, Halt::Worse(_) | Halt::NotTaken(_)) {
+        return Err(PublishError::Halted { halt });
+    }
+    let back = publisher.publish(manifest.version + 1, "taken-back", old);
+    let back = back.await?;
+    witness.published(&back);
+    let wait = Duration::from_secs(args.wait);
+    let reception = publisher.reception(&back, wait).await?;
+    let mut away = witness.with_policy(manifest.id());
+    away.retain(|robot| !reception.names(robot));
+    Err(PublishError::TakenBack {
+        halt: Box::new(halt),
+        version: back.release(),
+        reception,
+        away,
+    })
 }
 
 /// Compares the policy with the one before it, and reports the result.
 fn compare(
     on: &DataSource,
-    old: &Path,
-    new: &WeightFile,
+    [old, new]: [&WeightFile; 2],
+    path: &Path,
     anyway: bool,
 ) -> Result<(), PublishError> {
-    let before = WeightFile::load(old)?;
     let failed = |reason: String| PublishError::Evaluation {
         path: on.to_string().into(),
         reason,
@@ -242,26 +259,47 @@ fn compare(
             views.draw(VIEWS, POINTS, SEED, &mut set);
             set
         }),
+        DataSource::Directory(path) if path.is_dir() => {
+            let reason = "is a folder; give a file of pairs, or views:DIR";
+            return Err(failed(reason.into()));
+        }
         DataSource::Directory(path) => PairSet::load(path),
         _ => return Err(failed("give a file of pairs, or views:DIR".into())),
     };
     let set = set.map_err(|error| failed(error.to_string()))?;
-    let comparison = Comparison::of(&before, new, &set);
+    let comparison = Comparison::of(old, new, &set);
     let comparison = comparison.map_err(|error| failed(error.to_string()))?;
-    println!("against {}: {comparison}", old.display());
-    if comparison.is_worse() && !anyway && !confirmed() {
-        let old = old.into();
-        return Err(PublishError::Worse { old, comparison });
+    println!("against {}: {comparison}", path.display());
+    let is_too_few = comparison.pairs < Comparison::fewest_pairs();
+    if anyway || !(is_too_few || comparison.is_worse()) {
+        return Ok(());
     }
-    Ok(())
+    let (why, refused) = match is_too_few {
+        true => {
+            let pairs = count(comparison.pairs, "pair", "pairs");
+            let why = format!("{pairs} cannot tell whether it is worse");
+            let old = path.into();
+            (why, PublishError::TooFewPairs { old, pairs })
+        }
+        false => {
+            let old = path.into();
+            let why = "it is worse".into();
+            (why, PublishError::Worse { old, comparison })
+        }
+    };
+    match confirmed(&why) {
+        true => Ok(()),
+        false => Err(refused),
+    }
 }
 
 /// Asks the user, if there is a terminal.
-fn confirmed() -> bool {
+fn confirmed(why: &str) -> bool {
     if !std::io::stdin().is_terminal() {
         return false;
     }
-    print!("it is worse; publish it all the same? [y/N] ");
+    print!("{why}; publish it all the same? [y/N] ");
+    std::io::stdout().flush().ok();
     let mut answer = String::new();
     std::io::stdin().read_line(&mut answer).is_ok() && answer.trim().eq_ignore_ascii_case("y")
 }

@@ -6,11 +6,14 @@ use crate::measure::eval::{EvalError, EvalSettings, evaluate};
 use crate::measure::method::{Contestant, Finish, Start};
 use crate::measure::metrics::is_right;
 use crate::policy::WeightFile;
+use crate::words::count;
 use reagent_core::dims::STEPS;
 use std::fmt;
 
 /// A policy is called worse if chance alone would make such a difference less often than this.
 const SIGNIFICANCE: f64 = 0.05;
+/// Two criteria are tested: each gets half of that level (Bonferroni).
+const LEVEL: f64 = SIGNIFICANCE / 2.0;
 /// Ratio of the error limits of a right pose to those of a precise one.
 const PRECISE: f64 = 5.0;
 
@@ -72,9 +75,15 @@ impl Comparison {
 
     /// Whether the new policy has significantly fewer right or precise poses.
     pub fn is_worse(&self) -> bool {
-        // Two tests: each gets half of the significance level (Bonferroni).
-        let level = SIGNIFICANCE / 2.0;
-        self.right.p_no_worse() < level || self.precise.p_no_worse() < level
+        self.right.p_no_worse() < LEVEL || self.precise.p_no_worse() < LEVEL
+    }
+
+    /// Number of pairs from which on a new policy can be called worse, if it loses all of them.
+    pub fn fewest_pairs() -> usize {
+        let is_enough = |pairs: &u64| coin(*pairs, *pairs) < LEVEL;
+        (1..)
+            .find(is_enough)
+            .map_or(usize::MAX, |pairs| pairs as usize)
     }
 }
 
@@ -102,7 +111,7 @@ impl Paired {
 impl fmt::Display for Comparison {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let percent = |count: usize| 100.0 * count as f64 / self.pairs.max(1) as f64;
-        write!(f, "{} pairs", self.pairs)?;
+        write!(f, "{}", count(self.pairs, "pair", "pairs"))?;
         for (what, paired) in [("right", self.right), ("precise", self.precise)] {
             write!(
                 f,
@@ -139,5 +148,20 @@ mod tests {
         assert!(!better.is_worse(), "{better}");
         let same = Comparison::of(&bundled, &bundled, &set).expect("good pairs");
         assert!(!same.is_worse() && same.right.lost == 0, "{same}");
+    }
+
+    #[test]
+    fn six_pairs_can_tell_and_five_cannot() {
+        assert_eq!(Comparison::fewest_pairs(), 6);
+        let all_lost = |pairs: usize| Comparison {
+            pairs,
+            right: Paired {
+                old: pairs,
+                lost: pairs,
+                ..Paired::default()
+            },
+            precise: Paired::default(),
+        };
+        assert!(all_lost(6).is_worse() && !all_lost(5).is_worse());
     }
 }

@@ -33,6 +33,12 @@ impl Heard {
             _ => None,
         }
     }
+
+    /// Whether the robot runs the policy file of this SHA-256, under whatever version.
+    pub(super) fn runs_file(&self, sha256: [u8; 32]) -> bool {
+        let policy = self.status.policy;
+        policy.is_some_and(|policy| policy.sha256 == sha256)
+    }
 }
 
 /// The robots' reception of one policy.
@@ -49,6 +55,7 @@ pub struct Reception {
 impl Reception {
     /// Sorts the robots by what they say of a policy. A refusal from `before` it was announced, perhaps by another
     /// publisher, does not count as an answer to this announcement, nor does "not yet" from a robot whose turn it is.
+    /// A robot with another policy of this version or a newer one has given its answer.
     fn of(
         robots: &BTreeMap<String, Status>,
         manifest: &Manifest,
@@ -64,13 +71,26 @@ impl Reception {
             let said = status.not_taken.filter(|not| not.policy == policy);
             let said = said.filter(|&not| !is_old(robot, not));
             let robot = robot.clone();
-            match said {
-                _ if status.policy == Some(policy) => reception.taken.push(robot),
-                Some(not) => reception.refused.push((robot, not.reason)),
-                None => reception.silent.push((robot, status.policy)),
+            match (said, status.policy) {
+                (_, Some(runs)) if runs == policy => reception.taken.push(robot),
+                (Some(not), _) => reception.refused.push((robot, not.reason)),
+                (None, Some(runs)) if runs.release() >= policy.release() => {
+                    let why = WhyNot::NotNewer(runs.release());
+                    reception.refused.push((robot, why));
+                }
+                (None, runs) => reception.silent.push((robot, runs)),
             }
         }
         reception
+    }
+
+    /// Whether a robot is among those that were there.
+    pub(super) fn names(&self, robot: &str) -> bool {
+        let mut refused = self.refused.iter().map(|(name, _)| name);
+        let mut silent = self.silent.iter().map(|(name, _)| name);
+        self.taken.iter().any(|name| name == robot)
+            || refused.any(|name| name == robot)
+            || silent.any(|name| name == robot)
     }
 
     /// Whether every robot that is online runs it.
@@ -242,6 +262,16 @@ mod tests {
         assert_eq!(error(refused.clone()), refused.one_line());
         let nobody = Reception::default().to_string();
         assert!(nobody.starts_with("no robot is there"), "{nobody}");
+    }
+
+    #[test]
+    fn a_robot_with_a_newer_policy_has_given_its_answer() {
+        let (manifest, [_, new]) = manifest();
+        let newer = PolicyId { version: 3, ..new };
+        let robots = BTreeMap::from([("a".to_owned(), status(Some(newer), None))]);
+        let reception = Reception::of(&robots, &manifest, &BTreeMap::new());
+        let why = WhyNot::NotNewer(newer.release());
+        assert_eq!(reception.refused, [("a".to_owned(), why)]);
     }
 
     #[test]

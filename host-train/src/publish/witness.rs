@@ -2,7 +2,7 @@
 
 use super::history::History;
 use super::{Heard, Newest, PublishArgs, PublishError, Publisher, refused, robots, stored};
-use reagent_core::wire::{Manifest, Release, Status, keys};
+use reagent_core::wire::{Manifest, PolicyId, Release, Status, keys};
 use reagent_link::certificate::{Certificate, Certificates};
 use reagent_link::metrics::{Figures, Robot, Serving};
 use reagent_link::routers::follow_routers;
@@ -188,6 +188,14 @@ impl Witness {
         if let Some(history) = &mut self.seen.lock().history {
             history.published(manifest, &self.public_key);
         }
+    }
+
+    /// Robots that ran this policy when they were last heard, whether they are there or not.
+    pub(super) fn with_policy(&self, policy: PolicyId) -> Vec<String> {
+        let seen = self.seen.lock();
+        let robots = seen.robots.iter();
+        let with = robots.filter(|(_, (status, _))| status.policy == Some(policy));
+        with.map(|(robot, _)| robot.clone()).collect()
     }
 
     /// Records what robots report, without end.

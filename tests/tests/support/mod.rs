@@ -4,6 +4,7 @@
 pub(crate) mod datagrams;
 pub(crate) mod link;
 pub(crate) mod process;
+pub(crate) mod rollout;
 pub(crate) mod secured;
 
 use ed25519_dalek::SigningKey;

@@ -201,13 +201,15 @@ fn refusal_and_status_are_these_bytes() {
             judged: 6,
             probability_millionths: 300,
             micros: 8,
+            refined: 9,
+            reached: 7,
         },
     };
     let mut expected = vec![
         9, 5, 0, 3, 1, 2, 0xac, 0x02, 1, 2, 3, 4, 5, 6, 7, 8, 1, 1, 9,
     ];
     expected.extend([7; 32]);
-    expected.extend([3, 2, 5, 5, 4, 3, 2, 1, 0, 0, 0, 6, 0xac, 0x02, 8]);
+    expected.extend([3, 2, 5, 5, 4, 3, 2, 1, 0, 0, 0, 6, 0xac, 0x02, 8, 9, 7]);
     assert_eq!(bytes_of(&Message::Status(status)), expected);
     let refusal = |reason| bytes_of(&Message::Refusal(Refusal { id: 4, reason }));
     assert_eq!(refusal(Reason::Deadline), [9, 4, 4, 11]);

@@ -150,13 +150,14 @@ pub async fn run(args: PublishArgs) -> Result<(), PublishError> {
         Ok(()) if !args.store => {}
         _ => {
             witness.ask().await?;
-            return shipped;
+            return shipped.and(witness.end());
         }
     }
-    tokio::select! {
+    let stopped = tokio::select! {
         Err(failed) = witness.follow() => Err(failed),
         stopped = stop_requested() => shipped.and(Ok(stopped.map_err(zenoh::Error::from)?)),
-    }
+    };
+    stopped.and(witness.end())
 }
 
 /// Publishes the policy as the arguments say, and reports the result.

@@ -1,6 +1,6 @@
 //! The history of a fleet: a file that grows by a line of JSON whenever a robot's policy changes.
 
-use super::Heard;
+use super::{Heard, PublishError};
 use crate::files;
 use crate::words::count;
 use reagent_core::wire::{Manifest, PolicyId, WhyNot};
@@ -113,6 +113,22 @@ impl History {
         Some(format!(
             "{path} cannot be written: {reason}; {waiting} until it can{lost}"
         ))
+    }
+
+    /// Writes the lines that wait, for the last time.
+    ///
+    /// # Errors
+    /// `Record` says what is lost.
+    pub(super) fn end(&mut self) -> Result<(), PublishError> {
+        self.write();
+        let lost = count(self.waiting.len(), "line is lost", "lines are lost");
+        let reason = match (&self.reason, self.lost) {
+            (Some(reason), _) => format!("the history cannot be written: {reason}; {lost}"),
+            (None, true) => "lines were lost while the history could not be written".into(),
+            (None, false) => return Ok(()),
+        };
+        let path = self.path.clone();
+        Err(PublishError::Record { path, reason })
     }
 
     /// Adds a line. One that only repeats the last one is skipped, so that a restarted publisher repeats nothing.
@@ -269,6 +285,8 @@ mod tests {
             let wrong = full.wrong().expect("it is full");
             let said = "/dev/full cannot be written: No space left on device";
             assert!(wrong.starts_with(said), "{wrong}");
+            let error = full.end().expect_err("it is full").to_string();
+            assert!(error.ends_with("; 1 line is lost"), "{error}");
             for robot in 0..WAITING + 3 {
                 full.heard(&heard(&robot.to_string(), 1, None));
             }
@@ -313,6 +331,7 @@ mod tests {
             std::fs::remove_file(&filling).expect("it is there");
             history.write();
             assert_eq!(history.wrong(), None);
+            history.end().expect("all of it is written");
             let first = [r#""a" 1"#, r#""b" 1"#];
             assert_eq!(versions(), first);
             // The disk is full again, now with the file on it.

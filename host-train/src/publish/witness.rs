@@ -244,6 +244,15 @@ impl Witness {
         Ok(())
     }
 
+    /// Ends the history.
+    ///
+    /// # Errors
+    /// `Record` if lines are lost.
+    pub(super) fn end(&self) -> Result<(), PublishError> {
+        let history = &mut self.seen.lock().history;
+        history.as_mut().map_or(Ok(()), History::end)
+    }
+
     fn note(&self, heard: &Heard) {
         let mut seen = self.seen.lock();
         seen.robots

@@ -9,7 +9,7 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::runtime::Handle;
 use tokio::sync::{OnceCell, watch};
-use tokio::time::{Instant, timeout, timeout_at};
+use tokio::time::{Instant, timeout_at};
 use zenoh::Session;
 use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::Subscriber;
@@ -261,21 +261,8 @@ async fn ask_status(session: Session, fleet: String, robot: String, robots: Arc<
         return;
     };
     let before = robots.departures(&robot);
-    let asked = async {
-        let querier = session
-            .declare_querier(key.as_str())
-            .timeout(STATUS_TIME)
-            .await?;
-        // When a router is back, the robot's token may overtake the declaration of its key.
-        let changes = querier.matching_listener().await?;
-        let mut served = querier.matching_status().await?;
-        while !served.matching() {
-            served = changes.recv_async().await?;
-        }
-        querier.get().await
-    };
-    let asked = timeout(STATUS_TIME, asked).await;
-    let Ok(Ok(replies)) = asked else { return };
+    let asked = session.get(key.as_str()).timeout(STATUS_TIME).await;
+    let Ok(replies) = asked else { return };
     while let Ok(reply) = replies.recv_async().await {
         if let Some((robot, status)) = reply.result().ok().and_then(read_status) {
             robots.answered(robot, status, before);

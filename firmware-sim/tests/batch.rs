@@ -93,11 +93,12 @@ async fn robot(name: &str, endpoint: &str, publisher: &mut Publisher, version: u
         trust: Trust::AnyKey,
         state: None,
     };
-    let node = Node::start(join(endpoint).await, config).await;
-    let node = node.expect("good names");
     let policy = WeightFile::from_parameters(&Parameters::random(Shape::COMPACT, 1));
     let published = publisher.publish(version, "p", policy.expect("deployable"));
     published.await.expect("a good policy");
+    // Asks for policies when it starts: an announcement may come before its subscription is known.
+    let node = Node::start(join(endpoint).await, config).await;
+    let node = node.expect("good names");
     until(&node, |view| view.policy.is_some()).await;
     node
 }
@@ -184,7 +185,8 @@ async fn a_router_that_restarts_loses_no_pair() {
     const PAIRS: usize = 400;
     let folder = tempfile::tempdir().expect("a temporary directory");
     write_pairs(&folder.path().join("pairs.h5"), PAIRS);
-    let (mut router, endpoint) = network().await;
+    let (router, endpoint) = network().await;
+    let mut router = Some(router);
     let key = SigningKey::from_bytes(&[1; 32]);
     let mut publisher = Publisher::new(join(&endpoint).await, FLEET, key).expect("a good name");
     let node = robot("b", &endpoint, &mut publisher, 1).await;
@@ -192,10 +194,16 @@ async fn a_router_that_restarts_loses_no_pair() {
         let batch = refine(asked, &endpoint, "60", folder.path());
         let restart = async {
             until(&node, |view| view.served > before as u64 + 20).await;
-            router.close().await.expect("an open session");
             let served = node.watch().borrow().served as usize - before;
             assert!(served < PAIRS, "the batch is over");
-            router = reagent_tests::network::router(&endpoint).await;
+            let (old, endpoint) = (router.take().expect("it runs"), endpoint.clone());
+            // On another thread: a session that ends waits by itself, and would swallow this thread's wake-ups.
+            let restarted = tokio::spawn(async move {
+                old.close().await.expect("an open session");
+                drop(old);
+                reagent_tests::network::router(&endpoint).await
+            });
+            router = Some(restarted.await.expect("the port is free"));
         };
         let ((output, robots), ()) = tokio::join!(batch, restart);
         let error = String::from_utf8_lossy(&output.stderr);

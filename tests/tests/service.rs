@@ -142,7 +142,7 @@ async fn every_bad_request_is_refused_with_its_reason() {
         (&[wire::VERSION, 2, 0, 0], Reason::Malformed),
         (status.expect("fits"), Reason::Malformed),
         (
-            &[9, 2, 0, 0],
+            &[wire::VERSION + 1, 2, 0, 0],
             Reason::WrongVersion {
                 spoken: wire::VERSION,
             },

@@ -428,7 +428,9 @@ ReagentStatus reagent_refine(ReagentWorkspace *workspace,
 //
 // # Safety
 // `memory` is as reagent_init left it; `xyz` points to 3 * `points` floats that stay unchanged until the last source is set.
-ReagentStatus reagent_set_target(ReagentMemory *memory, const float *xyz, size_t points);
+ReagentStatus reagent_set_target(ReagentMemory *memory,
+                                 const float *xyz,
+                                 size_t points);
 
 // As reagent_set_target, for a cloud on a grid: `points` times three codes.
 //

@@ -53,6 +53,13 @@ impl Pose {
         }
     }
 
+    /// Angle between the rotations of two poses, radians.
+    pub fn angle_to(&self, other: &Pose) -> f32 {
+        let turn = self.rotation * other.rotation.transpose();
+        let trace = turn.x_axis.x + turn.y_axis.y + turn.z_axis.z;
+        libm::acosf((0.5 * (trace - 1.0)).clamp(-1.0, 1.0))
+    }
+
     /// Inverse of a plain rigid transform.
     pub fn inverse(&self) -> Pose {
         let rotation = self.rotation.transpose();
@@ -170,6 +177,20 @@ mod tests {
         Pose {
             rotation: rotation_from_euler(Vec3::new(0.3, -0.7, 1.1)),
             translation: Vec3::new(0.2, -0.4, 0.6),
+        }
+    }
+
+    #[test]
+    fn the_angle_between_poses_is_that_of_the_turn_between_them() {
+        let pose = sample();
+        for angle in [0.0f32, 0.2, 1.5, 3.0] {
+            let turn = Mat3::from_axis_angle(Vec3::new(2.0, -1.0, 2.0) / 3.0, angle);
+            let turned = Pose {
+                rotation: turn * pose.rotation,
+                translation: Vec3::ONE,
+            };
+            assert!((turned.angle_to(&pose) - angle).abs() < 1e-3, "{angle}");
+            assert!((pose.angle_to(&turned) - angle).abs() < 1e-3, "{angle}");
         }
     }
 

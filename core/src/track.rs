@@ -21,7 +21,6 @@ use crate::register::Registrar;
 use crate::start::{Start, Uncertainty};
 use crate::verdict::Verdict;
 use core::fmt;
-use glam::Mat3;
 
 /// Of this many clouds in a row, one gets a whole registration: once a second at a camera's rate.
 const WHOLE_EVERY: u32 = 30;
@@ -173,7 +172,7 @@ impl Tracker {
         let moved = answer.target_from_source.after(last.inverse());
         let [turn, shift] = CONTINUES;
         let distance = moved.apply(about).distance(about);
-        angle(moved.rotation) <= turn && distance <= shift * radius
+        answer.target_from_source.angle_to(&last) <= turn && distance <= shift * radius
     }
 
     /// The answer, with the pose replaced by the one rotated least from the last, among those that fit as well.
@@ -181,7 +180,7 @@ impl Tracker {
         let (Some(last), Some(found)) = (self.last, &mut answer.refinement) else {
             return answer;
         };
-        let turned = |pose: &Pose| angle(pose.rotation * last.rotation.transpose());
+        let turned = |pose: &Pose| pose.angle_to(&last);
         let others = found.undetermined.poses.iter_mut().flatten();
         let nearest = others.min_by(|a, b| turned(a).total_cmp(&turned(b)));
         let given = &mut answer.target_from_source;
@@ -201,12 +200,6 @@ impl Tracker {
             _ => Start::Anywhere,
         }
     }
-}
-
-/// Angle of a rotation, radians.
-fn angle(rotation: Mat3) -> f32 {
-    let trace = rotation.x_axis.x + rotation.y_axis.y + rotation.z_axis.z;
-    libm::acosf((0.5 * (trace - 1.0)).clamp(-1.0, 1.0))
 }
 
 #[cfg(all(test, feature = "pretrained-compact"))]

@@ -5,7 +5,7 @@ use crate::policy::LoadedPolicy;
 use crate::queue::{Job, Queue, Stop};
 use crate::view::View;
 use reagent_core::dims::MAX_POINTS;
-use reagent_core::frame::{Frame, check_cloud};
+use reagent_core::frame::check_cloud;
 use reagent_core::kernels::Isa;
 use reagent_core::net::Scratch;
 use reagent_core::pipeline::{self, Answer, Progress};
@@ -226,24 +226,23 @@ fn answer(
     };
     Ok(Answered {
         reply,
-        reached: reached(&found, [source, target]),
+        reached: reached(&found, source),
         trace: request.trace.then(trace),
     })
 }
 
 /// Of a converged pose that was refined after the policy's steps: whether the policy itself had reached it.
-fn reached(found: &Answer, [source, target]: [&[[f32; 3]]; 2]) -> Option<bool> {
+fn reached(found: &Answer, source: &[[f32; 3]]) -> Option<bool> {
     let policy = found.policy?.target_from_source;
-    if found.refinement.is_none() || found.verdict != Verdict::Converged {
+    let refined = found.refinement.as_ref()?.refined;
+    if found.verdict != Verdict::Converged {
         return None;
     }
     let given = found.target_from_source;
     let centroid = centroid(source);
-    let apart = (policy.apply(centroid) - given.apply(centroid)).length();
-    let turn = policy.rotation.transpose() * given.rotation;
-    let cosine = 0.5 * (turn.x_axis.x + turn.y_axis.y + turn.z_axis.z - 1.0);
-    let radius = Frame::of(target).ok()?.scale;
-    Some(cosine > REACHED_RAD.cos() && apart < REACHED_RADII * radius)
+    let apart = policy.apply(centroid).distance(given.apply(centroid));
+    let near = REACHED_RADII * refined.covariance.radius;
+    Some(policy.angle_to(&given) < REACHED_RAD && apart < near)
 }
 
 fn micros(time: Duration) -> u32 {

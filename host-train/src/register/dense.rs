@@ -86,10 +86,7 @@ pub fn refine_densely(
     let fine = prepared.register(&source, wide.target_from_source, &settings(within, 30))?;
     let found = fine.target_from_source;
     let middle = centroid(&source);
-    let turn = found.rotation * inward.rotation.transpose();
-    let trace = turn.x_axis.x + turn.y_axis.y + turn.z_axis.z;
-    // The trace of a rotation is 1 + 2 cos of its angle.
-    let near = trace > 1.0 + 2.0 * 10f32.to_radians().cos()
+    let near = found.angle_to(&inward) < 10f32.to_radians()
         && found.apply(middle).distance(inward.apply(middle)) < 0.1;
     // More correspondences, or closer ones.
     let better = fine.fitness > before.fitness

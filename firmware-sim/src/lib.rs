@@ -29,7 +29,6 @@ mod queue;
 pub mod refine;
 #[cfg(feature = "demo")]
 pub mod ros;
-mod routers;
 mod service;
 mod store;
 mod updates;

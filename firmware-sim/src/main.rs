@@ -123,9 +123,7 @@ impl NodeArgs {
             }
         };
         let _metrics = self.metrics.serve(figures).await?;
-        stop_requested().await?;
-        drop(certificates);
-        Ok(())
+        Ok(stop_requested().await?)
     }
 }
 
@@ -165,7 +163,7 @@ fn main() -> ExitCode {
     let cli = Cli::parse();
     let level = match cli.command {
         Command::Node(_) | Command::Router(_) => {
-            "warn,zenoh=error,zenoh_transport=error,zenoh_link_tcp=error,firmware_sim=info"
+            "warn,zenoh=error,zenoh_transport=error,zenoh_link_tcp=error,firmware_sim=info,reagent_link=info"
         }
         // Such a command says all it has to say in its result or in its one line of error. What Zenoh logs does not matter to
         // either, such as a status that overtook the declaration of its key on a new connection.

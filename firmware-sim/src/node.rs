@@ -8,12 +8,12 @@ use crate::policy::UpdateError;
 use crate::presence::{draw_instance, follow_clients, instances, watch_for_duplicates};
 pub use crate::queue::PLACES;
 use crate::queue::Queue;
-use crate::routers::follow_routers;
 use crate::service::serve;
 use crate::session::plain;
 use crate::updates::Updates;
 use crate::view::View;
 use reagent_core::wire::{Message, keys};
+use reagent_link::routers::follow_routers;
 use std::sync::Arc;
 use std::time::Duration;
 use thiserror::Error;
@@ -139,7 +139,11 @@ impl Node {
             ..View::default()
         });
         let view = Arc::new(view);
-        let routers = follow_routers(&session, view.clone()).await?;
+        let counted = view.clone();
+        let routers = follow_routers(&session, move |routers| {
+            counted.send_modify(|view| view.routers = Some(routers));
+        });
+        let routers = routers.await?;
         let (answered, reply_key) = (seen.clone(), status_key.clone());
         let status = session
             .declare_queryable(status_key.as_str())

@@ -80,14 +80,6 @@ impl View {
         (!wrong.is_empty()).then(|| wrong.join(", "))
     }
 
-    pub(crate) fn count_router(&mut self, found: bool) {
-        let routers = self.routers.unwrap_or(0);
-        self.routers = Some(match found {
-            true => routers + 1,
-            false => routers.saturating_sub(1),
-        });
-    }
-
     pub(crate) fn use_policy(&mut self, manifest: Manifest) {
         self.policy = Some(manifest);
         self.not_taken = None;
@@ -160,9 +152,9 @@ mod tests {
         let mut view = View::default();
         let wrong = |view: &View| view.wrong().unwrap_or_default();
         assert_eq!(wrong(&view), "no policy");
-        view.count_router(true);
+        view.routers = Some(1);
         assert_eq!(wrong(&view), "no policy");
-        view.count_router(false);
+        view.routers = Some(0);
         view.state_lost = true;
         let all = "no policy, the state directory is gone, no router";
         assert_eq!(wrong(&view), all);

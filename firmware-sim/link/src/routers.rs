@@ -1,25 +1,37 @@
 //! Routers that come and go.
 
+use std::sync::Mutex;
 use zenoh::Session;
 use zenoh::config::WhatAmI;
 use zenoh::sample::SampleKind;
-use zenoh::session::{TransportEventsListener, ZenohId};
+use zenoh::session::TransportEventsListener;
 
-/// Tells of every router that this session finds (true) and loses (false), also of those that are there already.
+/// Logs every router that this session finds and loses, also those that are there already, and tells how many there are then.
 ///
 /// # Errors
 /// The session's.
 pub async fn follow_routers(
     session: &Session,
-    told: impl Fn(ZenohId, bool) + Send + Sync + 'static,
+    told: impl Fn(usize) + Send + Sync + 'static,
 ) -> zenoh::Result<TransportEventsListener<()>> {
     let info = session.info();
     let listener = info.transport_events_listener().history(true);
+    let count = Mutex::new(0usize);
     let listener = listener.callback(move |event| {
         let transport = event.transport();
-        if transport.whatami() == WhatAmI::Router {
-            told(*transport.zid(), event.kind() == SampleKind::Put);
+        if transport.whatami() != WhatAmI::Router {
+            return;
         }
+        let router = transport.zid();
+        let mut count = count.lock().expect("no holder panics");
+        if event.kind() == SampleKind::Put {
+            tracing::info!("connected to router {router}");
+            *count += 1;
+        } else {
+            tracing::warn!("lost router {router}; looking for it");
+            *count = count.saturating_sub(1);
+        }
+        told(*count);
     });
     listener.await
 }

@@ -110,14 +110,6 @@ impl State {
         (!wrong.is_empty()).then(|| wrong.join("; "))
     }
 
-    fn count_router(&mut self, found: bool) {
-        let routers = self.routers.unwrap_or(0);
-        self.routers = Some(match found {
-            true => routers + 1,
-            false => routers.saturating_sub(1),
-        });
-    }
-
     /// Warns once about a release in the fleet that is newer than the one served here.
     fn found(&mut self, release: Release) {
         if release <= self.in_fleet {
@@ -158,11 +150,8 @@ impl Witness {
         let certificates = Arc::new(certificates(&args.session)?);
         let (shown, held, counted) = (seen.clone(), certificates.clone(), seen.clone());
         let figures = move || shown.figures(held.read());
-        let routers = follow_routers(&publisher.session, move |router, found| {
-            if !found {
-                tracing::warn!("lost router {router}; looking for it");
-            }
-            counted.lock().count_router(found);
+        let routers = follow_routers(&publisher.session, move |routers| {
+            counted.lock().routers = Some(routers);
         });
         let fleet = publisher.fleet.clone();
         let alive = keys::all_alive(&fleet).map_err(refused(&fleet))?;
@@ -305,11 +294,11 @@ mod tests {
         let both = "offline: b; without version 11: a";
         assert_eq!(state.wrong().as_deref(), Some(both));
         // Without a router nothing is known of the robots.
-        state.count_router(true);
+        state.routers = Some(1);
         assert_eq!(state.wrong().as_deref(), Some(both));
-        state.count_router(false);
+        state.routers = Some(0);
         assert_eq!(state.wrong().as_deref(), Some("no router"));
-        state.count_router(true);
+        state.routers = Some(1);
         runs(&mut state, "b", 11);
         // This one goes to other robots first.
         serve(

@@ -19,7 +19,7 @@ use reagent_core::evidence::FEATURES;
 use reagent_core::net::Scratch;
 use reagent_core::pipeline::{Mode, Progress, Refinement, Task, refine, register};
 use reagent_core::polish::Workspace;
-use reagent_core::{Error, Frame, Policy, Pose, Registrar};
+use reagent_core::{Error, Policy, Pose, Registrar};
 
 /// One refined registration.
 #[derive(Clone, Copy, Debug)]
@@ -76,7 +76,6 @@ fn rows(
     let go_on = |_: Progress<'_, '_>| Ok::<(), Error>(());
     let task = Task {
         mode: Mode::Fast,
-        frame: Some(Frame::IDENTITY),
         ..task_of(set.seen(i))
     };
     let reached = register(

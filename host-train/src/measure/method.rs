@@ -69,9 +69,10 @@ impl<'w> Start<'w> {
     }
 }
 
-/// The task that core gets for an evaluated pair: start at the identity.
+/// The task that core gets for an evaluated pair: clouds as they are, start at the identity.
 pub(crate) fn task_of(seen: Option<&Seen>) -> Task<'_> {
     Task {
+        frame: Some(Frame::IDENTITY),
         view_point: seen.map(|seen| Vec3::from_array(seen.view_point)),
         background: seen.map_or(&[], |seen| &seen.background),
         ..Task::new(start::Start::at(Pose::IDENTITY))
@@ -138,16 +139,15 @@ impl Method<'_> {
         let task = Task {
             mode,
             steps,
-            frame: Some(Frame::IDENTITY),
             ..task_of(seen)
         };
-        let mut refinement = None;
+        let mut answer = None;
         let pose = match self.start {
             Start::Identity => Pose::IDENTITY,
             Start::Policy(policy) => {
                 let mut registrar = Registrar::new(policy, &mut memory.scratch);
                 let workspace = &mut memory.workspace;
-                let answer = register(
+                let found = register(
                     &mut registrar,
                     workspace,
                     [source, target],
@@ -159,7 +159,7 @@ impl Method<'_> {
                         Ok::<(), Error>(())
                     },
                 )?;
-                refinement = answer.refinement;
+                answer = Some(found);
                 // Once it has settled, further steps would change nothing.
                 let settled = track.last();
                 track.poses.resize(1 + steps, settled.0);
@@ -195,10 +195,11 @@ impl Method<'_> {
                 track.reach(icp(source, target, pose, &settings)?.target_from_source);
             }
             Finish::Core(_) => {
-                if !matches!(self.start, Start::Policy(_)) {
-                    let (workspace, clouds) = (&mut memory.workspace, [source, target]);
-                    refinement = refine(workspace, clouds, pose, &task, || Ok::<(), Error>(()))?;
-                }
+                let (workspace, clouds) = (&mut memory.workspace, [source, target]);
+                let refinement = match answer {
+                    Some(answer) => answer.refinement,
+                    None => refine(workspace, clouds, pose, &task, || Ok::<(), Error>(()))?,
+                };
                 if let Some(found) = refinement {
                     track.reach(found.refined.target_from_source);
                     track.probability = Some(found.evidence.probability());

@@ -5,8 +5,8 @@ use super::method::{Contestant, Finish, Method, Start, task_of};
 use crate::dataset::pairs::PairSet;
 use crate::register::register;
 use crate::register::trace::{FinalAnswer, Header, Traced};
+use reagent_core::Pose;
 use reagent_core::pipeline::{Mode, Task};
-use reagent_core::{Frame, Pose};
 
 /// Traces of the first `count` pairs of a set, registered by every policy among the contestants in `steps` steps.
 /// Clouds are not normalised and starts are the identity, as in [`super::eval::evaluate`].
@@ -37,7 +37,6 @@ pub fn pairs(
             let task = Task {
                 mode,
                 steps,
-                frame: Some(Frame::IDENTITY),
                 ..task_of(set.seen(index))
             };
             let found = register(policy, source, target, &task)

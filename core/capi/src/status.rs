@@ -65,6 +65,14 @@ pub enum ReagentStatus {
 }
 
 impl ReagentStatus {
+    /// The status `of` in place of that of too many points.
+    pub(crate) fn if_too_many(self, of: Self) -> Self {
+        match self {
+            ReagentStatus::TooManyPoints => of,
+            other => other,
+        }
+    }
+
     /// The same status, for the target.
     pub(crate) fn of_target(self) -> Self {
         match self {

@@ -102,16 +102,11 @@ impl ReagentTask {
         };
         // SAFETY: the caller's promise.
         let background = unsafe { floats(self.background, self.background_points) };
-        let background = background.map_err(|status| match status {
-            ReagentStatus::TooManyPoints => ReagentStatus::BackgroundTooManyPoints,
-            other => other,
-        })?;
+        let background = background
+            .map_err(|status| status.if_too_many(ReagentStatus::BackgroundTooManyPoints))?;
         // SAFETY: the caller's promise.
         let outward = unsafe { floats(self.outward, self.outward_directions) };
-        let outward = outward.map_err(|status| match status {
-            ReagentStatus::TooManyPoints => ReagentStatus::OutwardCount,
-            other => other,
-        })?;
+        let outward = outward.map_err(|status| status.if_too_many(ReagentStatus::OutwardCount))?;
         // SAFETY: the caller's promise.
         let model = unsafe { named(self.model) }?;
         let uncertainty = Uncertainty {

@@ -140,8 +140,8 @@ impl Robots {
         heard.collect()
     }
 
-    /// The robot to ask next, except those that were tried and have not been heard since: one that answers, with a policy, with the least to do, that has served least, in
-    /// this order. Requests of this client count even if they are not in the robot's status yet.
+    /// The robot to ask next, except those that were tried and have not been heard since: one that answers, with a policy, with
+    /// the least to do, that has served least, in this order. Requests of this client count even if they are not in the robot's status yet.
     pub(super) fn least(&self, tried: &[Tried]) -> Option<String> {
         let load = |robot: &Robot| {
             let status = robot.status.filter(|_| robot.offline_since.is_none())?;

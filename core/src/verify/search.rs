@@ -38,8 +38,11 @@ const ALIKE: f32 = 0.08;
 const BOTH_EXPLAINED: f32 = 0.55;
 const MORE_PROBABLE: f32 = 1.0;
 const BETTER: f32 = 2.0;
-/// Standard errors by which a pose that explains both clouds must fit better than the most probable one to replace it.
+/// Standard errors by which a pose that explains both clouds must fit better than the most probable one to replace it. Fewer are enough
+/// with residuals below `WELL_EXPLAINED`: the clouds then overlap as a whole, not by chance in some part.
 const FAR_BETTER: f32 = 10.0;
+const CLEARLY_BETTER: f32 = 3.0;
+const WELL_EXPLAINED: f32 = 0.4;
 /// How much more loss than the best a polished hypothesis may have: normally, and with the pose at hand held on to.
 const FAR_BEHIND: f32 = 0.2;
 const BEHIND: f32 = 0.1;
@@ -162,15 +165,17 @@ impl Search<'_, '_> {
         let held = self.contenders.iter().enumerate();
         let held = held.filter_map(|(i, held)| held.map(|held| (score(i), i, held.at)));
         let best_fit = held.max_by(|a, b| a.0.total_cmp(&b.0));
-        let Some((_, i, at)) = best_fit.filter(|&(score, ..)| score > FAR_BETTER) else {
+        let Some((score, i, at)) = best_fit.filter(|&(score, ..)| score > CLEARLY_BETTER) else {
             return best;
         };
         self.refiner.match_both(at, COMPARED);
-        if explains_both(self.refiner.matched_residual(at)) {
-            i
+        let Residual { source, target } = self.refiner.matched_residual(at);
+        let most = if score > FAR_BETTER {
+            BOTH_EXPLAINED
         } else {
-            best
-        }
+            WELL_EXPLAINED
+        };
+        if source.max(target) < most { i } else { best }
     }
 
     /// Screens hypotheses, sifts the best and enters the best of those. If the pose at hand is held on to and planes fix its

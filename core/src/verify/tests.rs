@@ -122,6 +122,27 @@ fn a_copy_that_is_hardly_nearer_to_the_start_does_not_take_the_place_of_the_pose
     }
 }
 
+/// A plate that is its own copy when turned by half a turn, but for the boss on it. The start is turned by half a turn.
+#[test]
+fn a_feature_that_settles_the_pose_overrules_the_start() {
+    let plate = |seed: u32| {
+        let boss = moved(
+            &brick([0.12, 0.12, 0.1], 60, seed + 1),
+            pose([0.0; 3], [0.55, 0.3, 0.15]),
+        );
+        [brick([0.9, 0.6, 0.08], 900, seed), boss].concat()
+    };
+    let (source, target) = (plate(41), plate(43));
+    let turned = pose([0.0, 0.0, core::f32::consts::PI], [0.0; 3]);
+    let mut workspace = Box::new(Workspace::new());
+    let mut refiner = Refiner::new(&source, &target, &mut workspace).expect("valid clouds");
+    let found = refiner
+        .verify(turned, &Start::at(turned))
+        .expect("a rigid pose");
+    let (angle, _) = error(found.best.target_from_source, Pose::IDENTITY);
+    assert!(angle < 2.0, "{found:?}");
+}
+
 #[test]
 fn a_pose_has_the_lead_unless_another_fits_as_well() {
     // A brick fits as well upside down.

@@ -1,5 +1,5 @@
 //! Which way a target's surface faces, if a mesh tells. Surfaces that face away from the sensor were not seen, so the far side
-//! of a wall is not taken for its near side.
+//! of a wall is not taken for its near side. Nor were those inside a housing.
 
 use crate::dims::SURFACE_POINTS;
 use crate::freespace::DepthGrid;
@@ -11,6 +11,9 @@ use glam::Vec3;
 /// A surface faces away if the cosine between its outward normal and the direction to the sensor is below minus this. The
 /// margin allows for estimated normals.
 const AWAY: f32 = 0.1;
+
+/// In place of the outward direction at a point that nothing outside can see, such as one inside a housing.
+pub const INSIDE: [f32; 3] = [f32::INFINITY; 3];
 
 /// A bit for each place of a surface.
 #[derive(Clone, Debug)]
@@ -32,7 +35,8 @@ impl Bits {
     }
 }
 
-/// For a target's points, by place, whether the estimated normal points outward or inward.
+/// For a target's points, by place, whether the estimated normal points outward or inward; both at a point that nothing outside
+/// can see.
 #[derive(Clone, Debug)]
 pub(crate) struct Facing {
     /// Whether it is known for any point.
@@ -60,12 +64,14 @@ impl Facing {
             let Some((place, _)) = here else { continue };
             let (_, normal) = model.surface.at(place);
             let along = normal.dot(Vec3::from_array(outward));
-            if along > 0.0 {
+            let is_inside = outward == INSIDE;
+            if is_inside || along > 0.0 {
                 self.outward.set(place);
-            } else if along < 0.0 {
+            }
+            if is_inside || along < 0.0 {
                 self.inward.set(place);
             }
-            self.is_known |= along.abs() > 0.0;
+            self.is_known |= is_inside || along.abs() > 0.0;
         }
     }
 
@@ -99,16 +105,17 @@ impl VisibleTarget<'_> {
         self.seen.is_some()
     }
 
-    /// Whether the surface at a place faces away from the sensor; false if unknown.
+    /// Whether the surface at a place faces away from the sensor, or nothing outside can see it; false if unknown.
     pub(crate) fn is_away(&self, place: usize) -> bool {
         let Some((facing, eye)) = self.seen else {
             return false;
         };
         let (point, normal) = self.target.at(place);
         let outward = match (facing.outward.has(place), facing.inward.has(place)) {
-            (true, _) => normal,
-            (_, true) => -normal,
-            _ => return false,
+            (true, true) => return true,
+            (true, false) => normal,
+            (false, true) => -normal,
+            (false, false) => return false,
         };
         let towards = eye - point;
         let along = outward.dot(towards);
@@ -118,6 +125,7 @@ impl VisibleTarget<'_> {
 
 #[cfg(test)]
 mod tests {
+    use super::INSIDE;
     use crate::polish::tests::Numbers;
     use crate::polish::{Refined, Refiner, Workspace};
     use crate::pose::Pose;
@@ -191,6 +199,22 @@ mod tests {
             let found = plate(half, &outward(1.0), ABOVE);
             assert!(found.near > 0.95 && found.within > 0.99, "{found:?}");
             assert!(found.target_from_source.translation.z.abs() < 0.004);
+        }
+    }
+
+    /// The lower side, nearer to the start, is said to lie inside.
+    #[test]
+    fn what_nothing_outside_can_see_was_not_seen() {
+        let inside: Vec<_> = (0..1200)
+            .map(|i| if i < 600 { [f32::NAN; 3] } else { INSIDE })
+            .collect();
+        let height = |found: Refined| found.target_from_source.translation.z;
+        let right = height(refined(&inside, ABOVE));
+        assert!(right.abs() < 0.1 * HALF, "{right}");
+        // From within a room, everything may be seen.
+        for unknown in [None, Some(Vec3::new(0.0, 0.0, 0.5))] {
+            let lower = height(refined(&inside, unknown));
+            assert!((lower + 2.0 * HALF).abs() < 0.1 * HALF, "{lower}");
         }
     }
 

@@ -4,6 +4,7 @@
 use crate::cloud::LARGEST_COORDINATE;
 use crate::error::Error;
 use crate::evidence::Evidence;
+pub use crate::facing::INSIDE;
 use crate::frame::Frame;
 use crate::model::Model;
 use crate::polish::{Refined, Refiner, Workspace};
@@ -90,8 +91,8 @@ pub struct Task<'b> {
     pub view_point: Option<Vec3>,
     /// What else the sensor saw, in the source's frame and units ([`Refiner::seen_before`]); ignored without a view point.
     pub background: &'b [[f32; 3]],
-    /// Outward normals of the target's points, in their order, as a mesh gives them ([`Refiner::faces`]); ignored without a
-    /// view point.
+    /// Outward normals of the target's points, in their order, as a mesh gives them, or [`INSIDE`] ([`Refiner::faces`]); ignored
+    /// without a view point.
     pub outward: &'b [[f32; 3]],
     /// The target, prepared beforehand ([`Workspace::prepare`]); a model of another target is ignored.
     pub model: Option<&'b Model>,

@@ -340,9 +340,10 @@ impl<'w> Refiner<'w> {
     }
 
     /// States which way the target's surface faces: `outward [M, 3]` at its points, in their order.
-    /// What faces away from the sensor ([`Refiner::seen_from`]) was not seen, and the source is matched
-    /// only with the rest, unless the sensor stands within the target's radius. A point without a valid
-    /// direction is unknown, as is all of a target of more than [`crate::dims::SURFACE_POINTS`] points.
+    /// What faces away from the sensor ([`Refiner::seen_from`]) was not seen, nor what is inside of the target
+    /// ([`crate::pipeline::INSIDE`]), and the source is matched only with the rest, unless the sensor stands within
+    /// the target's radius. A point without a valid direction is unknown, as is all of a target of more than
+    /// [`crate::dims::SURFACE_POINTS`] points.
     pub fn faces(&mut self, outward: &[[f32; 3]]) {
         self.work.facing.fill(self.model, outward);
     }

@@ -11,6 +11,7 @@ pub mod replay;
 pub mod request;
 pub mod scale;
 pub mod sentences;
+mod surface;
 pub mod thin;
 pub mod trace;
 #[cfg(not(target_family = "wasm"))]

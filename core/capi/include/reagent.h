@@ -193,8 +193,9 @@ typedef struct {
   // Number of these points, at most 4096: pixels spread around the object are enough.
   size_t background_points;
   // Which way the target's surface faces, as a closed mesh tells: x, y and z of a direction for each point of the target,
-  // in their order. What faces away from the sensor was not seen. Null if unknown; ignored without a view point, and for
-  // a target of more than 2048 points.
+  // in their order. What faces away from the sensor was not seen. Three times INFINITY at a point that nothing outside can
+  // see, such as one inside a housing. Null if unknown; ignored without a view point, and for a target of more than 2048
+  // points.
   const float *outward;
   // Number of these directions: that of the target's points, or 0.
   size_t outward_directions;

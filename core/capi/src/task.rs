@@ -51,8 +51,9 @@ pub struct ReagentTask {
     /// Number of these points, at most 4096: pixels spread around the object are enough.
     pub background_points: usize,
     /// Which way the target's surface faces, as a closed mesh tells: x, y and z of a direction for each point of the target,
-    /// in their order. What faces away from the sensor was not seen. Null if unknown; ignored without a view point, and for
-    /// a target of more than 2048 points.
+    /// in their order. What faces away from the sensor was not seen. Three times INFINITY at a point that nothing outside can
+    /// see, such as one inside a housing. Null if unknown; ignored without a view point, and for a target of more than 2048
+    /// points.
     pub outward: *const f32,
     /// Number of these directions: that of the target's points, or 0.
     pub outward_directions: usize,

@@ -236,7 +236,8 @@ impl CloudFile {
         self.mesh_relative_to([0.0; 3])
     }
 
-    fn mesh_relative_to(&self, origin: Position) -> Mesh {
+    /// The mesh in f32, relative to `origin`.
+    pub fn mesh_relative_to(&self, origin: Position) -> Mesh {
         Mesh {
             vertices: self
                 .relative_to(origin)

@@ -10,6 +10,7 @@ mod error;
 pub mod h5;
 pub mod mesh;
 pub mod modelnet;
+pub mod outside;
 pub mod pairs;
 pub mod procedural;
 pub mod raster;

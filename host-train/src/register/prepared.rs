@@ -4,17 +4,20 @@ use crate::dataset::Point;
 use crate::dataset::cloud_file::{
     CloudError, CloudFile, MAX_COORDINATE, MESH_POINTS, Note, origin_of,
 };
-use crate::dataset::winding::Winding;
 use crate::pose64::Position;
 use crate::random::{Purpose, stream};
 use crate::register::dense::DENSE_POINTS;
+use crate::register::surface::{Surface, is_seen};
 use crate::register::thin::thin;
 use crate::register::within_capacity;
+use glam::Vec3;
 use reagent_core::dims::MAX_POINTS;
 use reagent_core::frame::check_cloud;
+use reagent_core::{Error, Frame};
 use std::borrow::Cow;
 use std::collections::HashMap;
 use std::path::Path;
+use std::sync::OnceLock;
 
 /// One of the two clouds.
 #[derive(Clone, Debug, PartialEq)]
@@ -25,11 +28,10 @@ pub struct Prepared<'a> {
     pub all: Cow<'a, [Point]>,
     /// The points that the policy sees, where it sees only a part.
     thinned: Option<Vec<Point>>,
-    /// Whether the points were drawn from faces.
-    is_surface: bool,
-    /// Outward surface normals at the points that the policy sees, in their order. Only for a mesh that encloses a
-    /// volume, closed and consistently wound; otherwise empty.
-    pub outward: Vec<Point>,
+    /// The faces from which the points were drawn.
+    surface: Option<Surface>,
+    /// [`Prepared::outward`], once it is asked for.
+    outward: OnceLock<Vec<Point>>,
     /// What the sensor saw besides a source with a known view point; otherwise empty.
     pub background: Vec<Point>,
     /// What the reader noticed, and what was done to the points.
@@ -52,21 +54,15 @@ impl<'a> Prepared<'a> {
         let notes = file.notes.clone();
         if file.faces.is_none() {
             let all = Cow::Owned(file.relative_to(origin));
-            return Prepared::new(origin, all, path, count, (false, notes));
+            return Prepared::new(origin, all, path, count, (None, notes));
         }
         let rng = &mut stream(seed, Purpose::Surface, 0);
         let surface = file.clone().sampled(DENSE_POINTS, rng);
         let surface = surface.ok_or_else(|| CloudError::NoArea { path: path.into() })?;
         let all = surface.relative_to(origin);
-        let faces = match (file.winding(), surface.normals) {
-            (Some(winding), Some(normals)) => outward(winding, &all, normals),
-            _ => HashMap::new(),
-        };
-        let mut prepared = Prepared::new(origin, Cow::Owned(all), path, count, (true, notes))?;
-        let outward = prepared.points().iter();
-        let outward = outward.filter_map(|p| faces.get(&p.map(f32::to_bits)).copied());
-        prepared.outward = outward.collect();
-        Ok(prepared)
+        let mesh = file.mesh_relative_to(origin);
+        let faces = Surface::new(mesh, surface.normals.unwrap_or_default());
+        Prepared::new(origin, Cow::Owned(all), path, count, (Some(faces), notes))
     }
 
     /// Prepares points in memory, as those of a file with a plain cloud. Errors name `path`.
@@ -99,7 +95,7 @@ impl<'a> Prepared<'a> {
         let as_they_lie = !points.is_empty() && wide().all(valid) && origin_of(wide()) == [0.0; 3];
         if as_they_lie {
             let all = Cow::Borrowed(points);
-            Prepared::new([0.0; 3], all, path, count, (false, Vec::new()))
+            Prepared::new([0.0; 3], all, path, count, (None, Vec::new()))
         } else {
             Prepared::of_positions(wide().collect(), path, count)
         }
@@ -110,7 +106,7 @@ impl<'a> Prepared<'a> {
         all: Cow<'a, [Point]>,
         path: &Path,
         count: Option<usize>,
-        (is_surface, mut notes): (bool, Vec<Note>),
+        (surface, mut notes): (Option<Surface>, Vec<Note>),
     ) -> Result<Prepared<'a>, CloudError> {
         if all.len() > 1 && all.iter().all(|point| point == &all[0]) {
             return Err(CloudError::NoExtent { path: path.into() });
@@ -120,7 +116,7 @@ impl<'a> Prepared<'a> {
             true => Cow::Owned(thin(&all, DENSE_POINTS)),
             false => all,
         };
-        let thinned = match count.or(is_surface.then_some(MESH_POINTS)) {
+        let thinned = match count.or(surface.as_ref().map(|_| MESH_POINTS)) {
             Some(count) if count < all.len() => Some(thin(&all, count)),
             None if all.len() > MAX_POINTS => Some(within_capacity(&all)),
             _ => None,
@@ -128,7 +124,7 @@ impl<'a> Prepared<'a> {
         if origin != [0.0; 3] {
             notes.push(Note::Shifted { origin });
         }
-        if let Some(thinned) = thinned.as_ref().filter(|_| !is_surface) {
+        if let Some(thinned) = thinned.as_ref().filter(|_| surface.is_none()) {
             notes.push(Note::Thinned {
                 from: count_read,
                 to: thinned.len(),
@@ -138,8 +134,8 @@ impl<'a> Prepared<'a> {
             origin,
             all,
             thinned,
-            is_surface,
-            outward: Vec::new(),
+            surface,
+            outward: OnceLock::new(),
             background: Vec::new(),
             notes,
         };
@@ -152,7 +148,7 @@ impl<'a> Prepared<'a> {
 
     /// Notes that the target of a view has no faces, if its points were not drawn from any.
     pub fn notice_missing_faces(&mut self) {
-        if !self.is_surface {
+        if self.surface.is_none() {
             self.notes.push(Note::NoFaces);
         }
     }
@@ -168,27 +164,50 @@ impl<'a> Prepared<'a> {
         self.thinned.as_deref().unwrap_or(&self.all)
     }
 
+    /// What a mesh tells of the points that the policy sees, in their order: outward surface normals,
+    /// [`INSIDE`](reagent_core::pipeline::INSIDE) where nothing outside can see them, and NaN where both sides can be
+    /// seen. Empty if nothing is told.
+    pub fn outward(&self) -> &[Point] {
+        self.outward.get_or_init(|| {
+            let bits = |p: &Point| p.map(f32::to_bits);
+            let outward = self.all.iter().map(bits).zip(self.all_outward());
+            let outward: HashMap<_, _> = outward.collect();
+            let told = self.points().iter().map(bits);
+            told.filter_map(|p| outward.get(&p).copied().copied())
+                .collect()
+        })
+    }
+
+    fn all_outward(&self) -> &[Point] {
+        let surface = self.surface.as_ref();
+        surface.map_or(&[], |surface| surface.outward(&self.all))
+    }
+
+    /// The points for the last refinement that a sensor at `eye` may see. It sees all if it stands within the radius.
+    ///
+    /// # Errors
+    /// A cloud without extent.
+    pub fn all_seen_from(&self, eye: Vec3) -> Result<Cow<'_, [Point]>, Error> {
+        let Frame { centre, scale } = Frame::of(self.points())?;
+        let outward = self.all_outward();
+        if outward.is_empty() || eye.distance(centre) <= scale {
+            return Ok(Cow::Borrowed(&self.all));
+        }
+        let all = self.all.iter().zip(outward);
+        let seen = all.filter(|&(point, outward)| is_seen(*point, *outward, eye));
+        Ok(Cow::Owned(seen.map(|(point, _)| *point).collect()))
+    }
+
     /// Whether the policy sees only a part of the points.
     pub fn is_thinned(&self) -> bool {
         self.thinned.is_some()
     }
 }
 
-/// Outward normals at points drawn from a surface, by the points' bits, from its faces' normals and winding.
-fn outward(winding: Winding, points: &[Point], normals: Vec<Point>) -> HashMap<[u32; 3], Point> {
-    let outward = normals.into_iter().map(|normal| match winding {
-        Winding::Outward => normal,
-        Winding::Inward => normal.map(|x| -x),
-    });
-    let bits = points.iter().map(|p| p.map(f32::to_bits));
-    bits.zip(outward).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::dataset::winding::tests::block;
-    use glam::Vec3;
 
     fn cloud(count: usize, shift: f32) -> Vec<Point> {
         let point = |i: usize| [shift + i as f32 * 1e-3, (i % 7) as f32, (i % 11) as f32];
@@ -233,14 +252,15 @@ mod tests {
             let prepared = Prepared::of_file(&file, name(), count, 1).expect("a mesh");
             let near = |k: usize| (f64::from(middle[k]) - prepared.origin[k]) as f32;
             let middle = Vec3::from([0, 1, 2].map(near));
-            assert_eq!(prepared.outward.len(), prepared.points().len());
-            for (p, outward) in prepared.points().iter().zip(&prepared.outward) {
+            let outward = prepared.outward();
+            assert_eq!(outward.len(), prepared.points().len());
+            for (p, outward) in prepared.points().iter().zip(outward) {
                 let height = (Vec3::from(*p) - middle).dot(Vec3::from(*outward));
                 assert!((height - 2.0).abs() < 1e-3, "{height}");
             }
         }
         let cloud = Prepared::of_points(&vertices, name(), None).expect("a cloud");
-        assert_eq!(cloud.outward, [[0.0; 3]; 0]);
+        assert_eq!(cloud.outward(), [[0.0; 3]; 0]);
     }
 
     #[test]

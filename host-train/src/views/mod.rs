@@ -74,7 +74,7 @@ impl Object {
         for vertex in &mut mesh.vertices {
             *vertex = (*vertex - centre) / radius;
         }
-        let surface = mesh.sample(SURFACE_POINTS, rng);
+        let surface = mesh.sample_outside(SURFACE_POINTS, rng);
         (!surface.is_empty()).then_some(Object {
             mesh,
             surface,

@@ -166,7 +166,7 @@ fn points(path: &Path, seed: u64) -> Result<(Mesh, [Vec<Point>; 2]), BopError> {
         return Ok((mesh, [vertices.clone(), vertices]));
     }
     let rng = &mut stream(seed, Purpose::Shape, SURFACE_STREAM);
-    let surface = mesh.sample(SURFACE_POINTS, rng);
+    let surface = mesh.sample_outside(SURFACE_POINTS, rng);
     if surface.is_empty() {
         return Err(CloudError::NoArea { path: path.into() }.into());
     }

@@ -1,5 +1,6 @@
 //! The fleet's reception of a policy: which robots take it, which do not, and why.
 
+use super::followed::Followed;
 use super::{PublishError, Publisher, refused};
 use crate::words::count;
 use reagent_core::wire::{self, Manifest, Message, NotTaken, PolicyId, Status, WhyNot, keys};
@@ -53,18 +54,18 @@ pub struct Reception {
 }
 
 impl Reception {
-    /// Sorts the robots by what they say of a policy. A refusal from `before` it was announced, perhaps by another
+    /// Sorts the robots by what they say of a policy. A refusal that was reported `before` it was announced, perhaps by another
     /// publisher, does not count as an answer to this announcement, nor does "not yet" from a robot whose turn it is.
     /// A robot with another policy of this version or a newer one has given its answer.
     fn of(
         robots: &BTreeMap<String, Status>,
         manifest: &Manifest,
-        before: &BTreeMap<String, NotTaken>,
+        before: &BTreeMap<String, Status>,
     ) -> Reception {
         let policy = manifest.id();
         let is_old = |robot: &str, not: NotTaken| match not.reason {
             WhyNot::NotYet => manifest.reaches(robot),
-            _ => before.get(robot) == Some(&not),
+            _ => before.get(robot).and_then(|before| before.not_taken) == Some(not),
         };
         let mut reception = Reception::default();
         for (robot, status) in robots {
@@ -179,6 +180,11 @@ impl Publisher {
         Ok(self.session.declare_subscriber(key.as_str()).await?)
     }
 
+    /// Follows the robots: those that were there before the newest policy was announced, and those that answer now.
+    pub(super) async fn follow(&self) -> Result<Followed, PublishError> {
+        Followed::begin(&self.session, &self.fleet, self.before.clone()).await
+    }
+
     /// Waits until every online robot has taken a policy or said why not, but no longer than `wait`. A robot that
     /// refused the same policy before it was announced has that time to take it.
     ///
@@ -190,20 +196,15 @@ impl Publisher {
         wait: Duration,
     ) -> Result<Reception, PublishError> {
         let deadline = Instant::now() + wait;
-        let changes = self.follow_robots().await?;
-        let there = self.robots().await?.into_iter();
-        let mut robots: BTreeMap<_, _> = there.map(|heard| (heard.robot, heard.status)).collect();
+        let mut fleet = self.follow().await?;
         loop {
-            let reception = Reception::of(&robots, manifest, &self.refused_before);
+            let reception = Reception::of(&fleet.robots, manifest, &self.before);
             if reception.silent.is_empty() {
                 return Ok(reception);
             }
-            match tokio::time::timeout_at(deadline, changes.recv_async()).await {
-                Err(_) => return Ok(Reception::of(&robots, manifest, &BTreeMap::new())),
-                Ok(sample) => {
-                    let heard = Heard::read(&sample?);
-                    robots.extend(heard.map(|heard| (heard.robot, heard.status)));
-                }
+            match tokio::time::timeout_at(deadline, fleet.changed()).await {
+                Err(_) => return Ok(Reception::of(&fleet.robots, manifest, &BTreeMap::new())),
+                Ok(changed) => changed?,
             }
         }
     }
@@ -282,10 +283,7 @@ mod tests {
             ("b".to_owned(), status(None, Some((new, WhyNot::NotKept)))),
             ("c".to_owned(), status(None, Some((new, WhyNot::NotYet)))),
         ]);
-        let untrusted = NotTaken {
-            policy: new,
-            reason: WhyNot::Untrusted,
-        };
+        let untrusted = status(None, Some((new, WhyNot::Untrusted)));
         let before = ["a", "b"].map(|robot| (robot.to_owned(), untrusted));
         let names = |manifest: &Manifest, before: BTreeMap<_, _>| {
             let reception = Reception::of(&robots, manifest, &before);

@@ -110,7 +110,7 @@ impl Publisher {
     /// # Errors
     /// `Nobody`, `NotTheirs`; `Zenoh`.
     pub async fn check_old(&self, manifest: &Manifest, old: [u8; 32]) -> Result<(), PublishError> {
-        let there = self.robots().await?;
+        let there = self.follow().await?.heard();
         if there.is_empty() {
             let fleet = self.fleet.clone();
             return Err(PublishError::Nobody { fleet });
@@ -143,7 +143,7 @@ impl Publisher {
         mut told: impl FnMut(String),
     ) -> Result<Result<(), Halt>, PublishError> {
         self.serve(manifest, file.clone()).await?;
-        let before = past(self.robots().await?, gate.old);
+        let before = past(self.follow().await?.heard(), gate.old);
         let names = before.keys().filter(|name| !gate.except.contains(name));
         let names: Vec<&String> = names.collect();
         let mut reached = None;
@@ -164,9 +164,10 @@ impl Publisher {
                 let draw = manifest.draw(robot);
                 draw <= reach && last.is_none_or(|last| draw > last)
             };
-            let own = reception.taken.iter().filter(|&robot| is_new(robot));
-            let own = own.filter_map(|robot| before.get(robot));
-            let own = total(own.copied()).poses();
+            // Also of robots that have not been heard: what is not heard of does not go unjudged.
+            let own = before.iter().filter(|&(robot, _)| is_new(robot));
+            let own = own.filter(|&(robot, _)| !gate.except.contains(robot));
+            let own = total(own.map(|(_, tally)| *tally)).poses();
             // The last stage leaves no others to compare its robots with.
             let is_judged = reach != u32::MAX || own >= gate.poses;
             let robots = count(reception.taken.len(), "robot", "robots");
@@ -204,15 +205,15 @@ impl Publisher {
         told: &mut impl FnMut(String),
     ) -> Result<Result<(), Halt>, PublishError> {
         let deadline = Instant::now() + gate.wait;
-        let changes = self.follow_robots().await?;
-        let mut robots = self.robots().await?;
+        let mut fleet = self.follow().await?;
         let record = |robots: &[Heard]| {
             let new = |heard: &Heard| is_new(&heard.robot);
             Record::of(robots, new, before, manifest.id(), gate.old)
         };
         // Some had the policy before the last of them took it.
-        let earlier = record(&robots);
+        let earlier = record(&fleet.heard());
         loop {
+            let robots = fleet.heard();
             if let Some(halt) = overtaken(&robots, manifest) {
                 return Ok(Err(halt));
             }
@@ -229,7 +230,7 @@ impl Publisher {
                     judged => judged,
                 });
             }
-            let Ok(sample) = tokio::time::timeout_at(deadline, changes.recv_async()).await else {
+            let Ok(changed) = tokio::time::timeout_at(deadline, fleet.changed()).await else {
                 let there = self.robots().await?;
                 let is_gone = |name: &&String| !there.iter().any(|heard| heard.robot == **name);
                 let stage = before.keys().filter(|&name| is_new(name));
@@ -239,10 +240,7 @@ impl Publisher {
                     gone: stage.filter(is_gone).cloned().collect(),
                 }));
             };
-            if let Some(heard) = Heard::read(&sample?) {
-                robots.retain(|before| before.robot != heard.robot);
-                robots.push(heard);
-            }
+            changed?;
         }
     }
 }

@@ -59,10 +59,9 @@ impl Publisher {
             let by = "is announced".to_owned();
             (other.release(), Some(other.sha256), by)
         }));
-        self.refused_before.clear();
+        self.before.clear();
         for Heard { robot, status } in self.robots().await? {
-            let refused = status.not_taken.map(|not| (robot.clone(), not));
-            self.refused_before.extend(refused);
+            self.before.insert(robot.clone(), status);
             let policy = status.policy.map(|policy| {
                 let by = format!("robot {robot} runs");
                 (policy.release(), Some(policy.sha256), by)

@@ -38,6 +38,30 @@ async fn unheard(
     (session, answering)
 }
 
+#[tokio::test(flavor = "multi_thread")]
+async fn a_stage_does_not_wait_for_a_robot_that_has_left() {
+    let network = Network::start().await;
+    let _a = network.node(FLEET, "a").await;
+    let b = network.node(FLEET, "b").await;
+    let mut publisher = publisher(&network).await;
+    let file = good_policy();
+    let manifest = publisher.prepare(1, "first", &file).await;
+    let manifest = manifest.expect("a sound policy");
+    b.stop().await;
+    let hours = Gate {
+        wait: Duration::from_secs(36_000),
+        ..gate(0)
+    };
+    let mut lines = Vec::new();
+    // The second adds nobody.
+    let stages: Stages = "80%,1".parse().expect("stages");
+    let told = |line| lines.push(line);
+    let outcome = publisher.roll_out(&manifest, &file, &stages, &hours, told);
+    assert_eq!(outcome.await.expect("an open session"), Ok(()));
+    lines.retain(|line| line.starts_with("stage"));
+    assert_eq!(lines, ["stage of 1 robot: taken; no longer there: b"]);
+}
+
 /// The status of a robot that runs the good policy under a version.
 fn runs_good(version: u64) -> Status {
     let manifest = manifest(version, "good", &good_policy()).expect("a good policy");

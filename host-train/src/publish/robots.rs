@@ -51,6 +51,8 @@ pub struct Reception {
     pub refused: Vec<(String, WhyNot)>,
     /// Robots that have reported nothing about it, and what they run.
     pub silent: Vec<(String, Option<PolicyId>)>,
+    /// Robots that have left before they reported anything about it.
+    pub left: Vec<String>,
 }
 
 impl Reception {
@@ -85,7 +87,14 @@ impl Reception {
         reception
     }
 
-    /// Whether a robot is among those that were there.
+    /// The same, where some of the silent robots `have_left`.
+    fn where_left(mut self, has_left: impl Fn(&str) -> bool) -> Reception {
+        let left = self.silent.extract_if(.., |(robot, _)| has_left(robot));
+        self.left = left.map(|(robot, _)| robot).collect();
+        self
+    }
+
+    /// Whether a robot is among those that are there.
     pub(super) fn names(&self, robot: &str) -> bool {
         let mut refused = self.refused.iter().map(|(name, _)| name);
         let mut silent = self.silent.iter().map(|(name, _)| name);
@@ -120,8 +129,9 @@ impl fmt::Display for Reception {
             taken,
             refused,
             silent,
+            left,
         } = self;
-        let robots = taken.len() + refused.len() + silent.len();
+        let robots = taken.len() + refused.len() + silent.len() + left.len();
         if robots == 0 {
             return write!(f, "no robot is there; it waits for those that come");
         }
@@ -143,7 +153,10 @@ impl fmt::Display for Reception {
                 None => write!(f, "\nno word of it from {robot}, which has no policy")?,
             }
         }
-        Ok(())
+        match left.is_empty() {
+            true => Ok(()),
+            false => write!(f, "\nno longer there: {}", left.join(", ")),
+        }
     }
 }
 
@@ -186,7 +199,7 @@ impl Publisher {
     }
 
     /// Waits until every online robot has taken a policy or said why not, but no longer than `wait`. A robot that
-    /// refused the same policy before it was announced has that time to take it.
+    /// refused the same policy before it was announced has that time to take it. One that leaves is not waited for.
     ///
     /// # Errors
     /// `Zenoh`.
@@ -199,11 +212,15 @@ impl Publisher {
         let mut fleet = self.follow().await?;
         loop {
             let reception = Reception::of(&fleet.robots, manifest, &self.before);
+            let reception = reception.where_left(|robot| fleet.has_left(robot));
             if reception.silent.is_empty() {
                 return Ok(reception);
             }
             match tokio::time::timeout_at(deadline, fleet.changed()).await {
-                Err(_) => return Ok(Reception::of(&fleet.robots, manifest, &BTreeMap::new())),
+                Err(_) => {
+                    let reception = Reception::of(&fleet.robots, manifest, &BTreeMap::new());
+                    return Ok(reception.where_left(|robot| fleet.has_left(robot)));
+                }
                 Ok(changed) => changed?,
             }
         }
@@ -255,6 +272,13 @@ mod tests {
         let error = |reception| PublishError::NotTaken { reception }.to_string();
         let silent = error(reception.clone());
         assert!(silent.ends_with("let this certificate publish"), "{silent}");
+        let left = reception.clone().where_left(|robot| robot == "d");
+        let lines = lines.replace(
+            "no word of it from d, which runs version 1",
+            "no longer there: d",
+        );
+        assert_eq!(left.to_string(), lines);
+        assert!(!left.names("d"));
         // A robot that refuses it has heard of it.
         let refused = Reception {
             silent: Vec::new(),

@@ -149,10 +149,11 @@ impl Publisher {
         let mut reached = None;
         for &stage in &stages.0 {
             let reach = reach(manifest, stage, &names);
-            let last = reached.replace(reach);
-            if last == Some(reach) {
+            let last = reached;
+            if last.is_some_and(|last| reach <= last) {
                 continue;
             }
+            reached = Some(reach);
             let manifest = Manifest {
                 reach,
                 ..manifest.clone()
@@ -171,10 +172,12 @@ impl Publisher {
             // The last stage leaves no others to compare its robots with.
             let is_judged = reach != u32::MAX || own >= gate.poses;
             let robots = count(reception.taken.len(), "robot", "robots");
+            let absent = reception.absent(&manifest);
             told(match is_judged {
-                true => format!("stage of {robots}: taken"),
+                true => format!("stage of {robots}: taken{absent}"),
                 false => format!(
-                    "stage of {robots}: taken; not judged: the old policy gave {own} poses there where {} are needed",
+                    "stage of {robots}: taken{absent}; not judged: the old policy gave {own} poses there where {} are \
+                     needed",
                     gate.poses
                 ),
             });
@@ -267,6 +270,20 @@ fn overtaken(robots: &[Heard], manifest: &Manifest) -> Option<Halt> {
 }
 
 impl Reception {
+    /// What a stage's line says of its robots that have left or say nothing.
+    fn absent(&self, stage: &Manifest) -> String {
+        let said = |what: &str, robots: Vec<&String>| {
+            let robots = robots.into_iter().filter(|robot| stage.reaches(robot));
+            let robots: Vec<&str> = robots.map(String::as_str).collect();
+            match robots.is_empty() {
+                true => String::new(),
+                false => format!("; {what}: {}", robots.join(", ")),
+            }
+        };
+        let silent = self.silent.iter().map(|(robot, _)| robot);
+        said("no longer there", self.left.iter().collect()) + &said("silent", silent.collect())
+    }
+
     /// Robots that should have taken the policy and could not.
     fn failed(&self) -> impl Iterator<Item = &(String, WhyNot)> {
         self.refused

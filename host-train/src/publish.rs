@@ -172,14 +172,23 @@ impl Publisher {
         name: &str,
         file: &WeightFile,
     ) -> Result<Manifest, PublishError> {
-        let manifest = Manifest {
+        let manifest = self.manifest(version, name, file)?;
+        self.check_version(&manifest).await?;
+        Ok(manifest)
+    }
+
+    fn manifest(
+        &self,
+        version: u64,
+        name: &str,
+        file: &WeightFile,
+    ) -> Result<Manifest, PublishError> {
+        Ok(Manifest {
             epoch: self.epoch,
             training_sha256: self.provenance.training,
             evaluation_sha256: self.provenance.evaluation,
             ..manifest(version, name, file).map_err(refused(name))?
-        };
-        self.check_version(&manifest).await?;
-        Ok(manifest)
+        })
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::witness::Witness;
 use super::{
-    Comparison, Gate, Halt, Provenance, PublishError, Publisher, SessionArgs, Stages,
+    Comparison, Gate, Halt, Provenance, PublishError, Publisher, Reception, SessionArgs, Stages,
     has_certificate, open_session, read_key,
 };
 use crate::dataset::pairs::PairSet;
@@ -11,7 +11,7 @@ use crate::random::SEED;
 use crate::train::DataSource;
 use crate::views::Views;
 use crate::words::count;
-use reagent_core::wire::{Manifest, PolicyName};
+use reagent_core::wire::{Manifest, PolicyName, Release};
 use reagent_link::metrics::MetricsArgs;
 use reagent_link::name::name;
 use reagent_link::stop::stop_requested;
@@ -228,19 +228,41 @@ async fn roll_out(
     if !matches!(halt, Halt::Worse(_) | Halt::NotTaken(_)) {
         return Err(PublishError::Halted { halt });
     }
-    let back = publisher.publish(manifest.version + 1, "taken-back", old);
-    let back = back.await?;
+    let (halt, worse) = (Box::new(halt), manifest.release());
+    let back = take_back(publisher, witness, worse, old, args).await;
+    let mut robots = witness.with_policy(manifest.id());
+    Err(match back {
+        Ok((version, reception)) => {
+            robots.retain(|robot| !reception.names(robot));
+            PublishError::TakenBack {
+                halt,
+                version,
+                reception,
+                away: robots,
+            }
+        }
+        Err(reason) => PublishError::NotTakenBack {
+            halt,
+            reason: Box::new(reason),
+            version: worse,
+            robots,
+        },
+    })
+}
+
+/// Publishes the old policy again. Returns its version, and the robots' reception of it.
+async fn take_back(
+    publisher: &mut Publisher,
+    witness: &Witness,
+    worse: Release,
+    old: WeightFile,
+    args: &PublishArgs,
+) -> Result<(Release, Reception), PublishError> {
+    let back = publisher.publish_over(worse, "taken-back", old).await?;
     witness.published(&back);
     let wait = Duration::from_secs(args.wait);
     let reception = publisher.reception(&back, wait).await?;
-    let mut away = witness.with_policy(manifest.id());
-    away.retain(|robot| !reception.names(robot));
-    Err(PublishError::TakenBack {
-        halt: Box::new(halt),
-        version: back.release(),
-        reception,
-        away,
-    })
+    Ok((back.release(), reception))
 }
 
 /// Compares the policy with the one before it, and reports the result.

@@ -156,6 +156,21 @@ pub enum PublishError {
         /// Other robots, which had taken the policy that does worse.
         away: Vec<String>,
     },
+    /// A stage of the fleet does worse than before, and keeps the policy.
+    #[error(
+        "the roll-out halts: {halt}; the old policy could not be published again: {reason}; robots that run version \
+         {version}, which does worse: {}", names(.robots)
+    )]
+    NotTakenBack {
+        /// Why the roll-out halts.
+        halt: Box<Halt>,
+        /// Why the old policy is not there again.
+        reason: Box<PublishError>,
+        /// The version of the policy that does worse.
+        version: Release,
+        /// Robots that run it.
+        robots: Vec<String>,
+    },
     /// The storages have not kept the whole policy.
     #[error(
         "{stored} of {chunks} chunks came back from {key}; does a router keep reagent/v1/** in a storage?"
@@ -182,6 +197,13 @@ pub enum PublishError {
     /// The session failed.
     #[error("zenoh: {}", plain(.0))]
     Zenoh(#[from] zenoh::Error),
+}
+
+fn names(robots: &[String]) -> String {
+    match robots.is_empty() {
+        true => "none".into(),
+        false => robots.join(", "),
+    }
 }
 
 /// Names the robots that still have a policy that was taken back.

@@ -57,7 +57,7 @@ async fn a_stage_does_not_wait_for_a_robot_that_has_left() {
     let stages: Stages = "80%,1".parse().expect("stages");
     let told = |line| lines.push(line);
     let outcome = publisher.roll_out(&manifest, &file, &stages, &hours, told);
-    assert_eq!(outcome.await.expect("an open session"), Ok(()));
+    assert_eq!(outcome.await.expect("an open session").map(drop), Ok(()));
     lines.retain(|line| line.starts_with("stage"));
     assert_eq!(lines, ["stage of 1 robot: taken; no longer there: b"]);
 }

@@ -173,8 +173,7 @@ async fn ship(
     let name = fitting(&stem.to_string_lossy());
     let manifest = if let (Some(stages), Some(old)) = (&args.stages, old) {
         let manifest = publisher.prepare(version, &name, &file).await?;
-        roll_out(publisher, witness, &manifest, [file, old], stages, args).await?;
-        manifest
+        roll_out(publisher, witness, &manifest, [file, old], stages, args).await?
     } else {
         let manifest = match args.store {
             true => publisher.store(version, &name, &file).await?,
@@ -210,7 +209,7 @@ async fn roll_out(
     [file, old]: [WeightFile; 2],
     stages: &Stages,
     args: &PublishArgs,
-) -> Result<(), PublishError> {
+) -> Result<Manifest, PublishError> {
     let gate = Gate {
         poses: args.gate_poses,
         wait: Duration::from_secs(args.gate_wait),
@@ -224,7 +223,10 @@ async fn roll_out(
     let outcome = publisher
         .roll_out(manifest, &file, stages, &gate, told)
         .await?;
-    let Err(halt) = outcome else { return Ok(()) };
+    let halt = match outcome {
+        Ok(announced) => return Ok(announced),
+        Err(halt) => halt,
+    };
     if !matches!(halt, Halt::Worse(_) | Halt::NotTaken(_)) {
         return Err(PublishError::Halted { halt });
     }

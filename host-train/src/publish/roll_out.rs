@@ -130,7 +130,8 @@ impl Publisher {
     }
 
     /// Serves a policy and announces it to one part of the fleet after the other. `told` gets a line for each stage. If
-    /// a stage halts, the robots that it has not reached keep what they have.
+    /// a stage halts, the robots that it has not reached keep what they have. Returns the manifest that was announced last:
+    /// it need not reach all robots.
     ///
     /// # Errors
     /// As [`Publisher::publish`].
@@ -141,23 +142,20 @@ impl Publisher {
         stages: &Stages,
         gate: &Gate,
         mut told: impl FnMut(String),
-    ) -> Result<Result<(), Halt>, PublishError> {
+    ) -> Result<Result<Manifest, Halt>, PublishError> {
         self.serve(manifest, file.clone()).await?;
         let before = past(self.follow().await?.heard(), gate.old);
         let names = before.keys().filter(|name| !gate.except.contains(name));
         let names: Vec<&String> = names.collect();
-        let mut reached = None;
+        let (mut manifest, mut reached) = (manifest.clone(), None);
         for &stage in &stages.0 {
-            let reach = reach(manifest, stage, &names);
+            let reach = reach(&manifest, stage, &names);
             let last = reached;
             if last.is_some_and(|last| reach <= last) {
                 continue;
             }
             reached = Some(reach);
-            let manifest = Manifest {
-                reach,
-                ..manifest.clone()
-            };
+            manifest.reach = reach;
             self.announce(&manifest).await?;
             let reception = self.reception(&manifest, gate.wait).await?;
             // The others were judged before.
@@ -195,7 +193,7 @@ impl Publisher {
                 return Ok(Err(halt));
             }
         }
-        Ok(Ok(()))
+        Ok(Ok(manifest))
     }
 
     /// Waits until the robots that are new to the policy have given enough poses, and judges these.

@@ -219,6 +219,7 @@ async fn roll_out(
     };
     publisher.check_old(manifest, gate.old).await?;
     witness.published(manifest);
+    println!("version {} goes out in stages", manifest.release());
     let told = |line: String| println!("{line}");
     let outcome = publisher
         .roll_out(manifest, &file, stages, &gate, told)
@@ -228,7 +229,8 @@ async fn roll_out(
         Err(halt) => halt,
     };
     if !matches!(halt, Halt::Worse(_) | Halt::NotTaken(_)) {
-        return Err(PublishError::Halted { halt });
+        let version = manifest.release();
+        return Err(PublishError::Halted { halt, version });
     }
     let (halt, worse) = (Box::new(halt), manifest.release());
     let back = take_back(publisher, witness, worse, old, args).await;

@@ -136,10 +136,14 @@ pub enum PublishError {
         runs: PolicyId,
     },
     /// A roll-out cannot go on; the robots that have the policy keep it.
-    #[error("the roll-out halts: {halt}; the robots that have it keep it; {}", .halt.way_on())]
+    #[error(
+        "the roll-out halts: {halt}; the robots that have version {version} keep it; {}", .halt.way_on(version.version)
+    )]
     Halted {
         /// Why.
         halt: Halt,
+        /// The version that was rolled out.
+        version: Release,
     },
     /// A stage of the fleet does worse than before, and the old policy was published again.
     #[error(

@@ -11,13 +11,14 @@ use crate::random::SEED;
 use crate::train::DataSource;
 use crate::views::Views;
 use crate::words::count;
-use reagent_core::wire::{Manifest, PolicyName, Release};
+use reagent_core::wire::{Manifest, PolicyId, PolicyName, Release};
 use reagent_link::metrics::MetricsArgs;
 use reagent_link::name::name;
 use reagent_link::stop::stop_requested;
 use sha2::{Digest, Sha256};
 use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};
+use std::pin::pin;
 use std::time::{Duration, SystemTime};
 
 /// Views on which policies are compared, and points in each.
@@ -138,8 +139,20 @@ pub async fn run(args: PublishArgs) -> Result<(), PublishError> {
         }
     };
     let witness = Witness::start(&publisher, &args).await?;
+    let policy = PolicyId {
+        epoch: args.epoch,
+        version,
+        sha256: Sha256::digest(file.bytes()).into(),
+    };
+    // One for both, so that no signal is lost between them.
+    let mut stop = pin!(stop_requested());
     let shipped = tokio::select! {
         Err(failed) = witness.follow() => Err(failed),
+        stopped = &mut stop => {
+            stopped.map_err(zenoh::Error::from)?;
+            witness.ask().await?;
+            return witness.end(stopped_early(&args, &witness, policy));
+        }
         shipped = ship(&mut publisher, &witness, &args, version, file, old) => shipped,
     };
     match &shipped {
@@ -150,14 +163,30 @@ pub async fn run(args: PublishArgs) -> Result<(), PublishError> {
         Ok(()) if !args.store => {}
         _ => {
             witness.ask().await?;
-            return shipped.and(witness.end());
+            return witness.end(shipped);
         }
     }
     let stopped = tokio::select! {
         Err(failed) = witness.follow() => Err(failed),
-        stopped = stop_requested() => shipped.and(Ok(stopped.map_err(zenoh::Error::from)?)),
+        stopped = &mut stop => shipped.and(Ok(stopped.map_err(zenoh::Error::from)?)),
     };
-    stopped.and(witness.end())
+    witness.end(stopped)
+}
+
+/// The end of a publisher that is stopped before it has told how robots receive the policy. Without stages, the policy is out
+/// as soon as it is announced.
+fn stopped_early(
+    args: &PublishArgs,
+    witness: &Witness,
+    policy: PolicyId,
+) -> Result<(), PublishError> {
+    match args.stages.is_some() || args.store {
+        false => Ok(()),
+        true => Err(PublishError::Stopped {
+            version: policy.release(),
+            robots: witness.with_policy(policy),
+        }),
+    }
 }
 
 /// Publishes the policy as the arguments say, and reports the result.
@@ -241,7 +270,7 @@ async fn roll_out(
             PublishError::TakenBack {
                 halt,
                 version,
-                reception,
+                reception: Box::new(reception),
                 away: robots,
             }
         }

@@ -156,7 +156,7 @@ pub enum PublishError {
         /// The old policy's new version.
         version: Release,
         /// Its reception by the robots that are there.
-        reception: Reception,
+        reception: Box<Reception>,
         /// Other robots, which had taken the policy that does worse.
         away: Vec<String>,
     },
@@ -171,6 +171,14 @@ pub enum PublishError {
         /// Why the old policy is not there again.
         reason: Box<PublishError>,
         /// The version of the policy that does worse.
+        version: Release,
+        /// Robots that run it.
+        robots: Vec<String>,
+    },
+    /// The publisher was asked to end before all stages were judged, or the policy was stored.
+    #[error("stopped before the end; robots that run version {version}, which is not judged: {}", names(.robots))]
+    Stopped {
+        /// The version that was to be published.
         version: Release,
         /// Robots that run it.
         robots: Vec<String>,

@@ -254,13 +254,19 @@ impl Witness {
         Ok(())
     }
 
-    /// Ends the history.
+    /// Ends the history of a publisher that ends with an outcome.
     ///
     /// # Errors
-    /// `Record` if lines are lost.
-    pub(super) fn end(&self) -> Result<(), PublishError> {
+    /// The outcome; `Record` if lines are lost.
+    pub(super) fn end(&self, outcome: Result<(), PublishError>) -> Result<(), PublishError> {
         let history = &mut self.seen.lock().history;
-        history.as_mut().map_or(Ok(()), History::end)
+        match (outcome, history.as_mut().map_or(Ok(()), History::end)) {
+            (Err(failed), Err(lost)) => {
+                tracing::error!("{lost}");
+                Err(failed)
+            }
+            (outcome, written) => outcome.and(written),
+        }
     }
 
     fn note(&self, heard: &Heard) {

@@ -166,8 +166,11 @@ async fn a_roll_out_goes_on_without_a_robot_that_is_excepted() {
     let outcome = publisher.roll_out(&manifest, &file, &stages, &gate, told);
     let halt = outcome.await.expect("an open session").expect_err("not b");
     assert!(halt.to_string().ends_with("--except b"), "{halt}");
-    gate.except = vec!["b".into()];
+    gate.except = vec!["b".into(), "nosuch".into()];
     let manifest = publisher.prepare(2, "second", &file).await.expect("sound");
+    let mut lines = Vec::new();
+    let told = |line| lines.push(line);
     let outcome = publisher.roll_out(&manifest, &file, &stages, &gate, told);
     assert_eq!(outcome.await.expect("an open session").map(drop), Ok(()));
+    assert_eq!(lines[0], "no robot nosuch is there, which --except names");
 }

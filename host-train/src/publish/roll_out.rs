@@ -145,6 +145,13 @@ impl Publisher {
     ) -> Result<Result<Manifest, Halt>, PublishError> {
         self.serve(manifest, file.clone()).await?;
         let before = past(self.follow().await?.heard(), gate.old);
+        for robot in gate
+            .except
+            .iter()
+            .filter(|&robot| !before.contains_key(robot))
+        {
+            told(format!("no robot {robot} is there, which --except names"));
+        }
         let names = before.keys().filter(|name| !gate.except.contains(name));
         let names: Vec<&String> = names.collect();
         let (mut manifest, mut reached) = (manifest.clone(), None);

@@ -148,6 +148,12 @@ pub enum UpdateError {
 }
 
 impl UpdateError {
+    /// Whether the same policy may be taken later, though nothing else is announced: a disk has room again, or what serves the
+    /// chunks is back.
+    pub fn can_pass(&self) -> bool {
+        matches!(self.why(), WhyNot::NotFetched | WhyNot::NotKept)
+    }
+
     /// The reason as others are told it.
     pub fn why(&self) -> WhyNot {
         match self {

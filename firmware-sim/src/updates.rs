@@ -2,6 +2,7 @@
 
 use crate::config::NodeConfig;
 use crate::fetch::{Jitter, download};
+use crate::later::Later;
 use crate::policy::{LoadedPolicy, UpdateError, claimed, verified_manifest};
 use crate::store::Store;
 use crate::view::View;
@@ -10,7 +11,7 @@ use std::cmp::Reverse;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::watch;
-use tokio::time::{MissedTickBehavior, interval};
+use tokio::time::{Instant, MissedTickBehavior, interval};
 use zenoh::Session;
 use zenoh::handlers::RingChannelHandler;
 use zenoh::pubsub::Subscriber;
@@ -36,6 +37,8 @@ pub(crate) struct Updates {
     refused: Option<(Vec<u8>, WhyNot)>,
     /// The manifests that answered the last query.
     answers: Vec<Vec<u8>>,
+    /// Those that were refused for a reason that can pass.
+    later: Later,
 }
 
 impl Updates {
@@ -54,6 +57,7 @@ impl Updates {
             config,
             refused: None,
             answers: Vec::new(),
+            later: Later::default(),
         };
         match updates.store.boot(&updates.config.trust).await {
             Ok(Some(kept)) => updates.swap(kept),
@@ -98,6 +102,7 @@ impl Updates {
                 }
                 matching = publisher_there.recv_async() => {
                     self.answers.clear();
+                    self.later = Later::default();
                     if matching?.matching() {
                         self.ask(key).await?;
                     }
@@ -136,7 +141,9 @@ impl Updates {
         answers.dedup();
         // Earlier answers have been considered already.
         let before = std::mem::replace(&mut self.answers, answers.clone());
-        for frame in answers.iter().filter(|frame| !before.contains(frame)) {
+        let again = self.later.due(Instant::now());
+        let is_due = |frame: &&Vec<u8>| !before.contains(frame) || again.contains(frame);
+        for frame in answers.iter().filter(is_due) {
             if self.consider(frame).await {
                 break;
             }
@@ -150,12 +157,16 @@ impl Updates {
             Ok(taken) => {
                 if let Some(policy) = taken {
                     self.refused = None;
+                    self.later = Later::default();
                     self.swap(policy);
                 }
                 true
             }
             // A policy that is both announced and asked for is refused only once.
             Err(error) => {
+                if error.can_pass() {
+                    self.later.put_off(signed_manifest, Instant::now());
+                }
                 let now = Some((signed_manifest.to_vec(), error.why()));
                 if self.refused != now {
                     self.refused = now;

@@ -104,6 +104,20 @@ fn a_certificate_that_has_expired_or_will_soon_is_told() {
         said.contains("of one authority, and do both certificates hold by both clocks?"),
         "{said}"
     );
+    for (own, other, wrong) in [
+        ("client.pem", "none.pem", "none.pem: No such file"),
+        ("client.key", "none.key", "none.key: No such file"),
+        (
+            "client.key",
+            "arm1.key",
+            "arm1.key does not seem to be the key of",
+        ),
+    ] {
+        let other = text.replace(&format!("/{own}"), &format!("/{other}"));
+        std::fs::write(config("other.json5"), other).expect("writable");
+        let said = refine("other.json5");
+        assert!(said.contains(wrong), "{said}");
+    }
     let (output, said) = watch(&[]);
     assert_eq!(output.status.code(), Some(1), "{said}");
     assert!(said.contains("not let this certificate see"), "{said}");

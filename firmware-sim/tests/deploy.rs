@@ -11,6 +11,21 @@ fn deploy(name: &str) -> std::path::PathBuf {
 }
 
 #[test]
+fn names_that_look_like_options_get_no_certificates() {
+    let folder = tempfile::tempdir().expect("a temporary directory");
+    let certificates = folder.path().join("certificates");
+    for [fleet, robot] in [["lab", "-a"], ["-lab", "a"]] {
+        let made = Command::new(deploy("make-ca"))
+            .arg(&certificates)
+            .args([fleet, "localhost", robot])
+            .output();
+        let made = made.expect("bash runs");
+        assert_eq!(made.status.code(), Some(2), "{made:?}");
+        assert!(!certificates.exists());
+    }
+}
+
+#[test]
 fn systemd_understands_every_line_of_the_units() {
     let folder = tempfile::tempdir().expect("a temporary directory");
     let mut verify = Command::new("systemd-analyze");

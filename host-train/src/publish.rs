@@ -3,6 +3,7 @@
 mod command;
 mod comparison;
 mod error;
+mod followed;
 mod history;
 mod judgement;
 mod key;
@@ -31,7 +32,7 @@ pub use stages::Stages;
 use crate::policy::WeightFile;
 use ed25519_dalek::{Signer, SigningKey};
 use reagent_core::Error;
-use reagent_core::wire::{self, Manifest, Message, NotTaken, SignedManifest, keys};
+use reagent_core::wire::{self, Manifest, Message, SignedManifest, Status, keys};
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
@@ -54,8 +55,8 @@ pub struct Publisher {
     newest: Newest,
     queryables: Vec<Queryable<()>>,
     announcing: Option<Queryable<()>>,
-    /// What robots had refused before the newest policy was announced.
-    refused_before: BTreeMap<String, NotTaken>,
+    /// What robots reported before the newest policy was announced.
+    before: BTreeMap<String, Status>,
     /// Provenance of the policies published from now on.
     pub provenance: Provenance,
     /// Epoch of the policies published from now on. The next epoch is the way back from a version that should never
@@ -79,7 +80,7 @@ impl Publisher {
             newest: Arc::default(),
             queryables: Vec::new(),
             announcing: None,
-            refused_before: BTreeMap::new(),
+            before: BTreeMap::new(),
             provenance: Provenance::default(),
             epoch: 0,
             listener: None,
@@ -171,14 +172,23 @@ impl Publisher {
         name: &str,
         file: &WeightFile,
     ) -> Result<Manifest, PublishError> {
-        let manifest = Manifest {
+        let manifest = self.manifest(version, name, file)?;
+        self.check_version(&manifest).await?;
+        Ok(manifest)
+    }
+
+    fn manifest(
+        &self,
+        version: u64,
+        name: &str,
+        file: &WeightFile,
+    ) -> Result<Manifest, PublishError> {
+        Ok(Manifest {
             epoch: self.epoch,
             training_sha256: self.provenance.training,
             evaluation_sha256: self.provenance.evaluation,
             ..manifest(version, name, file).map_err(refused(name))?
-        };
-        self.check_version(&manifest).await?;
-        Ok(manifest)
+        })
     }
 }
 

@@ -142,7 +142,7 @@ async fn a_robot_is_compared_with_its_own_past() {
         .publisher
         .roll_out(&manifest, &good, &stages("1,100%"), &gate(POSES), told)
         .await;
-    assert_eq!(outcome.expect("an open session"), Ok(()));
+    assert_eq!(outcome.expect("an open session").map(drop), Ok(()));
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -163,7 +163,7 @@ async fn a_fleet_of_one_is_judged_by_its_past_and_anyway_is_followed() {
         .publisher
         .roll_out(&manifest, &good, &stages, &gate(POSES), told)
         .await;
-    assert_eq!(outcome.expect("an open session"), Ok(()));
+    assert_eq!(outcome.expect("an open session").map(drop), Ok(()));
     let unjudged = "stage of 1 robot: taken; not judged: the old policy gave 0 poses there where 60 are needed";
     assert_eq!(lines, [unjudged]);
 

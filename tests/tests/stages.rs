@@ -8,6 +8,8 @@ use firmware_sim::policy::Trust;
 use host_train::dataset::procedural;
 use host_train::protocol::{self, Protocol};
 use host_train::publish::{Halt, Stages};
+use reagent_core::wire::WhyNot;
+use std::time::Duration;
 use support::rollout::{ask_on_and_on, gate, good_policy, negated};
 use support::{FLEET, Network, key, publisher, until};
 
@@ -80,7 +82,7 @@ async fn a_policy_that_is_silently_worse_is_caught_at_the_first_stage_of_a_fleet
         .roll_out(&manifest, &good_policy(), &stages, &gate, told)
         .await;
     let outcome = outcome.expect("an open session");
-    assert_eq!(outcome, Ok(()));
+    assert_eq!(outcome.map(drop), Ok(()));
     all_run(3).await;
     assert!(!load.is_finished(), "requests were answered all the time");
     load.abort();
@@ -109,13 +111,39 @@ async fn a_stage_has_its_robots_before_it_is_judged() {
             |line| told.push(line),
         )
         .await;
-    assert_eq!(outcome.expect("an open session"), Ok(()));
+    assert_eq!(outcome.expect("an open session").map(drop), Ok(()));
     told.retain(|line| line.starts_with("stage"));
     let taken = ["1 robot", "2 robots", "3 robots"];
     assert_eq!(
         told,
         taken.map(|robots| format!("stage of {robots}: taken"))
     );
+}
+
+/// What the other robots say is no silence.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_roll_out_may_end_before_all_robots_are_reached() {
+    let network = Network::start().await;
+    let _nodes = [
+        network.node(FLEET, "a").await,
+        network.node(FLEET, "b").await,
+        network.node(FLEET, "c").await,
+    ];
+    let mut publisher = publisher(&network).await;
+    let file = good_policy();
+    let manifest = publisher.prepare(1, "first", &file).await.expect("sound");
+    let (stages, told): (Stages, _) = ("2".parse().expect("stages"), |line| println!("{line}"));
+    let gate = gate(0);
+    let outcome = publisher.roll_out(&manifest, &file, &stages, &gate, told);
+    let announced = outcome
+        .await
+        .expect("an open session")
+        .expect("all is well");
+    let reception = publisher.reception(&announced, Duration::from_secs(60));
+    let reception = reception.await.expect("an open session");
+    assert_eq!(reception.taken.len(), 2, "{reception}");
+    let reasons: Vec<_> = reception.refused.iter().map(|(_, why)| *why).collect();
+    assert_eq!(reasons, [WhyNot::NotYet]);
 }
 
 /// One robot that cannot take a policy stops a roll-out, and the error says how to go on without it.
@@ -138,8 +166,11 @@ async fn a_roll_out_goes_on_without_a_robot_that_is_excepted() {
     let outcome = publisher.roll_out(&manifest, &file, &stages, &gate, told);
     let halt = outcome.await.expect("an open session").expect_err("not b");
     assert!(halt.to_string().ends_with("--except b"), "{halt}");
-    gate.except = vec!["b".into()];
+    gate.except = vec!["b".into(), "nosuch".into()];
     let manifest = publisher.prepare(2, "second", &file).await.expect("sound");
+    let mut lines = Vec::new();
+    let told = |line| lines.push(line);
     let outcome = publisher.roll_out(&manifest, &file, &stages, &gate, told);
-    assert_eq!(outcome.await.expect("an open session"), Ok(()));
+    assert_eq!(outcome.await.expect("an open session").map(drop), Ok(()));
+    assert_eq!(lines[0], "no robot nosuch is there, which --except names");
 }

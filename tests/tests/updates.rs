@@ -7,11 +7,12 @@ use firmware_sim::policy::UpdateError;
 use host_train::learn::nn::{Parameters, Shape};
 use host_train::policy::WeightFile;
 use host_train::publish::{PublishError, chunk_table, manifest};
-use reagent_core::wire;
+use reagent_core::wire::{self, keys};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use support::{FLEET, Host, Network, config, publisher, random_policy, storage, until};
 use tokio::sync::Notify;
+use zenoh::Wait;
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_node_killed_half_way_goes_on_where_it_was() {
@@ -54,6 +55,45 @@ async fn a_node_killed_half_way_goes_on_where_it_was() {
         "{} of {rest}",
         host.asked()
     );
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_policy_that_could_not_be_fetched_is_tried_again_as_long_as_it_is_served() {
+    let network = Network::start().await;
+    let session = network.join().await;
+    let policy = random_policy(6);
+    let first = manifest(1, "first", &policy).expect("a good policy");
+    let table = chunk_table(policy.bytes()).concat();
+    let (file, are_there) = (policy.bytes().to_vec(), Arc::new(AtomicBool::new(false)));
+    let there = are_there.clone();
+    let host = Host::serve(&session, first.clone(), table, move |index| {
+        let chunk = file.chunks(wire::CHUNK_BYTES).nth(index as usize);
+        chunk
+            .filter(|_| there.load(Ordering::Relaxed))
+            .map(<[u8]>::to_vec)
+    });
+    let host = host.await;
+    let (at, frame) = (
+        keys::manifest(FLEET).expect("a good name"),
+        host.signed.clone(),
+    );
+    let answering = session.declare_queryable(at.as_str()).complete(true);
+    let questions = AtomicU32::new(0);
+    let answering = answering.callback(move |query| {
+        // A robot asks at first, and as it finds a publisher; later it asks from time to time.
+        if questions.fetch_add(1, Ordering::Relaxed) == 2 {
+            are_there.store(true, Ordering::Relaxed);
+        }
+        let answered = query.reply(query.key_expr().clone(), frame.clone());
+        answered.wait().expect("an open session");
+    });
+    let _answering = answering.await.expect("an open session");
+    let node = network.node(FLEET, "r1").await;
+    let view = until(&node, |view| view.updates_refused == 1).await;
+    let error = view.last_refusal.expect("there is one");
+    assert!(matches!(*error, UpdateError::Chunk { .. }), "{error}");
+    let view = until(&node, |view| view.policy.is_some()).await;
+    assert_eq!(view.policy, Some(first));
 }
 
 #[tokio::test(flavor = "multi_thread")]

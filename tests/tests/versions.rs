@@ -104,6 +104,35 @@ async fn a_greater_epoch_is_the_way_back() {
     assert!(matches!(far, Err(PublishError::FarAhead { .. })), "{far:?}");
 }
 
+/// A stranger's newer version, whose key no robot trusts, keeps nobody from taking a policy back.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_policy_is_taken_back_whatever_a_stranger_has_announced() {
+    let network = Network::start().await;
+    let config = NodeConfig {
+        fleet: FLEET.into(),
+        robot: "r1".into(),
+        trust: Trust::Keys(vec![key(1).verifying_key()]),
+        state: None,
+    };
+    let node = Node::start(network.join().await, config).await;
+    let node = node.expect("good names");
+    let mut publisher = publisher(&network).await;
+    let file = int8_policy();
+    let worse = publisher.publish(2, "worse", file.clone()).await;
+    let worse = worse.expect("a good policy");
+    until(&node, |view| view.policy.as_ref() == Some(&worse)).await;
+    let mut stranger = Publisher::new(network.join().await, FLEET, key(2)).expect("a good name");
+    let foreign = stranger.publish(9, "foreign", file.clone()).await;
+    foreign.expect("a newer version");
+    let refused = publisher.publish(3, "old", file.clone()).await;
+    let is_older = matches!(refused, Err(PublishError::Version { .. }));
+    assert!(is_older, "{refused:?}");
+    let back = publisher.publish_over(worse.release(), "old", file).await;
+    let back = back.expect("robots run no newer one");
+    assert_eq!(back.version, 3);
+    until(&node, |view| view.policy.as_ref() == Some(&back)).await;
+}
+
 #[tokio::test(flavor = "multi_thread")]
 async fn without_a_version_the_time_counts_unless_versions_were_counted_by_hand() {
     let network = Network::start().await;

@@ -9,6 +9,7 @@ use std::time::{Duration, SystemTime};
 use tokio::task::JoinHandle;
 use tokio::time::{Instant, interval_at};
 use x509_parser::pem::parse_x509_pem;
+use x509_parser::public_key::PublicKey;
 use zenoh::Config;
 
 const DAY: i64 = 24 * 3600;
@@ -89,13 +90,54 @@ pub(crate) fn files_in(config: &Config) -> Vec<PathBuf> {
     ];
     let mut found: Vec<PathBuf> = Vec::new();
     for key in keys {
-        let value = config.get_json(&format!("transport/link/tls/{key}"));
-        let path = value
-            .ok()
-            .and_then(|text| serde_json::from_str::<PathBuf>(&text).ok());
-        found.extend(path.filter(|new| !found.contains(new)));
+        found.extend(file_of(config, key).filter(|new| !found.contains(new)));
     }
     found
+}
+
+fn file_of(config: &Config, key: &str) -> Option<PathBuf> {
+    let value = config.get_json(&format!("transport/link/tls/{key}"));
+    serde_json::from_str(&value.ok()?).ok()
+}
+
+/// What is wrong with the files of keys and certificates that a configuration names, if anything is: one cannot be read, or a key
+/// is another certificate's. Zenoh says only that nobody answers.
+pub(crate) fn fault(config: &Config) -> Option<String> {
+    let keys = ["connect_private_key", "listen_private_key"].map(|key| file_of(config, key));
+    let files = files_in(config)
+        .into_iter()
+        .chain(keys.into_iter().flatten());
+    let mut unreadable = files.filter_map(|path| {
+        let error = std::fs::read(&path).err()?;
+        Some(format!("{}: {error}", path.display()))
+    });
+    unreadable.next().or_else(|| {
+        let mut foreign = ["connect", "listen"].into_iter().filter_map(|end| {
+            let key = file_of(config, &format!("{end}_private_key"))?;
+            let certificate = file_of(config, &format!("{end}_certificate"))?;
+            let (of_key, of_certificate) = (std::fs::read(&key), std::fs::read(&certificate));
+            let belongs = belongs(&of_key.ok()?, &of_certificate.ok()?)?;
+            let (key, certificate) = (key.display(), certificate.display());
+            (!belongs).then(|| format!("{key} does not seem to be the key of {certificate}"))
+        });
+        foreign.next()
+    })
+}
+
+/// Whether a file holds the private key of a certificate, as far as that is known: one of elliptic curves or RSA usually holds the
+/// public key, too.
+fn belongs(key: &[u8], certificate: &[u8]) -> Option<bool> {
+    let (_, key) = parse_x509_pem(key).ok()?;
+    let (_, pem) = parse_x509_pem(certificate).ok()?;
+    let certificate = pem.parse_x509().ok()?;
+    let of_certificate = certificate.public_key().parsed().ok()?;
+    let public = match &of_certificate {
+        PublicKey::EC(point) => point.data(),
+        PublicKey::RSA(key) => key.modulus,
+        _ => return None,
+    };
+    let mut parts = key.contents.windows(public.len().max(1));
+    Some(parts.any(|part| part == public))
 }
 
 /// Seconds since 1970 by this machine's clock.

@@ -1,8 +1,13 @@
 //! `print!`, `println!` and `eprintln!` for the commands. Those of the standard library panic if the reader has closed its end of
-//! the pipe (`host-train eval … | head -1`). Here such output is dropped, and the command goes on to write its files.
+//! the pipe (`host-train eval … | head -1`). Here such output is dropped, and the command goes on to write its files. A command
+//! that only prints asks whether anyone reads.
 
 use std::fmt::Arguments;
 use std::io::{ErrorKind, Write};
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Whether the reader of standard output has closed its end.
+static READER_GONE: AtomicBool = AtomicBool::new(false);
 
 /// Prints to standard output.
 #[macro_export]
@@ -26,14 +31,22 @@ macro_rules! eprintln {
 pub fn stdout(text: Arguments<'_>) {
     let mut out = std::io::stdout().lock();
     match out.write_fmt(text).and_then(|()| out.flush()) {
-        Err(error) if error.kind() != ErrorKind::BrokenPipe => {
+        Err(error) if error.kind() == ErrorKind::BrokenPipe => {
+            READER_GONE.store(true, Ordering::Relaxed);
+        }
+        Err(error) => {
             stderr(format_args!(
                 "error: cannot write to standard output: {error}\n"
             ));
             std::process::exit(1);
         }
-        _ => {}
+        Ok(()) => {}
     }
+}
+
+/// Whether output was dropped because nobody reads it any more.
+pub fn reader_gone() -> bool {
+    READER_GONE.load(Ordering::Relaxed)
 }
 
 /// Writes to standard error, if anyone reads it. A long job does not end because there is no terminal.

@@ -111,11 +111,12 @@ pub async fn open(args: &SessionArgs) -> Result<Session, SessionError> {
             notice_of_expiry = Some(notice);
         }
     }
+    let fault = certificate::fault(&config);
     let reason = match zenoh::open(config).await {
         Ok(session) => return Ok(session),
         Err(reason) => reason,
     };
-    let hint = match (notice_of_expiry, without_address(args).await) {
+    let hint = match (fault.or(notice_of_expiry), without_address(args).await) {
         (Some(notice), _) | (None, Some(notice)) => notice,
         (None, None) => hint(args, !certificates.is_empty(), &reason).into(),
     };

@@ -12,6 +12,7 @@ use reagent_core::verdict::Verdict;
 use reagent_core::wire::{PolicyId, Status, WhyNot};
 use reagent_link::metrics::{Figures, MetricsArgs, Robot};
 use reagent_link::name::name;
+use reagent_link::print::reader_gone;
 use reagent_link::stop::stop_requested;
 use serde_json::{Map, Value, json};
 use std::collections::BTreeSet;
@@ -45,7 +46,7 @@ pub struct WatchArgs {
 }
 
 impl WatchArgs {
-    /// Runs the command.
+    /// Runs the command. It ends when nobody reads its output any more, unless it serves metrics.
     ///
     /// # Errors
     /// No session; with `--once`, that no robot is there; with `--check`, anything else that is wrong with the fleet.
@@ -89,6 +90,9 @@ impl WatchArgs {
                 } else {
                     Ok(())
                 };
+            }
+            if reader_gone() && self.metrics.metrics.is_none() {
+                return Ok(());
             }
             let next = async {
                 tokio::time::sleep(pause).await;

@@ -2,7 +2,7 @@
 
 use super::witness::Witness;
 use super::{
-    Comparison, Gate, Halt, Provenance, PublishError, Publisher, SessionArgs, Stages,
+    Comparison, Gate, Halt, Provenance, PublishError, Publisher, Reception, SessionArgs, Stages,
     has_certificate, open_session, read_key,
 };
 use crate::dataset::pairs::PairSet;
@@ -11,13 +11,14 @@ use crate::random::SEED;
 use crate::train::DataSource;
 use crate::views::Views;
 use crate::words::count;
-use reagent_core::wire::{Manifest, PolicyName};
+use reagent_core::wire::{Manifest, PolicyId, PolicyName, Release};
 use reagent_link::metrics::MetricsArgs;
 use reagent_link::name::name;
 use reagent_link::stop::stop_requested;
 use sha2::{Digest, Sha256};
 use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};
+use std::pin::pin;
 use std::time::{Duration, SystemTime};
 
 /// Views on which policies are compared, and points in each.
@@ -138,8 +139,20 @@ pub async fn run(args: PublishArgs) -> Result<(), PublishError> {
         }
     };
     let witness = Witness::start(&publisher, &args).await?;
+    let policy = PolicyId {
+        epoch: args.epoch,
+        version,
+        sha256: Sha256::digest(file.bytes()).into(),
+    };
+    // One for both, so that no signal is lost between them.
+    let mut stop = pin!(stop_requested());
     let shipped = tokio::select! {
         Err(failed) = witness.follow() => Err(failed),
+        stopped = &mut stop => {
+            stopped.map_err(zenoh::Error::from)?;
+            witness.ask().await?;
+            return witness.end(stopped_early(&args, &witness, policy));
+        }
         shipped = ship(&mut publisher, &witness, &args, version, file, old) => shipped,
     };
     match &shipped {
@@ -150,14 +163,30 @@ pub async fn run(args: PublishArgs) -> Result<(), PublishError> {
         Ok(()) if !args.store => {}
         _ => {
             witness.ask().await?;
-            return shipped.and(witness.end());
+            return witness.end(shipped);
         }
     }
     let stopped = tokio::select! {
         Err(failed) = witness.follow() => Err(failed),
-        stopped = stop_requested() => shipped.and(Ok(stopped.map_err(zenoh::Error::from)?)),
+        stopped = &mut stop => shipped.and(Ok(stopped.map_err(zenoh::Error::from)?)),
     };
-    stopped.and(witness.end())
+    witness.end(stopped)
+}
+
+/// The end of a publisher that is stopped before it has told how robots receive the policy. Without stages, the policy is out
+/// as soon as it is announced.
+fn stopped_early(
+    args: &PublishArgs,
+    witness: &Witness,
+    policy: PolicyId,
+) -> Result<(), PublishError> {
+    match args.stages.is_some() || args.store {
+        false => Ok(()),
+        true => Err(PublishError::Stopped {
+            version: policy.release(),
+            robots: witness.with_policy(policy),
+        }),
+    }
 }
 
 /// Publishes the policy as the arguments say, and reports the result.
@@ -173,8 +202,7 @@ async fn ship(
     let name = fitting(&stem.to_string_lossy());
     let manifest = if let (Some(stages), Some(old)) = (&args.stages, old) {
         let manifest = publisher.prepare(version, &name, &file).await?;
-        roll_out(publisher, witness, &manifest, [file, old], stages, args).await?;
-        manifest
+        roll_out(publisher, witness, &manifest, [file, old], stages, args).await?
     } else {
         let manifest = match args.store {
             true => publisher.store(version, &name, &file).await?,
@@ -210,7 +238,7 @@ async fn roll_out(
     [file, old]: [WeightFile; 2],
     stages: &Stages,
     args: &PublishArgs,
-) -> Result<(), PublishError> {
+) -> Result<Manifest, PublishError> {
     let gate = Gate {
         poses: args.gate_poses,
         wait: Duration::from_secs(args.gate_wait),
@@ -220,27 +248,54 @@ async fn roll_out(
     };
     publisher.check_old(manifest, gate.old).await?;
     witness.published(manifest);
+    println!("version {} goes out in stages", manifest.release());
     let told = |line: String| println!("{line}");
     let outcome = publisher
         .roll_out(manifest, &file, stages, &gate, told)
         .await?;
-    let Err(halt) = outcome else { return Ok(()) };
+    let halt = match outcome {
+        Ok(announced) => return Ok(announced),
+        Err(halt) => halt,
+    };
     if !matches!(halt, Halt::Worse(_) | Halt::NotTaken(_)) {
-        return Err(PublishError::Halted { halt });
+        let version = manifest.release();
+        return Err(PublishError::Halted { halt, version });
     }
-    let back = publisher.publish(manifest.version + 1, "taken-back", old);
-    let back = back.await?;
+    let (halt, worse) = (Box::new(halt), manifest.release());
+    let back = take_back(publisher, witness, worse, old, args).await;
+    let mut robots = witness.with_policy(manifest.id());
+    Err(match back {
+        Ok((version, reception)) => {
+            robots.retain(|robot| !reception.names(robot));
+            PublishError::TakenBack {
+                halt,
+                version,
+                reception: Box::new(reception),
+                away: robots,
+            }
+        }
+        Err(reason) => PublishError::NotTakenBack {
+            halt,
+            reason: Box::new(reason),
+            version: worse,
+            robots,
+        },
+    })
+}
+
+/// Publishes the old policy again. Returns its version, and the robots' reception of it.
+async fn take_back(
+    publisher: &mut Publisher,
+    witness: &Witness,
+    worse: Release,
+    old: WeightFile,
+    args: &PublishArgs,
+) -> Result<(Release, Reception), PublishError> {
+    let back = publisher.publish_over(worse, "taken-back", old).await?;
     witness.published(&back);
     let wait = Duration::from_secs(args.wait);
     let reception = publisher.reception(&back, wait).await?;
-    let mut away = witness.with_policy(manifest.id());
-    away.retain(|robot| !reception.names(robot));
-    Err(PublishError::TakenBack {
-        halt: Box::new(halt),
-        version: back.release(),
-        reception,
-        away,
-    })
+    Ok((back.release(), reception))
 }
 
 /// Compares the policy with the one before it, and reports the result.

@@ -136,10 +136,14 @@ pub enum PublishError {
         runs: PolicyId,
     },
     /// A roll-out cannot go on; the robots that have the policy keep it.
-    #[error("the roll-out halts: {halt}; the robots that have it keep it; {}", .halt.way_on())]
+    #[error(
+        "the roll-out halts: {halt}; the robots that have version {version} keep it; {}", .halt.way_on(version.version)
+    )]
     Halted {
         /// Why.
         halt: Halt,
+        /// The version that was rolled out.
+        version: Release,
     },
     /// A stage of the fleet does worse than before, and the old policy was published again.
     #[error(
@@ -152,9 +156,32 @@ pub enum PublishError {
         /// The old policy's new version.
         version: Release,
         /// Its reception by the robots that are there.
-        reception: Reception,
+        reception: Box<Reception>,
         /// Other robots, which had taken the policy that does worse.
         away: Vec<String>,
+    },
+    /// A stage of the fleet does worse than before, and keeps the policy.
+    #[error(
+        "the roll-out halts: {halt}; the old policy could not be published again: {reason}; robots that run version \
+         {version}, which does worse: {}", names(.robots)
+    )]
+    NotTakenBack {
+        /// Why the roll-out halts.
+        halt: Box<Halt>,
+        /// Why the old policy is not there again.
+        reason: Box<PublishError>,
+        /// The version of the policy that does worse.
+        version: Release,
+        /// Robots that run it.
+        robots: Vec<String>,
+    },
+    /// The publisher was asked to end before all stages were judged, or the policy was stored.
+    #[error("stopped before the end; robots that run version {version}, which is not judged: {}", names(.robots))]
+    Stopped {
+        /// The version that was to be published.
+        version: Release,
+        /// Robots that run it.
+        robots: Vec<String>,
     },
     /// The storages have not kept the whole policy.
     #[error(
@@ -182,6 +209,13 @@ pub enum PublishError {
     /// The session failed.
     #[error("zenoh: {}", plain(.0))]
     Zenoh(#[from] zenoh::Error),
+}
+
+fn names(robots: &[String]) -> String {
+    match robots.is_empty() {
+        true => "none".into(),
+        false => robots.join(", "),
+    }
 }
 
 /// Names the robots that still have a policy that was taken back.

@@ -7,21 +7,18 @@ use reagent_core::wire::{Manifest, PolicyId, WhyNot};
 use serde_json::{Map, Value, json};
 use std::collections::{BTreeMap, VecDeque};
 use std::fs::{File, OpenOptions};
-use std::io::{self, BufRead, BufReader, Write};
+use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
 /// Most lines that wait until they can be written.
 const WAITING: usize = 10_000;
 
-/// The file, its last line about each event and robot, and the lines that could not be written yet.
+/// The file's last line about each event and robot, and the lines that could not be written yet. The file is opened for every
+/// line, since it may have been moved away. Where there is none, the next line creates it, whole.
 #[derive(Debug)]
 pub(super) struct History {
     path: PathBuf,
-    /// `None` if there was no file; the first line then creates it, whole.
-    file: Option<File>,
-    /// Whether the file's last line was cut short.
-    cut: bool,
     /// The last line of each event and robot, without its time.
     last: BTreeMap<(String, String), Map<String, Value>>,
     /// Lines that are not written yet, in order.
@@ -49,14 +46,12 @@ impl History {
             opened => Some(opened?),
         };
         let mut last = BTreeMap::new();
-        let mut cut = false;
         if let Some(file) = &file
             && file.metadata()?.is_file()
         {
             let mut reader = BufReader::new(file);
             let mut bytes = Vec::new();
             while reader.read_until(b'\n', &mut bytes)? > 0 {
-                cut = !bytes.ends_with(b"\n");
                 if let Ok(mut line) = serde_json::from_slice::<Map<String, Value>>(&bytes) {
                     line.remove("time");
                     last.insert(about(&line), line);
@@ -67,8 +62,6 @@ impl History {
         let path = path.into();
         Ok(History {
             path,
-            file,
-            cut,
             last,
             waiting: VecDeque::new(),
             lost: false,
@@ -176,33 +169,26 @@ impl History {
     }
 
     /// Appends a line in one write, so that lines of two publishers do not mix.
-    fn append(&mut self, line: &str) -> io::Result<()> {
-        let before = if self.cut { "\n" } else { "" };
-        let text = format!("{before}{line}");
-        if self.file.is_none() && !self.path.exists() {
-            return files::write(&self.path, text.as_bytes());
+    fn append(&self, line: &str) -> io::Result<()> {
+        if !self.path.exists() {
+            return files::write(&self.path, line.as_bytes());
         }
-        let file = match &mut self.file {
-            Some(file) => file,
-            None => self.file.insert(appended(&self.path)?),
-        };
-        let mut rest = text.as_bytes();
-        let written = loop {
-            match file.write(rest) {
-                Ok(0) => break Err(io::ErrorKind::WriteZero.into()),
-                Ok(count) if count < rest.len() => rest = &rest[count..],
-                Ok(_) => break Ok(()),
-                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
-                Err(error) => break Err(error),
-            }
-        };
-        if written.is_ok() {
-            self.cut = false;
-        } else if rest.len() < text.len() {
-            self.cut = rest.len() < line.len();
-        }
-        written
+        let mut file = appended(&self.path)?;
+        let before = if is_cut(&mut file)? { "\n" } else { "" };
+        file.write_all(format!("{before}{line}").as_bytes())
     }
+}
+
+/// Whether the last line of a file was cut short.
+fn is_cut(file: &mut File) -> io::Result<bool> {
+    let length = file.metadata()?.len();
+    if length == 0 {
+        return Ok(false);
+    }
+    let mut last = [0];
+    file.seek(SeekFrom::Start(length - 1))?;
+    file.read_exact(&mut last)?;
+    Ok(last != *b"\n")
 }
 
 /// Opens a file to append to it.
@@ -295,6 +281,21 @@ mod tests {
                 full.wrong()
                     .is_some_and(|wrong| wrong.ends_with("are lost"))
             );
+        }
+    }
+
+    #[test]
+    fn a_file_that_is_moved_away_is_followed_by_a_new_one() {
+        let folder = tempfile::tempdir().expect("a temporary directory");
+        let (path, moved) = (folder.path().join("history.jsonl"), folder.path().join("1"));
+        let mut history = History::open(&path).expect("writable");
+        for version in 1..=3 {
+            history.heard(&heard("a", version, None));
+            std::fs::rename(&path, &moved).expect("it is there");
+            let text = std::fs::read_to_string(&moved).expect("readable");
+            assert_eq!(text.lines().count(), 1, "{text}");
+            let own = format!("\"version\":{version}");
+            assert!(text.contains(&own), "{text}");
         }
     }
 

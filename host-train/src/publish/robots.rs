@@ -1,5 +1,6 @@
 //! The fleet's reception of a policy: which robots take it, which do not, and why.
 
+use super::followed::Followed;
 use super::{PublishError, Publisher, refused};
 use crate::words::count;
 use reagent_core::wire::{self, Manifest, Message, NotTaken, PolicyId, Status, WhyNot, keys};
@@ -50,21 +51,23 @@ pub struct Reception {
     pub refused: Vec<(String, WhyNot)>,
     /// Robots that have reported nothing about it, and what they run.
     pub silent: Vec<(String, Option<PolicyId>)>,
+    /// Robots that have left before they reported anything about it.
+    pub left: Vec<String>,
 }
 
 impl Reception {
-    /// Sorts the robots by what they say of a policy. A refusal from `before` it was announced, perhaps by another
+    /// Sorts the robots by what they say of a policy. A refusal that was reported `before` it was announced, perhaps by another
     /// publisher, does not count as an answer to this announcement, nor does "not yet" from a robot whose turn it is.
     /// A robot with another policy of this version or a newer one has given its answer.
     fn of(
         robots: &BTreeMap<String, Status>,
         manifest: &Manifest,
-        before: &BTreeMap<String, NotTaken>,
+        before: &BTreeMap<String, Status>,
     ) -> Reception {
         let policy = manifest.id();
         let is_old = |robot: &str, not: NotTaken| match not.reason {
             WhyNot::NotYet => manifest.reaches(robot),
-            _ => before.get(robot) == Some(&not),
+            _ => before.get(robot).and_then(|before| before.not_taken) == Some(not),
         };
         let mut reception = Reception::default();
         for (robot, status) in robots {
@@ -84,7 +87,14 @@ impl Reception {
         reception
     }
 
-    /// Whether a robot is among those that were there.
+    /// The same, where some of the silent robots `have_left`.
+    fn where_left(mut self, has_left: impl Fn(&str) -> bool) -> Reception {
+        let left = self.silent.extract_if(.., |(robot, _)| has_left(robot));
+        self.left = left.map(|(robot, _)| robot).collect();
+        self
+    }
+
+    /// Whether a robot is among those that are there.
     pub(super) fn names(&self, robot: &str) -> bool {
         let mut refused = self.refused.iter().map(|(name, _)| name);
         let mut silent = self.silent.iter().map(|(name, _)| name);
@@ -119,8 +129,9 @@ impl fmt::Display for Reception {
             taken,
             refused,
             silent,
+            left,
         } = self;
-        let robots = taken.len() + refused.len() + silent.len();
+        let robots = taken.len() + refused.len() + silent.len() + left.len();
         if robots == 0 {
             return write!(f, "no robot is there; it waits for those that come");
         }
@@ -142,7 +153,10 @@ impl fmt::Display for Reception {
                 None => write!(f, "\nno word of it from {robot}, which has no policy")?,
             }
         }
-        Ok(())
+        match left.is_empty() {
+            true => Ok(()),
+            false => write!(f, "\nno longer there: {}", left.join(", ")),
+        }
     }
 }
 
@@ -179,8 +193,13 @@ impl Publisher {
         Ok(self.session.declare_subscriber(key.as_str()).await?)
     }
 
+    /// Follows the robots: those that were there before the newest policy was announced, and those that answer now.
+    pub(super) async fn follow(&self) -> Result<Followed, PublishError> {
+        Followed::begin(&self.session, &self.fleet, self.before.clone()).await
+    }
+
     /// Waits until every online robot has taken a policy or said why not, but no longer than `wait`. A robot that
-    /// refused the same policy before it was announced has that time to take it.
+    /// refused the same policy before it was announced has that time to take it. One that leaves is not waited for.
     ///
     /// # Errors
     /// `Zenoh`.
@@ -190,20 +209,19 @@ impl Publisher {
         wait: Duration,
     ) -> Result<Reception, PublishError> {
         let deadline = Instant::now() + wait;
-        let changes = self.follow_robots().await?;
-        let there = self.robots().await?.into_iter();
-        let mut robots: BTreeMap<_, _> = there.map(|heard| (heard.robot, heard.status)).collect();
+        let mut fleet = self.follow().await?;
         loop {
-            let reception = Reception::of(&robots, manifest, &self.refused_before);
+            let reception = Reception::of(&fleet.robots, manifest, &self.before);
+            let reception = reception.where_left(|robot| fleet.has_left(robot));
             if reception.silent.is_empty() {
                 return Ok(reception);
             }
-            match tokio::time::timeout_at(deadline, changes.recv_async()).await {
-                Err(_) => return Ok(Reception::of(&robots, manifest, &BTreeMap::new())),
-                Ok(sample) => {
-                    let heard = Heard::read(&sample?);
-                    robots.extend(heard.map(|heard| (heard.robot, heard.status)));
+            match tokio::time::timeout_at(deadline, fleet.changed()).await {
+                Err(_) => {
+                    let reception = Reception::of(&fleet.robots, manifest, &BTreeMap::new());
+                    return Ok(reception.where_left(|robot| fleet.has_left(robot)));
                 }
+                Ok(changed) => changed?,
             }
         }
     }
@@ -254,6 +272,13 @@ mod tests {
         let error = |reception| PublishError::NotTaken { reception }.to_string();
         let silent = error(reception.clone());
         assert!(silent.ends_with("let this certificate publish"), "{silent}");
+        let left = reception.clone().where_left(|robot| robot == "d");
+        let lines = lines.replace(
+            "no word of it from d, which runs version 1",
+            "no longer there: d",
+        );
+        assert_eq!(left.to_string(), lines);
+        assert!(!left.names("d"));
         // A robot that refuses it has heard of it.
         let refused = Reception {
             silent: Vec::new(),
@@ -282,10 +307,7 @@ mod tests {
             ("b".to_owned(), status(None, Some((new, WhyNot::NotKept)))),
             ("c".to_owned(), status(None, Some((new, WhyNot::NotYet)))),
         ]);
-        let untrusted = NotTaken {
-            policy: new,
-            reason: WhyNot::Untrusted,
-        };
+        let untrusted = status(None, Some((new, WhyNot::Untrusted)));
         let before = ["a", "b"].map(|robot| (robot.to_owned(), untrusted));
         let names = |manifest: &Manifest, before: BTreeMap<_, _>| {
             let reception = Reception::of(&robots, manifest, &before);

@@ -94,11 +94,11 @@ impl fmt::Display for Halt {
 }
 
 impl Halt {
-    /// How the roll-out goes on, where nothing was taken back.
-    pub(super) fn way_on(&self) -> &'static str {
+    /// How the roll-out of this version goes on, where nothing was taken back.
+    pub(super) fn way_on(&self, version: u64) -> String {
         match self {
-            Halt::Overtaken { .. } => "run again with a higher version to go on",
-            _ => "run again with the same version to go on",
+            Halt::Overtaken { .. } => "run again with a higher version to go on".into(),
+            _ => format!("run again with --policy-version {version} to go on"),
         }
     }
 }
@@ -110,7 +110,7 @@ impl Publisher {
     /// # Errors
     /// `Nobody`, `NotTheirs`; `Zenoh`.
     pub async fn check_old(&self, manifest: &Manifest, old: [u8; 32]) -> Result<(), PublishError> {
-        let there = self.robots().await?;
+        let there = self.follow().await?.heard();
         if there.is_empty() {
             let fleet = self.fleet.clone();
             return Err(PublishError::Nobody { fleet });
@@ -130,7 +130,8 @@ impl Publisher {
     }
 
     /// Serves a policy and announces it to one part of the fleet after the other. `told` gets a line for each stage. If
-    /// a stage halts, the robots that it has not reached keep what they have.
+    /// a stage halts, the robots that it has not reached keep what they have. Returns the manifest that was announced last:
+    /// it need not reach all robots.
     ///
     /// # Errors
     /// As [`Publisher::publish`].
@@ -141,22 +142,27 @@ impl Publisher {
         stages: &Stages,
         gate: &Gate,
         mut told: impl FnMut(String),
-    ) -> Result<Result<(), Halt>, PublishError> {
+    ) -> Result<Result<Manifest, Halt>, PublishError> {
         self.serve(manifest, file.clone()).await?;
-        let before = past(self.robots().await?, gate.old);
+        let before = past(self.follow().await?.heard(), gate.old);
+        for robot in gate
+            .except
+            .iter()
+            .filter(|&robot| !before.contains_key(robot))
+        {
+            told(format!("no robot {robot} is there, which --except names"));
+        }
         let names = before.keys().filter(|name| !gate.except.contains(name));
         let names: Vec<&String> = names.collect();
-        let mut reached = None;
+        let (mut manifest, mut reached) = (manifest.clone(), None);
         for &stage in &stages.0 {
-            let reach = reach(manifest, stage, &names);
-            let last = reached.replace(reach);
-            if last == Some(reach) {
+            let reach = reach(&manifest, stage, &names);
+            let last = reached;
+            if last.is_some_and(|last| reach <= last) {
                 continue;
             }
-            let manifest = Manifest {
-                reach,
-                ..manifest.clone()
-            };
+            reached = Some(reach);
+            manifest.reach = reach;
             self.announce(&manifest).await?;
             let reception = self.reception(&manifest, gate.wait).await?;
             // The others were judged before.
@@ -164,16 +170,19 @@ impl Publisher {
                 let draw = manifest.draw(robot);
                 draw <= reach && last.is_none_or(|last| draw > last)
             };
-            let own = reception.taken.iter().filter(|&robot| is_new(robot));
-            let own = own.filter_map(|robot| before.get(robot));
-            let own = total(own.copied()).poses();
+            // Also of robots that have not been heard: what is not heard of does not go unjudged.
+            let own = before.iter().filter(|&(robot, _)| is_new(robot));
+            let own = own.filter(|&(robot, _)| !gate.except.contains(robot));
+            let own = total(own.map(|(_, tally)| *tally)).poses();
             // The last stage leaves no others to compare its robots with.
             let is_judged = reach != u32::MAX || own >= gate.poses;
             let robots = count(reception.taken.len(), "robot", "robots");
+            let absent = reception.absent(&manifest);
             told(match is_judged {
-                true => format!("stage of {robots}: taken"),
+                true => format!("stage of {robots}: taken{absent}"),
                 false => format!(
-                    "stage of {robots}: taken; not judged: the old policy gave {own} poses there where {} are needed",
+                    "stage of {robots}: taken{absent}; not judged: the old policy gave {own} poses there where {} are \
+                     needed",
                     gate.poses
                 ),
             });
@@ -191,7 +200,7 @@ impl Publisher {
                 return Ok(Err(halt));
             }
         }
-        Ok(Ok(()))
+        Ok(Ok(manifest))
     }
 
     /// Waits until the robots that are new to the policy have given enough poses, and judges these.
@@ -204,15 +213,15 @@ impl Publisher {
         told: &mut impl FnMut(String),
     ) -> Result<Result<(), Halt>, PublishError> {
         let deadline = Instant::now() + gate.wait;
-        let changes = self.follow_robots().await?;
-        let mut robots = self.robots().await?;
+        let mut fleet = self.follow().await?;
         let record = |robots: &[Heard]| {
             let new = |heard: &Heard| is_new(&heard.robot);
             Record::of(robots, new, before, manifest.id(), gate.old)
         };
         // Some had the policy before the last of them took it.
-        let earlier = record(&robots);
+        let earlier = record(&fleet.heard());
         loop {
+            let robots = fleet.heard();
             if let Some(halt) = overtaken(&robots, manifest) {
                 return Ok(Err(halt));
             }
@@ -229,7 +238,7 @@ impl Publisher {
                     judged => judged,
                 });
             }
-            let Ok(sample) = tokio::time::timeout_at(deadline, changes.recv_async()).await else {
+            let Ok(changed) = tokio::time::timeout_at(deadline, fleet.changed()).await else {
                 let there = self.robots().await?;
                 let is_gone = |name: &&String| !there.iter().any(|heard| heard.robot == **name);
                 let stage = before.keys().filter(|&name| is_new(name));
@@ -239,10 +248,7 @@ impl Publisher {
                     gone: stage.filter(is_gone).cloned().collect(),
                 }));
             };
-            if let Some(heard) = Heard::read(&sample?) {
-                robots.retain(|before| before.robot != heard.robot);
-                robots.push(heard);
-            }
+            changed?;
         }
     }
 }
@@ -269,6 +275,20 @@ fn overtaken(robots: &[Heard], manifest: &Manifest) -> Option<Halt> {
 }
 
 impl Reception {
+    /// What a stage's line says of its robots that have left or say nothing.
+    fn absent(&self, stage: &Manifest) -> String {
+        let said = |what: &str, robots: Vec<&String>| {
+            let robots = robots.into_iter().filter(|robot| stage.reaches(robot));
+            let robots: Vec<&str> = robots.map(String::as_str).collect();
+            match robots.is_empty() {
+                true => String::new(),
+                false => format!("; {what}: {}", robots.join(", ")),
+            }
+        };
+        let silent = self.silent.iter().map(|(robot, _)| robot);
+        said("no longer there", self.left.iter().collect()) + &said("silent", silent.collect())
+    }
+
     /// Robots that should have taken the policy and could not.
     fn failed(&self) -> impl Iterator<Item = &(String, WhyNot)> {
         self.refused

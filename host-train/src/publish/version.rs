@@ -1,6 +1,7 @@
 //! The version of a policy among those that its fleet knows.
 
 use super::{Heard, PublishError, Publisher, refused, stored};
+use crate::policy::WeightFile;
 use reagent_core::wire::{Manifest, Release, keys};
 
 impl Publisher {
@@ -48,6 +49,36 @@ impl Publisher {
         })
     }
 
+    /// Publishes a policy in the place of one that is taken back: under one version more than the newest that robots run.
+    /// What others announce does not count. Where no robot runs it, none may trust its key, and robots that do take it.
+    ///
+    /// # Errors
+    /// `FarAhead` if no version is left; as [`Publisher::publish`].
+    pub async fn publish_over(
+        &mut self,
+        taken_back: Release,
+        name: &str,
+        file: WeightFile,
+    ) -> Result<Manifest, PublishError> {
+        self.before = self.follow().await?.robots;
+        let run = self.before.values().filter_map(|status| status.policy);
+        let last = run
+            .map(|policy| policy.release())
+            .fold(taken_back, Release::max);
+        let given = Release {
+            version: last.version.saturating_add(1),
+            ..last
+        };
+        if given.is_far_ahead_of(last) {
+            return Err(PublishError::FarAhead { given, last });
+        }
+        self.epoch = given.epoch;
+        let manifest = self.manifest(given.version, name, &file)?;
+        self.serve(&manifest, file).await?;
+        self.announce(&manifest).await?;
+        Ok(manifest)
+    }
+
     /// The newest policy so far, the SHA-256 of its file, and who has it; version 0 if there is none.
     async fn last(&mut self) -> Result<(Release, Option<[u8; 32]>, String), PublishError> {
         let key = keys::manifest(&self.fleet).map_err(refused(&self.fleet))?;
@@ -59,10 +90,9 @@ impl Publisher {
             let by = "is announced".to_owned();
             (other.release(), Some(other.sha256), by)
         }));
-        self.refused_before.clear();
+        self.before.clear();
         for Heard { robot, status } in self.robots().await? {
-            let refused = status.not_taken.map(|not| (robot.clone(), not));
-            self.refused_before.extend(refused);
+            self.before.insert(robot.clone(), status);
             let policy = status.policy.map(|policy| {
                 let by = format!("robot {robot} runs");
                 (policy.release(), Some(policy.sha256), by)

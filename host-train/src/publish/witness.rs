@@ -42,8 +42,10 @@ struct Seen(Arc<Mutex<State>>);
 struct State {
     /// The policy that is served here.
     newest: Newest,
-    /// The newest release in the fleet.
+    /// The newest release that a robot runs.
     in_fleet: Release,
+    /// The newest release that anybody announces.
+    announced: Release,
     /// Each robot's last status, and whether it is online.
     robots: BTreeMap<String, (Status, bool)>,
     history: Option<History>,
@@ -110,21 +112,39 @@ impl State {
         (!wrong.is_empty()).then(|| wrong.join("; "))
     }
 
-    /// Warns once about a release in the fleet that is newer than the one served here.
+    /// Warns once about a release that robots run and that is newer than the one served here.
     fn found(&mut self, release: Release) {
         if release <= self.in_fleet {
             return;
         }
         self.in_fleet = release;
-        let newest = self.newest.lock().expect("no holder panics").clone();
-        if let Some(served) = newest.map(|(newest, _)| newest.release())
-            && release > served
-        {
+        if let Some(served) = self.served_before(release) {
             tracing::warn!(
                 "version {release} is in the fleet, newer than version {served}, which is served here: robots take \
                  that one, and this publisher may end"
             );
         }
+    }
+
+    /// Warns once about a release that is announced and that is newer than the one served here. No robot may trust its key.
+    fn heard_of(&mut self, release: Release) {
+        if release <= self.announced.max(self.in_fleet) {
+            return;
+        }
+        self.announced = release;
+        if let Some(served) = self.served_before(release) {
+            tracing::warn!(
+                "somebody announces version {release}, newer than version {served}, which is served here: robots \
+                 that trust its key take that one"
+            );
+        }
+    }
+
+    /// The release that is served here, if it is older.
+    fn served_before(&self, release: Release) -> Option<Release> {
+        let newest = self.newest.lock().expect("no holder panics");
+        let served = newest.as_ref().map(|(newest, _)| newest.release());
+        served.filter(|&served| served < release)
     }
 }
 
@@ -143,6 +163,7 @@ impl Witness {
         let seen = Seen(Arc::new(Mutex::new(State {
             newest: publisher.newest.clone(),
             in_fleet: Release::default(),
+            announced: Release::default(),
             robots: BTreeMap::new(),
             history: history.transpose()?,
             routers: None,
@@ -222,7 +243,7 @@ impl Witness {
         let newest = served.iter().map(Manifest::release).max();
         newest
             .into_iter()
-            .for_each(|newest| self.seen.lock().found(newest));
+            .for_each(|newest| self.seen.lock().heard_of(newest));
         for (_, online) in self.seen.lock().robots.values_mut() {
             *online = false;
         }
@@ -233,13 +254,19 @@ impl Witness {
         Ok(())
     }
 
-    /// Ends the history.
+    /// Ends the history of a publisher that ends with an outcome.
     ///
     /// # Errors
-    /// `Record` if lines are lost.
-    pub(super) fn end(&self) -> Result<(), PublishError> {
+    /// The outcome; `Record` if lines are lost.
+    pub(super) fn end(&self, outcome: Result<(), PublishError>) -> Result<(), PublishError> {
         let history = &mut self.seen.lock().history;
-        history.as_mut().map_or(Ok(()), History::end)
+        match (outcome, history.as_mut().map_or(Ok(()), History::end)) {
+            (Err(failed), Err(lost)) => {
+                tracing::error!("{lost}");
+                Err(failed)
+            }
+            (outcome, written) => outcome.and(written),
+        }
     }
 
     fn note(&self, heard: &Heard) {
@@ -268,6 +295,7 @@ mod tests {
         let mut state = State {
             newest: Newest::default(),
             in_fleet: Release::default(),
+            announced: Release::default(),
             robots: BTreeMap::new(),
             history: None,
             routers: None,
@@ -310,6 +338,11 @@ mod tests {
         );
         assert_eq!(state.wrong(), None);
         serve(&state, manifest(11));
+        state.robots.clear();
+        runs(&mut state, "b", 11);
+        // Nobody runs it: robots may not trust its key.
+        state.heard_of(manifest(12).release());
+        assert_eq!(state.wrong(), None);
         runs(&mut state, "a", 12);
         let newer = "version 12 is in the fleet, newer than version 11, which is served here";
         assert_eq!(state.wrong().as_deref(), Some(newer));

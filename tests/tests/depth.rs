@@ -5,6 +5,7 @@ mod support;
 use clap::Parser;
 use firmware_sim::refine::RefineArgs;
 use host_train::cli::Cli;
+use host_train::dataset::cloud_file::{CloudFile, read_cloud, write_cloud};
 use host_train::policy::{VIEWS, WeightFile};
 use reagent_tests::depth::{CAMERA, start, write_view};
 use serde_json::Value;
@@ -47,7 +48,14 @@ async fn a_robot_answers_what_the_workstation_does() {
             .to_owned()
     };
     write_view(folder.path(), WALL);
-    let (depth, mask, part) = (at("depth.png"), at("mask.png"), at("part.ply"));
+    // Frames do not say which way a target faces, so the workstation does not learn it either.
+    let surface = read_cloud(Path::new(&at("part.ply")), 1).expect("a mesh");
+    let points = CloudFile {
+        points: surface.points,
+        ..CloudFile::default()
+    };
+    write_cloud(Path::new(&at("part.xyz")), &points).expect("written");
+    let (depth, mask, part) = (at("depth.png"), at("mask.png"), at("part.xyz"));
     let start = start();
     // From an estimate, from anywhere, and in another unit, in which nothing fits.
     for (init, scale) in [(start.as_str(), "1"), ("none", "1"), ("none", "0.5")] {

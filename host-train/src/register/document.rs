@@ -260,8 +260,11 @@ impl Document {
         };
         let other_size = done.other_size.map(|times| Note::OtherSize { times });
         let off_target = done.off_target().map(|share| Note::OffTarget { share });
+        let seen_through = done.seen_through.map(|share| Note::SeenThrough { share });
         let not_finer = done.is_dense_dropped.then_some(Note::NotFiner);
-        let of_fit = [not_finer, other_size, off_target].into_iter().flatten();
+        let of_fit = [not_finer, other_size, off_target, seen_through]
+            .into_iter()
+            .flatten();
         Document {
             target_from_source: done.pose.to_rows(),
             verdict: answer.verdict.to_string(),

@@ -5,6 +5,7 @@ use crate::register::best::{Best, Other, best_and_others};
 use crate::register::dense::{Dense, DenseRefinement, refine_densely};
 use crate::register::prepared::Prepared;
 use crate::register::scale::other_size;
+use crate::register::through::seen_through;
 use crate::register::{Memory, Registered, Start, register_in};
 use glam::Vec3;
 use reagent_core::dims::STEPS;
@@ -62,6 +63,8 @@ pub struct Done {
     pub start: Option<usize>,
     /// Size of the source relative to the target, if the two seem to differ ([`other_size`]).
     pub other_size: Option<f32>,
+    /// Share of the target where the sensor saw something behind it, if that is too large ([`seen_through`]).
+    pub seen_through: Option<f32>,
     /// The next best poses, as many as were asked for at most.
     pub others: Vec<Other>,
     /// Time, milliseconds.
@@ -174,11 +177,18 @@ impl Request {
             None => None,
         };
         let near = dense.map_or(reached, |d| d.target_from_source);
+        let view_point = self.seen_from(source);
+        let view_point = view_point.filter(|_| found.answer.refinement.is_some());
+        let seen_through = match view_point {
+            Some(view_point) => seen_through([source, target], view_point, near)?,
+            None => None,
+        };
         Ok(Done {
             pose: Pose64::of(near, source.origin, target.origin),
             initial: starts[start].near(source.origin, target.origin),
             start: (starts.len() > 1).then_some(start),
             other_size,
+            seen_through,
             others,
             ms: 0.0,
             found,

@@ -28,6 +28,8 @@ pub enum Remark {
     Mirrored,
     /// This share of the source's points lies off the target, though the pose is called right.
     OffTarget(f32),
+    /// Something was seen behind this share of the target.
+    SeenThrough(f32),
 }
 
 impl Remark {
@@ -49,6 +51,7 @@ impl Remark {
             done.other_size.map(Remark::OtherSize),
             (answer.verdict == Verdict::Mirrored).then_some(Remark::Mirrored),
             done.off_target().map(Remark::OffTarget),
+            done.seen_through.map(Remark::SeenThrough),
         ];
         remarks.into_iter().flatten().collect()
     }
@@ -103,6 +106,10 @@ impl Remark {
             ),
             Remark::OffTarget(share) => format!(
                 "{:.0} % of the {source} lies off the {target}: where they overlap in part that is to be expected, else something more is in view, or it is another part",
+                100.0 * share
+            ),
+            Remark::SeenThrough(share) => format!(
+                "{:.0} % of the {target} would stand where something was seen behind it: what is in view is smaller, has less to it, or is another part",
                 100.0 * share
             ),
         }

@@ -1,6 +1,6 @@
 //! Where a registration starts: `--init`.
 
-use crate::dataset::cloud_file::STANDARD;
+use crate::dataset::cloud_file::{STANDARD, npy};
 use crate::pose64::Pose64;
 use crate::register::Start;
 use anyhow::{Context, bail};
@@ -80,11 +80,17 @@ fn read_poses(path: &Path) -> anyhow::Result<Vec<Pose64>> {
         true => Box::new(std::io::stdin()),
         false => Box::new(File::open(path)?),
     };
-    let mut text = String::new();
-    input.take(POSE_BYTES + 1).read_to_string(&mut text)?;
-    if text.len() as u64 > POSE_BYTES {
+    let mut bytes = Vec::new();
+    input.take(POSE_BYTES + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > POSE_BYTES {
         bail!("it has more than the {POSE_BYTES} bytes that are read of poses");
     }
+    if npy::is(&bytes) {
+        return of_rows(npy::matrix(&bytes).map_err(anyhow::Error::msg)?);
+    }
+    let Ok(text) = String::from_utf8(bytes) else {
+        bail!("it is neither text nor a NumPy array");
+    };
     let text = text.trim_start_matches('\u{feff}').trim();
     match text.contains('{') {
         true => Ok(vec![of_registration(text)?]),
@@ -132,6 +138,11 @@ fn parse_poses(text: &str) -> anyhow::Result<Vec<Pose64>> {
                 .with_context(|| format!("\"{word}\" is not a number"))
         })
         .collect::<anyhow::Result<Vec<f64>>>()?;
+    of_rows(numbers)
+}
+
+/// Poses as rows of four numbers.
+fn of_rows(numbers: Vec<f64>) -> anyhow::Result<Vec<Pose64>> {
     let (rows, rest) = numbers.as_chunks::<4>();
     let is_square = rows
         .chunks(4)
@@ -165,6 +176,42 @@ mod tests {
         assert_eq!(
             "none".parse::<Initial>().expect("a word"),
             Initial::Start(Start::None)
+        );
+    }
+
+    #[test]
+    fn a_pose_is_read_from_an_array_of_numpy() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let path = folder.path().join("pose.npy");
+        let rows = [
+            [0.0, -1.0, 0.0, 0.5],
+            [1.0, 0.0, 0.0, -2.0],
+            [0.0, 0.0, 1.0, 3.0],
+            [0.0, 0.0, 0.0, 1.0f64],
+        ];
+        let loaded = |bytes: &[u8]| {
+            std::fs::write(&path, bytes).expect("written");
+            let start = Initial::File(path.clone()).load();
+            start.map_err(|e| format!("{e:#}"))
+        };
+        for rows in [&rows[..], &rows[..3]] {
+            let numbers = rows.as_flattened().iter();
+            let numbers: Vec<u8> = numbers.flat_map(|x| x.to_le_bytes()).collect();
+            let array = [npy::header("<f8", &[rows.len(), 4]), numbers].concat();
+            let Ok(Start::Pose(pose)) = loaded(&array) else {
+                panic!("another start");
+            };
+            assert_eq!(pose.translation, Vector3::new(0.5, -2.0, 3.0));
+            let said = loaded(&array[..array.len() - 8]).expect_err("cut off");
+            assert!(
+                said.contains("pose.npy") && said.contains("cut off"),
+                "{said}"
+            );
+        }
+        let said = loaded(&[0xff, 0xfe, 0x00]).expect_err("no text");
+        assert!(
+            said.contains("it is neither text nor a NumPy array"),
+            "{said}"
         );
     }
 

@@ -115,8 +115,10 @@ fn advice(remark: &Remark, size_advice: &str) -> String {
         Remark::SizesDiffer(_) => format!(" {size_advice}"),
         Remark::OtherSize(_) => "; see --scale".into(),
         Remark::OffTarget(_) => ". Crop it, give a depth image's --mask, or check the model".into(),
-        Remark::OpenAxis(_) | Remark::OpenSlide(_) | Remark::LeftOut(_) | Remark::Mirrored => {
-            String::new()
-        }
+        Remark::OpenAxis(_)
+        | Remark::OpenSlide(_)
+        | Remark::LeftOut(_)
+        | Remark::Mirrored
+        | Remark::SeenThrough(_) => String::new(),
     }
 }

@@ -136,6 +136,11 @@ pub enum Note {
         /// Share of its points off the target.
         share: f32,
     },
+    /// As a source of which the surroundings were seen, something was seen behind much of the target.
+    SeenThrough {
+        /// Share of the target's surface.
+        share: f32,
+    },
 }
 
 impl Note {
@@ -261,6 +266,11 @@ impl fmt::Display for Note {
             Note::OffTarget { share } => write!(
                 f,
                 "{:.0} % of it lies off the target: where they overlap in part that is to be expected, else something more is in view, or it is another part",
+                100.0 * share
+            ),
+            Note::SeenThrough { share } => write!(
+                f,
+                "{:.0} % of the target would stand where something was seen behind it: the part in view is smaller, has less to it, or is another one",
                 100.0 * share
             ),
         }

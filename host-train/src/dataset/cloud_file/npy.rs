@@ -102,6 +102,16 @@ pub(super) fn parse(bytes: &[u8]) -> Result<CloudFile, String> {
     Ok(file)
 }
 
+/// Whether this is a NumPy array.
+pub(crate) fn is(bytes: &[u8]) -> bool {
+    bytes.starts_with(MAGIC)
+}
+
+/// The numbers of an array (rows, columns), row by row.
+pub(crate) fn matrix(bytes: &[u8]) -> Result<Vec<f64>, String> {
+    grid(bytes).map(|grid| grid.image.values)
+}
+
 /// Numbers in rows and columns.
 pub(crate) struct Grid {
     pub(crate) image: Image<f64>,

@@ -1,6 +1,7 @@
 //! Cameras as users have them: four numbers, or a file.
 
 use super::DepthError;
+use crate::dataset::cloud_file::npy;
 use crate::dataset::raster::Pinhole;
 use glam::Vec2;
 use serde::Deserialize;
@@ -10,7 +11,7 @@ use std::path::Path;
 use std::str::FromStr;
 
 /// What a camera must be.
-const EXPECTED: &str = "fx,fy,cx,cy in pixels; a file of these four or of the nine numbers of K; or JSON with fx, fy, cx, cy, or cam_K, or the latter \
+const EXPECTED: &str = "fx,fy,cx,cy in pixels; a file of these four or of the nine numbers of K, as text or .npy; or JSON with fx, fy, cx, cy, or cam_K, or the latter \
      for each image (BOP's camera.json, scene_camera.json), or as RealSense (ppx, ppy) and Open3D (intrinsic_matrix) write it";
 
 /// A pinhole camera without distortion, pixels: centres of pixels lie at whole numbers, as in OpenCV and BOP.
@@ -40,6 +41,25 @@ struct Flat {
     depth_scale: Option<f64>,
     #[serde(default, rename = "coeffs")]
     distortion: Vec<f64>,
+}
+
+/// Of the text of a file.
+fn of_text(text: &str, image: &Path) -> Result<Intrinsics, String> {
+    if text.starts_with('{') {
+        of_json(text, image)
+    } else if is_yaml(text) {
+        Err(
+            "it is YAML, which is not read: give the nine numbers of its camera_matrix, k or K"
+                .into(),
+        )
+    } else {
+        text.parse()
+    }
+}
+
+fn joined(numbers: &[f64]) -> String {
+    let words: Vec<String> = numbers.iter().map(f64::to_string).collect();
+    words.join(" ")
 }
 
 /// Open3D's `PinholeCameraIntrinsic`: the columns of K.
@@ -100,20 +120,16 @@ impl Intrinsics {
     /// # Errors
     /// A file that cannot be read, or holds no camera.
     pub fn read(path: &Path, image: &Path) -> Result<Intrinsics, DepthError> {
-        let text = std::fs::read_to_string(path).map_err(|source| DepthError::Io {
+        let bytes = std::fs::read(path).map_err(|source| DepthError::Io {
             path: path.into(),
             source,
         })?;
-        let text = text.trim_start_matches('\u{feff}').trim();
-        let found = if text.starts_with('{') {
-            of_json(text, image)
-        } else if is_yaml(text) {
-            Err(
-                "it is YAML, which is not read: give the nine numbers of its camera_matrix, k or K"
-                    .into(),
-            )
-        } else {
-            text.parse()
+        let found = match std::str::from_utf8(&bytes) {
+            _ if npy::is(&bytes) => {
+                npy::matrix(&bytes).and_then(|numbers| joined(&numbers).parse())
+            }
+            Ok(text) => of_text(text.trim_start_matches('\u{feff}').trim(), image),
+            Err(_) => Err("it is neither text nor a NumPy array".into()),
         };
         found.map_err(|reason| DepthError::Malformed {
             path: path.into(),

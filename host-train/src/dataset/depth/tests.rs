@@ -109,6 +109,19 @@ fn cameras_are_four_numbers_or_files_of_several_kinds() {
     let plain = camera("600,610,320,240");
     assert_eq!(read("600 610 320 240\n"), Ok(plain));
     assert_eq!(read("600 0 320\n0 610 240\n0 0 1\n"), Ok(plain));
+    let matrix = [600.0f64, 0.0, 320.0, 0.0, 610.0, 240.0, 0.0, 0.0, 1.0];
+    let path = folder.path().join("K.npy");
+    let numbers: Vec<u8> = matrix.iter().flat_map(|x| x.to_le_bytes()).collect();
+    std::fs::write(&path, [header("<f8", &[3, 3]), numbers].concat()).expect("written");
+    let of_array = Intrinsics::read(&path, Path::new(DEPTH)).map_err(|e| e.to_string());
+    assert_eq!(of_array, Ok(plain));
+    std::fs::write(&path, [0xff, 0xfe, 0x00]).expect("written");
+    let said = Intrinsics::read(&path, Path::new(DEPTH)).expect_err("no text");
+    assert!(
+        said.to_string()
+            .contains("it is neither text nor a NumPy array"),
+        "{said}"
+    );
     let bop = r#"{"cx": 320, "cy": 240, "depth_scale": 0.1, "fx": 600, "fy": 610, "height": 480, "width": 640}"#;
     let known = Intrinsics {
         size: Some([640, 480]),

@@ -30,7 +30,7 @@ async fn unheard(
         };
         let mut buffer = [0; wire::SMALL_FRAME_BYTES];
         let frame = wire::encode(&Message::Status(status), &mut buffer).expect("it fits");
-        let answered = query.reply(own.as_str(), &*frame);
+        let answered = query.reply(own.as_str(), frame);
         answered.wait().expect("an open session");
     });
     let answering = answering.await.expect("an open session");

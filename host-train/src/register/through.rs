@@ -10,7 +10,7 @@ use reagent_core::{Error, Frame, Pose};
 const CELLS: usize = 32;
 /// A point counts if something was seen behind it by more than this, in target radii.
 const MARGIN: f32 = 0.1;
-/// Share of the target's points that must count. Of right poses on a table, none had more than .02.
+/// Share of the target's points that must count: more than of any right pose that was tried.
 const LEAST: f32 = 0.05;
 
 /// Share of the target's points facing the sensor behind which something was seen, if it is too large for a right pose. `None`

@@ -140,6 +140,7 @@ impl Request {
         mut go_on: impl FnMut() -> Result<(), E>,
     ) -> Result<Done, E> {
         let clouds = [source.points(), target.points()];
+        let view_point = self.seen_from(source);
         let task = |start| self.task(start, [source, target]);
         let tasks: Vec<Task<'_>> = starts.iter().map(task).collect();
         let mut found = Vec::with_capacity(tasks.len());
@@ -163,9 +164,8 @@ impl Request {
         };
         let is_refined = wanted && self.mode != Mode::Fast;
         let dense = if is_refined {
-            let eye = self.seen_from(source).map(|eye| reached.apply(eye));
-            let target = match eye {
-                Some(eye) => target.all_seen_from(eye)?,
+            let target = match view_point {
+                Some(view_point) => target.all_seen_from(reached.apply(view_point))?,
                 None => Cow::Borrowed(&*target.all),
             };
             refine_densely(&source.all, &target, reached)?
@@ -177,7 +177,6 @@ impl Request {
             None => None,
         };
         let near = dense.map_or(reached, |d| d.target_from_source);
-        let view_point = self.seen_from(source);
         let view_point = view_point.filter(|_| found.answer.refinement.is_some());
         let seen_through = match view_point {
             Some(view_point) => seen_through([source, target], view_point, near)?,

@@ -34,6 +34,7 @@ use scene::Scene;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 
 /// Points of a mesh's surface from which targets are drawn.
 const SURFACE_POINTS: usize = 4096;
@@ -56,14 +57,17 @@ const ATTEMPTS: usize = 4;
 #[derive(Clone, Debug)]
 pub struct Object {
     mesh: Mesh,
-    surface: Vec<Point>,
+    /// Points of what of it can be seen, once they are asked for: finding them takes longer than reading the mesh.
+    surface: OnceLock<Vec<Point>>,
+    /// Draws these points.
+    rng: Rng,
     /// Category index.
     pub label: u32,
 }
 
 impl Object {
     /// Centres and scales a mesh; `None` where it has no surface.
-    pub fn new(mut mesh: Mesh, label: u32, rng: &mut Rng) -> Option<Object> {
+    pub fn new(mut mesh: Mesh, label: u32, rng: &Rng) -> Option<Object> {
         let bounds = |f: fn(Vec3, Vec3) -> Vec3| mesh.vertices.iter().copied().reduce(f);
         let centre = (bounds(Vec3::min)? + bounds(Vec3::max)?) / 2.0;
         let distances = mesh.vertices.iter().map(|v| v.distance(centre));
@@ -74,17 +78,21 @@ impl Object {
         for vertex in &mut mesh.vertices {
             *vertex = (*vertex - centre) / radius;
         }
-        let surface = mesh.sample_outside(SURFACE_POINTS, rng);
-        (!surface.is_empty()).then_some(Object {
+        let area = mesh.area();
+        (area > 0.0 && area.is_finite()).then(|| Object {
             mesh,
-            surface,
+            surface: OnceLock::new(),
+            rng: rng.clone(),
             label,
         })
     }
 
     /// Points of its surface.
     pub fn surface(&self) -> &[Point] {
-        &self.surface
+        self.surface.get_or_init(|| {
+            let rng = &mut self.rng.clone();
+            self.mesh.sample_outside(SURFACE_POINTS, rng)
+        })
     }
 
     /// Adds a view of the undeformed mesh to a set. `None` in the rare case that nothing of it is seen. The noise-free
@@ -97,7 +105,7 @@ impl Object {
             frame,
         } = self.view(rng, points, false)?;
         let placed = |p: &Point| frame.point(model_from_mesh.transform_point3((*p).into()));
-        let surface = self.surface.iter().map(placed).collect();
+        let surface = self.surface().iter().map(placed).collect();
         set.push_view(sample, surface, view_point, self.label);
         Some(())
     }
@@ -121,7 +129,7 @@ impl Object {
                 continue;
             };
             let estimate = start::estimate(&truth, radius, rng);
-            let mut target = resample(rng, &self.surface, points);
+            let mut target = resample(rng, self.surface(), points);
             affine(&mut target, &model_from_mesh.into());
             let (sample, frame) = placed(source, target, &estimate, &truth)?;
             return Some(View {

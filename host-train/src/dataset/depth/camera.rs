@@ -57,9 +57,13 @@ fn of_text(text: &str, image: &Path) -> Result<Intrinsics, String> {
     }
 }
 
-fn joined(numbers: &[f64]) -> String {
-    let words: Vec<String> = numbers.iter().map(f64::to_string).collect();
-    words.join(" ")
+/// Of focal lengths and principal point, or of the rows of K.
+fn of_numbers(numbers: &[f64]) -> Result<Intrinsics, String> {
+    match *numbers {
+        [fx, fy, cx, cy] => Intrinsics::new([fx, fy, cx, cy]),
+        [a, b, c, d, e, f, g, h, i] => Intrinsics::of_matrix([a, b, c, d, e, f, g, h, i]),
+        _ => Err(format!("it has {} numbers", numbers.len())),
+    }
 }
 
 /// Open3D's `PinholeCameraIntrinsic`: the columns of K.
@@ -125,9 +129,7 @@ impl Intrinsics {
             source,
         })?;
         let found = match std::str::from_utf8(&bytes) {
-            _ if npy::is(&bytes) => {
-                npy::matrix(&bytes).and_then(|numbers| joined(&numbers).parse())
-            }
+            _ if npy::is(&bytes) => npy::matrix(&bytes).and_then(|numbers| of_numbers(&numbers)),
             Ok(text) => of_text(text.trim_start_matches('\u{feff}').trim(), image),
             Err(_) => Err("it is neither text nor a NumPy array".into()),
         };
@@ -160,11 +162,7 @@ impl FromStr for Intrinsics {
                 .map_err(|_| format!("\"{word}\" is not a number"))
         };
         let numbers = words.map(number).collect::<Result<Vec<f64>, String>>()?;
-        match *numbers.as_slice() {
-            [fx, fy, cx, cy] => Intrinsics::new([fx, fy, cx, cy]),
-            [a, b, c, d, e, f, g, h, i] => Intrinsics::of_matrix([a, b, c, d, e, f, g, h, i]),
-            _ => Err(format!("it has {} numbers", numbers.len())),
-        }
+        of_numbers(&numbers)
     }
 }
 

@@ -10,6 +10,8 @@ const CELLS: usize = 48;
 #[derive(Clone, Debug)]
 pub(crate) struct DepthGrid {
     known: bool,
+    /// Whether something was seen besides the object.
+    shows_background: bool,
     eye: Vec3,
     /// Rotation into the camera's frame; its rows are right, down, forward.
     camera: Mat3,
@@ -24,6 +26,7 @@ impl DepthGrid {
     /// Nothing seen. All bits are zero.
     pub(crate) const EMPTY: DepthGrid = DepthGrid {
         known: false,
+        shows_background: false,
         eye: Vec3::ZERO,
         camera: Mat3::ZERO,
         low: [0.0; 2],
@@ -35,6 +38,11 @@ impl DepthGrid {
     /// Whether a view point was given.
     pub(crate) fn is_known(&self) -> bool {
         self.known
+    }
+
+    /// Whether the image shows what else was seen, besides the object.
+    pub(crate) fn shows_background(&self) -> bool {
+        self.known && self.shows_background
     }
 
     /// Where the sensor stood.
@@ -79,9 +87,11 @@ impl DepthGrid {
         });
         // A cell holds a point or two, so that gaps between points are no background.
         let cells = (libm::sqrtf(surface.points().len() as f32) * 0.7).clamp(4.0, CELLS as f32);
-        let (wide, cells) = match around.len() {
-            0 => (1.0, cells),
-            _ => (WIDER, CELLS as f32),
+        self.shows_background = around.len() > 0;
+        let (wide, cells) = if self.shows_background {
+            (WIDER, CELLS as f32)
+        } else {
+            (1.0, cells)
         };
         let size = x.max(y).max(1e-6);
         self.low = low.map(|low| low - 0.5 * (wide - 1.0) * size);

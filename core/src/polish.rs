@@ -224,15 +224,13 @@ impl<'w> Refiner<'w> {
         let (near, steps) = self.run(initial, &NEAR);
         let (at, more) = self.run(near, &FINE);
         self.match_all(at);
-        let residual = self.matched_residual(at);
-        let iterations = steps + more;
-        let better = residual.mean() <= before.mean();
-        let at = if better {
-            at
-        } else {
-            self.match_all(initial);
-            initial
-        };
+        let is_better = self.matched_residual(at).mean() <= before.mean();
+        self.candidate(if is_better { at } else { initial }, steps + more)
+    }
+
+    /// A pose as these steps, if any, led to it.
+    pub(crate) fn candidate(&mut self, at: Rigid, iterations: usize) -> Candidate {
+        self.match_all(at);
         let overlap = self.matched_overlap(at);
         Candidate {
             at,
@@ -361,6 +359,11 @@ impl<'w> Refiner<'w> {
         self.work.source.mirror();
         self.work.sample.fill(&self.work.source);
         self.work.seen.mirror();
+    }
+
+    /// Whether it is known what was seen besides the source.
+    pub(crate) fn knows_background(&self) -> bool {
+        self.work.seen.shows_background()
     }
 
     /// Direction in which the sensor looks, in the source's frame.

@@ -26,7 +26,7 @@ mod beside;
 mod search;
 mod undetermined;
 
-use search::{ENDED, Search, explains_both};
+use search::{ENDED, MORE_PROBABLE, SPARE, Search, explains_both};
 use undetermined::lead;
 pub use undetermined::{Axis, OTHERS, Slide, Undetermined};
 
@@ -36,7 +36,8 @@ const EVIDENCE: f32 = 0.014;
 /// The same for the loss of all points.
 const ALL_LOST: f32 = EVIDENCE * 2.0 * COMPARED as f32;
 /// Mean loss of the source above which a pose explains so little of it that a start should not favour the pose; loss above it
-/// counts `BEYOND` times. If clouds overlap by a third, only a pose far from the start may explain them.
+/// counts `BEYOND` times. If clouds overlap by a third, only a pose far from the start may explain them. If the background is
+/// known, a mask may be mostly that, and no loss counts more.
 const HARDLY_EXPLAINED: f32 = 0.7;
 const BEYOND: f32 = 5.0;
 
@@ -82,6 +83,8 @@ struct Contender {
     at: Rigid,
     /// Negative log-probability, from the losses and under the start; lower is better.
     energy: f32,
+    /// The same from the losses alone.
+    fit: f32,
 }
 
 impl Refiner<'_> {
@@ -131,7 +134,7 @@ impl Refiner<'_> {
         let winner = contenders.get(best).copied().flatten();
         let further = winner
             .filter(|winner| best > 0 || winner.at != polished.at || !polished.is_settled())
-            .map(|winner| self.polish_inside(winner.at));
+            .map(|winner| self.polish_unless_less_probable(winner, prior.as_ref()));
         let found = further.unwrap_or(polished);
         let ranked = self.ranked(best, &found, &contenders);
         let undetermined = self.undetermined(best, &found, &contenders);
@@ -153,6 +156,21 @@ impl Refiner<'_> {
         })
     }
 
+    /// Polishes a contender, unless that makes it less probable: where little holds a pose, it slides away.
+    fn polish_unless_less_probable(
+        &mut self,
+        winner: Contender,
+        prior: Option<&Prior>,
+    ) -> Candidate {
+        let polished = self.polish_inside(winner.at);
+        let energy = self.keep_energy(SPARE, polished.at, prior);
+        if energy < winner.energy + MORE_PROBABLE {
+            polished
+        } else {
+            self.candidate(winner.at, polished.iterations)
+        }
+    }
+
     /// Negative log-probability of a pose ([`Ranked::energy`]).
     ///
     /// # Errors
@@ -160,11 +178,7 @@ impl Refiner<'_> {
     pub fn energy(&mut self, pose: Pose, start: &Start) -> Result<f32, Error> {
         let at = self.inside(pose.checked()?);
         let prior = self.prior(start)?;
-        let losses = self.keep_losses(0, at);
-        Ok(energy(
-            losses,
-            prior.map_or(0.0, |prior| prior.surprise(at)),
-        ))
+        Ok(self.keep_energy(0, at, prior.as_ref()))
     }
 
     /// Whether two poses are one hypothesis: within 8 degrees and .15 target radii of each other.
@@ -210,6 +224,13 @@ impl Refiner<'_> {
         ranked
     }
 
+    /// Keeps the losses under a pose, point by point, and returns its negative log-probability.
+    fn keep_energy(&mut self, contender: usize, at: Rigid, prior: Option<&Prior>) -> f32 {
+        let losses = self.keep_losses(contender, at);
+        let surprise = prior.map_or(0.0, |prior| prior.surprise(at));
+        energy(losses, surprise, self.knows_background())
+    }
+
     /// Keeps the losses under a pose, point by point; returns their sum and the source's mean loss.
     fn keep_losses(&mut self, contender: usize, at: Rigid) -> [f32; 2] {
         self.match_both(at, COMPARED);
@@ -217,9 +238,14 @@ impl Refiner<'_> {
     }
 }
 
-/// Negative log-probability, from both clouds' summed loss, the source's mean loss, and the surprise under the start.
-fn energy([loss, source]: [f32; 2], surprise: f32) -> f32 {
-    let beyond = (source - HARDLY_EXPLAINED).max(0.0) * 2.0 * COMPARED as f32;
+/// Negative log-probability, from both clouds' summed loss, the source's mean loss, the surprise under the start, and whether the
+/// background is known.
+fn energy([loss, source]: [f32; 2], surprise: f32, knows_background: bool) -> f32 {
+    let beyond = if knows_background {
+        0.0
+    } else {
+        (source - HARDLY_EXPLAINED).max(0.0) * 2.0 * COMPARED as f32
+    };
     EVIDENCE * (loss + (BEYOND - 1.0) * beyond) + surprise
 }
 

@@ -6,6 +6,9 @@ use crate::solve::Rigid;
 
 /// Weight of the source's points when poses are compared: the target often has sides that the source does not show.
 const SOURCE_SHARE: f32 = 0.8;
+/// The same if the background is known: masks of thin objects hold more of that than of the object, and what the target would
+/// hide tells a pose that slid along it.
+const SOURCE_SHARE_BEFORE_BACKGROUND: f32 = 0.4;
 /// Highest loss of a target point that was not seen but need not have been; a point that would hide what was seen loses 1.
 const UNSEEN: f32 = 0.5;
 
@@ -104,7 +107,12 @@ impl Refiner<'_> {
         self.spare_beyond_edges(at);
         self.keep_lost(contender);
         let Residual { source, target } = self.lost();
-        let mean = SOURCE_SHARE * source + (1.0 - SOURCE_SHARE) * target;
+        let share = if self.work.seen.shows_background() {
+            SOURCE_SHARE_BEFORE_BACKGROUND
+        } else {
+            SOURCE_SHARE
+        };
+        let mean = share * source + (1.0 - share) * target;
         [mean * 2.0 * loss::COMPARED as f32, all.source]
     }
 

@@ -1,6 +1,6 @@
 //! The search for poses that might be right instead: hypotheses, and the choice of those that enter the comparison.
 
-use super::{ALL_LOST, Contender, RANKED, energy};
+use super::{ALL_LOST, Contender, RANKED};
 use crate::loss::{COMPARED, CONTENDERS};
 use crate::pairs::matching_pairs;
 use crate::polish::{Candidate, Refiner, Residual};
@@ -36,7 +36,7 @@ const ALIKE: f32 = 0.08;
 /// led to it, another replaces it only if it is more probable by `MORE_PROBABLE` (a logarithm) or fits better by `BETTER`
 /// standard errors: the copies of a symmetric shape differ by their sampling alone.
 const BOTH_EXPLAINED: f32 = 0.55;
-const MORE_PROBABLE: f32 = 1.0;
+pub(super) const MORE_PROBABLE: f32 = 1.0;
 const BETTER: f32 = 2.0;
 /// Standard errors by which a pose that explains both clouds must fit better than the most probable one to replace it. Fewer are enough
 /// with residuals below `WELL_EXPLAINED`: the clouds then overlap as a whole, not by chance in some part.
@@ -80,27 +80,32 @@ pub(super) fn explains_both(Residual { source, target }: Residual) -> bool {
 impl Search<'_, '_> {
     /// Enters a polished pose into the comparison: in place of one of the same hypothesis,
     /// else in a free place, else in place of the worst if it is more probable. The first
-    /// place is the pose at hand's; only a better one of its own hypothesis takes it.
+    /// place is the pose at hand's; only a better one of its own hypothesis takes it. The pose
+    /// that fits best keeps a place, however improbable the start makes it.
     pub(super) fn enter(&mut self, at: Rigid, prior: Option<&Prior>) {
         if is_held(&self.contenders, at) {
             return;
         }
-        let losses = self.refiner.keep_losses(SPARE, at);
-        let surprise = prior.map_or(0.0, |prior| prior.surprise(at));
-        let energy = energy(losses, surprise);
+        let energy = self.refiner.keep_energy(SPARE, at, prior);
+        let fit = energy - prior.map_or(0.0, |prior| prior.surprise(at));
+        let fits = self.contenders.iter().flatten().map(|held| held.fit);
+        let best_fit = fits.fold(f32::INFINITY, f32::min);
+        let is_best_fit = fit < best_fit;
         let energy_of = |held: &Option<Contender>| held.map_or(f32::INFINITY, |held| held.energy);
         let is_twin = |held: &Option<Contender>| held.is_some_and(|held| is_same(held.at, at));
         let replaceable = usize::from(self.contenders.iter().any(Option::is_some));
         let place = self.contenders.iter().position(is_twin).or_else(|| {
             let places = self.contenders.iter().enumerate().skip(replaceable);
+            let places = places
+                .filter(|(_, held)| is_best_fit || held.is_none_or(|held| held.fit > best_fit));
             let least_probable = places.min_by(|a, b| energy_of(b.1).total_cmp(&energy_of(a.1)));
             least_probable.map(|(i, _)| i)
         });
         if let Some(i) = place
             && let Some(held) = self.contenders.get_mut(i)
-            && energy < energy_of(held)
+            && (energy < energy_of(held) || is_best_fit && !is_twin(held))
         {
-            *held = Some(Contender { at, energy });
+            *held = Some(Contender { at, energy, fit });
             self.refiner.losses_mut().copy(SPARE, i);
         }
     }
@@ -170,12 +175,17 @@ impl Search<'_, '_> {
         };
         self.refiner.match_both(at, COMPARED);
         let Residual { source, target } = self.refiner.matched_residual(at);
+        // Of the target, a sensor did not see all.
+        let unexplained = match self.refiner.ahead() {
+            Some(_) => source,
+            None => source.max(target),
+        };
         let most = if score > FAR_BETTER {
             BOTH_EXPLAINED
         } else {
             WELL_EXPLAINED
         };
-        if source.max(target) < most { i } else { best }
+        if unexplained < most { i } else { best }
     }
 
     /// Screens hypotheses, sifts the best and enters the best of those. If the pose at hand is held on to and planes fix its

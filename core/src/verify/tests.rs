@@ -273,17 +273,22 @@ fn another_object_is_refused() {
 fn a_start_speaks_for_poses_that_explain_the_clouds() {
     let compared = 2.0 * COMPARED as f32;
     // Loss and surprise of a pose near the start, and of one half a turn away that fits better.
-    let near_wins = |near: [f32; 2], far: [f32; 2]| {
-        let [near, far] =
-            [near, far].map(|[loss, surprise]| energy([loss * compared, loss], surprise));
+    let wins = |knows_background: bool, near: [f32; 2], far: [f32; 2]| {
+        let [near, far] = [near, far]
+            .map(|[loss, surprise]| energy([loss * compared, loss], surprise, knows_background));
         near < far
     };
+    let near_wins = |near, far| wins(false, near, far);
     assert!(near_wins([0.58, 0.8], [0.45, 8.0]), "a box upside down");
     assert!(
         !near_wins([0.81, 1.8], [0.75, 8.0]),
         "scans that share a third"
     );
     assert!(near_wins([0.81, 1.8], [0.80, 8.0]), "both are as bad");
+    assert!(
+        wins(true, [0.81, 1.8], [0.75, 8.0]),
+        "a mask that holds more background than object"
+    );
 }
 
 /// A brick with a knob at a corner fits nearly as well the other way around, which is how it starts.

@@ -2,7 +2,8 @@
 //!
 //! The distances between planes that are left under the pose are what noise and sampling leave; their normal equations
 //! say how far the pose may move until they grow by as much (the covariance of weighted least squares, `σ² (JᵀWJ)⁻¹`). Where noise
-//! is as large as the distance between neighbours, planes cannot be fitted, and errors are larger than it says.
+//! is a part of the distance between neighbours, the planes fitted to these are off, too, and the covariance grows by that. Where noise
+//! is as large as that distance, planes cannot be fitted, and errors are larger than it says.
 
 use crate::solve::NormalEquations;
 use glam::Vec3;
@@ -17,31 +18,47 @@ const OPEN_TURN: f64 = core::f64::consts::PI;
 const OPEN_SHIFT: f64 = 1.0;
 
 /// Covariance of a pose's error `(ω, v)`, a rotation vector in radians and then a translation in the clouds' units, both along
-/// the target's axes. It perturbs from the left, about the target's centroid: if `x` is where the pose puts a point,
-/// the truth puts it at `about + exp(ω) (x - about) + v`.
+/// the target's axes. It perturbs from the left, about a point near the target's centroid: if `x` is where the pose puts a
+/// point, the truth puts it at `about + exp(ω) (x - about) + v`.
 ///
 /// What the shape leaves open has a standard deviation of up to π, and of up to one target radius; where it was looked how far, that of
 /// any place in between alike. Other poses that fit as well
 /// ([`crate::verify::Undetermined::poses`]) are not in it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Covariance {
-    /// The target's centroid.
+    /// The target's centroid; if a turn about an axis is open, the point of that axis nearest to it.
     pub about: Vec3,
     /// The target's radius, in the clouds' units.
     pub radius: f32,
     /// Symmetric, rotation first.
     pub matrix: [[f32; 6]; 6],
+    /// See [`Covariance::shift_deviation`].
+    by_planes: f32,
 }
 
 impl Covariance {
-    /// Of equations of planes and the mean of their squared residuals, both in target radii about the target's centroid.
+    /// Of equations of planes and the mean of their squared residuals, both in target radii about the target's centroid, and by
+    /// how much the planes' own errors raise the variance.
     pub(crate) fn of(
+        equations: &NormalEquations,
+        [variance, raised]: [f64; 2],
+        about: Vec3,
+        radius: f32,
+    ) -> Covariance {
+        let variance = variance.max(LEAST_NOISE * LEAST_NOISE);
+        let exact = Covariance::of_planes(equations, variance, about, radius);
+        Covariance {
+            by_planes: exact.by_planes,
+            ..Covariance::of_planes(equations, variance * raised, about, radius)
+        }
+    }
+
+    fn of_planes(
         equations: &NormalEquations,
         variance: f64,
         about: Vec3,
         radius: f32,
     ) -> Covariance {
-        let variance = variance.max(LEAST_NOISE * LEAST_NOISE);
         let [turn, shift] = [OPEN_TURN, OPEN_SHIFT].map(|deviation| 1.0 / (deviation * deviation));
         let weights = [turn, turn, turn, shift, shift, shift];
         let mut matrix = equations.inverse(1.0 / (REPEATED * variance), weights);
@@ -51,11 +68,29 @@ impl Covariance {
                 (0..lengths).for_each(|_| *x *= radius);
             }
         }
+        let shifts = matrix.iter().enumerate().skip(3);
+        let variances = shifts.filter_map(|(i, row)| row.get(i));
         Covariance {
             about,
             radius,
             matrix,
+            by_planes: libm::sqrtf(variances.sum::<f32>()) / radius,
         }
+    }
+
+    /// States the same uncertainty about another point.
+    pub(crate) fn move_to(&mut self, about: Vec3) {
+        let r = about - self.about;
+        // The translation there is v + ω × r.
+        let moved = |[a, b, c, d, e, f]: [f32; 6]| -> [f32; 6] {
+            let v = Vec3::new(d, e, f) + Vec3::new(a, b, c).cross(r);
+            [a, b, c, v.x, v.y, v.z]
+        };
+        let transposed = |rows: [[f32; 6]; 6]| -> [[f32; 6]; 6] {
+            core::array::from_fn(|i| rows.map(|row| row.get(i).copied().unwrap_or(0.0)))
+        };
+        self.matrix = transposed(transposed(self.matrix.map(moved)).map(moved));
+        self.about = about;
     }
 
     /// Takes in that a turn about an axis is open, between two angles, radians.
@@ -85,11 +120,10 @@ impl Covariance {
         }
     }
 
-    /// Standard deviation of the translation in all directions together, target radii.
+    /// Standard deviation of the translation in all directions together, target radii, by the planes alone: as if these were
+    /// exact, and nothing else were open.
     pub fn shift_deviation(&self) -> f32 {
-        let variances = self.matrix.iter().enumerate().skip(3);
-        let variances = variances.filter_map(|(i, row)| row.get(i));
-        libm::sqrtf(variances.sum::<f32>()) / self.radius
+        self.by_planes
     }
 }
 
@@ -143,6 +177,7 @@ mod tests {
             about: Vec3::ZERO,
             radius: 2.0,
             matrix: core::array::from_fn(|i| core::array::from_fn(|j| diagonal(i, j))),
+            by_planes: 0.0,
         };
         let (along, across) = (Vec3::new(0.6, 0.8, 0.0), Vec3::new(-0.8, 0.6, 0.0));
         covariance.open_turn(Vec3::Z, [-0.3, 0.3]);

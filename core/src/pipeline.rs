@@ -184,7 +184,8 @@ pub struct Refinement {
     pub polished: Refined,
     /// Number of other poses tried; `None` if the mode tries none.
     pub hypotheses: Option<usize>,
-    /// What the shape leaves undetermined, as far as it was examined.
+    /// What the shape leaves undetermined, as far as it was examined: without a comparison, a turn about an axis where planes
+    /// hardly hold it.
     pub undetermined: Undetermined,
     /// The evidence for and against the pose.
     pub evidence: Evidence,
@@ -271,12 +272,15 @@ pub fn refine<E: From<Error>>(
             ranked: found.ranked,
         }
     } else {
-        let polished = refiner.polish(reached)?;
+        let (polished, undetermined) = refiner.polish_and_examine(reached)?;
         Refinement {
-            refined: polished,
+            refined: Refined {
+                covariance: undetermined.widen(polished.covariance),
+                ..polished
+            },
             polished,
             hypotheses: None,
-            undetermined: Undetermined::NOTHING,
+            undetermined,
             evidence: Evidence::polished(&polished),
             ranked: [None; RANKED],
         }

@@ -67,6 +67,8 @@ pub(crate) fn principal_axes(spread: Spread) -> Mat3 {
     Mat3::from_cols(first, last.cross(first), last)
 }
 
+/// Share of its trace added to a matrix of shifts, which is singular for a plane.
+const LOOSE: f32 = 1e-3;
 /// Damping that keeps a singular matrix positive despite rounding.
 const ROUNDING: f64 = 1e-15;
 
@@ -138,6 +140,31 @@ impl NormalEquations {
     /// The matrix's translation block.
     pub(crate) fn shifting(&self) -> Spread {
         [9, 14, 20, 13, 18, 19].map(|k| self.a[k] as f32)
+    }
+
+    /// The matrix of turns alone, each with the shift that suits it best (the Schur complement), and the map from a turn to that
+    /// shift.
+    pub(crate) fn free_turning(&self) -> (Spread, Mat3) {
+        let entry = |i: usize, j: usize| {
+            let (row, column) = (i.max(j), i.min(j));
+            self.a[row * (row + 1) / 2 + column] as f32
+        };
+        let block = |row: usize, column: usize| {
+            Mat3::from_cols_array(&core::array::from_fn(|k| {
+                entry(row + k % 3, column + k / 3)
+            }))
+        };
+        let [xx, yy, zz, ..] = self.shifting();
+        let damping = Mat3::from_diagonal(Vec3::splat(LOOSE * (xx + yy + zz).max(1e-30)));
+        let shift_of = -((block(3, 3) + damping).inverse() * block(3, 0));
+        let Mat3 {
+            x_axis: x,
+            y_axis: y,
+            z_axis: z,
+        } = block(0, 0) + block(0, 3) * shift_of;
+        let diagonal = [x.x, y.y, z.z].map(|x| x.max(0.0));
+        let [xx, yy, zz] = diagonal;
+        ([xx, yy, zz, x.y, x.z, y.z], shift_of)
     }
 
     /// Inverse of `factor * A + diag(diagonal)` for a positive diagonal;
@@ -229,6 +256,14 @@ impl Rigid {
         Rigid {
             rotation: by.after(self.rotation),
             shift: by.matrix() * self.shift,
+        }
+    }
+
+    /// The transform followed by a rotation about a point.
+    pub(crate) fn turned_about(&self, point: Vec3, by: Rotation) -> Rigid {
+        Rigid {
+            rotation: by.after(self.rotation),
+            shift: by.matrix() * (self.shift - point) + point,
         }
     }
 

@@ -3,10 +3,12 @@
 
 use glam::Quat;
 use nalgebra::{Matrix6, Vector6};
-use reagent_core::Pose;
 use reagent_core::covariance::Covariance;
+use reagent_core::pipeline::{self, Mode, Task};
 use reagent_core::polish::{Refiner, Workspace};
 use reagent_core::pose::rotation_from_euler;
+use reagent_core::start::Start;
+use reagent_core::{Error, Pose};
 
 type Points = Vec<[f32; 3]>;
 
@@ -118,4 +120,45 @@ fn errors_are_as_large_as_the_covariance_says() {
             assert!((1.5..8.0).contains(&mean), "{pairs}: {mean}");
         }
     }
+}
+
+/// About an axis that fits any turn, the angle is unknown, and all else is known as well as the covariance says.
+#[test]
+fn what_an_open_turn_leaves_known_is_as_far_off_as_the_covariance_says() {
+    const PAIRS: u32 = 20;
+    let mut workspace = Box::new(Workspace::new());
+    let mut sum = 0.0;
+    for pair in 0..PAIRS {
+        let cone = |seed: u32| -> Points {
+            let mut numbers = Numbers(seed);
+            let point = |_| {
+                let (angle, z) = (core::f32::consts::PI * numbers.next(), numbers.next());
+                let radius = 0.4 + 0.2 * z;
+                let p = [radius * angle.cos(), radius * angle.sin(), 0.8 * z];
+                p.map(|x| x + 0.005 * numbers.noise())
+            };
+            (0..1000).map(point).collect()
+        };
+        let (source, mut target) = (cone(pair), cone(1000 + pair));
+        // The centre of what is left lies beside the axis.
+        target.retain(|&[x, ..]| x > -0.1);
+        let start = Pose {
+            rotation: rotation_from_euler([0.03, -0.02, 0.5].into()),
+            translation: glam::Vec3::new(0.02, 0.01, -0.02),
+        };
+        let task = Task {
+            mode: Mode::Verify,
+            ..Task::new(Start::at(start))
+        };
+        let go_on = || Ok::<(), Error>(());
+        let found = pipeline::refine(&mut workspace, [&source, &target], start, &task, go_on);
+        let found = found.expect("clouds").expect("a refinement");
+        assert!(found.undetermined.axis.is_some(), "pair {pair}");
+        let refined = found.refined;
+        let pose = refined.target_from_source;
+        sum += normalised_error_squared(Pose::IDENTITY, pose, &refined.covariance);
+    }
+    let mean = sum / f64::from(PAIRS);
+    println!("{mean:.2}");
+    assert!((1.0..10.0).contains(&mean), "{mean}");
 }

@@ -4,19 +4,25 @@
 use super::search::SLIPPERY;
 use super::{Contender, RANKED};
 use crate::covariance::Covariance;
+use crate::error::Error;
 use crate::loss::CONTENDERS;
-use crate::polish::{Candidate, Refiner};
+use crate::polish::{Candidate, Refined, Refiner};
 use crate::pose::Pose;
 use crate::rotation::Rotation;
 use crate::search::SAME;
 use crate::solve::Rigid;
+use core::f32::consts::PI;
 use glam::Vec3;
 
 /// Standard errors below which a difference of losses is what sampling explains: more than of independent points, since
 /// errors of neighbours are alike.
 const EXPLAINED: f32 = 4.0;
 /// Turns about an axis, in either sense, by which it is seen how well the shape fixes the angle, radians.
-const TURNS: [f32; 6] = [0.175, 0.35, 0.7, 1.3, 2.2, core::f32::consts::PI];
+const TURNS: [f32; 6] = [0.175, 0.35, 0.7, 1.3, 2.2, PI];
+/// What holds a turn least, as a share of what holds all turns ([`Refiner::least_held_turn`]), from which on no turn is tried.
+const HELD: f32 = 0.25;
+/// If any turn in one sense fits, how many of the turns in the other may seem not to, by chance.
+const CHANCE: usize = 1;
 /// Shifts along a direction, in either sense, by which it is seen how well the shape fixes the place, target radii.
 const SHIFTS: [f32; 9] = [0.1, 0.2, 0.3, 0.4, 0.55, 0.7, 0.9, 1.1, 1.4];
 /// How often the step between the last of these that fits and the next is halved, to see how far it fits.
@@ -35,6 +41,8 @@ pub struct Undetermined {
     pub axis: Option<Axis>,
     /// Moved along this direction they do.
     pub slide: Option<Slide>,
+    /// Whether the axis, about which any turn fits, may have any direction: a ball.
+    pub any_rotation: bool,
     /// Other poses that fit as well, target_from_source.
     pub poses: [Option<Pose>; OTHERS],
 }
@@ -42,7 +50,7 @@ pub struct Undetermined {
 /// A line in the target's frame, and how far the source may be turned about it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Axis {
-    /// On the line, in the target's units.
+    /// On the line, in the target's units; a ball's centre.
     pub point: Vec3,
     /// Unit vector along it.
     pub direction: Vec3,
@@ -65,13 +73,30 @@ impl Undetermined {
     pub const NOTHING: Undetermined = Undetermined {
         axis: None,
         slide: None,
+        any_rotation: false,
         poses: [None; OTHERS],
     };
 
     /// A pose's covariance, with what is open in it.
     pub(crate) fn widen(&self, mut covariance: Covariance) -> Covariance {
-        if let Some(axis) = self.axis {
-            covariance.open_turn(axis.direction, axis.range_rad);
+        if let Some(Axis {
+            point,
+            direction,
+            range_rad,
+        }) = self.axis
+        {
+            let towards = point - covariance.about;
+            covariance.move_to(if self.any_rotation {
+                point
+            } else {
+                covariance.about + towards.reject_from_normalized(direction)
+            });
+            covariance.open_turn(direction, range_rad);
+            if self.any_rotation {
+                let (right, up) = direction.any_orthonormal_pair();
+                covariance.open_turn(right, range_rad);
+                covariance.open_turn(up, range_rad);
+            }
         }
         if let Some(slide) = self.slide {
             covariance.open_shift(slide.direction, slide.range);
@@ -97,6 +122,21 @@ impl Undetermined {
 }
 
 impl Refiner<'_> {
+    /// Polishes a pose, and says what turn is open if planes hardly hold it.
+    pub(crate) fn polish_and_examine(
+        &mut self,
+        pose: Pose,
+    ) -> Result<(Refined, Undetermined), Error> {
+        let at = self.inside(pose.checked()?);
+        let found = self.polish_inside(at);
+        let refined = self.refined(&found, pose);
+        let mut undetermined = Undetermined::NOTHING;
+        if found.rotation_constraint < SLIPPERY {
+            (undetermined.axis, undetermined.any_rotation) = self.free_turns(found.at);
+        }
+        Ok((refined, undetermined))
+    }
+
     /// What fits as well as the best.
     pub(super) fn undetermined(
         &mut self,
@@ -104,8 +144,10 @@ impl Refiner<'_> {
         found: &Candidate,
         contenders: &[Option<Contender>; RANKED],
     ) -> Undetermined {
+        let (axis, any_rotation) = self.free_turns(found.at);
         let mut undetermined = Undetermined {
-            axis: self.free_axis(found),
+            axis,
+            any_rotation,
             slide: self.free_slide(found.at),
             ..Undetermined::NOTHING
         };
@@ -132,31 +174,60 @@ impl Refiner<'_> {
         undetermined
     }
 
-    /// The axis about which the clouds may be turned and fit as well.
-    fn free_axis(&mut self, found: &Candidate) -> Option<Axis> {
-        if found.rotation_constraint >= SLIPPERY {
-            return None;
+    /// The axis about which the clouds may be turned and fit as well, and whether it may have any direction.
+    fn free_turns(&mut self, at: Rigid) -> (Option<Axis>, bool) {
+        let turn = self.least_held_turn(at);
+        let (axis, centre) = (turn.axis, turn.centre());
+        if turn.held >= HELD {
+            return (None, false);
         }
-        let at = found.at;
-        let (axis, _) = self.least_constraint(at);
         self.keep_losses(HERE, at);
-        let fits = |refiner: &mut Self, angle: f32| {
+        let fits_about = |refiner: &mut Self, axis: Vec3, angle: f32| {
+            let through = turn.through(axis);
             let (sine, cosine) = libm::sincosf(0.5 * angle);
-            let turned = at.turned(Rotation::new(axis * sine, cosine));
-            refiner.fits_as_well([axis, Vec3::ZERO], turned)
+            let there = at.turned_about(through, Rotation::new(axis * sine, cosine));
+            refiner.fits_as_well([axis, through.cross(axis)], there)
         };
+        let fits = |refiner: &mut Self, angle: f32| fits_about(refiner, axis, angle);
         let [back, forth] =
             [-1.0, 1.0].map(|sense| reach(&TURNS, |angle| fits(self, sense * angle)));
         let [most_back, most_forth] = [back, forth].map(|end| end.map_or(0.0, |(angle, _)| angle));
-        let (_, there) = if most_back > most_forth { back } else { forth }?;
+        let (farther, other_sense) = if most_back > most_forth {
+            (back, 1.0)
+        } else {
+            (forth, -1.0)
+        };
+        let Some((angle, there)) = farther else {
+            return (None, false);
+        };
+        // A turn that fits all around in one sense does so in the other, too.
+        let misses = |refiner: &mut Self| {
+            let misses = TURNS.iter().filter(|&angle| {
+                let there = fits(refiner, other_sense * angle);
+                there.is_none()
+            });
+            misses.count()
+        };
+        let is_full = angle == PI && (most_back == most_forth || misses(self) <= CHANCE);
+        let (right, up) = axis.any_orthonormal_pair();
+        let any_rotation = is_full
+            && [right, up]
+                .into_iter()
+                .all(|across| fits_about(self, across, 0.5 * PI).is_some());
         // Not quite that of the least constraint: what else was drawn near moves it to where the shape's own one is.
         let turn = there.rotation.after(at.rotation.inverse());
-        let (direction, point) = turn.line(there.shift - turn.matrix() * at.shift)?;
-        Some(Axis {
-            point: self.target_centre() + point * self.target_scale(),
+        let line = turn.line(there.shift - turn.matrix() * at.shift);
+        let of_line = |point| if any_rotation { centre } else { point };
+        let axis = line.map(|(direction, point)| Axis {
+            point: self.target_centre() + of_line(point) * self.target_scale(),
             direction: direction * direction.dot(axis).signum(),
-            range_rad: [-most_back, most_forth],
-        })
+            range_rad: if is_full {
+                [-PI, PI]
+            } else {
+                [-most_back, most_forth]
+            },
+        });
+        (axis, any_rotation && axis.is_some())
     }
 
     /// The direction along which the clouds may be moved and fit as well.
@@ -234,9 +305,16 @@ pub(super) fn lead(
 
 #[cfg(test)]
 mod tests {
+    use super::Undetermined;
+    use crate::Error;
+    use crate::pipeline::{Mode, Task, refine};
+    use crate::polish::Workspace;
     use crate::polish::tests::{Numbers, moved, pose};
     use crate::pose::Pose;
+    use crate::start::Start;
     use crate::verify::tests::{brick, revolved, vase, verify};
+    use core::f32::consts::PI;
+    use glam::Vec3;
 
     #[test]
     fn how_far_a_piece_of_a_bar_may_be_moved_along_it_is_told() {
@@ -275,10 +353,100 @@ mod tests {
         let found = verify(&source, &target, pose([0.0, 0.05, 0.4], [0.02, 0.0, 0.0]));
         let axis = found.undetermined.axis.expect("an axis");
         assert!(axis.direction.z.abs() > 0.99, "{axis:?}");
-        assert_eq!(
-            axis.range_rad,
-            [-core::f32::consts::PI, core::f32::consts::PI]
+        assert_eq!(axis.range_rad, [-PI, PI]);
+    }
+
+    /// Points of a thin-walled tube. Neighbourhoods take in both sides of its wall, so estimated normals tell little of it.
+    fn tube(numbers: &mut Numbers, count: usize) -> Vec<[f32; 3]> {
+        let sides = [0.55, 0.45].map(|radius| (radius, count / 2));
+        let side = |(radius, count)| {
+            let side = revolved(numbers, count, |_| 1.0, 0.5).into_iter();
+            side.map(move |[x, y, z]| [radius * x, radius * y, z])
+        };
+        sides.into_iter().flat_map(side).collect()
+    }
+
+    #[test]
+    fn a_tube_and_a_part_of_a_rod_may_be_turned_by_any_angle() {
+        let mut numbers = Numbers(17);
+        let mut rod = |count| revolved(&mut numbers, count, |_| 0.4, 0.9);
+        let (whole, mut part) = (rod(1000), rod(1400));
+        // Its centre is beside the axis.
+        part.retain(|&[x, ..]| x > -0.15);
+        let tubes = [(); 2].map(|()| tube(&mut numbers, 1000));
+        let [first, second] = tubes;
+        for (source, target) in [(first, second), (whole, part)] {
+            let found = verify(&source, &target, pose([0.0, 0.05, 0.4], [0.02, 0.0, 0.0]));
+            let axis = found.undetermined.axis.expect("an axis");
+            assert!(axis.direction.z.abs() > 0.99, "{axis:?}");
+            assert_eq!(axis.range_rad, [-PI, PI]);
+            let across = axis.point.truncate().length();
+            assert!(across < 0.05, "{axis:?}");
+            assert!(!found.undetermined.any_rotation);
+        }
+    }
+
+    #[test]
+    fn a_ball_may_be_turned_about_any_axis_through_its_centre() {
+        let mut numbers = Numbers(19);
+        let centre = Vec3::new(0.3, -0.2, 0.1);
+        let mut ball = || -> Vec<[f32; 3]> {
+            let mut point = || Vec3::from_array(numbers.point()).normalize_or(Vec3::X);
+            (0..1000).map(|_| (point() + centre).to_array()).collect()
+        };
+        let (source, target) = (ball(), ball());
+        let mut workspace = Box::new(Workspace::new());
+        let start = Start::at(pose([0.3, 0.2, 0.4], [0.05, 0.0, 0.0]));
+        let task = Task {
+            mode: Mode::Verify,
+            ..Task::new(start)
+        };
+        let go_on = || Ok::<(), Error>(());
+        let found = refine(
+            &mut workspace,
+            [&source, &target],
+            start.pose(),
+            &task,
+            go_on,
         );
+        let found = found.expect("clouds").expect("a refinement");
+        assert!(found.undetermined.any_rotation);
+        let covariance = found.refined.covariance;
+        assert!(
+            (covariance.about - centre).length() < 0.01,
+            "{covariance:?}"
+        );
+        let deviation = |i: usize| covariance.matrix[i][i].sqrt();
+        assert!((0..3).all(|i| deviation(i) > 1.0), "{covariance:?}");
+        assert!((3..6).all(|i| deviation(i) < 0.02), "{covariance:?}");
+    }
+
+    /// Tracking and quick modes compare no poses, but do not claim to know an angle that planes leave free.
+    #[test]
+    fn polishing_alone_tells_of_an_open_turn() {
+        let mut numbers = Numbers(23);
+        let mut vases = || revolved(&mut numbers, 1000, vase, 0.8);
+        let clouds = [&vases()[..], &vases()[..]];
+        let block = [
+            &brick([0.9, 0.5, 0.3], 1000, 3)[..],
+            &brick([0.9, 0.5, 0.3], 1000, 4)[..],
+        ];
+        let mut workspace = Box::new(Workspace::new());
+        let mut refined = |clouds, mode| {
+            let task = Task {
+                mode,
+                ..Task::new(Start::at(Pose::IDENTITY))
+            };
+            let go_on = || Ok::<(), Error>(());
+            let found = refine(&mut workspace, clouds, Pose::IDENTITY, &task, go_on);
+            found.expect("clouds").expect("a refinement")
+        };
+        for mode in [Mode::Polish, Mode::Refine] {
+            let found = refined(clouds, mode);
+            assert!(found.undetermined.axis.is_some(), "{mode}");
+            assert!(found.refined.covariance.matrix[2][2] > 1.0, "{mode}");
+            assert_eq!(refined(block, mode).undetermined, Undetermined::NOTHING);
+        }
     }
 
     /// A piece of a vase's wall may be turned until it reaches the gap in that: farther in one sense than in the other.

@@ -152,7 +152,9 @@ impl Fit {
             left_out,
             ..
         } = found.refined;
-        let Undetermined { axis, slide, poses } = found.undetermined;
+        let Undetermined {
+            axis, slide, poses, ..
+        } = found.undetermined;
         let Covariance { about, matrix, .. } = found.refined.covariance;
         let mut triangle = [0.0; TRIANGLE];
         let lower = matrix

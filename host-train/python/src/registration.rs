@@ -240,6 +240,12 @@ impl Undetermined {
         self.0.axis.clone().map(Axis)
     }
 
+    /// Whether the axis may have any direction: a ball.
+    #[getter]
+    fn any_rotation(&self) -> bool {
+        self.0.any_rotation
+    }
+
     /// The direction along which the place is open, or None.
     #[getter]
     fn slide(&self) -> Option<Slide> {

@@ -93,6 +93,9 @@ pub struct Open {
     /// The axis about which the turn is open.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub axis: Option<OpenAxis>,
+    /// Whether the axis may have any direction: a ball.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub any_rotation: bool,
     /// The direction along which the place is open.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub slide: Option<OpenSlide>,
@@ -139,16 +142,24 @@ impl Fit {
 }
 
 impl Open {
-    /// Of a refinement, in the target's own coordinates, of which `origin` is the point that it was relative to; nothing where no poses
-    /// were compared.
+    /// Of a refinement, in the target's own coordinates, of which `origin` is the point that it was relative to; nothing where nothing
+    /// is open and no poses were compared.
     pub fn of(
         found: &Refinement,
         rows: impl Fn(Pose) -> [[f64; 4]; 3],
         origin: Position,
     ) -> Option<Open> {
-        found.hypotheses?;
-        let Undetermined { axis, slide, poses } = &found.undetermined;
+        if found.hypotheses.is_none() && found.undetermined == Undetermined::NOTHING {
+            return None;
+        }
+        let Undetermined {
+            axis,
+            slide,
+            any_rotation,
+            poses,
+        } = &found.undetermined;
         Some(Open {
+            any_rotation: *any_rotation,
             axis: axis.map(|axis| OpenAxis {
                 point: far(axis.point, origin),
                 direction: axis.direction.to_array(),

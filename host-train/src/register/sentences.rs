@@ -14,6 +14,8 @@ pub type Names<'a> = [&'a str; 2];
 pub enum Remark {
     /// The turn about an axis is open.
     OpenAxis(Axis),
+    /// All turns are open.
+    AnyRotation,
     /// The place along a direction is open.
     OpenSlide(Slide),
     /// So many other poses fit as well; [`OTHERS`] of them are those that are named, and there may be more.
@@ -43,7 +45,11 @@ impl Remark {
         let left_out = found.refined.left_out;
         let sizes = Remark::SizesDiffer(found.refined.extents_ratio);
         let remarks = [
-            found.undetermined.axis.map(Remark::OpenAxis),
+            if found.undetermined.any_rotation {
+                Some(Remark::AnyRotation)
+            } else {
+                found.undetermined.axis.map(Remark::OpenAxis)
+            },
             found.undetermined.slide.map(Remark::OpenSlide),
             (others > 0).then_some(Remark::OtherPoses(others)),
             (left_out != [0.0; 2]).then_some(Remark::LeftOut(left_out)),
@@ -68,6 +74,9 @@ impl Remark {
                 format!(
                     "undetermined: the turn about the {target}'s axis ({x:.3}, {y:.3}, {z:.3}), {turn}"
                 )
+            }
+            Remark::AnyRotation => {
+                format!("undetermined: the {target} is a ball, and any rotation fits as well")
             }
             Remark::OpenSlide(slide) => {
                 let [x, y, z] = slide.direction.to_array();

@@ -116,6 +116,7 @@ fn advice(remark: &Remark, size_advice: &str) -> String {
         Remark::OtherSize(_) => "; see --scale".into(),
         Remark::OffTarget(_) => ". Crop it, give a depth image's --mask, or check the model".into(),
         Remark::OpenAxis(_)
+        | Remark::AnyRotation
         | Remark::OpenSlide(_)
         | Remark::LeftOut(_)
         | Remark::Mirrored

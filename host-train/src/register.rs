@@ -3,6 +3,7 @@
 pub mod background;
 pub mod batch;
 pub mod best;
+mod contest;
 pub mod dense;
 pub mod document;
 pub mod prepared;

@@ -112,7 +112,7 @@ impl<'a> View<'a> {
     ) -> Result<Prepared<'static>, cloud_file::CloudError> {
         let name = Path::new(self.name);
         match self.rows {
-            Rows::Mesh(mesh) => Prepared::of_file(mesh.file(), name, points, seed),
+            Rows::Mesh(mesh) => mesh.prepared(name, points, seed),
             _ => Prepared::of_positions(self.positions(), name, points),
         }
     }

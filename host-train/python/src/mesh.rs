@@ -2,10 +2,12 @@
 
 use crate::array::{Cloud, numbers};
 use crate::error::{bad, bad_cloud};
-use host_train::dataset::cloud_file::CloudFile;
+use host_train::dataset::cloud_file::{CloudError, CloudFile};
+use host_train::register::prepared::Prepared;
 use numpy::PyUntypedArrayMethods;
 use pyo3::prelude::*;
 use std::path::Path;
+use std::sync::{Mutex, PoisonError};
 
 /// A triangle mesh, for a part that has one. It goes where a cloud does: points of its surface are registered, the same
 /// that the command line draws. With a `viewpoint`, and faces that enclose the part and are all wound the same way,
@@ -21,6 +23,8 @@ use std::path::Path;
 #[pyclass(module = "reagent", frozen)]
 pub struct Mesh {
     file: CloudFile,
+    /// What was last made of it, of so many points with this seed: most programs ask for the same again.
+    prepared: Mutex<Option<((Option<usize>, u64), Prepared<'static>)>>,
 }
 
 #[pymethods]
@@ -35,6 +39,7 @@ impl Mesh {
         let file = file.checked(Path::new("mesh"));
         Ok(Mesh {
             file: file.map_err(|error| bad_cloud(&error))?,
+            prepared: Mutex::default(),
         })
     }
 
@@ -47,6 +52,24 @@ impl Mesh {
 impl Mesh {
     pub(crate) fn file(&self) -> &CloudFile {
         &self.file
+    }
+
+    /// Prepared for registration, with at most so many points for the policy. Errors name `path`.
+    pub(crate) fn prepared(
+        &self,
+        path: &Path,
+        points: Option<usize>,
+        seed: u64,
+    ) -> Result<Prepared<'static>, CloudError> {
+        let mut held = self.prepared.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((of, prepared)) = &*held
+            && *of == (points, seed)
+        {
+            return Ok(prepared.clone());
+        }
+        let prepared = Prepared::of_file(&self.file, path, points, seed)?;
+        *held = Some(((points, seed), prepared.clone()));
+        Ok(prepared)
     }
 }
 

@@ -100,7 +100,7 @@ impl Tracker {
     }
 
     /// Registers the next cloud. In the result, `state` is "found", "tracked" or "lost"; the pose of a lost object is
-    /// not reliable. A cloud that is refused, such as an empty one, counts as one without the object.
+    /// not reliable. A cloud that is refused, such as an empty one, raises `CloudError` and counts as one without the object.
     fn follow(&self, py: Python<'_>, source: &Bound<'_, PyAny>) -> PyResult<Registration> {
         let source = Cloud::or_mesh("source", source)?;
         let source = source.view();

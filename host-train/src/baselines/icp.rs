@@ -89,6 +89,9 @@ pub fn icp(
     IcpTarget::new(target, settings.residual)?.register(source, initial, settings)
 }
 
+/// See [`IcpTarget::loss`].
+const GAPS: f64 = 0.6;
+
 /// A target that is prepared once for several runs.
 #[derive(Debug)]
 pub struct IcpTarget<'t> {
@@ -118,6 +121,33 @@ impl<'t> IcpTarget<'t> {
             tree,
             normals,
         })
+    }
+
+    /// Prepares `target [M, 3]` with the normals of its surface `[M, 3]`, which may point to either side.
+    ///
+    /// # Errors
+    /// As [`icp`].
+    pub fn with_normals(target: &'t [Point], normals: &[Point]) -> Result<Self, Error> {
+        Ok(IcpTarget {
+            points: target,
+            tree: Neighbours::new(target)?,
+            normals: normals.iter().map(|&normal| wide(normal)).collect(),
+        })
+    }
+
+    /// How far `source [N, 3]` lies off the surface under a pose: the mean of the squared distances, at most 1 each, in units of
+    /// `off`. Distances along the surface count from where gaps between its points do not explain them, at .6 `off`. The target
+    /// must have been prepared with normals.
+    pub fn loss(&self, source: &[Point], pose: Pose, off: f64) -> f64 {
+        let (rotation, translation) = widen(pose);
+        let losses = source.iter().map(|&p| {
+            let p = rotation * wide(p) + translation;
+            let (nearest, squared) = self.tree.nearest(p);
+            let across = self.normals[nearest].dot(&(p - wide(self.points[nearest])));
+            let along = (squared - across * across).max(0.0).sqrt() - GAPS * off;
+            ((across * across + along.max(0.0).powi(2)) / (off * off)).min(1.0)
+        });
+        losses.sum::<f64>() / source.len().max(1) as f64
     }
 
     /// As [`icp`]; point to plane only if the target was prepared for it.

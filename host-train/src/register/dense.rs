@@ -3,6 +3,7 @@
 use crate::baselines::{IcpSettings, IcpTarget, Residual};
 use crate::dataset::Point;
 use crate::register::thin::{near_and_far, thin};
+use glam::Vec3;
 use reagent_core::dims::MAX_POINTS;
 use reagent_core::pose::centroid;
 use reagent_core::{Error, Frame, Pose};
@@ -40,6 +41,36 @@ pub struct DenseRefinement {
     pub within: f64,
 }
 
+/// The target's frame, in which lengths are in target radii.
+pub(super) struct InRadii(pub(super) Frame);
+
+impl InRadii {
+    /// Points of either cloud, in this frame.
+    pub(super) fn points(&self, points: &[Point]) -> Vec<Point> {
+        let Frame { centre, scale } = self.0;
+        let to = |p: &Point| ((Vec3::from(*p) - centre) / scale).to_array();
+        points.iter().map(to).collect()
+    }
+
+    /// A pose between points in this frame.
+    pub(super) fn inward(&self, pose: Pose) -> Pose {
+        let Frame { centre, scale } = self.0;
+        Pose {
+            rotation: pose.rotation,
+            translation: (pose.rotation * centre + pose.translation - centre) / scale,
+        }
+    }
+
+    /// The reverse of [`InRadii::inward`].
+    fn outward(&self, pose: Pose) -> Pose {
+        let Frame { centre, scale } = self.0;
+        Pose {
+            rotation: pose.rotation,
+            translation: pose.translation * scale + centre - pose.rotation * centre,
+        }
+    }
+}
+
 /// Refines a pose by point-to-plane ICP on up to 20,000 points of each cloud. Correspondences reach .05 target
 /// radii at first, then three times the distance that this leaves between the surfaces. `None` where the fit does
 /// not improve, or the pose moves by more than .1 target radii or 10 degrees.
@@ -57,18 +88,9 @@ pub fn refine_densely(
         None => thin(cloud, DENSE_POINTS),
     };
     let (source, target) = (near(source), near(target));
-    let frame = Frame::of(&thin(&target, MAX_POINTS))?;
-    // In the target's frame the settings' lengths are in target radii.
-    let scale = |points: &[Point]| -> Vec<Point> {
-        let to = |p: &Point| ((glam::Vec3::from(*p) - frame.centre) / frame.scale).to_array();
-        points.iter().map(to).collect()
-    };
-    let centre = frame.centre;
-    let inward = Pose {
-        rotation: from.rotation,
-        translation: (from.rotation * centre + from.translation - centre) / frame.scale,
-    };
-    let (source, target) = (scale(&source), scale(&target));
+    let frame = InRadii(Frame::of(&thin(&target, MAX_POINTS))?);
+    let inward = frame.inward(from);
+    let (source, target) = (frame.points(&source), frame.points(&target));
     let settings = |max_correspondence: f64, max_iterations: usize| IcpSettings {
         residual: Residual::Plane,
         max_correspondence,
@@ -94,12 +116,9 @@ pub fn refine_densely(
     if !(near && better) {
         return Ok(None);
     }
-    let unit = f64::from(frame.scale);
+    let unit = f64::from(frame.0.scale);
     Ok(Some(DenseRefinement {
-        target_from_source: Pose {
-            rotation: found.rotation,
-            translation: found.translation * frame.scale + centre - found.rotation * centre,
-        },
+        target_from_source: frame.outward(found),
         points: [source.len(), target.len()],
         iterations: wide.iterations + fine.iterations,
         overlap: fine.fitness,
@@ -113,7 +132,6 @@ mod tests {
     use super::*;
     use crate::dataset::procedural;
     use crate::random::{Purpose, stream};
-    use glam::Vec3;
     use reagent_core::pose::rotation_from_euler;
 
     /// Two samples of one surface: the pose becomes as good as their number of points allows, in any unit.

@@ -1,9 +1,11 @@
 //! A cloud prepared for registration: near the origin, and within the policy's capacity.
 
+use crate::baselines::{NormalSettings, normals};
 use crate::dataset::Point;
 use crate::dataset::cloud_file::{
     CloudError, CloudFile, MAX_COORDINATE, MESH_POINTS, Note, origin_of,
 };
+use crate::neighbours::Neighbours;
 use crate::pose64::Position;
 use crate::random::{Purpose, stream};
 use crate::register::dense::DENSE_POINTS;
@@ -11,15 +13,34 @@ use crate::register::surface::{Surface, is_seen};
 use crate::register::thin::thin;
 use crate::register::within_capacity;
 use glam::Vec3;
+use nalgebra::Vector3;
 use reagent_core::dims::MAX_POINTS;
 use reagent_core::frame::check_cloud;
 use reagent_core::{Error, Frame};
 use std::borrow::Cow;
 use std::collections::HashMap;
 use std::path::Path;
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
-/// One of the two clouds.
+/// Points of a surface, and its normals there.
+pub(super) struct Planes {
+    pub(super) points: Vec<Point>,
+    pub(super) normals: Vec<Point>,
+}
+
+/// Estimated normals of a cloud of this radius.
+fn normals_of(points: &[Point], scale: f32) -> Vec<Point> {
+    let settings = NormalSettings::DEFAULT;
+    let Ok(tree) = Neighbours::new(points) else {
+        return Vec::new();
+    };
+    let lists = tree.lists(points, settings.radius * f64::from(scale), settings.most);
+    let normals = normals(points, &lists, &settings);
+    let narrow = |normal: &Vector3<f64>| [normal.x, normal.y, normal.z].map(|x| x as f32);
+    normals.iter().map(narrow).collect()
+}
+
+/// One of the two clouds. Copies share what a mesh tells.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Prepared<'a> {
     /// The point that the coordinates below are relative to.
@@ -29,9 +50,11 @@ pub struct Prepared<'a> {
     /// The points that the policy sees, where it sees only a part.
     thinned: Option<Vec<Point>>,
     /// The faces from which the points were drawn.
-    surface: Option<Surface>,
+    surface: Option<Arc<Surface>>,
     /// [`Prepared::outward`], once it is asked for.
-    outward: OnceLock<Vec<Point>>,
+    outward: Arc<OnceLock<Vec<Point>>>,
+    /// Normals at all points, once they are asked for.
+    planes: Arc<OnceLock<Vec<Point>>>,
     /// What the sensor saw besides a source with a known view point; otherwise empty.
     pub background: Vec<Point>,
     /// What the reader noticed, and what was done to the points.
@@ -134,8 +157,9 @@ impl<'a> Prepared<'a> {
             origin,
             all,
             thinned,
-            surface,
-            outward: OnceLock::new(),
+            surface: surface.map(Arc::new),
+            outward: Arc::default(),
+            planes: Arc::default(),
             background: Vec::new(),
             notes,
         };
@@ -196,6 +220,31 @@ impl<'a> Prepared<'a> {
         let all = self.all.iter().zip(outward);
         let seen = all.filter(|&(point, outward)| is_seen(*point, *outward, eye));
         Ok(Cow::Owned(seen.map(|(point, _)| *point).collect()))
+    }
+
+    /// The same points with the normals of their surface, which may point to either side: a mesh's own, else estimated. All of them
+    /// without a sensor.
+    ///
+    /// # Errors
+    /// A cloud without extent.
+    pub(super) fn planes_seen_from(&self, eye: Option<Vec3>) -> Result<Planes, Error> {
+        let Frame { centre, scale } = Frame::of(self.points())?;
+        let normals = self.planes.get_or_init(|| match &self.surface {
+            Some(surface) => surface.normals().to_vec(),
+            None => normals_of(&self.all, scale),
+        });
+        let all = self.all.iter().copied().zip(normals.iter().copied());
+        let outward = match eye {
+            Some(eye) if eye.distance(centre) > scale => self.all_outward(),
+            _ => &[],
+        };
+        let is_seen = |(k, (point, _)): &(usize, (Point, Point))| match (outward.get(*k), eye) {
+            (Some(&outward), Some(eye)) => is_seen(*point, outward, eye),
+            _ => true,
+        };
+        let seen = all.enumerate().filter(is_seen).map(|(_, plane)| plane);
+        let (points, normals) = seen.unzip();
+        Ok(Planes { points, normals })
     }
 
     /// Whether the policy sees only a part of the points.

@@ -2,6 +2,7 @@
 
 use crate::pose64::{Pose64, Position};
 use crate::register::best::{Best, Other, best_and_others};
+use crate::register::contest::decided_by_all_points;
 use crate::register::dense::{Dense, DenseRefinement, refine_densely};
 use crate::register::prepared::Prepared;
 use crate::register::scale::other_size;
@@ -142,13 +143,24 @@ impl Request {
         let clouds = [source.points(), target.points()];
         let view_point = self.seen_from(source);
         let task = |start| self.task(start, [source, target]);
+        let wanted = match self.dense {
+            Dense::Never => false,
+            Dense::Always => true,
+            Dense::Auto => source.is_thinned() || target.is_thinned(),
+        };
+        let is_refined = wanted && self.mode != Mode::Fast;
         let tasks: Vec<Task<'_>> = starts.iter().map(task).collect();
         let mut found = Vec::with_capacity(tasks.len());
         for (i, task) in tasks.iter().enumerate() {
             if i > 0 {
                 go_on()?;
             }
-            found.push(register_in(memory, policy, clouds[0], clouds[1], task)?);
+            let once = register_in(memory, policy, clouds[0], clouds[1], task)?;
+            found.push(if is_refined {
+                decided_by_all_points(memory, [source, target], task, once)?
+            } else {
+                once
+            });
         }
         let next_best = best.saturating_sub(1);
         let Best {
@@ -157,12 +169,6 @@ impl Request {
             others,
         } = best_and_others(memory, clouds, &tasks, found, next_best)?;
         let reached = found.answer.target_from_source;
-        let wanted = match self.dense {
-            Dense::Never => false,
-            Dense::Always => true,
-            Dense::Auto => source.is_thinned() || target.is_thinned(),
-        };
-        let is_refined = wanted && self.mode != Mode::Fast;
         let dense = if is_refined {
             let target = match view_point {
                 Some(view_point) => target.all_seen_from(reached.apply(view_point))?,

@@ -28,6 +28,11 @@ impl Surface {
         }
     }
 
+    /// Normals of the faces at the points drawn.
+    pub(super) fn normals(&self) -> &[Point] {
+        &self.normals
+    }
+
     /// Of the points drawn: outward normals, [`INSIDE`] where nothing outside can see them, and NaN where both sides can be seen.
     /// Empty if nothing is told.
     pub(super) fn outward(&self, points: &[Point]) -> &[Point] {

@@ -9,6 +9,7 @@ use super::{Registration, keys, pose};
 use host_train::dataset::ros::cdr::from_cdr;
 use host_train::dataset::ros::point_cloud2::{Header, PointCloud2};
 use host_train::register::request::Done;
+use host_train::register::sentences::outcome;
 use keys::Qos;
 use reagent_core::track::TrackState;
 use reagent_core::verdict::Verdict;
@@ -110,17 +111,23 @@ impl Outputs {
             Ok(registered) => registered,
             Err(error) => return self.refuse(header, one_line(error.as_ref())),
         };
-        let verdict = done.found.answer.verdict;
-        let level = match verdict {
-            Verdict::Converged => OK,
+        let reagent_core::pipeline::Answer {
+            verdict,
+            probability,
+            ..
+        } = done.found.answer;
+        // Without a probability nothing judged the pose: the verdict is on the policy's steps.
+        let level = match (verdict, probability) {
+            (Verdict::Converged, Some(_)) => OK,
             _ => WARN,
         };
+        let outcome = outcome(verdict, probability);
         if level == OK {
             self.publish_pose(&header, registration, &done)?;
         }
         let said = match level {
             OK => document(&header, &done),
-            _ => format!("no pose is probably right: {verdict}"),
+            _ => format!("no pose is probably right: {outcome}"),
         };
         let mut values = values(&done, state);
         let refused = self.transforms.as_ref().and_then(|tf| tf.refused.clone());
@@ -128,7 +135,7 @@ impl Outputs {
             key: "tf".into(),
             value: reason,
         }));
-        self.tell(header, (level, verdict.to_string()), values)?;
+        self.tell(header, (level, outcome), values)?;
         Ok(Triggered {
             success: level == OK,
             message: said,

@@ -44,7 +44,8 @@ use std::path::{Path, PathBuf};
 /// Whatever a reader left out or had to interpret is reported on stderr and listed by --json.
 ///
 /// The probability is that the pose is right, up to what is named as undetermined: an axis about which the clouds may
-/// be turned, or other poses that fit as well.
+/// be turned, a direction along which they may be moved, or other poses that fit as well. Mode fast does not judge the
+/// pose: its verdict says how the steps ended.
 ///
 /// Exit status: 0 with a pose, 1 without, 2 on bad usage, 3 where --fail-below was not reached.
 #[derive(Debug, Args)]

@@ -50,8 +50,8 @@ use std::path::{Path, PathBuf};
 /// Exit status: 0 with a pose, 1 without, 2 on bad usage, 3 where --fail-below was not reached.
 #[derive(Debug, Args)]
 pub(super) struct RegisterArgs {
-    /// Policy: a file, or a bundled one: "reagent", "compact", and for single depth views "views", "views-compact"
-    /// [default: "views" where all sources are views from known points, as with --view or --depth, else "reagent"]
+    /// Policy: a file, a run directory (its best), or a bundled one: "reagent" (f32), "reagent-int8" (the same in 8-bit
+    /// integers), "compact" (int8), and for single depth views "views", "views-compact" (int8) [default: "views" where all sources are views from known points, as with --view or --depth, else "reagent"]
     #[arg(long, value_name = "FILE.rgw|NAME")]
     weights: Option<PathBuf>,
     /// Cloud to move; leave it out with --depth

@@ -11,8 +11,8 @@ use reagent_core::verdict::{Percent, Verdict};
 /// The clouds' names are those of the arguments.
 const NAMES: Names<'_> = ["source", "target"];
 
-/// Pose, stages and verdict, with advice if the clouds' sizes differ.
-pub(super) fn report(done: &Done, size_advice: &str) -> String {
+/// Pose, stages and verdict, with advice if the clouds' sizes differ; `best` poses were asked for.
+pub(super) fn report(done: &Done, size_advice: &str, best: usize) -> String {
     let Done {
         found,
         dense,
@@ -61,8 +61,11 @@ pub(super) fn report(done: &Done, size_advice: &str) -> String {
     if let Some(start) = done.start {
         text += &format!("from start number {}\n", start + 1);
     }
+    if done.others.is_empty() && best > 1 {
+        text += &format!("--best {best}: no other pose was found\n");
+    }
     if !done.others.is_empty() {
-        text += "next best poses, which --json has; each percentage says how probably that pose is right within 5 degrees and .05 radii of the target, and they need not add up to 100 %:\n";
+        text += "next best poses, which --json has; each percentage says how likely that pose is to be right, and they need not add up to 100 %:\n";
     }
     for other in &done.others {
         let residual = other.refined.residual.mean();

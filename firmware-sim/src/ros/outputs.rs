@@ -213,17 +213,17 @@ fn document(header: &Header, done: &Done) -> String {
     .to_string()
 }
 
-/// The probability of a refined pose, in thousandths and never 1: nothing is certain.
+/// The probability of a refined pose, in ten-thousandths.
 fn probability(done: &Done) -> Option<f64> {
     let probability = f64::from(done.found.answer.probability?);
-    Some((1e3 * probability).round().min(999.0) / 1e3)
+    Some((1e4 * probability).round() / 1e4)
 }
 
 /// The values of a diagnostic about a registration.
 fn values(done: &Done, state: Option<TrackState>) -> Vec<KeyValue> {
     let mut values = vec![("ms", format!("{:.1}", done.ms))];
     values.extend(state.map(|state| ("state", state.to_string())));
-    values.extend(probability(done).map(|p| ("probability", format!("{p:.3}"))));
+    values.extend(probability(done).map(|p| ("probability", format!("{p:.4}"))));
     if let Some(found) = &done.found.answer.refinement {
         values.extend([
             ("overlap", format!("{:.3}", found.refined.overlap)),

@@ -160,7 +160,9 @@ pub fn probability(found: &Refinement, [_, target]: Names<'_>) -> String {
         false => UP_TO,
     };
     let percent = Percent(found.evidence.probability());
-    format!("right within 5 degrees and .05 radii of the {target}{up_to}: {percent}")
+    format!(
+        "right within 5 degrees and .05 radii of the {target}, or not to be told from the true pose{up_to}: {percent}"
+    )
 }
 
 /// How the clouds fit.

@@ -243,7 +243,8 @@ mod tests {
             lead: f32::INFINITY,
             ..GOOD
         };
-        assert_eq!(perfect.probability(), MOST);
+        let probability = perfect.probability();
+        assert!(0.999 < probability && probability < 1.0, "{probability}");
     }
 
     #[test]

@@ -23,8 +23,10 @@ const VERIFY: Finish = Finish::Core(Mode::Verify);
 
 #[derive(Debug, Args)]
 pub(super) struct MethodArgs {
-    /// Policies, run directories (their best) or checkpoints to evaluate, or bundled policies: "reagent" (f32), "reagent-int8" (the same in 8-bit
-    /// integers), "compact" (int8), and for single depth views "views", "views-compact" (int8); each reported under its file stem [default: "views" where all sources are views from known points, else "reagent"]
+    /// Policies, run directories (their best) or checkpoints to evaluate, or bundled policies: "reagent" (f32),
+    /// "reagent-int8" (the same in 8-bit integers), "compact" (int8), and for single depth views "views",
+    /// "views-compact" (int8); each reported under its file stem [default: "views" where all sources are views from known
+    /// points, else "reagent"]
     #[arg(long, value_name = "FILE.rgw|RUN_DIR", num_args = 1..)]
     weights: Vec<PathBuf>,
     /// What to run, separated by commas; "policy" stands for every file of --weights [default: policy]

@@ -51,7 +51,8 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, Args)]
 pub(super) struct RegisterArgs {
     /// Policy: a file, a run directory (its best), or a bundled one: "reagent" (f32), "reagent-int8" (the same in 8-bit
-    /// integers), "compact" (int8), and for single depth views "views", "views-compact" (int8) [default: "views" where all sources are views from known points, as with --view or --depth, else "reagent"]
+    /// integers), "compact" (int8), and for single depth views "views", "views-compact" (int8)
+    /// [default: "views" where all sources are views from known points, as with --view or --depth, else "reagent"]
     #[arg(long, value_name = "FILE.rgw|NAME")]
     weights: Option<PathBuf>,
     /// Cloud to move; leave it out with --depth

@@ -82,11 +82,9 @@ fn a_run_told_to_terminate_leaves_a_checkpoint() {
     let mut lines = BufReader::new(child.stderr.take().expect("piped")).lines();
     let epoch = lines.find(|line| line.as_ref().is_ok_and(|line| line.starts_with("epoch")));
     assert!(epoch.is_some(), "an epoch passes");
-    fail(
-        at,
-        "train --resume --out run",
-        &["run: another process trains here"],
-    );
+    // With an end that the run has passed, so that a missing lock is an error, too, and no endless run.
+    let again = "train --resume --out run --epochs 1";
+    fail(at, again, &["run: another process trains here"]);
     let id = child.id().to_string();
     let sent = Command::new("kill").args(["-TERM", &id]).status();
     assert!(sent.expect("kill is there").success());

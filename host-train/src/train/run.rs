@@ -55,9 +55,11 @@ fn run_here(
 ) -> Result<(), TrainError> {
     config.check()?;
     let kept = [LAST, PREVIOUS].map(|name| config.out.join(name));
-    if !resume && kept.iter().any(|path| path.exists()) {
-        return Err(TrainError::Exists(config.out.clone()));
-    }
+    let is_free = || match !resume && kept.iter().any(|path| path.exists()) {
+        true => Err(TrainError::Exists(config.out.clone())),
+        false => Ok(()),
+    };
+    is_free()?;
 
     // Data, network and optimiser, a folder for the results.
     let (training, validation) = load(config)?;
@@ -66,6 +68,8 @@ fn run_here(
         false => None,
     };
     let _locked = lock(&config.out)?;
+    // Another run may have ended here while the data was read.
+    is_free()?;
     let record = RunRecord {
         version: env!("CARGO_PKG_VERSION").into(),
         data_sha256: fingerprint(&training),

@@ -416,6 +416,7 @@ def tracking(args):
 CHOSEN = (
     "ICP to planes",
     "FGR as in Open3D, then ICP to planes",
+    "verified without a policy",
     "bundled policy",
     "bundled policy, verified",
     "the same in int8, verified",

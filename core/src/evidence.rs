@@ -45,6 +45,8 @@ const HELD: [f32; 3] = [0.15, 0.5, 0.75];
 pub const SMALLEST_RATIO: f32 = 0.11;
 /// Residuals of source and target from which on that cloud has nothing in common with the other.
 const SATURATED: [f32; 2] = [0.95, 0.992];
+/// Highest probability of a pose: nothing is certain.
+const MOST: f32 = 0.9999;
 /// Highest probability of a pose if sizes, too few points, a mirror image or saturation speak against it.
 const IMPROBABLE: f32 = 0.1;
 
@@ -150,7 +152,7 @@ impl Evidence {
     }
 
     /// Calibrated probability that the pose is within 5 degrees and .05 target radii of the truth or of a pose reported as
-    /// fitting as well, or is indistinguishable from the truth (ADI below .02 diameters).
+    /// fitting as well, or is indistinguishable from the truth (ADI below .02 diameters). It never reaches 1.
     pub fn probability(&self) -> f32 {
         let [alone, compared] = &WEIGHTS;
         let weights = if self.verified { compared } else { alone };
@@ -163,7 +165,7 @@ impl Evidence {
         if speaks_against || probability.is_nan() {
             probability.min(IMPROBABLE)
         } else {
-            probability
+            probability.min(MOST)
         }
     }
 }
@@ -223,6 +225,26 @@ mod tests {
             let probability = worse.probability();
             assert!(probability < best, "{probability} {best} {worse:?}");
         }
+    }
+
+    #[test]
+    fn no_pose_is_certain() {
+        let residual = Residual {
+            source: 0.0,
+            target: 0.0,
+        };
+        let perfect = Evidence {
+            residual,
+            inlier_rmse: 0.0,
+            near: 1.0,
+            within: 1.0,
+            shift_deviation: 1e-6,
+            support: 1000,
+            lead: f32::INFINITY,
+            ..GOOD
+        };
+        let probability = perfect.probability();
+        assert!(0.999 < probability && probability < 1.0, "{probability}");
     }
 
     #[test]

@@ -12,12 +12,14 @@ use crate::session::{SessionArgs, has_certificate, open};
 use anyhow::bail;
 use host_train::cli::{Initial, Input, SourceArgs, check_outputs, write_json};
 use host_train::dataset::Point;
-use host_train::dataset::pairs::PairSet;
+use host_train::dataset::cloud_file::Note;
+use host_train::dataset::pairs::{PairSet, Symmetry};
 use host_train::measure::metrics::PairMetrics;
 use host_train::pose64::Position;
 use host_train::random::{SEED, seeds};
 use host_train::register::background::nearest_per_cell;
 use host_train::register::prepared::Prepared;
+use host_train::register::sentences::{Remark, UP_TO, outcome};
 use host_train::register::{Start, in_order, within_capacity};
 use reagent_core::dims::STEPS;
 use reagent_core::verdict::Percent;
@@ -49,8 +51,7 @@ pub struct RefineArgs {
         conflicts_with_all = ["source", "target", "unit", "scale", "view", "topic", "message"]
     )]
     pub pairs: Option<PathBuf>,
-    /// Cloud to move (.ply .pcd .xyz .txt .asc .csv .pts .npy .off .obj .stl)
-    /// Omit it with --depth
+    /// Cloud to move (.ply .pcd .xyz .txt .asc .csv .pts .npy .off .obj .stl .mcap). Omit it with --depth
     #[arg(required_unless_present_any = ["pairs", "depth"])]
     pub source: Option<PathBuf>,
     /// Cloud that stays
@@ -118,6 +119,8 @@ struct Sent {
     view_point: Option<Point>,
     /// What else the sensor saw, relative to the origin.
     background: Vec<Point>,
+    /// What the reader noticed.
+    notes: Vec<Note>,
 }
 
 impl Sent {
@@ -132,6 +135,7 @@ impl Sent {
             origin: cloud.origin,
             view_point: view_point.map(relative),
             background: cloud.background,
+            notes: cloud.notes,
         }
     }
 }
@@ -154,6 +158,9 @@ impl RefineArgs {
         check_outputs([&self.trace, &self.json])?;
         if let Some(path) = &self.pairs {
             let pairs = PairSet::load(path)?;
+            if pairs.symmetries.is_some() {
+                Symmetry::keep_beside(path, [&self.trace, &self.json])?;
+            }
             return self.start().await?.refine_pairs(&pairs).await;
         }
         let clouds = self.read()?;
@@ -256,18 +263,33 @@ impl Asking {
 
     async fn refine_one(&mut self, clouds: [Sent; 2]) -> anyhow::Result<()> {
         let answer = self.ask(1, clouds.each_ref()).await?;
-        let (reply, origins) = (&answer.reply, clouds.map(|cloud| cloud.origin));
+        let (reply, origins) = (&answer.reply, clouds.each_ref().map(|cloud| cloud.origin));
         println!("{}", answer.pose(origins));
+        let remarks = reply.fit.map(|fit| Remark::on_fit(reply.verdict, &fit));
+        let remarks = remarks.unwrap_or_default();
+        for remark in &remarks {
+            let advice = match remark {
+                Remark::SizesDiffer(_) => {
+                    format!(" {}", self.args.sources.size_advice(&clouds[0].notes))
+                }
+                _ => String::new(),
+            };
+            println!("{}{advice}", remark.sentence(["source", "target"]));
+        }
+        let up_to = match remarks.iter().any(Remark::is_open) {
+            true => UP_TO,
+            false => "",
+        };
         let refined = reply.probability.map_or(String::new(), |probability| {
             format!(
-                " (right with {}, mode {})",
+                " ({} likely to be right{up_to}; mode {})",
                 Percent(probability),
                 reply.mode
             )
         });
         println!(
             "{}{refined} after {} steps, {:.1} ms on robot {} (policy version {}), {:.1} ms with the network",
-            reply.verdict,
+            outcome(reply.verdict, reply.probability),
             reply.steps,
             f64::from(reply.micros) / 1e3,
             answer.robot,
@@ -324,6 +346,7 @@ impl Asking {
             origin: [0.0; 3],
             view_point,
             background: Vec::new(),
+            notes: Vec::new(),
         });
         let answer = self.ask(index as u64 + 1, clouds.each_ref()).await?;
         let errors = errors(pairs, index, &answer.reply)?;

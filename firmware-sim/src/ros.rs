@@ -59,7 +59,8 @@ pub struct RosArgs {
     #[arg(long, value_name = "FILE.rgw")]
     pub weights: Option<PathBuf>,
     /// What follows the policy's steps: fast (nothing), polish (closest points), verify (also compared with other poses), best (the
-    /// most that there is memory for, here verify); or refine (closest points from the start, without the policy)
+    /// most that there is memory for, here verify); or refine (closest points from the start, without the policy).
+    /// In mode fast nothing judges the pose, and none is published
     #[arg(long, value_name = "MODE", default_value_t = Mode::Verify)]
     pub mode: Mode,
     /// Where each registration starts: none (turned in any way), identity, 12 numbers (rows of [R | t] from the cloud to the model),

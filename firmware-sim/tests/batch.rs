@@ -23,7 +23,7 @@ const FLEET: &str = "f";
 
 fn write_pairs(path: &Path, count: usize) {
     let cloud: Vec<_> = (0..60u8)
-        .map(|i| [i % 5, i % 7, i % 11].map(f32::from))
+        .map(|i| [i % 5, i % 7, i % 11].map(|x| 0.1 * f32::from(x) - 0.3))
         .collect();
     let pairs = PairSet {
         source: vec![cloud.clone(); count],

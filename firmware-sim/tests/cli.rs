@@ -48,7 +48,7 @@ fn config(state: Option<&Path>) -> NodeConfig {
 }
 
 fn write_pairs(path: &Path) {
-    let cloud = vec![[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.5; 3]];
+    let cloud = vec![[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [-0.5; 3]];
     let pairs = PairSet {
         source: vec![cloud.clone(); 3],
         target: vec![cloud.clone(); 3],

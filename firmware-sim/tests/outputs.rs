@@ -112,6 +112,8 @@ async fn links_are_followed_modes_kept_and_devices_written_through() {
     ];
     let output = fleet.refine(&options).await;
     assert!(output.status.success(), "{output:?}");
+    let said = String::from_utf8_lossy(&output.stdout);
+    assert!(said.contains("pose not judged after"), "{said}");
     assert!(json.is_symlink());
     assert_eq!(mode(&at("kept.json")), 0o640);
     let text = fs::read_to_string(&json).expect("readable");
@@ -130,6 +132,17 @@ async fn links_are_followed_modes_kept_and_devices_written_through() {
         assert_eq!(open, is_looked_for.then_some(true), "{mode}");
     }
     assert!(fs::read(&trace).expect("readable").len() > 2 * 900 * 12);
+    // What `host-train register` remarks on a pose, a robot's answer lets say, too.
+    let options = ["--mode", "polish", "--scale", "25.4"].map(Path::new);
+    let output = fleet.refine(&options).await;
+    let said = String::from_utf8_lossy(&output.stdout);
+    for words in [
+        "sizes differ: the source is about 25.4 times as large",
+        "See --unit and --scale",
+        " likely to be right; mode polish)",
+    ] {
+        assert!(said.contains(words), "{said}");
+    }
 
     let null = Path::new("/dev/null");
     let options = [Path::new("--json"), null, Path::new("--trace"), null];

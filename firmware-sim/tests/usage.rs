@@ -215,7 +215,7 @@ fn files_that_are_none_are_named_once() {
         ),
         (
             "ros --model part.xyz --weights none.rgw",
-            "--weights: cannot read none.rgw",
+            "--weights: no policy none.rgw",
         ),
         (
             "ros --model part.xyz --init foo",

@@ -82,6 +82,9 @@ fn a_run_told_to_terminate_leaves_a_checkpoint() {
     let mut lines = BufReader::new(child.stderr.take().expect("piped")).lines();
     let epoch = lines.find(|line| line.as_ref().is_ok_and(|line| line.starts_with("epoch")));
     assert!(epoch.is_some(), "an epoch passes");
+    // With an end that the run has passed, so that a missing lock is an error, too, and no endless run.
+    let again = "train --resume --out run --epochs 1";
+    fail(at, again, &["run: another process trains here"]);
     let id = child.id().to_string();
     let sent = Command::new("kill").args(["-TERM", &id]).status();
     assert!(sent.expect("kill is there").success());
@@ -115,10 +118,54 @@ fn what_cannot_be_resumed_is_named() {
         &format!("{again} --expert greedy --alpha 0.1"),
         &["method.expert", "method.ppo.alpha"],
     );
+    // It has an end, and nothing before that can be asked for.
+    let ended = ["12 updates", "2 epochs would end after 8", "--epochs"];
+    fail(at, &format!("{again} --epochs 2"), &ended);
+    assert_eq!(read_json(&at.join("run/config.json"))["epochs"], 3);
+    let said = run(at, again);
+    let said = String::from_utf8_lossy(&said.stderr);
+    assert!(
+        said.contains("nothing left to do: all 12 updates are done"),
+        "{said}"
+    );
     // With more epochs it is still the same run.
     let output = run(at, &format!("{again} --epochs 4"));
     assert!(output.status.success());
     assert_eq!(updates(&at.join("run")), (0..16).collect::<Vec<_>>());
+}
+
+/// A tree of 21 categories, of which the paper's protocol takes 20.
+#[test]
+fn what_a_run_consists_of_and_leaves_out_is_told() {
+    let folder = folder();
+    let at = folder.path();
+    for category in 0..21 {
+        let dir = at.join(format!("data/c{category:02}"));
+        std::fs::create_dir_all(&dir).expect("made");
+        let point = |i: usize| format!("{} {} {}\n", i % 5, i % 7 + category, i % 11);
+        let cloud: String = (0..60).map(point).collect();
+        std::fs::write(dir.join("a.xyz"), cloud).expect("written");
+    }
+    let train = TRAIN.replace("--epochs 3", "--epochs 1");
+    let train = train.replace("procedural:9", "data");
+    let said = run(at, &format!("{train} --out run"));
+    let said = String::from_utf8_lossy(&said.stderr);
+    for words in [
+        "training on 19 clouds, validating on 100 pairs drawn from 1 more, 10 updates of 20 observations",
+        "\n1 category left out: training takes the first 20 (--categories all)\n",
+        "\n10 updates will teach little: with --epochs 22 there are 200",
+        "\nepoch 0 was best on validation: host-train export --run run --out run.rgw",
+        "training and evaluation read the same 21 files",
+    ] {
+        assert!(said.contains(words), "no {words} in {said}");
+    }
+    let all = run(at, &format!("{train} --out all --categories all"));
+    assert!(!String::from_utf8_lossy(&all.stderr).contains("left out"));
+    let eval = "eval --data data --protocol m40-models --methods init";
+    let said = run(at, eval);
+    let said = String::from_utf8_lossy(&said.stderr);
+    let words = "1 of 21 categories left out: protocol m40-models takes labels 0 to 19";
+    assert!(said.contains(words), "{said}");
 }
 
 /// A limit on the size of files stands in for a full disk.
@@ -165,6 +212,18 @@ fn run_directories_are_evaluated() {
     }
     succeed(at, "export --run wide --out wide.rgw");
     let refused = "export --run deep --out deep.rgw";
-    fail(at, refused, &["Local"]);
+    fail(at, refused, &["local accumulation"]);
+    // What was trained registers at once.
+    let clouds = "0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 1 0\n";
+    std::fs::write(at.join("a.xyz"), clouds).expect("written");
+    let [run, file] = ["wide", "wide.rgw"].map(|weights| {
+        let register = format!("register a.xyz a.xyz --mode fast --weights {weights} --json -");
+        let mut answer: serde_json::Value =
+            serde_json::from_str(&succeed(at, &register)).expect("JSON");
+        answer["target_from_source"].take()
+    });
+    assert!(run.is_array() && run == file, "{run} {file}");
+    let unknown = "register a.xyz a.xyz --weights wider";
+    fail(at, unknown, &["no policy wider", "reagent-int8, compact"]);
     assert!(!at.join("deep.rgw").exists());
 }

@@ -54,6 +54,6 @@ int main(void) {
     printf("%s: right with a probability of %.3f; %.0f %% of the points lie on the model, %.3g mm off it\n",
            answer.verdict == REAGENT_VERDICT_CONVERGED ? "converged" : "not to be acted on", answer.probability,
            100 * answer.overlap, answer.inlier_rmse);
-    if (answer.axis_is_open || answer.others > 0) puts("other poses fit as well");
+    if (answer.axis_is_open || answer.slide_is_open || answer.others > 0) puts("other poses fit as well");
     return 0;
 }

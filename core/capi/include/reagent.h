@@ -131,7 +131,7 @@ typedef enum {
   REAGENT_MODE_FAST = 0,
   // The policy's steps, then a few robust steps of closest points.
   REAGENT_MODE_POLISH = 1,
-  // As POLISH, then a comparison with some four hundred other poses. The best is taken, judged by its fit and its distance
+  // As POLISH, then a comparison with one to eight hundred other poses. The best is taken, judged by its fit and its distance
   // from the start. This takes some six times as long.
   REAGENT_MODE_VERIFY = 2,
   // A few robust steps of closest points from the start, without the policy: for tracking.
@@ -213,7 +213,8 @@ typedef struct {
   uint32_t steps;
   // Whether the pose was refined.
   bool refined;
-  // Probability that the pose is within 5 degrees and .05 target radii of the right one, up to what is undetermined.
+  // Probability that the pose is within 5 degrees and .05 target radii of the truth, or not to be told from it (ADI below
+  // .02 diameters), up to what is undetermined; 0 in mode FAST, else at most .9999.
   float probability;
   // Share of the source's points that lie on the target's surface.
   float overlap;

@@ -61,7 +61,8 @@ pub struct ReagentAnswer {
     pub steps: u32,
     /// Whether the pose was refined.
     pub refined: bool,
-    /// Probability that the pose is within 5 degrees and .05 target radii of the right one, up to what is undetermined.
+    /// Probability that the pose is within 5 degrees and .05 target radii of the truth, or not to be told from it (ADI below
+    /// .02 diameters), up to what is undetermined; 0 in mode FAST, else at most .9999.
     pub probability: f32,
     /// Share of the source's points that lie on the target's surface.
     pub overlap: f32,

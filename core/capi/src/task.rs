@@ -17,7 +17,7 @@ pub enum ReagentMode {
     Fast = 0,
     /// The policy's steps, then a few robust steps of closest points.
     Polish = 1,
-    /// As POLISH, then a comparison with some four hundred other poses. The best is taken, judged by its fit and its distance
+    /// As POLISH, then a comparison with one to eight hundred other poses. The best is taken, judged by its fit and its distance
     /// from the start. This takes some six times as long.
     Verify = 2,
     /// A few robust steps of closest points from the start, without the policy: for tracking.

@@ -2,7 +2,7 @@
 //!
 //! For [`NEAR`] points at a time, the highest and the lowest value of each input bound what a channel can reach
 //! among them: `Σ w (w > 0 ? high : low)` (interval arithmetic), a sixteenth of the work. The points are summed only
-//! if the bound is above the channel's maximum so far: for a third of all pairs of channel and group, if points are
+//! if the bound is above the channel's maximum so far: for a quarter of all pairs of channel and group, if points are
 //! in the order of [`crate::order`]. The maxima are the same to the bit in any order: integers are exact, and an f32
 //! bound is summed as the points are, input by input, in steps that are monotonic despite rounding.
 

@@ -77,6 +77,11 @@ impl Undetermined {
         poses: [None; OTHERS],
     };
 
+    /// Whether no turn, no shift and no other pose fits as well.
+    pub fn is_nothing(&self) -> bool {
+        *self == Undetermined::NOTHING
+    }
+
     /// A pose's covariance, with what is open in it.
     pub(crate) fn widen(&self, mut covariance: Covariance) -> Covariance {
         if let Some(Axis {

@@ -99,9 +99,9 @@ pub struct RefineReply {
     pub steps: u8,
     /// What followed them; never [`Mode::Best`].
     pub mode: Mode,
-    /// How they ended; of a refined pose, whether it is probably right.
+    /// Of a refined pose, whether it is probably right; else how the steps ended, which does not judge the pose.
     pub verdict: Verdict,
-    /// Of a refined pose, how probably it is right, up to what [`Fit::axis`] and [`Fit::others`] leave open.
+    /// Of a refined pose, how probably it is right, up to what [`Fit::axis`], [`Fit::slide`] and [`Fit::others`] leave open.
     pub probability: Option<f32>,
     /// Of a refined pose, how the clouds fit under it.
     pub fit: Option<Fit>,

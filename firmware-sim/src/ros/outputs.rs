@@ -9,6 +9,7 @@ use super::{Registration, keys, pose};
 use host_train::dataset::ros::cdr::from_cdr;
 use host_train::dataset::ros::point_cloud2::{Header, PointCloud2};
 use host_train::register::request::Done;
+use host_train::register::sentences::outcome;
 use keys::Qos;
 use reagent_core::track::TrackState;
 use reagent_core::verdict::Verdict;
@@ -110,17 +111,23 @@ impl Outputs {
             Ok(registered) => registered,
             Err(error) => return self.refuse(header, one_line(error.as_ref())),
         };
-        let verdict = done.found.answer.verdict;
-        let level = match verdict {
-            Verdict::Converged => OK,
+        let reagent_core::pipeline::Answer {
+            verdict,
+            probability,
+            ..
+        } = done.found.answer;
+        // Without a probability nothing judged the pose: the verdict is on the policy's steps.
+        let level = match (verdict, probability) {
+            (Verdict::Converged, Some(_)) => OK,
             _ => WARN,
         };
+        let outcome = outcome(verdict, probability);
         if level == OK {
             self.publish_pose(&header, registration, &done)?;
         }
         let said = match level {
             OK => document(&header, &done),
-            _ => format!("no pose is probably right: {verdict}"),
+            _ => format!("no pose is probably right: {outcome}"),
         };
         let mut values = values(&done, state);
         let refused = self.transforms.as_ref().and_then(|tf| tf.refused.clone());
@@ -128,7 +135,7 @@ impl Outputs {
             key: "tf".into(),
             value: reason,
         }));
-        self.tell(header, (level, verdict.to_string()), values)?;
+        self.tell(header, (level, outcome), values)?;
         Ok(Triggered {
             success: level == OK,
             message: said,
@@ -206,17 +213,17 @@ fn document(header: &Header, done: &Done) -> String {
     .to_string()
 }
 
-/// The probability of a refined pose, in thousandths and never 1: nothing is certain.
+/// The probability of a refined pose, in ten-thousandths.
 fn probability(done: &Done) -> Option<f64> {
     let probability = f64::from(done.found.answer.probability?);
-    Some((1e3 * probability).round().min(999.0) / 1e3)
+    Some((1e4 * probability).round() / 1e4)
 }
 
 /// The values of a diagnostic about a registration.
 fn values(done: &Done, state: Option<TrackState>) -> Vec<KeyValue> {
     let mut values = vec![("ms", format!("{:.1}", done.ms))];
     values.extend(state.map(|state| ("state", state.to_string())));
-    values.extend(probability(done).map(|p| ("probability", format!("{p:.3}"))));
+    values.extend(probability(done).map(|p| ("probability", format!("{p:.4}"))));
     if let Some(found) = &done.found.answer.refinement {
         values.extend([
             ("overlap", format!("{:.3}", found.refined.overlap)),

@@ -73,7 +73,8 @@ impl Registration {
         self.verdict == Verdict::Converged
     }
 
-    /// That the pose is within 5 degrees and .05 target radii of the truth, up to what is undetermined; None in mode fast.
+    /// That the pose is within 5 degrees and .05 target radii of the truth, or not to be told from it
+    /// (ADI below .02 diameters), up to what is undetermined; None in mode fast.
     #[getter]
     fn probability(&self) -> Option<f32> {
         self.document.probability

@@ -7,7 +7,7 @@ use super::progress::Progress;
 use super::source::DataSource;
 use super::{bad_usage, source, table};
 use crate::bop::evaluate::Refinements;
-use crate::dataset::pairs::{PairSet, save_poses};
+use crate::dataset::pairs::{PairSet, Symmetry, save_poses};
 use crate::measure::agreement::agreement;
 use crate::measure::document::Document;
 use crate::measure::eval::{EvalSettings, Row, evaluate};
@@ -25,7 +25,8 @@ use std::path::PathBuf;
 /// Errors: MAE and ISO of rotation (degrees) and translation (units of the clouds), area under the ADI recall
 /// curve up to a tenth of the diameter (percent), modified Chamfer distance (not of views), recall at 5 degrees and .05
 /// units, average distance (AD) of model points below parts of the diameter. FILE.json beside FILE.h5 may list poses that look
-/// like each pair's true one ("truths", [3][4]) and whether the object is symmetric ("sym": ADI counts, else ADD). Clouds are used as they are, without normalisation.
+/// like each pair's true one ("truths", [3][4]) and whether the object is symmetric ("sym": ADI counts, else ADD). Clouds are used as they are, without normalisation:
+/// lengths in FILE.h5 must be in radii of the target, whose mean lies at the origin.
 #[derive(Debug, Args)]
 #[command(group(ArgGroup::new("on").args(["pairs", "data"]).required(true)))]
 pub(super) struct EvalArgs {
@@ -89,13 +90,7 @@ struct Record<'a> {
 
 impl EvalArgs {
     pub(super) fn run(self, seed: u64) -> anyhow::Result<()> {
-        check_outputs([
-            &self.json,
-            &self.record,
-            &self.poses,
-            &self.trace,
-            &self.results,
-        ])?;
+        check_outputs(self.outputs())?;
         let policies = self.methods.policies("eval")?;
         let mut refinements = None;
         let (set, origin) = match (&self.pairs, &self.data, self.protocol) {
@@ -133,6 +128,7 @@ impl EvalArgs {
             }
             (None, None, _) => bad_usage("eval", "give --pairs FILE.h5 or --data"),
         };
+        let symmetries = self.symmetries(&set)?;
         let of_views = set.is_of_views();
         let bundled = if of_views { VIEWS } else { REAGENT };
         let policies = self.methods.or_bundled(policies, bundled)?;
@@ -148,7 +144,10 @@ impl EvalArgs {
         progress.finish();
         let outcomes = outcomes.with_context(|| origin.clone())?;
 
-        println!("{} of {origin}\n", count(pairs, "pair", "pairs"));
+        println!(
+            "{} of {origin}{symmetries}\n",
+            count(pairs, "pair", "pairs")
+        );
         print!("{}", table::methods(&outcomes, of_views));
         for outcome in outcomes.iter().filter(|o| !o.per_step.is_empty()) {
             print!(
@@ -199,5 +198,26 @@ impl EvalArgs {
             save_poses(path, &poses)?;
         }
         Ok(())
+    }
+
+    fn outputs(&self) -> [&Option<PathBuf>; 5] {
+        [
+            &self.json,
+            &self.record,
+            &self.poses,
+            &self.trace,
+            &self.results,
+        ]
+    }
+
+    /// Where the symmetries of the pairs came from, if there are any; no output may take their place.
+    fn symmetries(&self, set: &PairSet) -> anyhow::Result<String> {
+        let (Some(pairs), Some(symmetries)) = (&self.pairs, &set.symmetries) else {
+            return Ok(String::new());
+        };
+        Symmetry::keep_beside(pairs, self.outputs())?;
+        let listed = count(symmetries.len(), "symmetry", "symmetries");
+        let list = Symmetry::list_beside(pairs);
+        Ok(format!(", {listed} from {}", list.display()))
     }
 }

@@ -72,7 +72,7 @@ impl ExportArgs {
                 let pairs = calibration(&self.calibration, seed)?;
                 if pairs.source.len() < FEW_PAIRS {
                     tracing::warn!(
-                        "calibrated on {}: with fewer than {FEW_PAIRS} more actions differ from those in f32",
+                        "calibrated on {}: with fewer than {FEW_PAIRS}, more actions differ from those in f32",
                         count(pairs.source.len(), "cloud", "clouds")
                     );
                 }

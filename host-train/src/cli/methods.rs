@@ -5,7 +5,7 @@ use crate::baselines::{FgrSettings, IcpSettings};
 use crate::learn::env::Accumulation;
 use crate::learn::nn::Parameters;
 use crate::measure::method::{Contestant, Finish, Start};
-use crate::policy::checkpoint::Checkpoint;
+use crate::policy::checkpoint::{Checkpoint, is_checkpoint};
 use crate::policy::{ExportError, WeightFile};
 use clap::{Args, ValueEnum};
 use reagent_core::dims::STEPS;
@@ -23,8 +23,10 @@ const VERIFY: Finish = Finish::Core(Mode::Verify);
 
 #[derive(Debug, Args)]
 pub(super) struct MethodArgs {
-    /// Policies, run directories (their best) or checkpoints to evaluate, or bundled policies: "reagent", "compact", and
-    /// for single depth views "views", "views-compact"; each reported under its file stem [default: "views" where all sources are views from known points, else "reagent"]
+    /// Policies, run directories (their best) or checkpoints to evaluate, or bundled policies: "reagent" (f32),
+    /// "reagent-int8" (the same in 8-bit integers), "compact" (int8), and for single depth views "views",
+    /// "views-compact" (int8); each reported under its file stem [default: "views" where all sources are views from known
+    /// points, else "reagent"]
     #[arg(long, value_name = "FILE.rgw|RUN_DIR", num_args = 1..)]
     weights: Vec<PathBuf>,
     /// What to run, separated by commas; "policy" stands for every file of --weights [default: policy]
@@ -79,7 +81,7 @@ enum MethodName {
     /// "policy", then core's robust refinement by closest points; reported as NAME+polish
     #[value(name = "policy+polish")]
     PolicyPolish,
-    /// The same, compared with other poses where it does not fit; reported as NAME+verify
+    /// The same, then compared with other poses; reported as NAME+verify
     #[value(name = "policy+verify")]
     PolicyVerify,
     /// Core's refinement without a policy
@@ -143,8 +145,7 @@ impl Weights {
         if let Some(bundled) = WeightFile::bundled(path) {
             return Ok(run.apply(bundled));
         }
-        let checkpoint = path.is_dir() || path.extension().is_some_and(|e| e == "safetensors");
-        if !checkpoint {
+        if !is_checkpoint(path) {
             return Ok(run.apply(WeightFile::load(path)?));
         }
         let checkpoint = Checkpoint::load(&Checkpoint::find(path)?)?;

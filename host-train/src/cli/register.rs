@@ -44,12 +44,14 @@ use std::path::{Path, PathBuf};
 /// Whatever a reader left out or had to interpret is reported on stderr and listed by --json.
 ///
 /// The probability is that the pose is right, up to what is named as undetermined: an axis about which the clouds may
-/// be turned, or other poses that fit as well.
+/// be turned, a direction along which they may be moved, or other poses that fit as well. Mode fast does not judge the
+/// pose: its verdict says how the steps ended.
 ///
 /// Exit status: 0 with a pose, 1 without, 2 on bad usage, 3 where --fail-below was not reached.
 #[derive(Debug, Args)]
 pub(super) struct RegisterArgs {
-    /// Policy: a file, or a bundled one: "reagent", "compact", and for single depth views "views", "views-compact"
+    /// Policy: a file, a run directory (its best), or a bundled one: "reagent" (f32), "reagent-int8" (the same in 8-bit
+    /// integers), "compact" (int8), and for single depth views "views", "views-compact" (int8)
     /// [default: "views" where all sources are views from known points, as with --view or --depth, else "reagent"]
     #[arg(long, value_name = "FILE.rgw|NAME")]
     weights: Option<PathBuf>,

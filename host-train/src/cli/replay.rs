@@ -14,8 +14,8 @@ use std::path::PathBuf;
 pub(super) struct ReplayArgs {
     /// Traces, as `firmware-sim refine --trace` writes them
     file: PathBuf,
-    /// Policies that the robots had, found by their SHA-256, besides those built in: reagent, views, compact and
-    /// views-compact
+    /// Policies that the robots had, found by their SHA-256, besides those built in: reagent, reagent-int8, views,
+    /// compact and views-compact
     #[arg(long, value_name = "FILE.rgw", num_args = 1..)]
     weights: Vec<PathBuf>,
 }

@@ -123,11 +123,21 @@ fn test_models(path: &Path, protocol: Protocol, seed: u64) -> anyhow::Result<Vec
     let Some(labels) = protocol.labels() else {
         return Ok(models);
     };
+    let [left_out, all] =
+        modelnet::left_out(models.iter().map(|model| model.label).collect(), &labels);
     let models = modelnet::categories(models, labels.clone());
+    let name = protocol
+        .to_possible_value()
+        .map_or(String::new(), |v| v.get_name().to_owned());
+    if left_out > 0 && !models.is_empty() {
+        eprintln!(
+            "{}: {left_out} of {all} categories left out: protocol {name} takes labels {} to {}",
+            path.display(),
+            labels.start,
+            labels.end.min(all as u32) - 1,
+        );
+    }
     if models.is_empty() {
-        let name = protocol
-            .to_possible_value()
-            .map_or(String::new(), |v| v.get_name().to_owned());
         bail!(
             "{}: no test model has a label from {} on, as protocol {name} asks for; take another protocol",
             path.display(),

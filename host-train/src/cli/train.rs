@@ -42,7 +42,8 @@ pub(super) struct TrainArgs {
     /// Directory of the run
     #[arg(long, value_name = "RUN_DIR")]
     out: PathBuf,
-    /// Go on from the last checkpoint of the run, with its options; --epochs may be more
+    /// Go on from the last checkpoint of the run, with its options; --epochs may be more. A run that has reached its end
+    /// has nothing left to do
     #[arg(long)]
     resume: bool,
     /// Start from a run, a checkpoint or a policy instead of random weights, with a fresh optimiser
@@ -69,7 +70,7 @@ pub(super) struct TrainArgs {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Clouds")]
 struct DataOptions {
-    /// Categories of a data set to train on [default: first, the paper's]
+    /// Categories of a data set to train on: "first" are its first 20 in alphabetical order [default: first, the paper's]
     #[arg(long, value_enum, value_name = "WHICH")]
     categories: Option<Categories>,
     /// Points drawn from each cloud [default: the paper's 1024]
@@ -320,7 +321,7 @@ fn stop_on_signal() -> std::io::Result<Arc<AtomicBool>> {
         std::thread::spawn(move || {
             if signals.forever().next().is_some() {
                 eprintln!(
-                    "stopping after this update; again loses what follows the last checkpoint"
+                    "stopping after this update; press Ctrl-C again to stop at once and lose what follows the last checkpoint"
                 );
             }
         });

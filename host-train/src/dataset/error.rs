@@ -172,6 +172,36 @@ pub enum DatasetError {
         /// File concerned.
         path: PathBuf,
     },
+    /// A target is not in units of its radius.
+    #[error(
+        "{}: \"target\" of pair {entry} has radius {radius:.3}, and its mean is {off_centre:.3} from the origin, but lengths must be in radii \
+         of the target: subtract its mean from target, raw and the translation, then divide these, source and view_point by its radius",
+        path.display()
+    )]
+    NotNormalised {
+        /// File concerned.
+        path: PathBuf,
+        /// Index of the pair.
+        entry: usize,
+        /// Distance of the target's mean from the origin.
+        off_centre: f32,
+        /// Distance of its farthest point from its mean.
+        radius: f32,
+    },
+    /// The list of symmetries beside the pairs cannot be used.
+    #[error("{}: not the symmetries of the pairs beside it: {reason}; mend the list, or move it away", path.display())]
+    Symmetries {
+        /// The list.
+        path: PathBuf,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// An output would replace the list of symmetries.
+    #[error("{}: lists the symmetries of the pairs beside it; write to another file", path.display())]
+    OverSymmetries {
+        /// The list.
+        path: PathBuf,
+    },
     /// A pose is not a finite rigid transform.
     #[error("{}: dataset \"{dataset}\", entry {entry} is not a finite rigid transform [R | t]", path.display())]
     NotRigid {

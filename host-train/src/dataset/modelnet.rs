@@ -4,6 +4,7 @@ use super::h5::H5File;
 use super::{DatasetError, MAX_BYTES, Model, Point};
 use crate::random::{Purpose, stream};
 use rand::seq::SliceRandom;
+use std::collections::BTreeSet;
 use std::fmt;
 use std::ops::Range;
 use std::path::Path;
@@ -95,6 +96,13 @@ pub fn categories(models: Vec<Model>, labels: Range<u32>) -> Vec<Model> {
         .into_iter()
         .filter(|model| labels.contains(&model.label))
         .collect()
+}
+
+/// How many categories have no label in `kept`, and how many there are.
+pub fn left_out(labels: Vec<u32>, kept: &Range<u32>) -> [usize; 2] {
+    let labels: BTreeSet<u32> = labels.into_iter().collect();
+    let left_out = labels.iter().filter(|label| !kept.contains(label));
+    [left_out.count(), labels.len()]
 }
 
 /// Splits a training split by mesh into `(training, validation)`, each in the given order. The second part has

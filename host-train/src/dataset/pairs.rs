@@ -8,35 +8,25 @@
 //! | `raw` | `[M,K,3]` f32 | noise-free target; may be absent |
 //! | `label` | `[M]` integer | category; may be absent |
 //! | `view_point` | `[M,3]` f32 | where the sensor stood, in the source's frame and units, if the source is a view from one point, else three NaN; may be absent |
+//!
+//! Lengths are in radii of the target: its mean lies near the origin, its farthest point about 1 from there.
+
+mod symmetries;
+
+pub use symmetries::Symmetry;
 
 use super::h5::H5File;
 use super::{DatasetError, Point};
 use crate::files;
 use hdf5_pure::FileBuilder;
-use reagent_core::Pose;
 use reagent_core::cloud::LARGEST_COORDINATE;
-use serde::Deserialize;
+use reagent_core::{Frame, Pose};
 use std::path::Path;
 
-/// Reads the symmetries in FILE.json beside a pairs file; `None` if there is no such file, or it is of another kind.
-fn symmetries(pairs: &Path, count: usize) -> Result<Option<Vec<Symmetry>>, DatasetError> {
-    let Ok(text) = std::fs::read(pairs.with_extension("json")) else {
-        return Ok(None);
-    };
-    let Ok(found) = serde_json::from_slice::<Vec<Symmetry>>(&text) else {
-        return Ok(None);
-    };
-    if found.len() != count {
-        return Err(DatasetError::Lengths {
-            what: "symmetries in the .json beside the pairs",
-            found: found.len(),
-            expected: count,
-        });
-    }
-    Ok(Some(found))
-}
-
 const CLOUDS: &str = "[M,N,3] f32";
+/// Farthest mean of a target from the origin, and its least and largest radius. Noise and few points move them a little.
+const OFF_CENTRE: f32 = 0.5;
+const RADII: std::ops::RangeInclusive<f32> = 0.5..=2.0;
 const POSES: &str = "[M,3,4] or [M,4,4] f32";
 const VIEW_POINTS: &str = "[M,3] f32";
 /// View point of a source that is not a view from one point.
@@ -81,15 +71,6 @@ pub struct Seen {
     pub view_point: Point,
     /// Points that it saw besides the source. Files do not hold them.
     pub background: Vec<Point>,
-}
-
-/// Symmetry of an object: an entry of the list in FILE.json beside FILE.h5.
-#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
-pub struct Symmetry {
-    /// Poses that look like the true one, itself included, plain transforms of the source, `[3][4]`.
-    pub truths: Vec<[[f32; 4]; 3]>,
-    /// Whether the object has a symmetry, so that the distance to the closest point counts (ADI).
-    pub sym: bool,
 }
 
 impl PairSet {
@@ -148,7 +129,7 @@ impl PairSet {
         self.seen.extend(other.seen);
     }
 
-    /// Reads and checks a pairs file: shapes, equal numbers of entries, finite points, rigid poses.
+    /// Reads and checks a pairs file: shapes, equal numbers of entries, finite points, normalised targets, rigid poses.
     pub fn load(path: &Path) -> Result<PairSet, DatasetError> {
         let file = H5File::open(path)?;
         let source = file.read_clouds("source", CLOUDS)?;
@@ -158,6 +139,7 @@ impl PairSet {
         }
         let target = file.read_clouds("target", CLOUDS)?;
         file.same_count("target", target.len(), "source", count)?;
+        normalised(&target, path)?;
         let target_from_source = poses(&file, path, "transform_gt")?;
         file.same_count("transform_gt", target_from_source.len(), "source", count)?;
         let names = file.names()?;
@@ -198,7 +180,7 @@ impl PairSet {
             target_from_source,
             raw,
             label,
-            symmetries: symmetries(path, count)?,
+            symmetries: Symmetry::read_beside(path, count)?,
             seen,
         })
     }
@@ -256,6 +238,26 @@ pub fn save_poses(path: &Path, sets: &[(String, Vec<Pose>)]) -> Result<(), Datas
 /// Reads a dataset `[M,3,4]` or `[M,4,4]` of rigid transforms.
 pub fn load_poses(path: &Path, dataset: &str) -> Result<Vec<Pose>, DatasetError> {
     poses(&H5File::open(path)?, path, dataset)
+}
+
+/// Refuses targets in other units than their radii: they are registered as they are, and would fit nothing.
+fn normalised(targets: &[Vec<Point>], path: &Path) -> Result<(), DatasetError> {
+    for (entry, target) in targets.iter().enumerate() {
+        // Clouds without a frame are refused where they are registered.
+        let Ok(Frame { centre, scale }) = Frame::of(target) else {
+            continue;
+        };
+        let off_centre = centre.length();
+        if off_centre > OFF_CENTRE || !RADII.contains(&scale) {
+            return Err(DatasetError::NotNormalised {
+                path: path.into(),
+                entry,
+                off_centre,
+                radius: scale,
+            });
+        }
+    }
+    Ok(())
 }
 
 /// View points of the pairs; `None` for those that have none.

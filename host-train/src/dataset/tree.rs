@@ -19,6 +19,7 @@ use super::mesh::normalise;
 use super::{DatasetError, MAX_BYTES, Model, Point, Split};
 use crate::random::resample;
 use crate::random::{Purpose, stream};
+use crate::words::count;
 use rayon::prelude::*;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -78,9 +79,9 @@ pub fn files(dir: &Path, split: Split) -> Result<Vec<File>, DatasetError> {
     let divided = entries.iter().any(|entry| entry.split.is_some());
     if !divided {
         tracing::warn!(
-            "{}: no folders train and test divide it; all of its {} files are taken",
+            "{}: no folders train and test divide it: training and evaluation read the same {}",
             dir.display(),
-            entries.len()
+            count(entries.len(), "file", "files")
         );
     }
     // Next to a folder of test files, all other files are for training.

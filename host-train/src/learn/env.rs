@@ -10,6 +10,7 @@ use reagent_core::view::View;
 use reagent_core::{Action, Cloud, Frame, Pose};
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
+use std::fmt;
 
 /// One pair of clouds to register; all trajectories that start from it share it.
 #[derive(Clone, Debug)]
@@ -126,6 +127,16 @@ pub enum Accumulation {
     Local,
     /// Homogeneous 4x4 matrices about the origin, `T_i = T̂_i T_{i-1}`
     Basic,
+}
+
+impl fmt::Display for Accumulation {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Accumulation::Global => "global",
+            Accumulation::Local => "local",
+            Accumulation::Basic => "basic",
+        })
+    }
 }
 
 impl Accumulation {

@@ -7,6 +7,7 @@ use reagent_core::float::{FloatNetwork, SearchLayer};
 use reagent_core::kernels::Isa;
 use reagent_core::layer::{Codes, Dense, pack_codes, pack_panels, padded_codes};
 use serde::{Deserialize, Serialize};
+use std::fmt;
 use std::ops::Range;
 
 /// Widths of the network's layers. The paper's ablations and compact networks are other values of this type.
@@ -19,6 +20,18 @@ pub struct Shape {
     pub extra: usize,
     /// Outputs of the two hidden layers of a head.
     pub head: [usize; 2],
+}
+
+impl fmt::Display for Shape {
+    /// Widths of the embedding and of the heads, as `64-128-1024, heads 512-256`.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [first, second, last] = self.embed;
+        for _ in 0..=self.extra {
+            write!(f, "{first}-")?;
+        }
+        let [wide, narrow] = self.head;
+        write!(f, "{second}-{last}, heads {wide}-{narrow}")
+    }
 }
 
 impl Shape {

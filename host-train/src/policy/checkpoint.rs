@@ -27,6 +27,11 @@ const ACCUMULATION: &str = "accumulation";
 const CUT: &str = "cut";
 const FOCUS: &str = "focus";
 
+/// Whether a path names a run directory or a checkpoint.
+pub fn is_checkpoint(path: &Path) -> bool {
+    path.is_dir() || path.extension().is_some_and(|e| e == "safetensors")
+}
+
 /// Why a checkpoint could not be used.
 #[derive(Debug, thiserror::Error)]
 pub enum CheckpointError {

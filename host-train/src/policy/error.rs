@@ -1,5 +1,6 @@
 //! Why a policy file could not be read, made or written.
 
+use super::BUNDLED;
 use super::checkpoint::CheckpointError;
 use crate::learn::env::Accumulation;
 use crate::learn::nn::Shape;
@@ -16,6 +17,15 @@ pub enum ExportError {
         path: PathBuf,
         /// What the system said.
         source: std::io::Error,
+    },
+    /// There is neither such a file nor such a policy.
+    #[error(
+        "no policy {path}: it is no file, no run directory, and no bundled policy ({})",
+        BUNDLED.map(|(name, _)| name).join(", ")
+    )]
+    Missing {
+        /// What was asked for.
+        path: PathBuf,
     },
     /// The file could not be written.
     #[error("cannot write {path}")]
@@ -43,12 +53,12 @@ pub enum ExportError {
     Checkpoint(#[from] CheckpointError),
     /// The network has a shape that the deployed format does not hold.
     #[error(
-        "a network of {0:?} cannot be deployed: only embeddings of three layers, with widths of multiples of 64 \
-         and at most {paper:?}",
+        "a network of {0} cannot be deployed: only embeddings of three layers, with widths of multiples of 64 \
+         and at most {paper}",
         paper = Shape::PAPER
     )]
     Shape(Shape),
     /// The network's actions accumulate in another way than the robot's do.
-    #[error("a policy with {0:?} accumulation cannot be deployed; only Global can")]
+    #[error("a policy with {0} accumulation cannot be deployed; only global can")]
     Accumulation(Accumulation),
 }

@@ -1,6 +1,7 @@
 //! A policy file in memory: read, checked, run and written.
 
 use super::ExportError;
+use super::checkpoint::{Checkpoint, is_checkpoint};
 use crate::files;
 use reagent_core::kernels::Tile;
 use reagent_core::sight::Sight;
@@ -9,7 +10,7 @@ use reagent_core::weights::{
 };
 use reagent_core::{Decision, Error, Policy};
 use sha2::{Digest, Sha256};
-use std::io::Read;
+use std::io::{ErrorKind, Read};
 use std::path::Path;
 
 /// The bytes of a policy file, aligned as the core needs them.
@@ -22,14 +23,17 @@ pub struct WeightFile {
 }
 
 /// Policies that are linked in, by name.
-pub static BUNDLED: [(&str, &[u8]); 4] = [
+pub static BUNDLED: [(&str, &[u8]); 5] = [
     (REAGENT, Policy::pretrained_bytes()),
+    (REAGENT_INT8, Policy::pretrained_int8_bytes()),
     (COMPACT, Policy::pretrained_compact_bytes()),
     (VIEWS, Policy::pretrained_views_int8_bytes()),
     (VIEWS_COMPACT, Policy::pretrained_views_compact_bytes()),
 ];
 /// The bundled policy for whole clouds.
 pub const REAGENT: &str = "reagent";
+/// The same in 8-bit integers.
+pub const REAGENT_INT8: &str = "reagent-int8";
 /// The bundled policy for a source that is a single depth view.
 pub const VIEWS: &str = "views";
 /// The bundled small policy for whole clouds.
@@ -102,19 +106,26 @@ impl WeightFile {
         Some(Self::from_bytes(bytes).expect("a test checks the linked policies"))
     }
 
-    /// Reads and checks a policy file; the name of a bundled policy stands for that policy.
+    /// Reads and checks a policy file. The name of a bundled policy stands for that policy, a run directory or a
+    /// checkpoint for what [`Self::from_checkpoint`] makes of its best one.
     pub fn load(path: &Path) -> Result<Self, ExportError> {
         if let Some(bundled) = Self::bundled(path) {
             return Ok(bundled);
+        }
+        if is_checkpoint(path) {
+            return Self::from_checkpoint(Checkpoint::load(&Checkpoint::find(path)?)?);
         }
         let mut bytes = Vec::new();
         // One byte more than any policy has: enough to see that a file is too long.
         let most = file_len(&reagent_core::Shape::FULL, FORMAT_F32) as u64 + 1;
         std::fs::File::open(path)
             .and_then(|file| file.take(most).read_to_end(&mut bytes))
-            .map_err(|source| ExportError::Read {
-                path: path.into(),
-                source,
+            .map_err(|source| match source.kind() {
+                ErrorKind::NotFound => ExportError::Missing { path: path.into() },
+                _ => ExportError::Read {
+                    path: path.into(),
+                    source,
+                },
             })?;
         Self::from_bytes(&bytes).map_err(|source| ExportError::Policy {
             path: path.into(),

@@ -10,4 +10,4 @@ pub mod quantise;
 
 pub use error::ExportError;
 pub use export::parameters_of;
-pub use file::{BUNDLED, COMPACT, REAGENT, VIEWS, VIEWS_COMPACT, WeightFile};
+pub use file::{BUNDLED, COMPACT, REAGENT, REAGENT_INT8, VIEWS, VIEWS_COMPACT, WeightFile};

@@ -326,18 +326,22 @@ fn compare(
     let comparison = Comparison::of(old, new, &set);
     let comparison = comparison.map_err(|error| failed(error.to_string()))?;
     println!("against {}: {comparison}", path.display());
-    let is_too_few = comparison.pairs < Comparison::fewest_pairs();
-    if anyway || !(is_too_few || comparison.is_worse()) {
+    let can_tell = comparison.can_tell();
+    if anyway || can_tell && !comparison.is_worse() {
         return Ok(());
     }
-    let (why, refused) = match is_too_few {
-        true => {
-            let pairs = count(comparison.pairs, "pair", "pairs");
-            let why = format!("{pairs} cannot tell whether it is worse");
-            let old = path.into();
-            (why, PublishError::TooFewPairs { old, pairs })
-        }
+    let (why, refused) = match can_tell {
         false => {
+            let pairs = count(comparison.pairs, "pair", "pairs");
+            let right = comparison.right.old;
+            let why = format!(
+                "{} gets {right} of {pairs} right, which cannot tell whether the new policy is worse",
+                path.display()
+            );
+            let old = path.into();
+            (why, PublishError::TooFewPairs { old, pairs, right })
+        }
+        true => {
             let old = path.into();
             let why = "it is worse".into();
             (why, PublishError::Worse { old, comparison })

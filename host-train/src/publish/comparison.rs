@@ -78,7 +78,13 @@ impl Comparison {
         self.right.p_no_worse() < LEVEL || self.precise.p_no_worse() < LEVEL
     }
 
-    /// Number of pairs from which on a new policy can be called worse, if it loses all of them.
+    /// Whether the pairs can tell if the new policy is worse: it can only lose what the old one got right. Where the new
+    /// one gets enough pairs right, the old one would have lost by them.
+    pub fn can_tell(&self) -> bool {
+        self.right.old.max(self.right.new) >= Comparison::fewest_pairs()
+    }
+
+    /// Number of pairs that a new policy must lose to be called worse, if it wins none.
     pub fn fewest_pairs() -> usize {
         let is_enough = |pairs: &u64| coin(*pairs, *pairs) < LEVEL;
         (1..)
@@ -151,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn six_pairs_can_tell_and_five_cannot() {
+    fn six_right_poses_can_tell_and_five_cannot() {
         assert_eq!(Comparison::fewest_pairs(), 6);
         let all_lost = |pairs: usize| Comparison {
             pairs,
@@ -163,5 +169,17 @@ mod tests {
             precise: Paired::default(),
         };
         assert!(all_lost(6).is_worse() && !all_lost(5).is_worse());
+        assert!(all_lost(6).can_tell() && !all_lost(5).can_tell());
+        // Pairs on which neither policy is right tell nothing, however many there are.
+        let right = |old, new| Comparison {
+            pairs: 100,
+            right: Paired {
+                old,
+                new,
+                ..Paired::default()
+            },
+            precise: Paired::default(),
+        };
+        assert!(!right(5, 5).can_tell() && right(0, 6).can_tell());
     }
 }

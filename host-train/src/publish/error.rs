@@ -101,10 +101,10 @@ pub enum PublishError {
         /// How they compare.
         comparison: Comparison,
     },
-    /// So few pairs cannot tell which policy is worse.
+    /// So few right poses cannot tell which policy is worse.
     #[error(
-        "not published, since no result on {pairs} can tell that it is worse than {old}: give {} pairs or more; \
-         --anyway publishes it all the same",
+        "not published: {old} gets {right} of {pairs} right, and with fewer than {} nothing can tell that the new policy is worse; \
+         give more pairs of the kind that it registers; --anyway publishes it all the same",
         Comparison::fewest_pairs()
     )]
     TooFewPairs {
@@ -112,6 +112,8 @@ pub enum PublishError {
         old: PathBuf,
         /// Number of pairs, in words.
         pairs: String,
+        /// Number of them that it gets right.
+        right: usize,
     },
     /// There is no robot on which a stage could be judged.
     #[error(

@@ -19,7 +19,8 @@ pub struct Document {
     pub target_from_source: [[f64; 4]; 3],
     /// What can be said about it.
     pub verdict: String,
-    /// That the pose is within 5 degrees and .05 target radii.
+    /// That the pose is within 5 degrees and .05 target radii of the truth, or not to be told from it
+    /// (ADI below .02 diameters).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub probability: Option<f32>,
     /// What a refinement says, unless there was none.

@@ -5,9 +5,13 @@ use reagent_core::pipeline::Refinement;
 use reagent_core::polish::Refined;
 use reagent_core::verdict::{Percent, Verdict};
 use reagent_core::verify::{Axis, OTHERS, Slide};
+use reagent_core::wire::Fit;
 
 /// How the source and the target are called.
 pub type Names<'a> = [&'a str; 2];
+
+/// What a probability leaves out if other poses fit as well.
+pub const UP_TO: &str = ", up to what is undetermined";
 
 /// What is to be known of a pose before it is used.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -41,25 +45,55 @@ impl Remark {
         let Some(found) = &answer.refinement else {
             return Vec::new();
         };
-        let others = found.undetermined.poses.iter().flatten().count();
-        let left_out = found.refined.left_out;
-        let sizes = Remark::SizesDiffer(found.refined.extents_ratio);
-        let remarks = [
-            if found.undetermined.any_rotation {
-                Some(Remark::AnyRotation)
-            } else {
-                found.undetermined.axis.map(Remark::OpenAxis)
-            },
-            found.undetermined.slide.map(Remark::OpenSlide),
-            (others > 0).then_some(Remark::OtherPoses(others)),
-            (left_out != [0.0; 2]).then_some(Remark::LeftOut(left_out)),
-            (answer.verdict == Verdict::SizesDiffer).then_some(sizes),
+        let mut remarks = Remark::on_fit(answer.verdict, &Fit::of(found));
+        let on_clouds = [
             done.other_size.map(Remark::OtherSize),
-            (answer.verdict == Verdict::Mirrored).then_some(Remark::Mirrored),
             done.off_target().map(Remark::OffTarget),
             done.seen_through.map(Remark::SeenThrough),
         ];
+        if found.undetermined.any_rotation {
+            // A robot's answer tells an axis of it.
+            let axis = remarks
+                .iter_mut()
+                .filter(|r| matches!(r, Remark::OpenAxis(_)));
+            axis.for_each(|axis| *axis = Remark::AnyRotation);
+        }
+        remarks.extend(on_clouds.into_iter().flatten());
+        remarks
+    }
+
+    /// Those that the fit tells: a robot's answer holds no more.
+    pub fn on_fit(verdict: Verdict, fit: &Fit) -> Vec<Remark> {
+        let others = usize::from(fit.others);
+        let axis = fit.axis.map(|(point, direction, range_rad)| Axis {
+            point: point.into(),
+            direction: direction.into(),
+            range_rad,
+        });
+        let slide = fit.slide.map(|(direction, range)| Slide {
+            direction: direction.into(),
+            range,
+        });
+        let remarks = [
+            axis.map(Remark::OpenAxis),
+            slide.map(Remark::OpenSlide),
+            (others > 0).then_some(Remark::OtherPoses(others)),
+            (fit.left_out != [0.0; 2]).then_some(Remark::LeftOut(fit.left_out)),
+            (verdict == Verdict::SizesDiffer).then_some(Remark::SizesDiffer(fit.extents_ratio)),
+            (verdict == Verdict::Mirrored).then_some(Remark::Mirrored),
+        ];
         remarks.into_iter().flatten().collect()
+    }
+
+    /// Whether the pose is one of several that fit as well.
+    pub fn is_open(&self) -> bool {
+        matches!(
+            self,
+            Remark::OpenAxis(_)
+                | Remark::AnyRotation
+                | Remark::OpenSlide(_)
+                | Remark::OtherPoses(_)
+        )
     }
 
     /// In words.
@@ -82,7 +116,7 @@ impl Remark {
                 let [x, y, z] = slide.direction.to_array();
                 let [least, most] = slide.range;
                 format!(
-                    "undetermined: the place along the {target}'s direction ({x:.3}, {y:.3}, {z:.3}), from {least:.3} to {most:.3} of its unit"
+                    "undetermined: the place along the {target}'s direction ({x:.3}, {y:.3}, {z:.3}), from {least:.3} to {most:.3} in its unit"
                 )
             }
             Remark::OtherPoses(1) => "undetermined: 1 other pose fits as well".into(),
@@ -125,17 +159,25 @@ impl Remark {
     }
 }
 
+/// How a registration ended. Without a probability nothing judged the pose, and the verdict is on the policy's steps.
+pub fn outcome(verdict: Verdict, probability: Option<f32>) -> String {
+    match (verdict, probability) {
+        (_, Some(_)) => verdict.to_string(),
+        (Verdict::Converged, None) => "steps settled, pose not judged".into(),
+        (_, None) => format!("{verdict}, pose not judged"),
+    }
+}
+
 /// How probably a pose is right.
 pub fn probability(found: &Refinement, [_, target]: Names<'_>) -> String {
-    let open = &found.undetermined;
-    let is_open = open.axis.is_some() || open.poses.iter().any(Option::is_some);
-    let up_to = if is_open {
-        ", up to what is undetermined"
-    } else {
-        ""
+    let up_to = match found.undetermined.is_nothing() {
+        true => "",
+        false => UP_TO,
     };
     let percent = Percent(found.evidence.probability());
-    format!("right within 5 degrees and .05 radii of the {target}{up_to}: {percent}")
+    format!(
+        "right within 5 degrees and .05 radii of the {target}, or not to be told from the true pose{up_to}: {percent}"
+    )
 }
 
 /// How the clouds fit.
@@ -153,13 +195,33 @@ pub fn uncertainty(refined: &Refined, [_, target]: Names<'_>) -> String {
     let [a, b, c] = [0, 1, 2].map(|i| deviation(i).to_degrees());
     let [x, y, z] = [3, 4, 5].map(deviation);
     format!(
-        "if right, off by {a:.2}, {b:.2}, {c:.2} degrees about the {target}'s axes and {x:.1e}, {y:.1e}, {z:.1e} along them (standard deviations)"
+        "standard deviations, if the pose is right: {a:.2}, {b:.2}, {c:.2} degrees about the {target}'s axes and {x:.1e}, {y:.1e}, {z:.1e} along them"
     )
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A slide is open, and nothing else.
+    #[test]
+    fn a_robots_answer_tells_of_an_open_slide() {
+        let fit = Fit {
+            overlap: 1.0,
+            inlier_rmse: 0.0,
+            extents_ratio: 1.0,
+            distinct_points: 900,
+            left_out: [0.0; 2],
+            axis: None,
+            slide: Some(([1.0, 0.0, 0.0], [-0.5, 2.0])),
+            others: 0,
+            covariance: ([0.0; 3], [0.0; 21]),
+        };
+        let remarks = Remark::on_fit(Verdict::Converged, &fit);
+        assert!(remarks.len() == 1 && remarks[0].is_open(), "{remarks:?}");
+        let words = "from -0.500 to 2.000 in its unit";
+        assert!(remarks[0].sentence(["scan", "part"]).ends_with(words));
+    }
 
     #[test]
     fn clouds_are_called_as_the_reader_calls_them() {

@@ -32,7 +32,7 @@ pub(super) fn section(calibration: &Calibration) -> Section {
         cells
     };
     let mut blocks = vec![Block::Table(Table {
-        caption: "The probability that a verdict gives, on meshes held back. Right is within 5 degrees and .05 units; a target of another mesh never is.".into(),
+        caption: "The probability that a verdict gives, on meshes held back. Right is within 5 degrees and .05 target radii of the truth, or not to be told from it (ADI below .02 diameters); a target of another mesh never is.".into(),
         columns,
         labels: 1,
         rows: calibration.lines.iter().map(row).collect(),

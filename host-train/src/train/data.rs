@@ -24,6 +24,10 @@ pub(super) struct TrainingData {
     objects: Vec<BopTraining>,
     /// Meshes of which views are rendered.
     views: Vec<Views>,
+    /// Clouds, annotated objects and meshes that validation draws from.
+    pub(super) held_back: usize,
+    /// Categories that [`Categories::First`] leaves out.
+    pub(super) categories_left_out: usize,
 }
 
 impl TrainingData {
@@ -46,12 +50,19 @@ pub(super) fn load(config: &TrainConfig) -> Result<(TrainingData, PairSet), Trai
     let mut poses = PairSet::default();
     let mut training: Vec<Model> = Vec::new();
     let mut held_back: Vec<Model> = Vec::new();
+    let (mut held_back_otherwise, mut categories_left_out) = (0, 0);
+    let mut of_first_half = |labels: Vec<u32>| {
+        categories_left_out += modelnet::left_out(labels, &modelnet::FIRST_HALF)[0];
+    };
     for source in &config.data {
         let models = match source {
             DataSource::Directory(path) => {
                 let models = dataset::load(path, Split::Train, config.seed)?;
                 match config.categories {
-                    Categories::First => modelnet::categories(models, modelnet::FIRST_HALF),
+                    Categories::First => {
+                        of_first_half(models.iter().map(|model| model.label).collect());
+                        modelnet::categories(models, modelnet::FIRST_HALF)
+                    }
                     Categories::All => models,
                 }
             }
@@ -63,6 +74,7 @@ pub(super) fn load(config: &TrainConfig) -> Result<(TrainingData, PairSet), Trai
                 };
                 let all = BopTraining::open(path, config.seed, sampling)?;
                 let (training, validation) = all.split(config.seed, config.validation);
+                held_back_otherwise += validation.instances().len();
                 validation.draw(config.validation_pairs, config.seed, &mut poses)?;
                 objects.push(training);
                 continue;
@@ -73,10 +85,12 @@ pub(super) fn load(config: &TrainConfig) -> Result<(TrainingData, PairSet), Trai
                     if config.categories == Categories::First
                         && matches!(meshes, Meshes::Directory(_))
                     {
+                        of_first_half(objects.iter().map(|o| o.label).collect());
                         objects.retain(|o| modelnet::FIRST_HALF.contains(&o.label));
                     }
                     modelnet::validation_split(objects, config.seed, config.validation).into()
                 });
+                held_back_otherwise += validation.objects().len();
                 validation.draw(
                     config.validation_pairs,
                     config.points,
@@ -99,9 +113,11 @@ pub(super) fn load(config: &TrainConfig) -> Result<(TrainingData, PairSet), Trai
         clouds: training.into_iter().map(|m| m.points).collect(),
         objects,
         views,
+        held_back: held_back.len() + held_back_otherwise,
+        categories_left_out,
     };
     if data.len() < 2 || pairs.source.is_empty() {
-        return Err(TrainError::TooFewClouds(data.len() + pairs.source.len()));
+        return Err(TrainError::TooFewClouds(data.len() + data.held_back));
     }
     Ok((data, pairs))
 }

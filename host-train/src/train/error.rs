@@ -8,6 +8,7 @@ use crate::learn::nn::Shape;
 use crate::measure::eval::EvalError;
 use crate::policy::ExportError;
 use crate::policy::checkpoint::CheckpointError;
+use crate::words::count;
 use std::path::PathBuf;
 
 /// Why a run stopped or did not start.
@@ -41,6 +42,24 @@ pub enum TrainError {
     /// A run is in the directory already.
     #[error("{0} holds a run already: give --resume to go on with it, or another --out")]
     Exists(PathBuf),
+    /// Another process trains in the run directory.
+    #[error("{0}: another process trains here: wait for it, or give another --out")]
+    Busy(PathBuf),
+    /// A run is to end before the updates that it has done.
+    #[error(
+        "{path} has done {} already, and {} would end after {total}: give more --epochs, or leave them out",
+        count(*.done as usize, "update", "updates"), count(*.epochs as usize, "epoch", "epochs")
+    )]
+    Ended {
+        /// The run directory.
+        path: PathBuf,
+        /// Updates done.
+        done: u64,
+        /// Epochs asked for.
+        epochs: u32,
+        /// Updates that these have.
+        total: u64,
+    },
     /// There is no run to resume, or its record is unreadable.
     #[error("no run to resume: {path}: {what}")]
     Record {
@@ -61,7 +80,7 @@ pub enum TrainError {
     },
     /// The initial network has other widths.
     #[error(
-        "{path} is a network of {found:?}, the run's is {wanted:?}: give the --shape that it was trained with"
+        "{path} is a network of {found}, the run's is {wanted}: give the --shape that it was trained with"
     )]
     Shape {
         /// Where the initial network came from.
@@ -73,7 +92,7 @@ pub enum TrainError {
     },
     /// The initial network was trained under another accumulation.
     #[error(
-        "{path} was trained with {found:?} accumulation, this run has {wanted:?}: give the --accumulation that it was trained with"
+        "{path} was trained with {found} accumulation, this run has {wanted}: give the --accumulation that it was trained with"
     )]
     Accumulation {
         /// Where the initial network came from.

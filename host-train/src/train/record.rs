@@ -15,12 +15,14 @@ use super::trainer::Diverged;
 use crate::files;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use std::fs::File;
-use std::io::Write;
+use std::fs::{File, TryLockError};
+use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
 const CONFIG: &str = "config.json";
 const METRICS: &str = "metrics.jsonl";
+/// Locked as long as a process trains here.
+const LOCK: &str = ".lock";
 
 /// What `config.json` holds.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -47,6 +49,18 @@ impl RunRecord {
         };
         let text = std::fs::read(&path).map_err(|e| unreadable(e.to_string()))?;
         serde_json::from_slice(&text).map_err(|e| unreadable(e.to_string()))
+    }
+
+    /// Refuses to go on with this run as `now`.
+    pub(super) fn check_resumed(&self, now: &RunRecord) -> Result<(), TrainError> {
+        let differences = self.differences(now);
+        match differences.is_empty() {
+            true => Ok(()),
+            false => Err(TrainError::Incompatible {
+                path: now.config.out.clone(),
+                differences: differences.join("; "),
+            }),
+        }
     }
 
     /// Names the settings that may not change when a run is resumed and yet differ, each with both values.
@@ -85,6 +99,25 @@ fn compare(path: &str, before: &Value, now: &Value, differences: &mut Vec<(Strin
     }
 }
 
+/// Takes a run directory for this process, until the file is dropped.
+///
+/// # Errors
+/// [`TrainError::Busy`] if another process has it.
+pub(super) fn lock(run: &Path) -> Result<File, TrainError> {
+    std::fs::create_dir_all(run).map_err(|e| unusable(run, e))?;
+    let path = run.join(LOCK);
+    let mut options = File::options();
+    let file = options.create(true).truncate(false).write(true).open(&path);
+    let file = file.map_err(|e| unusable(&path, e))?;
+    match file.try_lock() {
+        Ok(()) => Ok(file),
+        Err(TryLockError::WouldBlock) => Err(TrainError::Busy(run.into())),
+        // Some file systems know no locks.
+        Err(TryLockError::Error(e)) if e.kind() == ErrorKind::Unsupported => Ok(file),
+        Err(TryLockError::Error(e)) => Err(unusable(&path, e)),
+    }
+}
+
 /// An open run directory.
 pub(super) struct RunDirectory {
     path: PathBuf,
@@ -92,8 +125,8 @@ pub(super) struct RunDirectory {
 }
 
 impl RunDirectory {
-    /// Checks that the directory can be written and has room for `bytes`, and starts the metrics. A resumed run
-    /// must be the same run; its metrics go on after those of its first `updates` updates.
+    /// Checks that the directory can be written and has room for `bytes`, and starts the metrics. Those of a resumed
+    /// run go on after those of its first `updates` updates.
     pub(super) fn open(
         record: &RunRecord,
         resumed: Option<u64>,
@@ -105,22 +138,13 @@ impl RunDirectory {
             remove_unfinished(&folder).map_err(|e| unusable(&folder, e))?;
         }
         probe(&path, bytes)?;
-        if resumed.is_some() {
-            let differences = RunRecord::load(&path)?.differences(record);
-            if !differences.is_empty() {
-                return Err(TrainError::Incompatible {
-                    path,
-                    differences: differences.join("; "),
-                });
-            }
-        }
         let text = serde_json::to_string_pretty(record).map_err(|e| unusable(&path, e.into()))?;
         files::write(&path.join(CONFIG), text.as_bytes()).map_err(|e| unusable(&path, e))?;
         let file = path.join(METRICS);
         let kept = match resumed {
             Some(updates) => match std::fs::read_to_string(&file) {
                 Ok(text) => measured_by(&text, updates),
-                Err(e) if e.kind() == std::io::ErrorKind::NotFound => String::new(),
+                Err(e) if e.kind() == ErrorKind::NotFound => String::new(),
                 Err(e) => return Err(unusable(&file, e)),
             },
             None => String::new(),

@@ -1,17 +1,23 @@
 //! A whole run: data, updates, validation, checkpoints.
 
 use super::config::TrainConfig;
-use super::data::{fingerprint, load, problems};
+use super::data::{TrainingData, fingerprint, load, problems};
 use super::error::TrainError;
 use super::progress::{Display, EpochEnd, update_line};
-use super::record::{RunDirectory, RunRecord};
+use super::record::{RunDirectory, RunRecord, lock};
 use super::state::{checkpoint, start};
 use super::validate::validate;
-use crate::policy::checkpoint::{BEST, Checkpoint, LAST, PREVIOUS};
+use crate::dataset::modelnet::FIRST_HALF;
+use crate::dataset::pairs::PairSet;
+use crate::policy::checkpoint::{BEST, Checkpoint, LAST, PREVIOUS, Progress};
+use crate::words::count;
 use reagent_core::cut::Cut;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
+
+/// Updates below which a policy hardly learns.
+const FEW_UPDATES: u64 = 200;
 
 /// Runs a stage of training to its end, or until `stop`. The table of [`super::record`] lists what it writes;
 /// `after_epoch` is called whenever the log has gained an epoch.
@@ -49,12 +55,21 @@ fn run_here(
 ) -> Result<(), TrainError> {
     config.check()?;
     let kept = [LAST, PREVIOUS].map(|name| config.out.join(name));
-    if !resume && kept.iter().any(|path| path.exists()) {
-        return Err(TrainError::Exists(config.out.clone()));
-    }
+    let is_free = || match !resume && kept.iter().any(|path| path.exists()) {
+        true => Err(TrainError::Exists(config.out.clone())),
+        false => Ok(()),
+    };
+    is_free()?;
 
     // Data, network and optimiser, a folder for the results.
     let (training, validation) = load(config)?;
+    let before = match resume {
+        true => Some(RunRecord::load(&config.out)?),
+        false => None,
+    };
+    let _locked = lock(&config.out)?;
+    // Another run may have ended here while the data was read.
+    is_free()?;
     let record = RunRecord {
         version: env!("CARGO_PKG_VERSION").into(),
         data_sha256: fingerprint(&training),
@@ -67,20 +82,33 @@ fn run_here(
     // A run that was stopped before its first checkpoint starts again.
     let done = resumed.as_ref().map_or(0, |c| c.progress.updates);
     let updates_before = resume.then_some(done);
+    let total = config.updates(training.len());
+    if let Some(before) = &before {
+        before.check_resumed(&record)?;
+        if total <= done && config.epochs < before.config.epochs {
+            return Err(TrainError::Ended {
+                path: config.out.clone(),
+                done,
+                epochs: config.epochs,
+                total,
+            });
+        }
+    }
     let (mut trainer, mut progress) = start(config, resumed)?;
+    if resume && total <= done {
+        eprintln!(
+            "nothing left to do: all {} are done; more --epochs go on",
+            count(total as usize, "update", "updates")
+        );
+        eprintln!("{}", next_command(config, &progress));
+        return Ok(());
+    }
     // Four vectors of a checkpoint, and an average; last, previous, best and one being written.
     let room = trainer.agent.parameters.values.len() * 4 * 5 * 4;
     let mut directory = RunDirectory::open(&record, updates_before, room)?;
 
-    let total = config.updates(training.len());
     let epoch_of = |update: u64| config.epoch_of(update, training.len());
-    eprintln!(
-        "training on {} clouds, validating on {}, {total} updates of {} observations, kernels {}",
-        training.len(),
-        validation.source.len(),
-        config.roll_out.observations(),
-        reagent_core::kernels::Isa::best().name()
-    );
+    tell_size(config, &training, &validation, total);
     let mut display = Display::start(config, total, trainer.updates);
     let mut saved = Instant::now();
     let mut next = problems(config, &training, trainer.updates)?;
@@ -150,7 +178,9 @@ fn run_here(
     }
 
     display.end();
-    if trainer.updates < total {
+    if trainer.updates == total {
+        eprintln!("{}", next_command(config, &progress));
+    } else {
         checkpoint(config, &trainer, &progress).save_newest(&config.out)?;
         eprintln!(
             "stopped after update {} of {total}; go on with --resume",
@@ -158,4 +188,48 @@ fn run_here(
         );
     }
     Ok(())
+}
+
+/// Says what a run consists of, and what is unusual about it.
+fn tell_size(config: &TrainConfig, training: &TrainingData, validation: &PairSet, total: u64) {
+    let of = |number: u64, one, several| count(number as usize, one, several);
+    let clouds = training.len() as u64;
+    eprintln!(
+        "training on {}, validating on {} drawn from {} more, {} of {}, kernels {}",
+        of(clouds, "cloud", "clouds"),
+        count(validation.source.len(), "pair", "pairs"),
+        training.held_back,
+        of(total, "update", "updates"),
+        count(
+            config.roll_out.observations(),
+            "observation",
+            "observations"
+        ),
+        reagent_core::kernels::Isa::best().name()
+    );
+    if training.categories_left_out > 0 {
+        let left_out = count(training.categories_left_out, "category", "categories");
+        let trained = FIRST_HALF.end;
+        eprintln!("{left_out} left out: training takes the first {trained} (--categories all)");
+    }
+    if total < FEW_UPDATES {
+        let epochs = (FEW_UPDATES * config.roll_out.problems as u64).div_ceil(clouds);
+        eprintln!(
+            "{} will teach little: with --epochs {epochs} there are {FEW_UPDATES}, and thousands teach more",
+            of(total, "update", "updates")
+        );
+    }
+}
+
+/// The best epoch so far, and what to do with it.
+fn next_command(config: &TrainConfig, progress: &Progress) -> String {
+    let run = config.out.display();
+    let best = match progress.best {
+        Some((_, epoch)) => format!("epoch {epoch} was best on validation"),
+        None => "no epoch was validated".into(),
+    };
+    match config.deployable() {
+        true => format!("{best}: host-train export --run {run} --out {run}.rgw"),
+        false => format!("{best}: host-train eval --weights {run}"),
+    }
 }

@@ -30,7 +30,11 @@ impl RegisterArgs {
         for note in target {
             eprintln!("{}: {note}", pair.target.display());
         }
-        let text = text::report(done, &self.sources.size_advice(source));
+        let text = text::report(
+            done,
+            &self.sources.size_advice(source),
+            self.best.unwrap_or(1),
+        );
         if self
             .outputs()
             .iter()

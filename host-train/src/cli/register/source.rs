@@ -77,7 +77,7 @@ impl SourceArgs {
     }
 
     /// The options that help if the clouds' sizes differ.
-    pub(super) fn size_advice(&self, notes: &[Note]) -> String {
+    pub fn size_advice(&self, notes: &[Note]) -> String {
         match self.depth.depth {
             None => {
                 "See --unit and --scale, or crop a source that shows more than the target".into()

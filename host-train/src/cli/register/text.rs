@@ -2,17 +2,17 @@
 
 use crate::pose64::Pose64;
 use crate::register::request::Done;
-use crate::register::sentences::{Names, Remark, fit, probability, uncertainty};
+use crate::register::sentences::{Names, Remark, fit, outcome, probability, uncertainty};
 use crate::words::count;
 use reagent_core::pipeline::Refinement;
 use reagent_core::polish::Refined;
-use reagent_core::verdict::Percent;
+use reagent_core::verdict::{Percent, Verdict};
 
 /// The clouds' names are those of the arguments.
 const NAMES: Names<'_> = ["source", "target"];
 
-/// Pose, stages and verdict, with advice if the clouds' sizes differ.
-pub(super) fn report(done: &Done, size_advice: &str) -> String {
+/// Pose, stages and verdict, with advice if the clouds' sizes differ; `best` poses were asked for.
+pub(super) fn report(done: &Done, size_advice: &str, best: usize) -> String {
     let Done {
         found,
         dense,
@@ -25,8 +25,12 @@ pub(super) fn report(done: &Done, size_advice: &str) -> String {
     text += &format!("{pose}\n");
     let answer = &found.answer;
     if let Some(policy) = answer.policy {
-        let (verdict, steps) = (policy.verdict, count(policy.steps, "step", "steps"));
-        text += &format!("policy: {verdict} after {steps}\n");
+        let steps = count(policy.steps, "step", "steps");
+        let ended = match policy.verdict {
+            Verdict::Converged => "settled".into(),
+            verdict => verdict.to_string(),
+        };
+        text += &format!("policy: {ended} after {steps}\n");
     }
     if let Some(refinement) = &answer.refinement {
         text += &stages(refinement);
@@ -50,22 +54,25 @@ pub(super) fn report(done: &Done, size_advice: &str) -> String {
     }
     text += &match &answer.refinement {
         Some(refinement) => probability(refinement, NAMES),
-        None => {
-            "how probably it is right is not known of the policy alone: see --mode verify".into()
-        }
+        None => "the policy alone cannot say how likely the pose is to be right: see --mode verify"
+            .into(),
     };
     text += "\n";
     if let Some(start) = done.start {
         text += &format!("from start number {}\n", start + 1);
     }
+    if done.others.is_empty() && best > 1 {
+        text += &format!("--best {best}: no other pose was found\n");
+    }
     if !done.others.is_empty() {
-        text += "next best poses, which --json has; each percentage says how probably that pose is right within 5 degrees and .05 radii of the target, and they need not add up to 100 %:\n";
+        text += "next best poses, which --json has; each percentage says how likely that pose is to be right, and they need not add up to 100 %:\n";
     }
     for other in &done.others {
         let residual = other.refined.residual.mean();
         text += &format!("  residual {residual:.3}, {}\n", Percent(other.probability));
     }
-    text + &format!("{}, {ms:.1} ms\n", answer.verdict)
+    let ended = outcome(answer.verdict, answer.probability);
+    text + &format!("{ended}, {ms:.1} ms\n")
 }
 
 /// The matrix `[R | t; 0 0 0 1]`, one row a line, in the fewest digits that read back the same.

@@ -200,3 +200,55 @@ fn symmetries_are_read_from_beside_the_pairs() {
         "{error}"
     );
 }
+
+#[test]
+fn targets_in_millimetres_are_refused() {
+    let scaled = |scale: f32, shift: f32| {
+        let mut set = sample();
+        for cloud in &mut set.target[4..] {
+            for point in cloud {
+                *point = point.map(|x| scale * x + shift);
+            }
+        }
+        refused(set)
+    };
+    for (said, words) in [
+        (scaled(100.0, 0.0), "pair 4 has radius 1"),
+        (scaled(0.1, 0.0), "pair 4 has radius 0.1"),
+        (scaled(1.0, 5.0), "its mean is 8."),
+    ] {
+        assert!(
+            said.contains(words) && said.contains("divide these"),
+            "{said}"
+        );
+    }
+}
+
+#[test]
+fn a_list_of_symmetries_that_cannot_be_read_is_an_error() {
+    let dir = tempfile::tempdir().expect("a directory");
+    let path = dir.path().join("pairs.h5");
+    let beside = dir.path().join("pairs.json");
+    sample().save(&path).expect("written");
+    let one = r#"{"truths": [[[1,0,0,0],[0,1,0,0],[0,0,1,0]]], "symmetric": true}"#;
+    for (text, words) in [
+        (format!(" [{one}]"), "missing field `sym`"),
+        ("[{".to_owned(), "EOF"),
+        (r#"["a"]"#.to_owned(), "line 1 column 4"),
+    ] {
+        std::fs::write(&beside, text).expect("written");
+        let said = PairSet::load(&path).expect_err("refused").to_string();
+        let named = said.contains("pairs.json") && said.contains("move it away");
+        assert!(named && said.contains(words), "{said}");
+    }
+}
+
+#[test]
+fn the_list_of_symmetries_is_not_written_over() {
+    let dir = tempfile::tempdir().expect("a directory");
+    let path = dir.path().join("pairs.h5");
+    let [same, other] = ["./pairs.json", "other.json"].map(|name| Some(dir.path().join(name)));
+    assert!(Symmetry::keep_beside(&path, [&None, &other]).is_ok());
+    let said = Symmetry::keep_beside(&path, [&other, &same]).expect_err("refused");
+    assert!(said.to_string().contains("another file"), "{said}");
+}

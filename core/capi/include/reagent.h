@@ -226,7 +226,8 @@ typedef struct {
   uint32_t distinct_points;
   // Shares of the source's and of the target's points left out because they lie far from all others.
   float left_out[2];
-  // Whether the clouds fit as well turned about an axis. Only mode VERIFY looks for it: in other modes it is always false.
+  // Whether the clouds fit as well turned about an axis. Modes POLISH and REFINE look for it
+  // only where the surface hardly holds it; in mode FAST it is false.
   bool axis_is_open;
   // A point of the axis, in the target's frame and unit.
   float axis_point[3];
@@ -249,7 +250,7 @@ typedef struct {
   // then of a translation in the clouds' unit, both along the target's axes. A point that
   // the pose puts at x, the truth puts at c + exp(rotation) (x - c) + translation.
   float covariance[6][6];
-  // The point c: the target's centroid.
+  // The point c: the target's centroid, or the point of an open axis nearest to it.
   float covariance_about[3];
 } ReagentAnswer;
 

@@ -74,7 +74,8 @@ pub struct ReagentAnswer {
     pub distinct_points: u32,
     /// Shares of the source's and of the target's points left out because they lie far from all others.
     pub left_out: [f32; 2],
-    /// Whether the clouds fit as well turned about an axis. Only mode VERIFY looks for it: in other modes it is always false.
+    /// Whether the clouds fit as well turned about an axis. Modes POLISH and REFINE look for it
+    /// only where the surface hardly holds it; in mode FAST it is false.
     pub axis_is_open: bool,
     /// A point of the axis, in the target's frame and unit.
     pub axis_point: [f32; 3],
@@ -97,7 +98,7 @@ pub struct ReagentAnswer {
     /// then of a translation in the clouds' unit, both along the target's axes. A point that
     /// the pose puts at x, the truth puts at c + exp(rotation) (x - c) + translation.
     pub covariance: [[f32; 6]; 6],
-    /// The point c: the target's centroid.
+    /// The point c: the target's centroid, or the point of an open axis nearest to it.
     pub covariance_about: [f32; 3],
 }
 

@@ -98,7 +98,7 @@ impl Registration {
         self.fit().map(|fit| fit.extents_ratio)
     }
 
-    /// What the shape leaves open; None where it was not looked for: in modes fast, polish and refine, and of a "tracked" cloud.
+    /// What the shape leaves open; None where it was not looked for: in mode fast, and where the surface holds all turns in modes polish and refine.
     #[getter]
     fn undetermined(&self) -> Option<Undetermined> {
         self.fit()?.undetermined.clone().map(Undetermined)

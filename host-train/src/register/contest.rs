@@ -1,4 +1,4 @@
-//! Poses between which the policy's points do not decide: all points that the files hold do.
+//! Poses between which the policy's points do not decide, and no start: all points that the files hold do.
 
 use crate::baselines::{IcpSettings, IcpTarget};
 use crate::register::dense::InRadii;
@@ -8,6 +8,7 @@ use crate::register::{Memory, Registered};
 use reagent_core::evidence::Evidence;
 use reagent_core::pipeline::{self, Answer, Mode, Refinement, Task};
 use reagent_core::polish::Refiner;
+use reagent_core::start::Start;
 use reagent_core::verify::{Ranked, Undetermined};
 use reagent_core::{Error, Frame, Pose};
 
@@ -24,7 +25,8 @@ const BETTER: f64 = 0.005;
 /// Steps of ICP to planes before poses are compared.
 const STEPS: usize = 5;
 
-/// If other poses fit nearly as well as the one found, returns the one that all points of the source fit best.
+/// If other poses fit nearly as well as the one found, returns the one under which all points of the source lie nearest to the
+/// target's mesh. A start would settle what a sensor's own errors might not.
 ///
 /// # Errors
 /// Clouds that the core refuses.
@@ -37,6 +39,9 @@ pub(super) fn decided_by_all_points(
     let Some(refinement) = found.answer.refinement else {
         return Ok(found);
     };
+    if task.start != Start::Anywhere || !target.has_faces() {
+        return Ok(found);
+    }
     let mut ranked = refinement.ranked.into_iter().flatten();
     let Some(best) = ranked.next().filter(|_| refinement.hypotheses.is_some()) else {
         return Ok(found);

@@ -1,11 +1,9 @@
 //! A cloud prepared for registration: near the origin, and within the policy's capacity.
 
-use crate::baselines::{NormalSettings, normals};
 use crate::dataset::Point;
 use crate::dataset::cloud_file::{
     CloudError, CloudFile, MAX_COORDINATE, MESH_POINTS, Note, origin_of,
 };
-use crate::neighbours::Neighbours;
 use crate::pose64::Position;
 use crate::random::{Purpose, stream};
 use crate::register::dense::DENSE_POINTS;
@@ -13,7 +11,6 @@ use crate::register::surface::{Surface, is_seen};
 use crate::register::thin::thin;
 use crate::register::within_capacity;
 use glam::Vec3;
-use nalgebra::Vector3;
 use reagent_core::dims::MAX_POINTS;
 use reagent_core::frame::check_cloud;
 use reagent_core::{Error, Frame};
@@ -22,22 +19,10 @@ use std::collections::HashMap;
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
-/// Points of a surface, and its normals there.
+/// Points of a mesh's surface, and the normals of its faces there.
 pub(super) struct Planes {
     pub(super) points: Vec<Point>,
     pub(super) normals: Vec<Point>,
-}
-
-/// Estimated normals of a cloud of this radius.
-fn normals_of(points: &[Point], scale: f32) -> Vec<Point> {
-    let settings = NormalSettings::DEFAULT;
-    let Ok(tree) = Neighbours::new(points) else {
-        return Vec::new();
-    };
-    let lists = tree.lists(points, settings.radius * f64::from(scale), settings.most);
-    let normals = normals(points, &lists, &settings);
-    let narrow = |normal: &Vector3<f64>| [normal.x, normal.y, normal.z].map(|x| x as f32);
-    normals.iter().map(narrow).collect()
 }
 
 /// One of the two clouds. Copies share what a mesh tells.
@@ -53,8 +38,6 @@ pub struct Prepared<'a> {
     surface: Option<Arc<Surface>>,
     /// [`Prepared::outward`], once it is asked for.
     outward: Arc<OnceLock<Vec<Point>>>,
-    /// Normals at all points, once they are asked for.
-    planes: Arc<OnceLock<Vec<Point>>>,
     /// What the sensor saw besides a source with a known view point; otherwise empty.
     pub background: Vec<Point>,
     /// What the reader noticed, and what was done to the points.
@@ -159,7 +142,6 @@ impl<'a> Prepared<'a> {
             thinned,
             surface: surface.map(Arc::new),
             outward: Arc::default(),
-            planes: Arc::default(),
             background: Vec::new(),
             notes,
         };
@@ -170,9 +152,14 @@ impl<'a> Prepared<'a> {
         Ok(prepared)
     }
 
+    /// Whether its points were drawn from the faces of a mesh.
+    pub fn has_faces(&self) -> bool {
+        self.surface.is_some()
+    }
+
     /// Notes that the target of a view has no faces, if its points were not drawn from any.
     pub fn notice_missing_faces(&mut self) {
-        if self.surface.is_none() {
+        if !self.has_faces() {
             self.notes.push(Note::NoFaces);
         }
     }
@@ -222,27 +209,26 @@ impl<'a> Prepared<'a> {
         Ok(Cow::Owned(seen.map(|(point, _)| *point).collect()))
     }
 
-    /// The same points with the normals of their surface, which may point to either side: a mesh's own, else estimated. All of them
-    /// without a sensor.
+    /// The same points with the normals of a mesh's faces, which may point to either side; all of them without a sensor. None if
+    /// the points were not drawn from a mesh.
     ///
     /// # Errors
     /// A cloud without extent.
     pub(super) fn planes_seen_from(&self, eye: Option<Vec3>) -> Result<Planes, Error> {
         let Frame { centre, scale } = Frame::of(self.points())?;
-        let normals = self.planes.get_or_init(|| match &self.surface {
-            Some(surface) => surface.normals().to_vec(),
-            None => normals_of(&self.all, scale),
-        });
-        let all = self.all.iter().copied().zip(normals.iter().copied());
         let outward = match eye {
             Some(eye) if eye.distance(centre) > scale => self.all_outward(),
             _ => &[],
         };
-        let is_seen = |(k, (point, _)): &(usize, (Point, Point))| match (outward.get(*k), eye) {
-            (Some(&outward), Some(eye)) => is_seen(*point, outward, eye),
+        let is_seen = |(k, (point, _)): &(usize, (&Point, &Point))| match (outward.get(*k), eye) {
+            (Some(&outward), Some(eye)) => is_seen(**point, outward, eye),
             _ => true,
         };
-        let seen = all.enumerate().filter(is_seen).map(|(_, plane)| plane);
+        let normals = self.surface.as_ref().map_or(&[][..], |s| s.normals());
+        let all = self.all.iter().zip(normals).enumerate();
+        let seen = all
+            .filter(is_seen)
+            .map(|(_, (&point, &normal))| (point, normal));
         let (points, normals) = seen.unzip();
         Ok(Planes { points, normals })
     }

@@ -107,9 +107,13 @@ pub(crate) fn is(bytes: &[u8]) -> bool {
     bytes.starts_with(MAGIC)
 }
 
-/// The numbers of an array (rows, columns), row by row.
+/// The numbers of an array (rows, columns), row by row, or of one in a row.
 pub(crate) fn matrix(bytes: &[u8]) -> Result<Vec<f64>, String> {
-    grid(bytes).map(|grid| grid.image.values)
+    let mut array = Array::of(bytes)?;
+    if let Some(&[columns]) = array.sizes.as_deref() {
+        array.sizes = Some(vec![1, columns]);
+    }
+    grid_of(&array).map(|grid| grid.image.values)
 }
 
 /// Numbers in rows and columns.
@@ -123,7 +127,10 @@ pub(crate) struct Grid {
 
 /// An array (rows, columns), or (rows, columns, 1), as an image.
 pub(crate) fn grid(bytes: &[u8]) -> Result<Grid, String> {
-    let array = Array::of(bytes)?;
+    grid_of(&Array::of(bytes)?)
+}
+
+fn grid_of(array: &Array<'_>) -> Result<Grid, String> {
     let shape = array.shape;
     let unexpected = || format!("its shape is ({shape}), expected (rows, columns)");
     let (Some(&[rows, columns]) | Some(&[rows, columns, 1])) = array.sizes.as_deref() else {

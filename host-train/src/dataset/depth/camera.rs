@@ -11,8 +11,8 @@ use std::path::Path;
 use std::str::FromStr;
 
 /// What a camera must be.
-const EXPECTED: &str = "fx,fy,cx,cy in pixels; a file of these four or of the nine numbers of K, as text or .npy; or JSON with fx, fy, cx, cy, or cam_K, or the latter \
-     for each image (BOP's camera.json, scene_camera.json), or as RealSense (ppx, ppy) and Open3D (intrinsic_matrix) write it";
+const EXPECTED: &str = "fx,fy,cx,cy in pixels; a file of these four or of the nine numbers of K, as text or .npy; or JSON with fx, fy, cx, cy, or K, k or camera_matrix (ROS, OpenCV), \
+     or cam_K, also for each image (BOP's camera.json, scene_camera.json), or as RealSense (ppx, ppy) and Open3D (intrinsic_matrix) write it";
 
 /// A pinhole camera without distortion, pixels: centres of pixels lie at whole numbers, as in OpenCV and BOP.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -178,15 +178,7 @@ fn of_json(text: &str, image: &Path) -> Result<Intrinsics, String> {
     let document: Value = serde_json::from_str(text).map_err(|e| e.to_string())?;
     if document.get("fx").is_some() {
         let flat: Flat = fields(document)?;
-        if flat
-            .distortion
-            .iter()
-            .any(|&coefficient| coefficient != 0.0)
-        {
-            return Err(
-                "its lens distorts (coeffs): rectify the image, and give the camera of that".into(),
-            );
-        }
+        refuse_distortion(&flat.distortion)?;
         return Ok(Intrinsics {
             size: size(flat.width, flat.height),
             depth_scale: flat.depth_scale.map(checked_scale).transpose()?,
@@ -203,13 +195,28 @@ fn of_json(text: &str, image: &Path) -> Result<Intrinsics, String> {
             ..Intrinsics::of_matrix([a, d, g, b, e, h, c, f, i])?
         });
     }
+    if let Some(rows) = first_of(&document, &ROWS) {
+        if let Some(distortion) = first_of(&document, &DISTORTION) {
+            refuse_distortion(&flat(distortion).unwrap_or_default())?;
+        }
+        let rows = flat(rows).and_then(|rows| <[f64; 9]>::try_from(rows).ok());
+        let rows = rows.ok_or("its K does not have nine numbers")?;
+        let side = |name: &str| document.get(name)?.as_u64()?.try_into().ok();
+        let [width, height] = [["width", "image_width"], ["height", "image_height"]]
+            .map(|names| names.into_iter().find_map(side));
+        return Ok(Intrinsics {
+            size: size(width, height),
+            ..Intrinsics::of_matrix(rows)?
+        });
+    }
     let entry = if document.get("cam_K").is_some() {
         document
     } else {
         let name = image.file_stem().unwrap_or_default().to_string_lossy();
         let number: Option<u32> = name.parse().ok();
         let entry = number.and_then(|number| document.get(number.to_string()));
-        let entry = entry.ok_or_else(|| format!("it has no fx, no cam_K, and no image {name}"))?;
+        let entry =
+            entry.ok_or_else(|| format!("it has no fx, no K, no cam_K, and no image {name}"))?;
         entry.clone()
     };
     let Matrix {
@@ -220,6 +227,45 @@ fn of_json(text: &str, image: &Path) -> Result<Intrinsics, String> {
         depth_scale: depth_scale.map(checked_scale).transpose()?,
         ..Intrinsics::of_matrix(matrix)?
     })
+}
+
+/// The rows of K in ROS's messages and files, and in OpenCV's.
+const ROWS: [&str; 4] = ["K", "k", "camera_matrix", "cameraMatrix"];
+/// How the same call the lens's distortion.
+const DISTORTION: [&str; 5] = [
+    "D",
+    "d",
+    "distortion_coefficients",
+    "dist_coeffs",
+    "distCoeffs",
+];
+/// A coefficient that moves no pixel.
+const NO_DISTORTION: f64 = 1e-6;
+
+fn first_of<'v>(document: &'v Value, names: &[&str]) -> Option<&'v Value> {
+    names.iter().find_map(|name| document.get(name))
+}
+
+/// Numbers in a list, in lists of lists, or below `data`.
+fn flat(value: &Value) -> Option<Vec<f64>> {
+    match value {
+        Value::Array(values) => {
+            let parts = values.iter().map(|value| match value.as_f64() {
+                Some(number) => Some(vec![number]),
+                None => flat(value),
+            });
+            Some(parts.collect::<Option<Vec<_>>>()?.concat())
+        }
+        Value::Object(fields) => flat(fields.get("data")?),
+        _ => None,
+    }
+}
+
+fn refuse_distortion(coefficients: &[f64]) -> Result<(), String> {
+    match coefficients.iter().all(|x| x.abs() < NO_DISTORTION) {
+        true => Ok(()),
+        false => Err("its lens distorts: rectify the image, and give the camera of that".into()),
+    }
 }
 
 fn size(width: Option<usize>, height: Option<usize>) -> Option<[usize; 2]> {

@@ -115,6 +115,13 @@ fn cameras_are_four_numbers_or_files_of_several_kinds() {
     std::fs::write(&path, [header("<f8", &[3, 3]), numbers].concat()).expect("written");
     let of_array = Intrinsics::read(&path, Path::new(DEPTH)).map_err(|e| e.to_string());
     assert_eq!(of_array, Ok(plain));
+    let numbers: Vec<u8> = [600.0f64, 610.0, 320.0, 240.0]
+        .iter()
+        .flat_map(|x| x.to_le_bytes())
+        .collect();
+    std::fs::write(&path, [header("<f8", &[4]), numbers].concat()).expect("written");
+    let of_array = Intrinsics::read(&path, Path::new(DEPTH)).map_err(|e| e.to_string());
+    assert_eq!(of_array, Ok(plain));
     std::fs::write(&path, [0xff, 0xfe, 0x00]).expect("written");
     let said = Intrinsics::read(&path, Path::new(DEPTH)).expect_err("no text");
     assert!(
@@ -143,6 +150,13 @@ fn cameras_are_four_numbers_or_files_of_several_kinds() {
         r#"{{"class_name": "PinholeCameraParameters", "extrinsic": [1], "intrinsic": {open3d}}}"#
     );
     assert_eq!(read(&placed), Ok(sized));
+    for ros in [
+        r#"{"height": 480, "width": 640, "distortion_model": "plumb_bob", "d": [0, 0, 0, 1e-9, 0], "k": [600, 0, 320, 0, 610, 240, 0, 0, 1]}"#,
+        r#"{"height": 480, "width": 640, "K": [[600, 0, 320], [0, 610, 240], [0, 0, 1]]}"#,
+        r#"{"image_height": 480, "image_width": 640, "camera_matrix": {"rows": 3, "cols": 3, "data": [600, 0, 320, 0, 610, 240, 0, 0, 1]}}"#,
+    ] {
+        assert_eq!(read(ros), Ok(sized), "{ros}");
+    }
     let known = Intrinsics {
         size: None,
         ..known
@@ -167,10 +181,12 @@ fn cameras_are_four_numbers_or_files_of_several_kinds() {
             "depth_scale: expected a positive number, found -1",
         ),
         ("{\"cam_K\": [600]}", "invalid length 1"),
+        ("{\"K\": [600, 610]}", "its K does not have nine numbers"),
         (
-            &realsense.replace("[0, ", "[0.1, "),
-            "its lens distorts (coeffs)",
+            "{\"K\": [600, 0, 320, 0, 610, 240, 0, 0, 1], \"D\": [0.1]}",
+            "its lens distorts",
         ),
+        (&realsense.replace("[0, ", "[0.1, "), "its lens distorts"),
         // By rows, not by columns.
         (
             &open3d.replace("0, 0, 0, 610, 0, 320, 240", "0, 320, 0, 610, 240, 0, 0"),

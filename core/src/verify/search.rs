@@ -175,17 +175,12 @@ impl Search<'_, '_> {
         };
         self.refiner.match_both(at, COMPARED);
         let Residual { source, target } = self.refiner.matched_residual(at);
-        // Of the target, a sensor did not see all.
-        let unexplained = match self.refiner.ahead() {
-            Some(_) => source,
-            None => source.max(target),
-        };
         let most = if score > FAR_BETTER {
             BOTH_EXPLAINED
         } else {
             WELL_EXPLAINED
         };
-        if unexplained < most { i } else { best }
+        if source.max(target) < most { i } else { best }
     }
 
     /// Screens hypotheses, sifts the best and enters the best of those. If the pose at hand is held on to and planes fix its

@@ -53,6 +53,8 @@ impl Covariance {
         }
     }
 
+    // Called twice: two frames of it would not fit on a board's stack.
+    #[inline(never)]
     fn of_planes(
         equations: &NormalEquations,
         variance: f64,

@@ -86,8 +86,8 @@ impl<const N: usize> Best<N> {
     }
 
     /// The hypotheses held, with their scores.
-    pub(crate) fn held(self) -> impl Iterator<Item = (f32, Rigid)> {
-        self.0.into_iter().flatten()
+    pub(crate) fn held(&self) -> impl Iterator<Item = (f32, Rigid)> {
+        self.0.iter().flatten().copied()
     }
 }
 

@@ -55,16 +55,20 @@ pub(crate) fn principal_axes(spread: Spread) -> Mat3 {
     let last = if last == Vec3::ZERO { Vec3::Z } else { last };
     let (u, v) = last.any_orthonormal_pair();
     // The other two axes follow in closed form within their plane.
-    let [xx, yy, zz, xy, xz, yz] = spread;
-    let rows = Mat3::from_cols(
-        Vec3::new(xx, xy, xz),
-        Vec3::new(xy, yy, yz),
-        Vec3::new(xz, yz, zz),
-    );
+    let rows = symmetric(spread);
     let (uu, uv, vv) = (u.dot(rows * u), u.dot(rows * v), v.dot(rows * v));
     let (sine, cosine) = libm::sincosf(0.5 * libm::atan2f(2.0 * uv, uu - vv));
     let first = u * cosine + v * sine;
     Mat3::from_cols(first, last.cross(first), last)
+}
+
+/// The matrix of second moments.
+fn symmetric([xx, yy, zz, xy, xz, yz]: Spread) -> Mat3 {
+    Mat3::from_cols(
+        Vec3::new(xx, xy, xz),
+        Vec3::new(xy, yy, yz),
+        Vec3::new(xz, yz, zz),
+    )
 }
 
 /// Share of its trace added to a matrix of shifts, which is singular for a plane.
@@ -145,23 +149,23 @@ impl NormalEquations {
     /// The matrix of turns alone, each with the shift that suits it best (the Schur complement), and the map from a turn to that
     /// shift.
     pub(crate) fn free_turning(&self) -> (Spread, Mat3) {
-        let entry = |i: usize, j: usize| {
-            let (row, column) = (i.max(j), i.min(j));
-            self.a[row * (row + 1) / 2 + column] as f32
-        };
-        let block = |row: usize, column: usize| {
-            Mat3::from_cols_array(&core::array::from_fn(|k| {
-                entry(row + k % 3, column + k / 3)
-            }))
-        };
+        // The block of three rows of shifts and three columns of turns, column by column.
+        let mixed = [6, 10, 15, 7, 11, 16, 8, 12, 17].map(|k: usize| self.a[k] as f32);
+        let mixed = Mat3::from_cols_array(&mixed);
+        let [turns, shifts] = [self.turning(), self.shifting()].map(symmetric);
         let [xx, yy, zz, ..] = self.shifting();
-        let damping = Mat3::from_diagonal(Vec3::splat(LOOSE * (xx + yy + zz).max(1e-30)));
-        let shift_of = -((block(3, 3) + damping).inverse() * block(3, 0));
+        let damping = Mat3::from_diagonal(Vec3::splat(LOOSE * (xx + yy + zz)));
+        let inverse = (shifts + damping).inverse();
+        let shift_of = if inverse.is_finite() {
+            -(inverse * mixed)
+        } else {
+            Mat3::ZERO
+        };
         let Mat3 {
             x_axis: x,
             y_axis: y,
             z_axis: z,
-        } = block(0, 0) + block(0, 3) * shift_of;
+        } = turns + mixed.transpose() * shift_of;
         let diagonal = [x.x, y.y, z.z].map(|x| x.max(0.0));
         let [xx, yy, zz] = diagonal;
         ([xx, yy, zz, x.y, x.z, y.z], shift_of)

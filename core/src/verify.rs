@@ -100,6 +100,8 @@ impl Refiner<'_> {
     ///
     /// # Errors
     /// As [`Self::verify`], and whatever `go_on` returns.
+    // Its lists are off a board's stack where poses are only polished.
+    #[inline(never)]
     pub fn verify_while<E: From<Error>>(
         &mut self,
         pose: Pose,
@@ -130,22 +132,22 @@ impl Refiner<'_> {
         let best = search.best().unwrap_or(0);
         let best = search.far_better(best);
         let hypotheses = search.hypotheses;
-        let (contenders, ended) = (search.contenders, search.ended);
+        let (refiner, ended, contenders) = (search.refiner, &search.ended, &search.contenders);
         let winner = contenders.get(best).copied().flatten();
         let further = winner
             .filter(|winner| best > 0 || winner.at != polished.at || !polished.is_settled())
-            .map(|winner| self.polish_unless_less_probable(winner, prior.as_ref()));
+            .map(|winner| refiner.polish_unless_less_probable(winner, prior.as_ref()));
         let found = further.unwrap_or(polished);
-        let ranked = self.ranked(best, &found, &contenders);
-        let undetermined = self.undetermined(best, &found, &contenders);
+        let ranked = refiner.ranked(best, &found, contenders);
+        let undetermined = refiner.undetermined(best, &found, contenders);
         let support = ended.iter().flatten().filter(|&&at| is_same(at, found.at));
         let support = support.count();
-        let lead = lead(best, &contenders, &undetermined);
+        let lead = lead(best, contenders, &undetermined);
         let others = contenders.iter().flatten().map(|contender| contender.at);
-        let mirror_score = self.mirror_score(found.at, others);
-        let polished = self.refined(&polished, pose);
+        let mirror_score = refiner.mirror_score(found.at, others);
+        let polished = refiner.refined(&polished, pose);
         Ok(Verified {
-            best: further.map_or(polished, |found| self.refined(&found, pose)),
+            best: further.map_or(polished, |found| refiner.refined(&found, pose)),
             polished,
             hypotheses,
             support,
@@ -157,6 +159,7 @@ impl Refiner<'_> {
     }
 
     /// Polishes a contender, unless that makes it less probable: where little holds a pose, it slides away.
+    #[inline(never)]
     fn polish_unless_less_probable(
         &mut self,
         winner: Contender,

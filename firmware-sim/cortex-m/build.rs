@@ -9,8 +9,8 @@ const RAM_ON_GRID: usize = 38 * 1024;
 /// The stack's part of it, at the low end, so that a deeper stack faults instead of overwriting statics.
 const STACK: usize = 13 * 1024 + 768;
 /// Both for refinement.
-const REFINEMENT_RAM: usize = 308 * 1024;
-const REFINEMENT_STACK: usize = 48 * 1024;
+const REFINEMENT_RAM: usize = 312 * 1024;
+const REFINEMENT_STACK: usize = 52 * 1024;
 
 fn main() {
     let target = env::var("TARGET").expect("set by cargo");

@@ -14,6 +14,8 @@ pub(super) const RIDGE: f64 = 1e-7;
 /// How much noise, relative to the radius of neighbourhoods, spoils the planes that are fitted to those; both squared.
 /// Chosen on pairs drawn from training meshes with noise of 0 to .03 radii.
 const ROUGH: f64 = 50.0;
+/// Most that it raises a variance by.
+const MOST_ROUGH: f64 = 100.0;
 /// What holds turns, relative to what holds shifts, in a shape that is not round.
 const A_TURN: f32 = 0.1;
 
@@ -131,9 +133,9 @@ impl Refiner<'_> {
     /// Covariance of a refined pose.
     pub(super) fn covariance(&mut self, at: Rigid) -> Covariance {
         let (equations, variance) = self.information(at);
-        let radii = self.surfaces().map(|surface| surface.radius);
-        let neighbourhood = f64::from(radii[0].min(radii[1]));
-        let rough = ROUGH * variance / (neighbourhood * neighbourhood).max(f64::MIN_POSITIVE);
+        let [source, target] = self.surfaces().map(|surface| f64::from(surface.radius));
+        let neighbourhood = source.min(target).max(f64::from(f32::MIN_POSITIVE));
+        let rough = (ROUGH * variance / (neighbourhood * neighbourhood)).min(MOST_ROUGH);
         Covariance::of(
             &equations,
             [variance, 1.0 + rough],

@@ -216,26 +216,11 @@ impl Search<'_, '_> {
         }
         let is_explained = sifted.least().is_some_and(|least| least < EXPLAINED);
         if looks_far && !is_explained {
-            let mut matched = Best::<MATCHED>::NONE;
-            let [source, target] = self.refiner.surfaces();
-            // Few points are enough to drop most of them.
-            let [few, all] = PAIR_POINTS.map(|points| {
-                move |r: &Refiner<'_>, most, at| r.coarse_loss_below(most, at, points, SCREEN_SCALE)
-            });
-            matching_pairs(self.refiner.isa(), source, target, |at| {
-                let most = matched.most();
-                if few(self.refiner, most + PAIR_SLACK, at) - PAIR_SLACK < most {
-                    matched.offer(all(self.refiner, most, at), at);
-                }
-            });
-            for (_, at) in matched.held() {
-                go_on()?;
-                self.hypotheses += 1;
-                self.sift(at, prior, &mut sifted);
-            }
+            self.match_pairs(prior, &mut sifted, go_on)?;
         }
         // Copies of the pose at hand were tried already.
-        let firsts = sifted.clone().held().take(AGAIN);
+        let so_far = sifted.clone();
+        let firsts = so_far.held().take(AGAIN);
         let firsts = firsts.filter(|&(_, first)| looks_far && !is_same(first, polished));
         for (_, first) in firsts {
             let mut screened = Best::<SIFTED_AGAIN>::NONE;
@@ -259,6 +244,33 @@ impl Search<'_, '_> {
         for (_, at) in near_best.take(count) {
             go_on()?;
             self.polish(at, prior);
+        }
+        Ok(())
+    }
+
+    /// Sifts the best hypotheses that pairs of oriented points give.
+    fn match_pairs<E>(
+        &mut self,
+        prior: Option<&Prior>,
+        sifted: &mut Best<POLISHED_LOST>,
+        go_on: &mut impl FnMut() -> Result<(), E>,
+    ) -> Result<(), E> {
+        let mut matched = Best::<MATCHED>::NONE;
+        let [source, target] = self.refiner.surfaces();
+        // Few points are enough to drop most of them.
+        let [few, all] = PAIR_POINTS.map(|points| {
+            move |r: &Refiner<'_>, most, at| r.coarse_loss_below(most, at, points, SCREEN_SCALE)
+        });
+        matching_pairs(self.refiner.isa(), source, target, |at| {
+            let most = matched.most();
+            if few(self.refiner, most + PAIR_SLACK, at) - PAIR_SLACK < most {
+                matched.offer(all(self.refiner, most, at), at);
+            }
+        });
+        for (_, at) in matched.held() {
+            go_on()?;
+            self.hypotheses += 1;
+            self.sift(at, prior, sifted);
         }
         Ok(())
     }

@@ -223,6 +223,7 @@ impl Refiner<'_> {
         let turn = there.rotation.after(at.rotation.inverse());
         let line = turn.line(there.shift - turn.matrix() * at.shift);
         let of_line = |point| if any_rotation { centre } else { point };
+        let line = line.filter(|(direction, point)| direction.is_finite() && point.is_finite());
         let axis = line.map(|(direction, point)| Axis {
             point: self.target_centre() + of_line(point) * self.target_scale(),
             direction: direction * direction.dot(axis).signum(),

@@ -42,7 +42,7 @@ impl DepthGrid {
 
     /// Whether the image shows what else was seen, besides the object.
     pub(crate) fn shows_background(&self) -> bool {
-        self.known && self.shows_background
+        self.shows_background
     }
 
     /// Where the sensor stood.

@@ -30,6 +30,7 @@ mod equations;
 mod matching;
 mod residual;
 mod sample;
+mod seen;
 mod stage;
 mod workspace;
 
@@ -225,12 +226,21 @@ impl<'w> Refiner<'w> {
         let (at, more) = self.run(near, &FINE);
         self.match_all(at);
         let is_better = self.matched_residual(at).mean() <= before.mean();
-        self.candidate(if is_better { at } else { initial }, steps + more)
+        if is_better {
+            self.matched_candidate(at, steps + more)
+        } else {
+            self.candidate(initial, steps + more)
+        }
     }
 
-    /// A pose as these steps, if any, led to it.
+    /// A pose to which so many steps led.
     pub(crate) fn candidate(&mut self, at: Rigid, iterations: usize) -> Candidate {
         self.match_all(at);
+        self.matched_candidate(at, iterations)
+    }
+
+    /// The same, under which all points were matched last.
+    fn matched_candidate(&mut self, at: Rigid, iterations: usize) -> Candidate {
         let overlap = self.matched_overlap(at);
         Candidate {
             at,
@@ -320,55 +330,11 @@ impl<'w> Refiner<'w> {
         self.model.frame.scale
     }
 
-    /// States from where the source was seen, in the source's frame. What would stand in front of what was seen then counts
-    /// against a pose; what is hidden does not.
-    pub fn seen_from(&mut self, view_point: Vec3) {
-        self.seen_before(view_point, &[]);
-    }
-
-    /// As [`Self::seen_from`], with what else was seen: `background [B, 3]` in the source's frame, such as the other pixels of
-    /// a depth image. What would stand in front of it counts against a pose as well. Only an image of twice the source's width
-    /// is looked at: points outside it are ignored, and so are points that are not finite.
-    pub fn seen_before(&mut self, view_point: Vec3, background: &[[f32; 3]]) {
-        let (centre, factor) = (self.source_centre, 1.0 / self.model.frame.scale);
-        let inside = |point: Vec3| (point - centre) * factor;
-        let around = background.iter().map(|&p| inside(Vec3::from_array(p)));
-        let Work { source, seen, .. } = &mut *self.work;
-        seen.fill(source, inside(view_point), around);
-    }
-
-    /// States which way the target's surface faces: `outward [M, 3]` at its points, in their order.
-    /// What faces away from the sensor ([`Refiner::seen_from`]) was not seen, nor what is inside of the target
-    /// ([`crate::pipeline::INSIDE`]), and the source is matched only with the rest, unless the sensor stands within
-    /// the target's radius. A point without a valid direction is unknown, as is all of a target of more than
-    /// [`crate::dims::SURFACE_POINTS`] points.
-    pub fn faces(&mut self, outward: &[[f32; 3]]) {
-        self.work.facing.fill(self.model, outward);
-    }
-
-    /// The cell of the image, by number, if a background point is the nearest one seen there. One such point for each cell
-    /// tells as much as the whole background.
-    pub fn nearest_in_cell(&self, of_background: Vec3) -> Option<usize> {
-        let factor = 1.0 / self.model.frame.scale;
-        let point = (of_background - self.source_centre) * factor;
-        self.work.seen.nearest_in(point)
-    }
-
     /// Replaces the source by its mirror image; doing it twice restores it.
     pub(crate) fn mirror_source(&mut self) {
         self.work.source.mirror();
         self.work.sample.fill(&self.work.source);
         self.work.seen.mirror();
-    }
-
-    /// Whether it is known what was seen besides the source.
-    pub(crate) fn knows_background(&self) -> bool {
-        self.work.seen.shows_background()
-    }
-
-    /// Direction in which the sensor looks, in the source's frame.
-    pub(crate) fn ahead(&self) -> Option<Vec3> {
-        self.work.seen.ahead()
     }
 
     /// The kernels in use.

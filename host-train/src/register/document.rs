@@ -150,7 +150,7 @@ impl Open {
         rows: impl Fn(Pose) -> [[f64; 4]; 3],
         origin: Position,
     ) -> Option<Open> {
-        if found.hypotheses.is_none() && found.undetermined == Undetermined::NOTHING {
+        if found.hypotheses.is_none() && found.undetermined.is_nothing() {
             return None;
         }
         let Undetermined {

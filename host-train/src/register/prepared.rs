@@ -199,38 +199,44 @@ impl<'a> Prepared<'a> {
     /// # Errors
     /// A cloud without extent.
     pub fn all_seen_from(&self, eye: Vec3) -> Result<Cow<'_, [Point]>, Error> {
-        let Frame { centre, scale } = Frame::of(self.points())?;
-        let outward = self.all_outward();
-        if outward.is_empty() || eye.distance(centre) <= scale {
-            return Ok(Cow::Borrowed(&self.all));
-        }
-        let all = self.all.iter().zip(outward);
-        let seen = all.filter(|&(point, outward)| is_seen(*point, *outward, eye));
-        Ok(Cow::Owned(seen.map(|(point, _)| *point).collect()))
+        Ok(match self.seen_from(Some(eye))? {
+            Some(seen) => Cow::Owned(seen.map(|k| self.all[k]).collect()),
+            None => Cow::Borrowed(&self.all),
+        })
     }
 
-    /// The same points with the normals of a mesh's faces, which may point to either side; all of them without a sensor. None if
-    /// the points were not drawn from a mesh.
+    /// The same points with the normals of the faces that they were drawn from, which may point to either side; all of them
+    /// without a sensor, and none without faces.
     ///
     /// # Errors
     /// A cloud without extent.
     pub(super) fn planes_seen_from(&self, eye: Option<Vec3>) -> Result<Planes, Error> {
-        let Frame { centre, scale } = Frame::of(self.points())?;
-        let outward = match eye {
-            Some(eye) if eye.distance(centre) > scale => self.all_outward(),
-            _ => &[],
-        };
-        let is_seen = |(k, (point, _)): &(usize, (&Point, &Point))| match (outward.get(*k), eye) {
-            (Some(&outward), Some(eye)) => is_seen(**point, outward, eye),
-            _ => true,
-        };
         let normals = self.surface.as_ref().map_or(&[][..], |s| s.normals());
-        let all = self.all.iter().zip(normals).enumerate();
-        let seen = all
-            .filter(is_seen)
-            .map(|(_, (&point, &normal))| (point, normal));
-        let (points, normals) = seen.unzip();
-        Ok(Planes { points, normals })
+        Ok(match self.seen_from(eye)? {
+            Some(seen) => {
+                let (points, normals) = seen.map(|k| (self.all[k], normals[k])).unzip();
+                Planes { points, normals }
+            }
+            None => Planes {
+                points: self.all[..normals.len()].to_vec(),
+                normals: normals.to_vec(),
+            },
+        })
+    }
+
+    /// Which of the points a sensor may see; `None` for all.
+    fn seen_from(
+        &self,
+        eye: Option<Vec3>,
+    ) -> Result<Option<impl Iterator<Item = usize> + '_>, Error> {
+        let Frame { centre, scale } = Frame::of(self.points())?;
+        let outside = eye.filter(|eye| eye.distance(centre) > scale);
+        let outward = outside.map_or(&[][..], |_| self.all_outward());
+        Ok(outside.filter(|_| !outward.is_empty()).map(|eye| {
+            let all = self.all.iter().zip(outward).enumerate();
+            all.filter(move |&(_, (&point, &outward))| is_seen(point, outward, eye))
+                .map(|(k, _)| k)
+        }))
     }
 
     /// Whether the policy sees only a part of the points.

@@ -196,8 +196,10 @@ fn of_json(text: &str, image: &Path) -> Result<Intrinsics, String> {
         });
     }
     if let Some(rows) = first_of(&document, &ROWS) {
-        if let Some(distortion) = first_of(&document, &DISTORTION) {
-            refuse_distortion(&flat(distortion).unwrap_or_default())?;
+        let distortion = first_of(&document, &DISTORTION);
+        if let Some(distortion) = distortion.filter(|value| !value.is_null()) {
+            let coefficients = flat(distortion).ok_or("its distortion is no list of numbers")?;
+            refuse_distortion(&coefficients)?;
         }
         let rows = flat(rows).and_then(|rows| <[f64; 9]>::try_from(rows).ok());
         let rows = rows.ok_or("its K does not have nine numbers")?;

@@ -186,6 +186,10 @@ fn cameras_are_four_numbers_or_files_of_several_kinds() {
             "{\"K\": [600, 0, 320, 0, 610, 240, 0, 0, 1], \"D\": [0.1]}",
             "its lens distorts",
         ),
+        (
+            "{\"K\": [600, 0, 320, 0, 610, 240, 0, 0, 1], \"D\": {\"k1\": 0.1}}",
+            "its distortion is no list of numbers",
+        ),
         (&realsense.replace("[0, ", "[0.1, "), "its lens distorts"),
         // By rows, not by columns.
         (

@@ -3,6 +3,8 @@
 //! | the object is | first | if that gives no pose that is probably right |
 //! |---|---|---|
 //! | tracked | closest points from the last pose ([`Mode::Refine`]) | the task's mode from the last pose; if that fails, it is lost |
+//! | tracked, but a turn that was open is so no more | the task's mode from the last pose, turned by up to any angle | the refined pose stays |
+//! | tracked, but it fits worse than the clouds before | the task's mode from the last pose | the refined pose stays |
 //! | tracked, every thirtieth cloud | the task's mode from the last pose, since closest points may stay in a neighbouring minimum | it is lost |
 //! | lost | the task's mode, alternately from the last pose with far more uncertainty and from anywhere | it is still lost |
 //!
@@ -20,6 +22,7 @@ use crate::pose::Pose;
 use crate::register::Registrar;
 use crate::start::{Start, Uncertainty};
 use crate::verdict::Verdict;
+use crate::verify::{OTHERS, Undetermined};
 use core::fmt;
 
 /// Of this many clouds in a row, one gets a whole registration: once a second at a camera's rate.
@@ -30,6 +33,18 @@ const LOST: Uncertainty = Uncertainty {
     along: 2.0,
     across: 2.0,
 };
+
+/// Uncertainty of a tracked object's last pose if a turn was open: what settles the angle may have come into view anywhere.
+const OPEN: Uncertainty = Uncertainty {
+    rotation_rad: 1.5,
+    ..Uncertainty::DEFAULT
+};
+/// Drop of a refined pose's log-odds, below the mean of those before, from which on it may be in a neighbouring minimum; and the share
+/// of each cloud in that mean.
+const DROPPED: f32 = 0.5;
+const SHARE: f32 = 0.2;
+/// Angle below which a refined pose and one that was found by comparing poses are one, radians.
+const SAME_RAD: f32 = 0.05;
 
 /// Most by which an object turns (radians) and moves (target radii) from one cloud to the next. At a camera's rate that is 900
 /// degrees and 18 radii a second.
@@ -46,6 +61,10 @@ pub struct Tracker {
     missed: u32,
     /// Clouds in a row that were only refined.
     refined: u32,
+    /// Mean log-odds of their poses, the last ones first.
+    level: Option<f32>,
+    /// Whether a turn of the last refined pose was open.
+    open: bool,
 }
 
 /// What a cloud tells about the object.
@@ -87,6 +106,8 @@ impl Tracker {
             last: None,
             missed: 0,
             refined: 0,
+            level: None,
+            open: false,
         }
     }
 
@@ -129,12 +150,17 @@ impl Tracker {
             }
             _ => None,
         };
-        let (answer, mode, refined) = match refined {
-            Some(answer) if before.takes(&answer) => (answer, Mode::Refine, before.refined + 1),
+        let refined = refined.filter(|answer| before.takes(answer));
+        let (answer, mode) = match refined {
+            Some(answer) if !before.is_doubtful(&answer) => (answer, Mode::Refine),
             _ => {
-                let start = before.search_from(task.start);
+                let has_closed = refined.is_some_and(|answer| before.open && !is_open(&answer));
+                let start = before.search_from(task.start, has_closed);
                 let answer = register(task.mode, start)?;
-                (before.nearest_to_last(answer), task.mode, 0)
+                match refined.filter(|_| !before.takes(&answer)) {
+                    Some(refined) => (refined, Mode::Refine),
+                    None => (before.nearest_to_last(answer), task.mode),
+                }
             }
         };
         let state = match (before.takes(&answer), before.pose()) {
@@ -143,17 +169,44 @@ impl Tracker {
             (true, None) => TrackState::Found,
         };
         if state != TrackState::Lost {
-            *self = Tracker {
-                last: Some(answer.target_from_source),
-                missed: 0,
-                refined,
-            };
+            *self = before.after(&answer, mode, refined);
         }
         Ok(Sighting {
             state,
             answer,
             mode,
         })
+    }
+
+    /// With the object in this cloud, where `refined` was found first.
+    fn after(&self, answer: &Answer, mode: Mode, refined: Option<Answer>) -> Tracker {
+        let is_refined = mode == Mode::Refine;
+        // A pose that another took the place of tells nothing of how well right ones fit.
+        let is_confirmed = |refined: &Answer| {
+            let turn = refined
+                .target_from_source
+                .angle_to(&answer.target_from_source);
+            is_refined || turn < SAME_RAD
+        };
+        let now = refined.filter(is_confirmed).as_ref().and_then(log_odds);
+        let level = match (self.level, now) {
+            (Some(level), Some(now)) => Some(level + SHARE * (now - level)),
+            (level, now) => now.or(level),
+        };
+        Tracker {
+            last: Some(answer.target_from_source),
+            missed: 0,
+            refined: if is_refined { self.refined + 1 } else { 0 },
+            level,
+            open: is_refined && is_open(answer),
+        }
+    }
+
+    /// Whether a refined pose may be in a neighbouring minimum.
+    fn is_doubtful(&self, answer: &Answer) -> bool {
+        let has_closed = self.open && !is_open(answer);
+        let levels = self.level.zip(log_odds(answer));
+        has_closed || levels.is_some_and(|(level, now)| now < level - DROPPED)
     }
 
     /// Whether the answer's pose is accepted as the object's.
@@ -180,21 +233,35 @@ impl Tracker {
         let (Some(last), Some(found)) = (self.last, &mut answer.refinement) else {
             return answer;
         };
+        let given = answer.target_from_source;
         let turned = |pose: &Pose| pose.angle_to(&last);
-        let others = found.undetermined.poses.iter_mut().flatten();
-        let nearest = others.min_by(|a, b| turned(a).total_cmp(&turned(b)));
-        let given = &mut answer.target_from_source;
-        if let Some(nearest) = nearest.filter(|nearest| turned(nearest) < turned(given)) {
-            core::mem::swap(given, nearest);
-            found.refined.target_from_source = *given;
-        }
+        let open = &mut found.undetermined;
+        let nearest_of = |open: &Undetermined, given| {
+            let all = open.copies(given).chain(core::iter::once(given));
+            all.min_by(|a, b| turned(a).total_cmp(&turned(b)))
+        };
+        let nearest = nearest_of(open, given).filter(|nearest| turned(nearest) < turned(&given));
+        let Some(nearest) = nearest else {
+            return answer;
+        };
+        // If it belongs to another pose than the given one, that takes the other's place.
+        let alone = Undetermined {
+            poses: [None; OTHERS],
+            ..*open
+        };
+        let others = open.poses.iter_mut().flatten();
+        let of_other = others.filter(|other| nearest_of(&alone, **other) == Some(nearest));
+        of_other.for_each(|other| *other = given);
+        answer.target_from_source = nearest;
+        found.refined.target_from_source = nearest;
         answer
     }
 
     /// Where to start when refinement is not enough.
-    fn search_from(&self, first: Start) -> Start {
+    fn search_from(&self, first: Start, has_closed: bool) -> Start {
         match (self.last.map_or(first, Start::at), self.missed) {
             (Start::Anywhere, _) => Start::Anywhere,
+            (Start::Pose(last, _), 0) if has_closed => Start::Pose(last, OPEN),
             (last, 0) => last,
             (Start::Pose(last, _), missed) if missed % 2 == 1 => Start::Pose(last, LOST),
             _ => Start::Anywhere,
@@ -202,176 +269,16 @@ impl Tracker {
     }
 }
 
-#[cfg(all(test, feature = "pretrained-compact"))]
-mod tests {
-    use super::*;
-    use crate::net::Scratch;
-    use crate::polish::tests::{error, moved, part, pose};
-    use crate::weights::Policy;
-    use glam::Vec3;
-
-    /// A tracker, and the model of what it follows.
-    struct Following {
-        tracker: Tracker,
-        model: Vec<[f32; 3]>,
-        scratch: Box<Scratch>,
-        workspace: Box<Workspace>,
-    }
-
-    impl Following {
-        fn new() -> Following {
-            Following {
-                tracker: Tracker::new(),
-                model: part(600, 2),
-                scratch: Box::new(Scratch::new()),
-                workspace: Box::new(Workspace::new()),
-            }
-        }
-
-        /// What the next cloud tells.
-        fn see(&mut self, source: &[[f32; 3]]) -> Result<Sighting, Error> {
-            let policy = Policy::pretrained_compact().expect("sound");
-            let mut registrar = Registrar::new(policy, &mut self.scratch);
-            let task = Task::new(Start::at(Pose::IDENTITY));
-            let clouds = [source, &self.model];
-            let Following {
-                tracker, workspace, ..
-            } = self;
-            tracker.follow(&mut registrar, workspace, clouds, &task, |_| Ok(()))
-        }
-
-        /// The same for the object at time `t`; the pose must be right.
-        fn see_part(&mut self, t: f32) -> (TrackState, Mode) {
-            let truth = pose([0.4 * t, -0.3 * t, 0.5 * t], [0.2 * t, 0.3, -0.1 * t]);
-            let source = moved(&part(500, 1), truth.inverse());
-            let found = self.see(&source).expect("a cloud");
-            let (angle, distance) = error(found.answer.target_from_source, truth);
-            assert!(angle < 1.0 && distance < 0.02, "{t}: {angle} {distance}");
-            (found.state, found.mode)
-        }
-    }
-
-    /// Another object.
-    fn ball() -> Vec<[f32; 3]> {
-        let points = part(500, 7).into_iter();
-        points
-            .map(|p| (Vec3::from_array(p).normalize() * 0.6).to_array())
-            .collect()
-    }
-
-    #[test]
-    fn an_object_is_found_tracked_lost_and_found_again() {
-        let mut following = Following::new();
-        assert_eq!(following.see_part(0.0), (TrackState::Found, Mode::Best));
-        for i in 1..WHOLE_EVERY {
-            let seen = following.see_part(0.02 * i as f32);
-            assert_eq!(seen, (TrackState::Tracked, Mode::Refine));
-        }
-        assert_eq!(following.see_part(0.6), (TrackState::Tracked, Mode::Best));
-        assert_eq!(following.see_part(0.7), (TrackState::Tracked, Mode::Refine));
-        // Too far for closest points, in one jump.
-        assert_eq!(following.see_part(4.0), (TrackState::Tracked, Mode::Best));
-        for _ in 0..3 {
-            let seen = following.see(&ball()).expect("a cloud");
-            assert_eq!((seen.state, seen.mode), (TrackState::Lost, Mode::Best));
-        }
-        assert_eq!(following.see_part(4.2), (TrackState::Found, Mode::Best));
-        assert_eq!(following.see_part(4.3), (TrackState::Tracked, Mode::Refine));
-    }
-
-    #[test]
-    fn what_continues_no_track_must_be_more_probable() {
-        let mut following = Following::new();
-        let seen = following.see(&part(500, 1)).expect("a cloud");
-        let answer = |probability| Answer {
-            probability: Some(probability),
-            ..seen.answer
-        };
-        let takes = |tracker: Tracker| [0.7, 0.9].map(|p| tracker.takes(&answer(p)));
-        let near = |angles, shift| Tracker {
-            last: Some(pose(angles, shift).after(seen.answer.target_from_source)),
-            ..Tracker::new()
-        };
-        for (last, continued) in [
-            (near([0.4, 0.0, 0.0], [0.3, 0.0, 0.0]), true),
-            (near([0.6, 0.0, 0.0], [0.0; 3]), false),
-            (near([0.0; 3], [0.8, 0.0, 0.0]), false),
-            (Tracker::new(), false),
-        ] {
-            assert_eq!(takes(last), [continued, true], "{last:?}");
-            let mut lost = last;
-            lost.miss();
-            assert_eq!(takes(lost), [false, true], "{last:?}");
-        }
-        // With the policy alone, only how its steps ended is known.
-        let alone = Answer {
-            probability: None,
-            ..seen.answer
-        };
-        assert!(Tracker::new().takes(&alone));
-        let poor = Answer {
-            verdict: Verdict::PoorFit,
-            ..answer(0.9)
-        };
-        assert!(!Tracker::new().takes(&poor));
-    }
-
-    #[test]
-    fn of_poses_that_fit_as_well_the_one_turned_least_is_taken() {
-        let mut following = Following::new();
-        let mut answer = following.see(&part(500, 1)).expect("a cloud").answer;
-        let given = answer.target_from_source;
-        let [far, near] = [3.0, 0.5].map(|turn| pose([0.0, turn, 0.0], [0.0; 3]).after(given));
-        let open = &mut answer.refinement.as_mut().expect("refined").undetermined;
-        open.poses = [Some(far), Some(near), None, None, None];
-        let nearest = |angle| {
-            let tracker = Tracker {
-                last: Some(pose([0.0, angle, 0.0], [0.2; 3]).after(given)),
-                ..Tracker::new()
-            };
-            tracker.nearest_to_last(answer)
-        };
-        assert_eq!(Tracker::new().nearest_to_last(answer), answer);
-        assert_eq!(nearest(0.1), answer);
-        let other = nearest(0.6);
-        assert_eq!(other.target_from_source, near);
-        let found = other.refinement.expect("refined");
-        assert_eq!(found.refined.target_from_source, near);
-        let swapped = [Some(far), Some(given), None, None, None];
-        assert_eq!(found.undetermined.poses, swapped);
-    }
-
-    #[test]
-    fn a_refused_cloud_is_one_without_the_object() {
-        let mut following = Following::new();
-        assert_eq!(following.see(&[]), Err(Error::EmptyCloud));
-        assert_eq!(following.see_part(0.0), (TrackState::Found, Mode::Best));
-        assert_eq!(following.see(&[]), Err(Error::EmptyCloud));
-        assert_eq!(following.see_part(0.1), (TrackState::Found, Mode::Best));
-    }
-
-    #[test]
-    fn a_lost_object_is_looked_for_by_turns() {
-        let first = Start::at(pose([0.1; 3], [0.0; 3]));
-        let last = pose([0.2; 3], [1.0; 3]);
-        let mut tracker = Tracker::new();
-        let starts = |tracker: Tracker, first| {
-            let mut tracker = tracker;
-            [(); 3].map(|()| {
-                let start = tracker.search_from(first);
-                tracker.miss();
-                start
-            })
-        };
-        let far = |start: Start| Start::Pose(start.pose(), LOST);
-        assert_eq!(starts(tracker, first), [first, far(first), Start::Anywhere]);
-        assert_eq!(starts(tracker, Start::Anywhere), [Start::Anywhere; 3]);
-        tracker.last = Some(last);
-        let from_last = [Start::at(last), far(Start::at(last)), Start::Anywhere];
-        assert_eq!(starts(tracker, first), from_last);
-        assert_eq!(starts(tracker, Start::Anywhere), from_last);
-        assert_eq!(tracker.pose(), Some(last));
-        tracker.miss();
-        assert_eq!(tracker.pose(), None);
-    }
+/// Whether a turn is open.
+fn is_open(answer: &Answer) -> bool {
+    let open = answer.refinement.as_ref().map(|found| found.undetermined);
+    open.is_some_and(|open| open.axis.is_some())
 }
+
+/// Of the answer's probability.
+fn log_odds(answer: &Answer) -> Option<f32> {
+    answer.probability.map(|p| libm::logf(p / (1.0 - p)))
+}
+
+#[cfg(all(test, feature = "pretrained-compact"))]
+mod tests;

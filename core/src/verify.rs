@@ -23,9 +23,11 @@ use crate::start::{Prior, Start};
 use core::cell::Cell;
 
 mod beside;
+mod fold;
 mod search;
 mod undetermined;
 
+pub use fold::Fold;
 use search::{ENDED, MORE_PROBABLE, SPARE, Search, explains_both};
 use undetermined::lead;
 pub use undetermined::{Axis, OTHERS, Slide, Undetermined};
@@ -253,4 +255,4 @@ fn energy([loss, source]: [f32; 2], surprise: f32, knows_background: bool) -> f3
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

@@ -27,6 +27,8 @@
 //! | 6 | | shares of the points that were left out |
 //! | 7 | what was seen besides the source | |
 //! | 8 | | the direction along which the translation is undetermined |
+//! | 9 | | how far the turn is open in either sense |
+//! | 10 | | balls, and symmetries of shapes with several equal parts |
 //!
 //! Manifests are stored under their signature and have a version of their own; its version 4 brought the epoch.
 //!
@@ -57,7 +59,7 @@ use crate::error::Error;
 use serde::{Deserialize, Serialize};
 
 /// Version of the frames: the first byte of each frame but a manifest.
-pub const VERSION: u8 = 9;
+pub const VERSION: u8 = 10;
 /// Version of manifests, signed or not: the first byte of each. Robots keep manifests when they themselves are updated.
 pub const MANIFEST_VERSION: u8 = 4;
 /// Most bytes in one [`Chunk`] of a policy file.

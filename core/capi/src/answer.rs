@@ -90,9 +90,19 @@ pub struct ReagentAnswer {
     pub slide_direction: [f32; 3],
     /// Smallest (not positive) and largest (not negative) shift along it that fit as well, in the target's unit.
     pub slide_range: [f32; 2],
-    /// How many other poses fit as well. Only mode VERIFY looks for them: in the other modes it is always 0.
+    /// Whether the axis may have any direction, since the target is a ball.
+    pub any_rotation: bool,
+    /// Not 0: turned about another axis by any multiple of a full turn over this number, the clouds fit as well, as a flange with
+    /// six holes does for 6. Only mode VERIFY looks for it: in other modes it is always 0.
+    pub fold_order: u32,
+    /// A point of that axis, in the target's frame and unit.
+    pub fold_point: [f32; 3],
+    /// Unit vector along it.
+    pub fold_direction: [f32; 3],
+    /// How many other poses are listed that fit as well, fewer than there are if there are more than REAGENT_OTHERS.
+    /// Only mode VERIFY looks for them: in the other modes it is always 0.
     pub others: u32,
-    /// The other poses.
+    /// The other poses, those first that the fold makes of the given one.
     pub other_poses: [ReagentPose; REAGENT_OTHERS],
     /// Covariance of the pose's error if it is the right pose: of a rotation vector in radians,
     /// then of a translation in the clouds' unit, both along the target's axes. A point that
@@ -140,9 +150,16 @@ impl ReagentAnswer {
             self.slide_direction = slide.direction.to_array();
             self.slide_range = slide.range;
         }
+        self.any_rotation = found.undetermined.any_rotation;
+        if let Some(fold) = found.undetermined.fold {
+            self.fold_order = u32::from(fold.order);
+            self.fold_point = fold.point.to_array();
+            self.fold_direction = fold.direction.to_array();
+        }
         self.covariance = found.refined.covariance.matrix;
         self.covariance_about = found.refined.covariance.about.to_array();
-        let others = found.undetermined.poses.into_iter().flatten();
+        let given = found.refined.target_from_source;
+        let others = found.undetermined.copies(given);
         for (place, pose) in self.other_poses.iter_mut().zip(others) {
             *place = pose.into();
             self.others += 1;

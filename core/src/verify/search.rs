@@ -31,7 +31,7 @@ const MATCHED: usize = 160;
 pub(super) const ENDED: usize = SIFTED + MATCHED + AGAIN * SIFTED_AGAIN;
 /// Symmetric copies that are polished, and how much more loss than the best they may have.
 const COPIES: usize = 8;
-const ALIKE: f32 = 0.08;
+pub(super) const ALIKE: f32 = 0.08;
 /// Residual on both sides below which a pose explains both clouds, with no side unseen. If the pose at hand does, and something
 /// led to it, another replaces it only if it is more probable by `MORE_PROBABLE` (a logarithm) or fits better by `BETTER`
 /// standard errors: the copies of a symmetric shape differ by their sampling alone.

@@ -91,7 +91,7 @@ fn flips_are_found_and_taken_back() {
 }
 
 /// Points on a brick's faces.
-pub(super) fn brick(half: [f32; 3], count: usize, seed: u32) -> Vec<[f32; 3]> {
+pub(crate) fn brick(half: [f32; 3], count: usize, seed: u32) -> Vec<[f32; 3]> {
     let mut numbers = Numbers(seed);
     let point = |_| {
         let mut p = half.map(|half| half * numbers.next());
@@ -311,7 +311,7 @@ fn a_start_does_not_speak_against_a_pose_that_fits_far_better() {
 }
 
 /// Points of a surface of revolution about z: a radius at each height from -1 to 1, then scaled.
-pub(super) fn revolved(
+pub(crate) fn revolved(
     numbers: &mut Numbers,
     count: usize,
     radius: fn(f32) -> f32,

@@ -1,6 +1,7 @@
 //! What the shape leaves open: an axis about which the clouds may be turned, a direction along which they may be moved, and other
 //! poses that fit as well as the best.
 
+use super::fold::Fold;
 use super::search::SLIPPERY;
 use super::{Contender, RANKED};
 use crate::covariance::Covariance;
@@ -11,12 +12,12 @@ use crate::pose::Pose;
 use crate::rotation::Rotation;
 use crate::search::SAME;
 use crate::solve::Rigid;
-use core::f32::consts::PI;
+use core::f32::consts::{PI, TAU};
 use glam::Vec3;
 
 /// Standard errors below which a difference of losses is what sampling explains: more than of independent points, since
 /// errors of neighbours are alike.
-const EXPLAINED: f32 = 4.0;
+const TIED: f32 = 4.0;
 /// Turns about an axis, in either sense, by which it is seen how well the shape fixes the angle, radians.
 const TURNS: [f32; 6] = [0.175, 0.35, 0.7, 1.3, 2.2, PI];
 /// What holds a turn least, as a share of what holds all turns ([`Refiner::least_held_turn`]), from which on no turn is tried.
@@ -27,6 +28,8 @@ const CHANCE: usize = 1;
 const SHIFTS: [f32; 9] = [0.1, 0.2, 0.3, 0.4, 0.55, 0.7, 0.9, 1.1, 1.4];
 /// How often the step between the last of these that fits and the next is halved, to see how far it fits.
 const HALVED: usize = 2;
+/// Cosine of the angle below which two directions are one.
+const ALONG: f32 = 0.99;
 /// Places of the losses that are compared.
 const HERE: usize = CONTENDERS - 1;
 const THERE: usize = CONTENDERS - 2;
@@ -43,7 +46,10 @@ pub struct Undetermined {
     pub slide: Option<Slide>,
     /// Whether the axis, about which any turn fits, may have any direction: a ball.
     pub any_rotation: bool,
-    /// Other poses that fit as well, target_from_source.
+    /// The rotational symmetry by whose turns they do.
+    pub fold: Option<Fold>,
+    /// Other poses that fit as well, target_from_source. Those that the symmetry makes of these and of the given pose are not in it: see
+    /// [`Undetermined::copies`].
     pub poses: [Option<Pose>; OTHERS],
 }
 
@@ -74,12 +80,39 @@ impl Undetermined {
         axis: None,
         slide: None,
         any_rotation: false,
+        fold: None,
         poses: [None; OTHERS],
     };
 
     /// Whether no turn, no shift and no other pose fits as well.
     pub fn is_nothing(&self) -> bool {
         *self == Undetermined::NOTHING
+    }
+
+    /// All other poses that are named as fitting as well as the given one, what the axis and the direction leave open aside.
+    pub fn copies(&self, given: Pose) -> impl Iterator<Item = Pose> {
+        let fold = self.fold;
+        let turned = move |pose| fold.into_iter().flat_map(move |fold| fold.copies(pose));
+        let others = self.poses.into_iter().flatten();
+        turned(given).chain(others.flat_map(move |pose| core::iter::once(pose).chain(turned(pose))))
+    }
+
+    /// Takes in a symmetry. If parts of its turn fit as well, or the turn that is open reaches from one of them to the next, any turn is.
+    fn take(&mut self, fold: Fold, is_any: bool) {
+        let reaches = |axis: Axis| {
+            let [least, most] = axis.range_rad;
+            let is_same = axis.direction.dot(fold.direction).abs() > ALONG;
+            is_same && (most - least) * f32::from(fold.order) >= TAU
+        };
+        if is_any || self.axis.is_some_and(reaches) {
+            self.axis = Some(Axis {
+                point: fold.point,
+                direction: fold.direction,
+                range_rad: [-PI, PI],
+            });
+        } else {
+            self.fold = Some(fold);
+        }
     }
 
     /// A pose's covariance, with what is open in it.
@@ -109,15 +142,17 @@ impl Undetermined {
         covariance
     }
 
-    /// Whether two poses differ by what the axis and the direction leave open, and by little else.
+    /// Whether two poses differ by what the axis, the direction and the symmetry leave open, and by little else.
     pub(super) fn is_open(&self, a: Rigid, b: Rigid) -> bool {
         let is_turned = match self.axis {
             Some(Axis { direction, .. }) => {
                 let along = |at: Rigid| at.rotation.matrix().transpose() * direction;
-                along(a).dot(along(b)) > 0.99
+                along(a).dot(along(b)) > ALONG
             }
             None => a.rotation.likeness(b.rotation) > SAME,
-        };
+        } || self
+            .fold
+            .is_some_and(|fold| fold.confuses(a.rotation, b.rotation, SAME));
         let mut apart = a.centre() - b.centre();
         if let Some(Slide { direction, .. }) = self.slide {
             apart -= direction * direction.dot(apart);
@@ -156,19 +191,28 @@ impl Refiner<'_> {
             slide: self.free_slide(found.at),
             ..Undetermined::NOTHING
         };
+        let is_tied = |i: usize| i != best && self.losses().excess(i, best).score() < TIED;
+        let tied: [bool; RANKED] = core::array::from_fn(is_tied);
+        let rivals = contenders.iter().zip(tied);
+        let rivals = rivals.filter_map(|(held, is_tied)| held.filter(|_| is_tied));
+        self.keep_losses(HERE, found.at);
+        let is_full = |axis: Axis| axis.range_rad == [-PI, PI];
+        if !axis.is_some_and(is_full)
+            && let Some((fold, is_any)) = self.fold(found.at, rivals.map(|held| held.at))
+        {
+            undetermined.take(fold, is_any);
+        }
         // What is named, and so not named again: the same poses, and those that differ from them by what is open.
         let mut named = [None; 1 + OTHERS];
         named[0] = Some(found.at);
-        for (i, contender) in contenders.iter().enumerate() {
-            let Some(contender) = contender else { continue };
+        for (contender, is_tied) in contenders.iter().zip(tied) {
+            let Some(contender) = contender.filter(|_| is_tied) else {
+                continue;
+            };
             let mut those = named.iter().flatten();
             let is_named = those.any(|&other| undetermined.is_open(contender.at, other));
-            if i == best || is_named {
-                continue;
-            }
-            let fits_as_well = self.losses().excess(i, best).score() < EXPLAINED;
             let free = named.iter_mut().find(|named| named.is_none());
-            if let (true, Some(place)) = (fits_as_well, free) {
+            if let (false, Some(place)) = (is_named, free) {
                 *place = Some(contender.at);
             }
         }
@@ -187,13 +231,8 @@ impl Refiner<'_> {
             return (None, false);
         }
         self.keep_losses(HERE, at);
-        let fits_about = |refiner: &mut Self, axis: Vec3, angle: f32| {
-            let through = turn.through(axis);
-            let (sine, cosine) = libm::sincosf(0.5 * angle);
-            let there = at.turned_about(through, Rotation::new(axis * sine, cosine));
-            refiner.fits_as_well([axis, through.cross(axis)], there)
-        };
-        let fits = |refiner: &mut Self, angle: f32| fits_about(refiner, axis, angle);
+        let through = turn.through(axis);
+        let fits = |refiner: &mut Self, angle: f32| refiner.fits_turned(at, [axis, through], angle);
         let [back, forth] =
             [-1.0, 1.0].map(|sense| reach(&TURNS, |angle| fits(self, sense * angle)));
         let [most_back, most_forth] = [back, forth].map(|end| end.map_or(0.0, |(angle, _)| angle));
@@ -216,9 +255,10 @@ impl Refiner<'_> {
         let is_full = angle == PI && (most_back == most_forth || misses(self) <= CHANCE);
         let (right, up) = axis.any_orthonormal_pair();
         let any_rotation = is_full
-            && [right, up]
-                .into_iter()
-                .all(|across| fits_about(self, across, 0.5 * PI).is_some());
+            && [right, up].into_iter().all(|across| {
+                let line = [across, turn.through(across)];
+                self.fits_turned(at, line, 0.5 * PI).is_some()
+            });
         // Not quite that of the least constraint: what else was drawn near moves it to where the shape's own one is.
         let turn = there.rotation.after(at.rotation.inverse());
         let line = turn.line(there.shift - turn.matrix() * at.shift);
@@ -261,12 +301,27 @@ impl Refiner<'_> {
         })
     }
 
+    /// The pose after a turn about a line, given by its direction and a point, if the clouds fit as well there. See
+    /// [`Self::fits_as_well`].
+    #[inline(never)]
+    pub(super) fn fits_turned(
+        &mut self,
+        at: Rigid,
+        [direction, point]: [Vec3; 2],
+        angle_rad: f32,
+    ) -> Option<Rigid> {
+        let (sine, cosine) = libm::sincosf(0.5 * angle_rad);
+        let there = at.turned_about(point, Rotation::new(direction * sine, cosine));
+        self.fits_as_well([direction, point.cross(direction)], there)
+    }
+
     /// The pose, if the clouds fit as well there as under the one whose losses were kept. What is open is held: all else may be a little
     /// off, since the axis of a shape is not quite that of its points.
+    #[inline(never)]
     fn fits_as_well(&mut self, open: [Vec3; 2], there: Rigid) -> Option<Rigid> {
         let there = self.drawn_near_but(open, there);
         self.keep_losses(THERE, there);
-        let fits = self.losses().excess(THERE, HERE).score() < EXPLAINED;
+        let fits = self.losses().excess(THERE, HERE).score() < TIED;
         fits.then_some(there)
     }
 }

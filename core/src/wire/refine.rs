@@ -131,7 +131,12 @@ pub struct Fit {
     pub axis: Option<([f32; 3], [f32; 3], [f32; 2])>,
     /// Moved along this direction they fit as well ([`crate::verify::Slide`]): unit vector, and the least and largest shift.
     pub slide: Option<([f32; 3], [f32; 2])>,
-    /// Other poses that fit as well.
+    /// Turned about an axis in any direction they do, since the target is a ball.
+    pub any_rotation: bool,
+    /// Turned by any multiple of a full turn over a number they fit as well ([`crate::verify::Fold`]): a point of the axis, its direction,
+    /// and the number.
+    pub fold: Option<([f32; 3], [f32; 3], u8)>,
+    /// Other poses that fit as well, those aside that the fold makes of them.
     pub others: u8,
     /// How uncertain the pose is ([`crate::covariance::Covariance`]): the point about which it turns, and the lower triangle
     /// by rows.
@@ -153,7 +158,11 @@ impl Fit {
             ..
         } = found.refined;
         let Undetermined {
-            axis, slide, poses, ..
+            axis,
+            slide,
+            any_rotation,
+            fold,
+            poses,
         } = found.undetermined;
         let Covariance { about, matrix, .. } = found.refined.covariance;
         let mut triangle = [0.0; TRIANGLE];
@@ -176,6 +185,11 @@ impl Fit {
                 (point, direction, axis.range_rad)
             }),
             slide: slide.map(|slide| (slide.direction.to_array(), slide.range)),
+            any_rotation,
+            fold: fold.map(|fold| {
+                let [point, direction] = [fold.point, fold.direction].map(|v| v.to_array());
+                (point, direction, fold.order)
+            }),
             others: poses.iter().flatten().count() as u8,
             covariance: (about.to_array(), triangle),
         }

@@ -33,7 +33,16 @@ impl Answer {
                 json!({ "point": far(point), "direction": direction, "range_deg": range.map(f32::to_degrees) })
             });
             let slide = fit.slide.map(|(direction, range)| json!({ "direction": direction, "range": range }));
-            let open = without_null(json!({ "axis": axis, "slide": slide, "others": fit.others }));
+            let fold = fit.fold.map(|(point, direction, order)| {
+                json!({ "point": far(point), "direction": direction, "order": order })
+            });
+            let open = without_null(json!({
+                "axis": axis,
+                "any_rotation": fit.any_rotation.then_some(true),
+                "slide": slide,
+                "fold": fold,
+                "others": fit.others,
+            }));
             without_null(json!({
                 "overlap": fit.overlap,
                 "inlier_rmse": fit.inlier_rmse,

@@ -230,6 +230,10 @@ fn values(done: &Done, state: Option<TrackState>) -> Vec<KeyValue> {
             ("inlier_rmse", format!("{:.6}", found.refined.inlier_rmse)),
             ("open_axis", found.undetermined.axis.is_some().to_string()),
             ("open_slide", found.undetermined.slide.is_some().to_string()),
+            ("other_poses", {
+                let given = found.refined.target_from_source;
+                found.undetermined.copies(given).count().to_string()
+            }),
         ]);
     }
     let value = |(key, value): (&str, String)| KeyValue {

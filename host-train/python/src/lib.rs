@@ -47,7 +47,7 @@ mod module {
     #[pymodule_export]
     use crate::registrar::Registrar;
     #[pymodule_export]
-    use crate::registration::{Axis, Other, Registration, Slide, Undetermined};
+    use crate::registration::{Axis, Fold, Other, Registration, Slide, Undetermined};
     #[pymodule_export]
     use crate::step::Step;
     #[pymodule_export]

@@ -4,7 +4,7 @@ use crate::array::matrix;
 use crate::json::as_json;
 use crate::step::Step;
 use host_train::pose64::Position;
-use host_train::register::document::{Document, Fit, Open, OpenAxis, OpenSlide, OtherPose};
+use host_train::register::document::{Document, Fit, Open, OpenAxis, OpenFold, OpenSlide, OtherPose};
 use host_train::register::prepared::Prepared;
 use host_train::register::request::Done;
 use host_train::register::trace;
@@ -253,7 +253,13 @@ impl Undetermined {
         self.0.slide.clone().map(Slide)
     }
 
-    /// Other poses that fit as well: (K, 4, 4), float64.
+    /// The rotational symmetry by whose turns the clouds fit as well, or None.
+    #[getter]
+    fn fold(&self) -> Option<Fold> {
+        self.0.fold.clone().map(Fold)
+    }
+
+    /// Other poses that fit as well, with all that the symmetry makes of them: (K, 4, 4), float64.
     #[getter]
     fn poses<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray3<f64>> {
         let rows = self
@@ -274,10 +280,45 @@ impl Undetermined {
     fn __repr__(&self) -> String {
         let axis = self.axis().map_or("None".into(), |axis| axis.__repr__());
         let slide = self.slide().map_or("None".into(), |slide| slide.__repr__());
+        let fold = self.fold().map_or("None".into(), |fold| fold.__repr__());
         format!(
-            "Undetermined(axis={axis}, slide={slide}, poses={})",
+            "Undetermined(axis={axis}, slide={slide}, fold={fold}, poses={})",
             self.0.poses.len()
         )
+    }
+}
+
+/// A rotational symmetry: turned about this axis of the target by any multiple of a full turn over `order`, the clouds fit as well.
+#[pyclass(module = "reagent", frozen)]
+pub struct Fold(OpenFold);
+
+#[pymethods]
+impl Fold {
+    /// A point of the axis, in the target's coordinates: (3,), float64.
+    #[getter]
+    fn point<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_owned_array(py, arr1(&self.0.point))
+    }
+
+    /// Its unit vector: (3,), float64.
+    #[getter]
+    fn direction<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_owned_array(py, arr1(&self.0.direction.map(f64::from)))
+    }
+
+    /// How many poses it makes of one.
+    #[getter]
+    fn order(&self) -> u8 {
+        self.0.order
+    }
+
+    fn __repr__(&self) -> String {
+        let OpenFold {
+            direction: [x, y, z],
+            order,
+            ..
+        } = self.0;
+        format!("Fold(direction=[{x:.3}, {y:.3}, {z:.3}], order={order})")
     }
 }
 

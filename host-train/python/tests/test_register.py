@@ -75,6 +75,30 @@ def test_what_the_shape_leaves_open_is_named():
     assert found.undetermined.poses.shape[1:] == (4, 4)
 
 
+def test_a_rotational_symmetry_is_named_with_all_its_poses():
+    rng = numpy.random.default_rng(8)
+
+    def wheel(n):
+        x, y, z, spoke = rng.random(n), rng.random(n) - 0.5, rng.random(n) - 0.5, rng.integers(7, size=n)
+        side = rng.integers(3, size=n)
+        y[side == 0], z[side == 1], x[side == 2] = 0.5 * numpy.sign(y[side == 0]), 0.5 * numpy.sign(z[side == 1]), 1
+        # Narrower above, so that it cannot be turned over.
+        x, y, z = 0.3 + x, 0.3 * y * (1.3 - z), 0.3 * z
+        turn = 2 * numpy.pi * spoke / 7
+        return numpy.stack([x * numpy.cos(turn) - y * numpy.sin(turn), x * numpy.sin(turn) + y * numpy.cos(turn), z], axis=1)
+
+    truth = pose()
+    found = reagent.register(wheel(2000), moved(truth, wheel(2000)), "anywhere")
+    fold = found.undetermined.fold
+    assert found.converged and fold.order == 7 and "order=7" in repr(fold)
+    axis = truth[:3, 2]
+    assert abs(fold.direction @ axis) > 0.999
+    assert numpy.linalg.norm(numpy.cross(fold.point - truth[:3, 3], axis)) < 0.02
+    assert found.undetermined.poses.shape == (6, 4, 4)
+    poses = [found.target_from_source, *found.undetermined.poses]
+    assert sum(apart(each, truth)[0] < 1 for each in poses) == 1
+
+
 def test_coordinates_far_from_the_origin_keep_their_digits(pair):
     source, target, truth = pair
     shift = numpy.array([483221.0, 5456871.0, 310.0])

@@ -86,11 +86,18 @@ impl Pinhole {
         let weights_at =
             |p: Vec2| Vec3::from_array(edges.map(|(edge, from)| edge.perp_dot(p - from)));
         let right = Vec3::from_array(edges.map(|(edge, _)| -edge.y));
+        let each = right.recip();
         let inverses = Vec3::from_array(corners.map(|corner| 1.0 / corner.z));
         for row in rows {
             let first = weights_at(Vec2::new(columns.start as f32, row as f32));
             let pixels = &mut image[row * width..][columns.clone()];
-            for (along, pixel) in pixels.iter_mut().enumerate() {
+            let inside = span(first, each, pixels.len());
+            for (along, pixel) in pixels
+                .iter_mut()
+                .enumerate()
+                .take(inside.end)
+                .skip(inside.start)
+            {
                 let weights = first + right * along as f32;
                 if weights.min_element() >= 0.0 {
                     *pixel = pixel.max(weights.dot(inverses));
@@ -100,9 +107,60 @@ impl Pinhole {
     }
 }
 
+/// The pixels of a row outside of which a weight is negative, and perhaps a few more: from the weights at the first pixel and the
+/// inverses of their growth from one pixel to the next. Of a sliver, few are left.
+fn span(first: Vec3, each: Vec3, count: usize) -> std::ops::Range<usize> {
+    // Where a weight is 0; NaN where it nowhere changes.
+    let zeros = (-first * each).to_array();
+    let (mut start, mut end) = (0.0f32, count as f32);
+    for (zero, each) in zeros.into_iter().zip(each.to_array()) {
+        // A pixel more than rounding can take.
+        if each > 0.0 {
+            start = start.max(zero - 1.0);
+        } else {
+            end = end.min(zero + 2.0);
+        }
+    }
+    start as usize..end as usize
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::random::{Purpose, stream};
+    use rand::RngExt;
+
+    /// Every pixel inside of a triangle is drawn, however thin that is: as if all of its bounding box were looked at.
+    #[test]
+    fn spans_leave_no_pixel_out() {
+        let mut rng = stream(5, Purpose::Surface, 0);
+        for thin in [1.0, 0.1, 0.001, 0.0] {
+            for _ in 0..300 {
+                let mut corner =
+                    || Vec2::from_array([(); 2].map(|()| rng.random_range(-20.0..60.0f32)));
+                let (a, b, c) = (corner(), corner(), corner());
+                let c = a.lerp(b, 0.4) + (c - a) * thin;
+                let doubled_area = (b - a).perp_dot(c - a);
+                let edges =
+                    [(b, c), (c, a), (a, b)].map(|(from, to)| ((to - from) / doubled_area, from));
+                let right = Vec3::from_array(edges.map(|(edge, _)| -edge.y));
+                for row in 0..40 {
+                    let at = Vec2::new(0.0, row as f32);
+                    let first =
+                        Vec3::from_array(edges.map(|(edge, from)| edge.perp_dot(at - from)));
+                    let is_inside =
+                        |along: usize| (first + right * along as f32).min_element() >= 0.0;
+                    let span = span(first, right.recip(), 40);
+                    assert!(span.end <= 40);
+                    let left_out = (0..40).filter(|along| !span.contains(along));
+                    assert!(
+                        left_out.into_iter().all(|along| !is_inside(along)),
+                        "{a} {b} {c} {row}"
+                    );
+                }
+            }
+        }
+    }
 
     /// A slanted plane `z = 4 + x` drawn by two triangles has, at every pixel, the depth at which the pixel's
     /// ray meets it.

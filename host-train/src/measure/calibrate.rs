@@ -116,22 +116,20 @@ fn is_right(truth: &GroundTruth<'_>, true_pose: Pose, found: &Refinement) -> boo
     };
     let open = &found.undetermined;
     let given = found.refined.target_from_source;
-    if is_right(given) {
-        return true;
-    }
-    let given = open.slide.map_or(given, |slide| {
-        // Where the target's origin comes from, the truth puts it back.
-        let off = -given.apply(true_pose.inverse().apply(Vec3::ZERO));
-        let [least, most] = slide.range;
-        let shift = off.dot(slide.direction).clamp(least, most);
-        Pose {
-            translation: given.translation + slide.direction * shift,
-            ..given
-        }
-    });
-    is_right(given)
-        || open.poses.iter().flatten().any(|&pose| is_right(pose))
-        || open.axis.is_some_and(|axis| {
+    let slid = |given: Pose| {
+        open.slide.is_some_and(|slide| {
+            // Where the target's origin comes from, the truth puts it back.
+            let off = -given.apply(true_pose.inverse().apply(Vec3::ZERO));
+            let [least, most] = slide.range;
+            let shift = off.dot(slide.direction).clamp(least, most);
+            is_right(Pose {
+                translation: given.translation + slide.direction * shift,
+                ..given
+            })
+        })
+    };
+    let turned = |given: Pose| {
+        open.axis.is_some_and(|axis| {
             let turn = turn_about(
                 axis.direction,
                 true_pose.rotation * given.rotation.transpose(),
@@ -142,8 +140,11 @@ fn is_right(truth: &GroundTruth<'_>, true_pose: Pose, found: &Refinement) -> boo
                 rotation: rotation * given.rotation,
                 translation: axis.point + rotation * (given.translation - axis.point),
             };
-            (least..=most).contains(&turn) && is_right(turned)
+            (least..=most).contains(&turn) && (is_right(turned) || slid(turned))
         })
+    };
+    let mut named = core::iter::once(given).chain(open.copies(given));
+    named.any(|pose| is_right(pose) || slid(pose) || turned(pose))
 }
 
 /// The part of a rotation about an axis, radians (swing and twist).

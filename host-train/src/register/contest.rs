@@ -124,6 +124,7 @@ fn given_out(
         hypotheses: before.hypotheses,
         undetermined: Undetermined {
             slide: before.undetermined.slide,
+            fold: before.undetermined.fold,
             poses: others,
             ..refined.undetermined
         },

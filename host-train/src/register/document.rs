@@ -100,7 +100,10 @@ pub struct Open {
     /// The direction along which the place is open.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub slide: Option<OpenSlide>,
-    /// Other poses that fit as well.
+    /// The rotational symmetry by whose turns the clouds fit as well.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub fold: Option<OpenFold>,
+    /// Other poses that fit as well, with all that the symmetry makes of them.
     pub poses: Vec<[[f64; 4]; 3]>,
 }
 
@@ -113,6 +116,17 @@ pub struct OpenAxis {
     pub direction: [f32; 3],
     /// Least and largest turn about it that fit as well, by the right hand.
     pub range_deg: [f32; 2],
+}
+
+/// A rotational symmetry: turned about this axis of the target by any multiple of a full turn over `order`, the clouds fit as well.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct OpenFold {
+    /// A point of the axis, in the target's coordinates.
+    pub point: [f64; 3],
+    /// Its unit vector.
+    pub direction: [f32; 3],
+    /// How many poses it makes of one.
+    pub order: u8,
 }
 
 /// A direction along which the place is open.
@@ -157,7 +171,8 @@ impl Open {
             axis,
             slide,
             any_rotation,
-            poses,
+            fold,
+            poses: _,
         } = &found.undetermined;
         Some(Open {
             any_rotation: *any_rotation,
@@ -170,7 +185,16 @@ impl Open {
                 direction: slide.direction.to_array(),
                 range: slide.range,
             }),
-            poses: poses.iter().flatten().map(|&pose| rows(pose)).collect(),
+            fold: fold.map(|fold| OpenFold {
+                point: far(fold.point, origin),
+                direction: fold.direction.to_array(),
+                order: fold.order,
+            }),
+            poses: found
+                .undetermined
+                .copies(found.refined.target_from_source)
+                .map(rows)
+                .collect(),
         })
     }
 }

@@ -4,7 +4,7 @@ use crate::register::request::Done;
 use reagent_core::pipeline::Refinement;
 use reagent_core::polish::Refined;
 use reagent_core::verdict::{Percent, Verdict};
-use reagent_core::verify::{Axis, OTHERS, Slide};
+use reagent_core::verify::{Axis, Fold, OTHERS, Slide};
 use reagent_core::wire::Fit;
 
 /// How the source and the target are called.
@@ -20,6 +20,8 @@ pub enum Remark {
     OpenAxis(Axis),
     /// All turns are open.
     AnyRotation,
+    /// A rotational symmetry leaves the turn open.
+    Fold(Fold),
     /// The place along a direction is open.
     OpenSlide(Slide),
     /// So many other poses fit as well; [`OTHERS`] of them are those that are named, and there may be more.
@@ -51,13 +53,6 @@ impl Remark {
             done.off_target().map(Remark::OffTarget),
             done.seen_through.map(Remark::SeenThrough),
         ];
-        if found.undetermined.any_rotation {
-            // A robot's answer tells an axis of it.
-            let axis = remarks
-                .iter_mut()
-                .filter(|r| matches!(r, Remark::OpenAxis(_)));
-            axis.for_each(|axis| *axis = Remark::AnyRotation);
-        }
         remarks.extend(on_clouds.into_iter().flatten());
         remarks
     }
@@ -65,17 +60,29 @@ impl Remark {
     /// Those that the fit tells: a robot's answer holds no more.
     pub fn on_fit(verdict: Verdict, fit: &Fit) -> Vec<Remark> {
         let others = usize::from(fit.others);
-        let axis = fit.axis.map(|(point, direction, range_rad)| Axis {
+        let axis = fit.axis.map(|(point, direction, range_rad)| {
+            let (point, direction) = (point.into(), direction.into());
+            match fit.any_rotation {
+                true => Remark::AnyRotation,
+                false => Remark::OpenAxis(Axis {
+                    point,
+                    direction,
+                    range_rad,
+                }),
+            }
+        });
+        let fold = fit.fold.map(|(point, direction, order)| Fold {
             point: point.into(),
             direction: direction.into(),
-            range_rad,
+            order,
         });
         let slide = fit.slide.map(|(direction, range)| Slide {
             direction: direction.into(),
             range,
         });
         let remarks = [
-            axis.map(Remark::OpenAxis),
+            axis,
+            fold.map(Remark::Fold),
             slide.map(Remark::OpenSlide),
             (others > 0).then_some(Remark::OtherPoses(others)),
             (fit.left_out != [0.0; 2]).then_some(Remark::LeftOut(fit.left_out)),
@@ -91,6 +98,7 @@ impl Remark {
             self,
             Remark::OpenAxis(_)
                 | Remark::AnyRotation
+                | Remark::Fold(_)
                 | Remark::OpenSlide(_)
                 | Remark::OtherPoses(_)
         )
@@ -111,6 +119,13 @@ impl Remark {
             }
             Remark::AnyRotation => {
                 format!("undetermined: the {target} is a ball, and any rotation fits as well")
+            }
+            Remark::Fold(fold) => {
+                let [x, y, z] = fold.direction.to_array();
+                let (order, degrees) = (fold.order, 360.0 / f32::from(fold.order));
+                format!(
+                    "undetermined: turned about the {target}'s axis ({x:.3}, {y:.3}, {z:.3}) by any multiple of {degrees:.4} degrees it fits as well, in {order} ways"
+                )
             }
             Remark::OpenSlide(slide) => {
                 let [x, y, z] = slide.direction.to_array();
@@ -214,6 +229,8 @@ mod tests {
             left_out: [0.0; 2],
             axis: None,
             slide: Some(([1.0, 0.0, 0.0], [-0.5, 2.0])),
+            any_rotation: false,
+            fold: None,
             others: 0,
             covariance: ([0.0; 3], [0.0; 21]),
         };
@@ -253,6 +270,14 @@ mod tests {
                 "50 % of the scan lies off the part:",
             ),
             (Remark::OtherPoses(1), "1 other pose fits as well"),
+            (
+                Remark::Fold(Fold {
+                    point: [0.0; 3].into(),
+                    direction: [0.0, 0.0, 1.0].into(),
+                    order: 6,
+                }),
+                "about the part's axis (0.000, 0.000, 1.000) by any multiple of 60 degrees it fits as well, in 6 ways",
+            ),
             (Remark::OtherPoses(2), "undetermined: 2 other poses fit"),
             (
                 Remark::OtherPoses(OTHERS),

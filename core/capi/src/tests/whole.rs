@@ -262,6 +262,20 @@ fn what_is_undetermined_is_told() {
     };
     let box_of = refined(&(0..900).map(on_box).collect::<Vec<_>>());
     assert_eq!(box_of.verdict, ReagentVerdict::Converged, "{box_of:?}");
+    assert_eq!((box_of.fold_order, box_of.any_rotation), (0, false));
+    let of_prism = |i: u16| {
+        let [a, b] = [0.754_877_7, 0.569_840_3].map(|step| (f32::from(i) * step).fract() - 0.5);
+        let turn = f32::from(i % 6) * core::f32::consts::FRAC_PI_3;
+        let (sine, cosine) = turn.sin_cos();
+        // A side, whose width is that of a hexagon; it grows along the axis.
+        let radius = 1.0 + 0.5 * b;
+        let [x, y] = [radius, 2.0 * a * radius * 0.577_350_3];
+        [x * cosine - y * sine, x * sine + y * cosine, 2.0 * b]
+    };
+    let prism = refined(&(0..900).map(of_prism).collect::<Vec<_>>());
+    assert_eq!(prism.verdict, ReagentVerdict::Converged, "{prism:?}");
+    assert_eq!((prism.fold_order, prism.others), (6, 5), "{prism:?}");
+    assert!(prism.fold_direction[2].abs() > 0.99, "{prism:?}");
     let named = box_of.other_poses.iter().take(box_of.others as usize);
     for pose in named {
         assert!(Pose::from_rows(pose.rows).checked().is_ok());

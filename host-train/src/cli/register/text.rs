@@ -127,6 +127,7 @@ fn advice(remark: &Remark, size_advice: &str) -> String {
         | Remark::OpenSlide(_)
         | Remark::LeftOut(_)
         | Remark::Mirrored
-        | Remark::SeenThrough(_) => String::new(),
+        | Remark::SeenThrough(_)
+        | Remark::Fold(_) => String::new(),
     }
 }

@@ -369,6 +369,30 @@ fn a_policy_that_is_worse_on_views_is_not_published_unless_it_is_said() {
 }
 
 #[test]
+fn an_output_does_not_replace_an_input() {
+    let folder = folder();
+    let at = folder.path();
+    for name in ["scan.ply", "part.ply", "p.h5", "t.jsonl"] {
+        std::fs::write(at.join(name), name).expect("a file");
+    }
+    #[cfg(unix)]
+    std::os::unix::fs::symlink("part.ply", at.join("link.ply")).expect("a link");
+    for arguments in [
+        "register scan.ply part.ply --json part.ply",
+        "register scan.ply part.ply --out ./scan.ply",
+        #[cfg(unix)]
+        "register scan.ply part.ply --out link.ply",
+        "track part.ply scan.ply --json scan.ply",
+        "eval --methods icp --pairs p.h5 --poses p.h5",
+        "report t.jsonl --out t.jsonl",
+    ] {
+        fail(at, arguments, &["an output would replace this input"]);
+    }
+    let kept = std::fs::read_to_string(at.join("part.ply")).expect("a file");
+    assert_eq!(kept, "part.ply");
+}
+
+#[test]
 fn one_file_cannot_be_two_outputs() {
     let folder = folder();
     for arguments in [

@@ -2,7 +2,7 @@
 
 use super::bop_eval::{self, EvalProtocol};
 use super::methods::MethodArgs;
-use super::output::{check_outputs, write_json, write_text};
+use super::output::{check_files, write_json, write_text};
 use super::progress::Progress;
 use super::source::DataSource;
 use super::{bad_usage, source, table};
@@ -90,7 +90,7 @@ struct Record<'a> {
 
 impl EvalArgs {
     pub(super) fn run(self, seed: u64) -> anyhow::Result<()> {
-        check_outputs(self.outputs())?;
+        check_files(&self.pairs, self.outputs())?;
         let policies = self.methods.policies("eval")?;
         let mut refinements = None;
         let (set, origin) = match (&self.pairs, &self.data, self.protocol) {

@@ -13,6 +13,14 @@ use std::path::{Path, PathBuf};
 pub fn check_outputs<'a>(
     paths: impl IntoIterator<Item = &'a Option<PathBuf>>,
 ) -> anyhow::Result<()> {
+    check_files([], paths)
+}
+
+/// As [`check_outputs`], and refuses outputs that would replace an input, by any path or link.
+pub(super) fn check_files<'a>(
+    inputs: impl IntoIterator<Item = &'a PathBuf>,
+    paths: impl IntoIterator<Item = &'a Option<PathBuf>>,
+) -> anyhow::Result<()> {
     let mut places = HashSet::new();
     for path in paths.into_iter().flatten() {
         let place = files::place(path).with_context(|| cannot_write(path))?;
@@ -21,6 +29,15 @@ pub fn check_outputs<'a>(
             is_free,
             "{}: two outputs cannot be one file",
             path.display()
+        );
+    }
+    for input in inputs {
+        let place = input.canonicalize().ok();
+        let is_kept = place.is_none_or(|place| !places.contains(&place));
+        let named = input.display();
+        ensure!(
+            is_kept,
+            "{named}: an output would replace this input; write it elsewhere"
         );
     }
     Ok(())

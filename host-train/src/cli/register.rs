@@ -13,7 +13,7 @@ pub use initial::Initial;
 pub use input::{Input, Units};
 pub use source::SourceArgs;
 
-use super::output::check_outputs;
+use super::output::check_files;
 use super::{BelowProbability, bad_usage};
 use crate::cli::source::positive;
 use crate::dataset::cloud_file::{STANDARD, check_cloud, check_output, check_place};
@@ -171,7 +171,7 @@ impl RegisterArgs {
         if let Some(path) = &self.out {
             check_output(path)?;
         }
-        check_outputs(self.outputs())?;
+        check_files(self.inputs(), self.outputs())?;
         if let Some(folder) = &self.series {
             series::make_folder(folder)?;
         }
@@ -210,6 +210,17 @@ impl RegisterArgs {
             view_point: None,
         };
         self.run_one(&weights, &starts, &pair, seed)
+    }
+
+    /// The files named to be read.
+    fn inputs(&self) -> impl Iterator<Item = &PathBuf> {
+        let starts = self.init.iter().filter_map(|init| match init {
+            Initial::File(path) => Some(path),
+            Initial::Start(_) => None,
+        });
+        let named = [&self.source, &self.target, &self.pairs, &self.weights];
+        let named = named.into_iter().flatten();
+        named.chain(starts).chain(self.sources.depth.files())
     }
 
     /// Exits with status 2 if options contradict each other.

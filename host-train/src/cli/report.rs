@@ -1,6 +1,6 @@
 //! `host-train report`
 
-use super::output::write_text;
+use super::output::{check_files, write_text};
 use crate::report::Report;
 use crate::words::count;
 use clap::Args;
@@ -25,6 +25,7 @@ pub(super) struct ReportArgs {
 
 impl ReportArgs {
     pub(super) fn run(self) -> anyhow::Result<()> {
+        check_files(&self.inputs, [&Some(self.out.clone())])?;
         let report = Report::read(&self.inputs)?;
         for note in report.notes() {
             eprintln!("{note}");

@@ -1,7 +1,7 @@
 //! `host-train track`
 
 use super::bad_usage;
-use super::output::{check_outputs, write_text};
+use super::output::{check_files, write_text};
 use super::register::input::{Input, Units};
 use super::register::{Initial, factor, view_point};
 use crate::dataset::cloud_file::bag::{Bag, is_bag};
@@ -161,7 +161,7 @@ impl TrackArgs {
         if self.topic.is_some() && !has_bag {
             bad_usage("track", "--topic is for bags (.mcap)");
         }
-        check_outputs([&self.json])?;
+        check_files(self.scans.iter().chain([&self.model]), [&self.json])?;
         let bundled = Path::new(bundled_policy(self.view.is_some()));
         let weights = WeightFile::load(self.weights.as_deref().unwrap_or(bundled))?;
         let request = Request {

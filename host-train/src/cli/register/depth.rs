@@ -62,6 +62,17 @@ impl FromStr for Camera {
 }
 
 impl DepthArgs {
+    /// The files named.
+    pub(super) fn files(&self) -> impl Iterator<Item = &PathBuf> {
+        let camera = match &self.camera {
+            Some(Camera::File(path)) => Some(path),
+            _ => None,
+        };
+        [self.depth.as_ref(), camera, self.mask.as_ref()]
+            .into_iter()
+            .flatten()
+    }
+
     /// The options that help if sizes differ.
     pub(super) fn size_advice(&self, notes: &[Note]) -> String {
         let scene = match self.mask {
@@ -72,7 +83,7 @@ impl DepthArgs {
             |note: &Note| matches!(note, Note::Seen { scale_mm, .. } if *scale_mm == METRES);
         let unit = match self.depth_scale.is_none() && notes.iter().any(is_metres) {
             true => {
-                "Depths in floating-point numbers are taken for metres: if they are millimetres, give --depth-scale 1"
+                "A unit of depth was taken for a metre: if it is a millimetre, give --depth-scale 1"
             }
             false => "See --depth-scale and --unit",
         };

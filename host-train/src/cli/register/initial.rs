@@ -128,10 +128,13 @@ fn parse_pose(text: &str) -> anyhow::Result<Pose64> {
 }
 
 /// Parses poses of twelve numbers, the rows of `[R | t]`, or of sixteen with the row 0 0 0 1. Brackets, commas and
-/// white space separate them, as in JSON arrays and text files.
+/// white space separate them, as in JSON arrays and text files. What follows a `#` is a comment.
 fn parse_poses(text: &str) -> anyhow::Result<Vec<Pose64>> {
-    let numbers = text
-        .split(|c: char| c.is_whitespace() || matches!(c, ',' | '[' | ']'))
+    let content = |line: &'_ str| line.find('#').unwrap_or(line.len());
+    let lines = text.lines().map(|line| &line[..content(line)]);
+    let is_between = |c: char| c.is_whitespace() || matches!(c, ',' | '[' | ']');
+    let numbers = lines
+        .flat_map(|line| line.split(is_between))
         .filter(|word| !word.is_empty())
         .map(|word| {
             word.parse::<f64>()
@@ -149,8 +152,14 @@ fn of_rows(numbers: Vec<f64>) -> anyhow::Result<Vec<Pose64>> {
         .all(|rows| rows.get(3) == Some(&[0.0, 0.0, 0.0, 1.0]));
     let each = if is_square { 4 } else { 3 };
     if rows.is_empty() || !rest.is_empty() || !rows.len().is_multiple_of(each) {
+        let last = match rows {
+            [.., [a, b, c, d]] if numbers.len() == 16 => {
+                format!(" with the last row {a} {b} {c} {d}; are they by columns?")
+            }
+            _ => String::new(),
+        };
         bail!(
-            "a pose is 12 numbers, the rows of [R | t], or 16 with the row 0 0 0 1; there are {}",
+            "a pose is 12 numbers, the rows of [R | t], or 16 with the row 0 0 0 1; there are {}{last}",
             numbers.len()
         );
     }

@@ -38,7 +38,7 @@ pub struct SourceArgs {
     #[arg(long, value_name = "X,Y,Z", value_parser = view_point, allow_hyphen_values = true)]
     view: Option<[f64; 3]>,
     #[command(flatten)]
-    depth: DepthArgs,
+    pub(super) depth: DepthArgs,
     /// For a bag as the source: the topic of the clouds [default: the only one that has any]
     #[arg(long, value_name = "/TOPIC", conflicts_with = "depth")]
     topic: Option<String>,

@@ -41,7 +41,14 @@ impl CloudFile {
             }
         }
         self.notice_loose_vertices();
-        let coarse = extent::coarse_step(&self.points);
+        // Whole numbers lie on finer grids, too, without a place between.
+        let is_used = |&step: &f64| {
+            self.points
+                .iter()
+                .flatten()
+                .any(|x| (x / step) % 2.0 != 0.0)
+        };
+        let coarse = extent::coarse_step(&self.points).filter(is_used);
         self.notes.extend(coarse.map(|step| Note::Coarse { step }));
         Ok(self)
     }

@@ -49,6 +49,19 @@ impl Layout {
         })
     }
 
+    /// Moves all columns to the right, because the first one has no name.
+    pub(super) fn shift(&mut self) {
+        let places = [
+            Some(&mut self.point),
+            self.normal.as_mut(),
+            self.colour.as_mut(),
+        ];
+        let places = places.into_iter().flatten().flatten();
+        places
+            .chain(self.intensity.as_mut())
+            .for_each(|at| *at += 1);
+    }
+
     /// Tells columns by their number, in the order of `.pts` and most programs: `x y z`, then an intensity, a
     /// colour, or both, then a normal. `is_byte` says whether a column holds whole numbers up to 255.
     pub(super) fn guessed(first: usize, columns: usize, is_byte: impl Fn(usize) -> bool) -> Layout {
@@ -96,11 +109,16 @@ impl Layout {
 }
 
 /// Names of the coordinates in various programs.
-const COORDINATES: [[&str; 3]; 6] = [
+const COORDINATES: [[&str; 3]; 11] = [
     ["x", "y", "z"],
     ["points:0", "points:1", "points:2"],
     ["points_0", "points_1", "points_2"],
+    ["points_m_xyz:0", "points_m_xyz:1", "points_m_xyz:2"],
     ["x_coord", "y_coord", "z_coord"],
+    ["coord_x", "coord_y", "coord_z"],
+    ["x-coordinate", "y-coordinate", "z-coordinate"],
+    ["pos_x", "pos_y", "pos_z"],
+    ["point.x", "point.y", "point.z"],
     ["easting", "northing", "elevation"],
     ["east", "north", "height"],
 ];

@@ -11,7 +11,7 @@ use std::path::PathBuf;
 pub enum CloudError {
     /// The extension is not one of those that are read.
     #[error(
-        "{}: unknown kind of file; give .{}",
+        "{}: unknown kind of file; convert it to one of .{}, or give - for standard input",
         path.display(), EXTENSIONS.join(" .")
     )]
     Extension {

@@ -22,6 +22,13 @@ pub enum Note {
         /// Length of the second, the number of points.
         columns: usize,
     },
+    /// An array of few rows was read as one organised cloud; it may be several clouds.
+    Stacked {
+        /// Rows.
+        clouds: usize,
+        /// Points of each.
+        of: usize,
+    },
     /// The file's count differs from what it holds.
     Count {
         /// What is counted.
@@ -38,7 +45,7 @@ pub enum Note {
     },
     /// Numbers are written with a decimal comma.
     DecimalComma,
-    /// The first column counts the lines and was left out.
+    /// The first column numbers or names the lines and was left out.
     IndexColumn,
     /// The text is UTF-16.
     Utf16,
@@ -171,6 +178,10 @@ impl fmt::Display for Note {
                 f,
                 "an array of shape ({rows}, {columns}) is read as {columns} points, the longer axis"
             ),
+            Note::Stacked { clouds, of } => write!(
+                f,
+                "an array of shape ({clouds}, {of}, …) is read as one cloud; save clouds of a batch each to a file of its own"
+            ),
             Note::Count {
                 what,
                 claimed,
@@ -185,7 +196,10 @@ impl fmt::Display for Note {
                 count(*bytes, "byte is", "bytes are")
             ),
             Note::DecimalComma => write!(f, "numbers are read with a decimal comma"),
-            Note::IndexColumn => write!(f, "the first column counts the lines and is left out"),
+            Note::IndexColumn => write!(
+                f,
+                "the first column numbers the lines, or names them, and is left out"
+            ),
             Note::Utf16 => write!(f, "the text is UTF-16"),
             Note::CrossedPolygons { polygons } => write!(
                 f,

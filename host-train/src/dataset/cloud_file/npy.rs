@@ -10,6 +10,8 @@ use crate::dataset::depth::image::{self, Image, MAX_PIXELS};
 use half::f16;
 
 const MAGIC: &[u8] = b"\x93NUMPY";
+/// Rows of an organised cloud up to which they may be clouds of their own instead.
+const MOST_CLOUDS: usize = 16;
 /// The type of a mask, which holds no coordinates.
 const BOOLEAN: &str = "|b1";
 
@@ -73,6 +75,12 @@ pub(super) fn parse(bytes: &[u8]) -> Result<CloudFile, String> {
     };
     if columns < 3 {
         return Err(unexpected());
+    }
+    // As many rows as a batch has clouds.
+    if let (true, Some(&[clouds @ 2..=MOST_CLOUDS, of, _])) = (organised, sizes.as_deref())
+        && of > MOST_CLOUDS
+    {
+        file.notes.push(Note::Stacked { clouds, of });
     }
     let at = |point: usize, column: usize| {
         let index = if fortran != transposed {

@@ -98,10 +98,11 @@ impl PropertyAccess for Corners {
 }
 
 pub(super) fn parse(bytes: &[u8]) -> Result<CloudFile, String> {
+    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     if !bytes.starts_with(b"ply") {
         return Err("it does not begin with \"ply\"; is it of another format?".into());
     }
-    let bytes = &*without_words(bytes);
+    let bytes = &*plain(bytes);
     let mut reader = Reader::new(bytes);
     let vertices = Parser::<Vertex>::new();
     let corners = Parser::<Corners>::new();
@@ -161,35 +162,71 @@ pub(super) fn parse(bytes: &[u8]) -> Result<CloudFile, String> {
     Ok(file)
 }
 
-/// Replaces every `nan`, `inf` and `1.#QNAN` of an ASCII file by a number beyond all valid coordinates, because the
-/// parser does not know these words.
-fn without_words(bytes: &[u8]) -> Cow<'_, [u8]> {
+/// An ASCII file as the parser takes it. It knows no `nan`, `inf` and `1.#QNAN`, for which a number beyond all valid coordinates
+/// stands, and no number that begins or ends with its point; and it stops at empty lines.
+fn plain(bytes: &[u8]) -> Cow<'_, [u8]> {
     const END: &[u8] = b"end_header";
     let Some(end) = bytes.windows(END.len()).position(|word| word == END) else {
         return bytes.into();
     };
     let (header, payload) = bytes.split_at(end + END.len());
-    let is_ascii = header.windows(12).any(|word| word == b"format ascii");
-    let is_word = |word: &&[u8]| {
-        let number = word.strip_prefix(b"-").unwrap_or(word);
+    if !header.windows(12).any(|word| word == b"format ascii") {
+        return bytes.into();
+    }
+    let is_word = |number: &[u8]| {
         let start = number.get(..3).unwrap_or_default().to_ascii_lowercase();
         start == b"nan" || start == b"inf" || start == b"1.#"
     };
-    let blank = u8::is_ascii_whitespace;
-    if !is_ascii || !payload.split(blank).any(|word| is_word(&word)) {
+    // Classic Mac OS ended lines by returns.
+    let end_of_line = if header.contains(&b'\n') {
+        b'\n'
+    } else {
+        b'\r'
+    };
+    let lines = || {
+        bytes
+            .split(|&byte| byte == end_of_line)
+            .map(<[u8]>::trim_ascii)
+    };
+    let is_strange = |word: &[u8]| {
+        is_word(number_of(word)) || word.ends_with(b".") || number_of(word).starts_with(b".")
+    };
+    let mut words = payload.split(u8::is_ascii_whitespace);
+    let has_gaps = bytes
+        .trim_ascii_end()
+        .split(|&byte| byte == b'\n')
+        .any(|line| line.trim_ascii().is_empty());
+    if end_of_line == b'\n' && !has_gaps && !words.any(is_strange) {
         return bytes.into();
     }
-    let mut changed = header.to_vec();
-    for word in payload.split_inclusive(blank) {
-        let number = word.trim_ascii_end();
-        if is_word(&number) {
-            changed.extend_from_slice(b"9e99");
-            changed.extend_from_slice(&word[number.len()..]);
+    let mut changed = Vec::with_capacity(bytes.len());
+    let mut in_header = true;
+    for line in lines().filter(|line| !line.is_empty()) {
+        if in_header {
+            changed.extend_from_slice(line);
+            in_header = line != END;
         } else {
-            changed.extend_from_slice(word);
+            for word in line.split(u8::is_ascii_whitespace) {
+                let number = number_of(word);
+                changed.extend_from_slice(&word[..word.len() - number.len()]);
+                match number {
+                    _ if is_word(number) => changed.extend_from_slice(b"9e99"),
+                    [b'.', digits @ ..] => changed.extend([b"0.", digits].concat()),
+                    [digits @ .., b'.'] => changed.extend_from_slice(digits),
+                    _ => changed.extend_from_slice(number),
+                }
+                changed.push(b' ');
+            }
+            changed.pop();
         }
+        changed.push(b'\n');
     }
     changed.into()
+}
+
+/// A number without its sign.
+fn number_of(word: &[u8]) -> &[u8] {
+    word.strip_prefix(b"-").unwrap_or(word)
 }
 
 /// The triangles of strips, all with the same winding.

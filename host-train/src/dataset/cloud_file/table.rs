@@ -13,8 +13,12 @@ use std::borrow::Cow;
 /// The columns of one file, and what is known of them.
 #[derive(Default)]
 struct Table {
-    /// The columns' meaning, if a line names them.
-    named: Option<Layout>,
+    /// The columns' names, if a line has them.
+    named: Option<Names>,
+    /// Whether the names are separated by tabs, and so all lines.
+    tabs: bool,
+    /// Whether the first column has no name: it numbers or names the lines.
+    row_names: bool,
     /// Numbers, row by row; NaN for text.
     numbers: Vec<f64>,
     /// Numbers per row; 0 before the first row.
@@ -27,6 +31,15 @@ struct Table {
     commas: bool,
     /// Sum of the counts before the points.
     counted: Option<u64>,
+}
+
+/// What a line of names tells.
+struct Names {
+    layout: Layout,
+    /// How many there are.
+    count: usize,
+    /// Whether they stand in a comment, which may say something else.
+    in_comment: bool,
 }
 
 pub(super) fn parse(bytes: &[u8]) -> Result<CloudFile, String> {
@@ -48,15 +61,26 @@ impl Table {
         let slashes = text.find("//").unwrap_or(text.len());
         let content = without_comment(&text[..slashes]).0;
         let comment = &text[content.len()..];
-        let content = content.trim();
-        if content.is_empty() {
-            let named = self.names(comment.trim_start_matches(['#', '/']));
+        // An empty field between tabs is one, at the ends of a line as well.
+        let is_tab = |c: char| self.tabs && c == '\t';
+        let content = content.trim_matches(|c: char| c.is_whitespace() && !is_tab(c));
+        if content.trim().is_empty() {
+            let named = self.names(comment.trim_start_matches(['#', '/']), true);
             self.named = self.named.take().or(named);
             return Ok(());
         }
-        let fields = self.fields(content)?;
+        let mut fields = self.fields(content)?;
+        if let Some(named) = &self.named
+            && content.ends_with([',', ';', '\t'])
+            && fields.len() < named.count
+        {
+            fields.resize(named.count, "".into());
+        }
+        if self.columns == 0 {
+            self.match_names(&fields)?;
+        }
         let named = self.named.as_ref();
-        let is_coordinate = |at: usize| named.is_none_or(|layout| layout.point.contains(&at));
+        let is_coordinate = |at: usize| named.is_none_or(|n| n.layout.point.contains(&at));
         let value = |(at, field): (usize, &Cow<str>)| {
             number(field).or((!is_coordinate(at)).then_some(f64::NAN))
         };
@@ -82,9 +106,16 @@ impl Table {
             }
             _ => {}
         }
-        self.named = self.names(content);
+        let is_before = self.columns == 0 && self.named.is_none();
+        self.named = self.names(content, false);
+        self.tabs = self.named.is_some() && content.contains('\t');
+        let has_number = fields.iter().any(|field| number(field).is_some());
         match self.named {
             Some(_) => Ok(()),
+            None if is_before && !has_number => Err(format!(
+                "expected three coordinates, or the names of the columns, of which three are x, y and z (or easting, northing, elevation); found \"{}\"",
+                excerpt(content)
+            )),
             None => Err(format!(
                 "expected three coordinates, found \"{}\"",
                 excerpt(content)
@@ -92,40 +123,80 @@ impl Table {
         }
     }
 
-    /// Splits a line at its separators: semicolons if there are any, else commas unless they are decimal, else
-    /// white space. A decimal comma becomes a point.
-    fn fields<'a>(&mut self, content: &'a str) -> Result<Vec<Cow<'a, str>>, String> {
-        let plain = |field: &'a str| Cow::from(field.trim().trim_matches('"'));
-        let pointed = |field: &'a str| Cow::from(plain(field).replacen(',', ".", 1));
-        let by_blanks = || content.split_whitespace();
-        let semicolons = content.contains(';');
-        let ends_cut = |separator| content.trim_end_matches(separator).split(separator);
-        if semicolons && !content.contains(',') {
-            self.note_point(content)?;
-            return Ok(ends_cut(';').map(plain).collect());
-        }
-        if !content.contains(',') {
-            self.note_point(content)?;
-            return Ok(by_blanks().map(plain).collect());
-        }
-        let decimal: Vec<Cow<str>> = if semicolons {
-            ends_cut(';').map(pointed).collect()
-        } else {
-            by_blanks().map(pointed).collect()
+    /// Compares the names with the fields of the first line of numbers.
+    fn match_names(&mut self, fields: &[Cow<str>]) -> Result<(), String> {
+        let Some(named) = &mut self.named else {
+            return Ok(());
         };
+        let (names, columns) = (named.count, fields.len());
+        // A count of points before them.
+        if columns == 1 || names == columns {
+            return Ok(());
+        }
+        if names + 1 == columns {
+            named.layout.shift();
+            self.row_names = true;
+            return Ok(());
+        }
+        if named.in_comment {
+            self.named = None;
+            return Ok(());
+        }
+        let hint = match self.commas && !self.fractions && columns == 2 * names {
+            true => "; if these are decimal commas, separate the numbers by semicolons",
+            false => "",
+        };
+        Err(format!(
+            "{columns} columns, where the first line names {names}{hint}"
+        ))
+    }
+
+    /// Splits a line at its separators: semicolons if there are any, else tabs if it has text or the names have them, else
+    /// commas unless they are decimal, else white space. A decimal comma becomes a point. What stands in quotes is one field.
+    fn fields<'a>(&mut self, content: &'a str) -> Result<Vec<Cow<'a, str>>, String> {
+        let bare = without_quoted(content);
+        let pointed = |field: &Cow<'a, str>| Cow::from(field.replacen(',', ".", 1));
+        let words = || {
+            let words = split(content, ' ').into_iter();
+            words.filter(|word| !word.is_empty()).collect::<Vec<_>>()
+        };
+        let commas = bare.contains(',');
+        let all_numbers = || bare == content && words().iter().all(|word| number(word).is_some());
+        let separator = if bare.contains(';') {
+            Some(';')
+        } else {
+            (bare.contains('\t') && (self.tabs || !all_numbers())).then_some('\t')
+        };
+        if let Some(separator) = separator {
+            let fields = split(content, separator);
+            let decimal: Vec<Cow<str>> = fields.iter().map(pointed).collect();
+            let mut with_comma = fields
+                .iter()
+                .zip(&decimal)
+                .filter(|(of, _)| of.contains(','));
+            if commas && !bare.contains('.') && with_comma.any(|(_, of)| number(of).is_some()) {
+                self.note_comma()?;
+                return Ok(decimal);
+            }
+            if !commas {
+                self.note_point(content)?;
+            }
+            return Ok(fields);
+        }
+        if !commas {
+            self.note_point(content)?;
+            return Ok(words());
+        }
+        let decimal: Vec<Cow<str>> = words().iter().map(pointed).collect();
         let is_decimal = !content.contains('.')
             && decimal.len() >= 3
             && decimal.iter().all(|field| number(field).is_some())
-            && !by_blanks().any(|word| word.ends_with(',') || word.starts_with(','));
+            && !words()
+                .iter()
+                .any(|word| word.ends_with(',') || word.starts_with(','));
         if is_decimal {
-            if self.decimal_comma.replace(true) == Some(false) {
-                return Err("a decimal comma, where the lines before have points".into());
-            }
+            self.note_comma()?;
             return Ok(decimal);
-        }
-        if semicolons {
-            // The fields are not numbers: they are names, or the line will be refused.
-            return Ok(ends_cut(';').map(plain).collect());
         }
         if self.decimal_comma == Some(true) {
             return Err(format!(
@@ -135,7 +206,15 @@ impl Table {
         }
         self.commas = true;
         self.note_point(content)?;
-        Ok(ends_cut(',').map(plain).collect())
+        Ok(split(content, ','))
+    }
+
+    /// Records that numbers have a decimal comma.
+    fn note_comma(&mut self) -> Result<(), String> {
+        match self.decimal_comma.replace(true) {
+            Some(false) => Err("a decimal comma, where the lines before have points".into()),
+            _ => Ok(()),
+        }
     }
 
     /// Records that numbers have a decimal point, if this line shows it.
@@ -152,25 +231,26 @@ impl Table {
     }
 
     /// The meaning of the columns, if this line before the points names them.
-    fn names(&self, text: &str) -> Option<Layout> {
+    fn names(&self, text: &str, in_comment: bool) -> Option<Names> {
         if self.columns > 0 || self.named.is_some() {
             return None;
         }
-        let separator = [';', ',', '\t'].into_iter().find(|&c| text.contains(c));
-        let words: Vec<&str> = match separator {
-            Some(c) => text.split(c).collect(),
-            None => text.split_whitespace().collect(),
+        let bare = without_quoted(text);
+        let separator = [';', ',', '\t'].into_iter().find(|&c| bare.contains(c));
+        let words = split(text, separator.unwrap_or(' ')).into_iter();
+        let words = words.filter(|word| separator.is_some() || !word.is_empty());
+        let name = |word: Cow<str>| {
+            let word = word.to_lowercase();
+            let word = word.split(['[', '(']).next().unwrap_or("");
+            word.trim().to_owned()
         };
-        let name = |word: &str| {
-            let word = word.trim().trim_matches('"').to_lowercase();
-            word.split(['[', '('])
-                .next()
-                .unwrap_or("")
-                .trim()
-                .to_owned()
-        };
-        let names: Vec<String> = words.into_iter().map(name).collect();
-        Layout::named(&names)
+        let names: Vec<String> = words.map(name).collect();
+        let layout = Layout::named(&names)?;
+        Some(Names {
+            layout,
+            count: names.len(),
+            in_comment,
+        })
     }
 
     /// Fills in the points and their attributes.
@@ -207,21 +287,27 @@ impl Table {
             triples.into_iter().map(|t| t.map(|x| x as f32)).collect()
         };
         let is_guess = self.named.is_none();
+        let has_index = self.columns > 3
+            && numbers_lines(
+                column(0),
+                (1..self.columns).any(|at| column(at).any(|x| x.fract() != 0.0)),
+            );
         let mut layout = match self.named {
-            Some(layout) if layout.point.iter().all(|&at| at < self.columns) => layout,
-            Some(_) => return Err("its first line names more columns than the points have".into()),
-            None => {
-                let counts =
-                    |first: f64| column(0).zip(0..).all(|(x, i)| x == first + f64::from(i));
-                let index = self.columns > 3 && rows > 1 && (counts(0.0) || counts(1.0));
-                if index {
-                    file.notes.push(Note::IndexColumn);
-                }
-                Layout::guessed(usize::from(index), self.columns, |at| {
-                    column(at).all(|x| (0.0..=255.0).contains(&x) && x.fract() == 0.0)
-                })
+            Some(_) if self.row_names && !(has_index || column(0).all(f64::is_nan)) => {
+                return Err(format!(
+                    "{} columns, where the first line names {}, and the first does not number the lines",
+                    self.columns,
+                    self.columns - 1
+                ));
             }
+            Some(named) => named.layout,
+            None => Layout::guessed(usize::from(has_index), self.columns, |at| {
+                column(at).all(|x| (0.0..=255.0).contains(&x) && x.fract() == 0.0)
+            }),
         };
+        if self.row_names || is_guess && has_index {
+            file.notes.push(Note::IndexColumn);
+        }
         let has = |at: [usize; 3]| at.iter().all(|&at| at < self.columns);
         file.points = triple(layout.point);
         let normals = layout.normal.filter(|&at| has(at));
@@ -242,6 +328,59 @@ impl Table {
         }
         Ok(())
     }
+}
+
+/// Whether a column numbers the lines: from 0 or 1 on, or, if other columns have `fractions`, by whole numbers of which each stands
+/// once.
+fn numbers_lines(column: impl Iterator<Item = f64> + Clone, fractions: bool) -> bool {
+    let rows = column.clone().count();
+    let counts = |first: f64| {
+        column
+            .clone()
+            .zip(0..)
+            .all(|(x, i)| x == first + f64::from(i))
+    };
+    if rows > 1 && (counts(0.0) || counts(1.0)) {
+        return true;
+    }
+    let is_whole = |x: f64| x >= 0.0 && x.fract() == 0.0 && x < 1e15;
+    if rows < 3 || !fractions || !column.clone().all(is_whole) {
+        return false;
+    }
+    let mut sorted: Vec<u64> = column.map(|x| x as u64).collect();
+    sorted.sort_unstable();
+    sorted.array_windows().all(|[a, b]| a < b)
+}
+
+/// The fields between separators, without those that are empty at the end. A separator in quotes belongs to its field, as RFC 4180 has it.
+fn split(content: &str, separator: char) -> Vec<Cow<'_, str>> {
+    let content = content.trim_end_matches([separator, ' ']);
+    if !content.contains('"') {
+        let blanks = separator == ' ';
+        return match blanks {
+            true => content.split_whitespace().map(Cow::from).collect(),
+            false => content
+                .split(separator)
+                .map(|field| field.trim().into())
+                .collect(),
+        };
+    }
+    let mut reader = csv::ReaderBuilder::new()
+        .has_headers(false)
+        .delimiter(separator as u8)
+        .trim(csv::Trim::All)
+        .from_reader(content.as_bytes());
+    let record = reader.records().next().and_then(Result::ok);
+    let fields = record.iter().flatten();
+    fields.map(|field| field.to_owned().into()).collect()
+}
+
+/// A line without what stands in quotes.
+fn without_quoted(content: &str) -> Cow<'_, str> {
+    if !content.contains('"') {
+        return content.into();
+    }
+    content.split('"').step_by(2).collect::<String>().into()
 }
 
 /// A number, or NaN for an empty field.

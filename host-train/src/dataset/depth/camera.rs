@@ -39,8 +39,6 @@ struct Flat {
     width: Option<usize>,
     height: Option<usize>,
     depth_scale: Option<f64>,
-    #[serde(default, rename = "coeffs")]
-    distortion: Vec<f64>,
 }
 
 /// Of the text of a file.
@@ -176,9 +174,9 @@ fn is_yaml(text: &str) -> bool {
 
 fn of_json(text: &str, image: &Path) -> Result<Intrinsics, String> {
     let document: Value = serde_json::from_str(text).map_err(|e| e.to_string())?;
+    refuse_distortion(&document)?;
     if document.get("fx").is_some() {
         let flat: Flat = fields(document)?;
-        refuse_distortion(&flat.distortion)?;
         return Ok(Intrinsics {
             size: size(flat.width, flat.height),
             depth_scale: flat.depth_scale.map(checked_scale).transpose()?,
@@ -196,11 +194,6 @@ fn of_json(text: &str, image: &Path) -> Result<Intrinsics, String> {
         });
     }
     if let Some(rows) = first_of(&document, &ROWS) {
-        let distortion = first_of(&document, &DISTORTION);
-        if let Some(distortion) = distortion.filter(|value| !value.is_null()) {
-            let coefficients = flat(distortion).ok_or("its distortion is no list of numbers")?;
-            refuse_distortion(&coefficients)?;
-        }
         let rows = flat(rows).and_then(|rows| <[f64; 9]>::try_from(rows).ok());
         let rows = rows.ok_or("its K does not have nine numbers")?;
         let side = |name: &str| document.get(name)?.as_u64()?.try_into().ok();
@@ -234,13 +227,18 @@ fn of_json(text: &str, image: &Path) -> Result<Intrinsics, String> {
 /// The rows of K in ROS's messages and files, and in OpenCV's.
 const ROWS: [&str; 4] = ["K", "k", "camera_matrix", "cameraMatrix"];
 /// How the same call the lens's distortion.
-const DISTORTION: [&str; 5] = [
+const DISTORTION: [&str; 8] = [
     "D",
     "d",
     "distortion_coefficients",
     "dist_coeffs",
     "distCoeffs",
+    "dist",
+    "distortion",
+    "coeffs",
 ];
+/// The same, each coefficient by its name.
+const COEFFICIENTS: [&str; 8] = ["k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"];
 /// A coefficient that moves no pixel.
 const NO_DISTORTION: f64 = 1e-6;
 
@@ -263,7 +261,21 @@ fn flat(value: &Value) -> Option<Vec<f64>> {
     }
 }
 
-fn refuse_distortion(coefficients: &[f64]) -> Result<(), String> {
+/// Refuses a camera whose lens moves pixels. A word for the kind of distortion says nothing of how much there is.
+fn refuse_distortion(document: &Value) -> Result<(), String> {
+    let mut coefficients = Vec::new();
+    for name in DISTORTION {
+        let given = document
+            .get(name)
+            .filter(|v| !(v.is_null() || v.is_string()));
+        if let Some(given) = given {
+            coefficients.extend(flat(given).ok_or("its distortion is no list of numbers")?);
+        }
+    }
+    let by_name = COEFFICIENTS
+        .iter()
+        .filter_map(|name| document.get(name)?.as_f64());
+    coefficients.extend(by_name);
     match coefficients.iter().all(|x| x.abs() < NO_DISTORTION) {
         true => Ok(()),
         false => Err("its lens distorts: rectify the image, and give the camera of that".into()),

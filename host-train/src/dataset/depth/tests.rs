@@ -191,6 +191,14 @@ fn cameras_are_four_numbers_or_files_of_several_kinds() {
             "its distortion is no list of numbers",
         ),
         (&realsense.replace("[0, ", "[0.1, "), "its lens distorts"),
+        (
+            "{\"camera_matrix\": [600, 0, 320, 0, 610, 240, 0, 0, 1], \"dist\": [[0.3, 0]]}",
+            "its lens distorts",
+        ),
+        (
+            "{\"fx\": 600, \"fy\": 600, \"cx\": 320, \"cy\": 240, \"k1\": 0.1, \"k2\": 0}",
+            "its lens distorts",
+        ),
         // By rows, not by columns.
         (
             &open3d.replace("0, 0, 0, 610, 0, 320, 240", "0, 320, 0, 610, 240, 0, 0"),

@@ -177,3 +177,26 @@ fn booleans_and_records_are_refused_with_what_to_do() {
     let words = format!("its elements are records, {fields}: stack the fields, as in numpy.stack(");
     assert!(said.contains(&words), "{said}");
 }
+
+#[test]
+fn a_batch_of_clouds_is_told() {
+    let bytes: Vec<u8> = (0..120).flat_map(|i| (i as f32).to_le_bytes()).collect();
+    let notes = |shape: &str| {
+        read(".npy", &npy("<f4", "False", shape, &bytes))
+            .expect("npy")
+            .notes
+    };
+    assert_eq!(notes("2, 20, 3"), [Note::Stacked { clouds: 2, of: 20 }]);
+    assert_eq!(notes("8, 5, 3"), []);
+    assert_eq!(notes("20, 2, 3"), []);
+}
+
+/// Integers are exact, wherever they are.
+#[test]
+fn whole_numbers_are_no_rounded_ones() {
+    let point = |i: u32| [5_456_871 + i % 7, i % 11, i % 13].map(f64::from);
+    let text: String = (0..300)
+        .map(|i| point(i).map(|x| x.to_string()).join(" ") + "\n")
+        .collect();
+    assert_eq!(read(".xyz", text.as_bytes()).expect("xyz").notes, []);
+}

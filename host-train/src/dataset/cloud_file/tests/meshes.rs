@@ -233,3 +233,23 @@ fn homogeneous_coordinates_are_divided_by_their_weight() {
     let points = 1;
     assert_eq!(file.notes, [weighted, Note::Dropped { points, faces: 0 }]);
 }
+
+/// Numbers without a zero beside their point, empty lines, old line ends and a byte order mark, as people and programs write them.
+#[test]
+fn ascii_ply_is_read_as_it_comes() {
+    let text = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nend_header\n.5 -.5 5.\n\n0. 1e1 -2.5e-1\n-nan 1 2\n";
+    for text in [
+        text.to_owned(),
+        text.replace('\n', "\r\n"),
+        text.replace('\n', "\r"),
+        format!("\u{feff}{text}\n"),
+    ] {
+        let file = read(".ply", text.as_bytes()).expect("ply");
+        assert_eq!(file.points, [[0.5, -0.5, 5.0], [0.0, 10.0, -0.25]]);
+        let dropped = Note::Dropped {
+            points: 1,
+            faces: 0,
+        };
+        assert_eq!(file.notes, [dropped]);
+    }
+}

@@ -95,10 +95,20 @@ fn what_could_be_read_in_two_ways_is_refused() {
         ),
         (
             "a b c\n1 2 3\n",
-            "line 1: expected three coordinates, found \"a b c\"",
+            "of which three are x, y and z (or easting, northing, elevation); found \"a b c\"",
         ),
         ("x y z\n1 2 3\nx y z\n", "line 3"),
         ("x y z nx\n1 2\n", "line 2"),
+        (
+            "x y z nx\n1 2 3\n",
+            "line 2: 3 columns, where the first line names 4",
+        ),
+        ("x,y,z\n83,50,25,32,11,00\n", "if these are decimal commas"),
+        (
+            "x y z\n7 1.5 2 3\n7 4 5 6\n7 7 8 9\n",
+            "does not number the lines",
+        ),
+        ("points in mm\n1 2 3\n", "or the names of the columns"),
         ("1 2 abc\n", "line 1"),
         ("\u{7}\u{1b}[31m 2 3\n", "found \"??[31m 2 3\""),
     ] {
@@ -156,4 +166,38 @@ fn columns_are_the_coordinates_whose_names_go_together() {
     assert!(said.contains("line 2: expected three"), "{said}");
     let said = refused(".csv", b"x,y,height,elevation\n1,2,3,4\n");
     assert!(said.contains("line 1: expected three"), "{said}");
+}
+
+/// A first column without a name, or with numbers that tell only which line it is, is no coordinate.
+#[test]
+fn what_numbers_or_names_the_lines_is_left_out() {
+    let expected = [[1.5, -2.25, 3.0], [4.0, 5.5, 6.0], [7.0, 8.0, 9.5]];
+    for text in [
+        // R, pandas, and spreadsheets.
+        "\"x\" \"y\" \"z\"\n\"1\" 1.5 -2.25 3\n\"2\" 4 5.5 6\n\"3\" 7 8 9.5\n",
+        "     x     y    z\n0  1.5 -2.25  3\n1  4.0  5.5  6\n2  7.0  8.0 9.5\n",
+        "x,y,z\nP 1,1.5,-2.25,3\nP 2,4,5.5,6\nP 3,7,8,9.5\n",
+        // Numbers of points that begin anywhere, and are in any order.
+        "1001 1.5 -2.25 3\n1002 4 5.5 6\n1005 7 8 9.5\n",
+        "30;1.5;-2.25;3\n20;4;5.5;6\n10;7;8;9.5\n",
+    ] {
+        let file = read(".txt", text.as_bytes()).expect("a table");
+        assert_eq!(file.points, expected, "{text:?}");
+        assert_eq!(file.notes, [Note::IndexColumn], "{text:?}");
+    }
+    for text in [
+        // Text with blanks between tabs, empty fields, and separators in quotes.
+        "Name\tX\tY\tZ\nPoint 1\t1.5\t-2.25\t3\nPoint 2\t4\t5.5\t6\nPoint 3\t7\t8\t9.5\n",
+        "id\tx\ty\tz\tname\n\t1.5\t-2.25\t3\ta\n\t4\t5.5\t6\t\n\t7\t8\t9.5\tc\n",
+        "Name\tX\tY\tZ\nPunkt 1\t1,5\t-2,25\t3\nPunkt 2\t4\t5,5\t6\nPunkt 3\t7\t8\t9,5\n",
+        "name,x,y,z\n\"hole, 1\",1.5,-2.25,3\n\"hole, 2\",4,5.5,6\n\"hole \"\"3\"\"\",7,8,9.5\n",
+        "name;x;y;z;what\n\"a;b\";1,5;-2,25;3;\nb;4;5,5;6;\nc;7;8;9,5;\n",
+        "# made on: x y z\n1.5 -2.25 3 4\n4 5.5 6 4\n7 8 9.5 5\n",
+    ] {
+        let file = read(".txt", text.as_bytes()).expect("a table");
+        assert_eq!(file.points, expected, "{text:?}");
+    }
+    // A single value twice is no number of a line.
+    let file = read(".xyz", b"5 1.5 2 3\n5 4 5 6\n6 7 8 9\n").expect("xyz");
+    assert_eq!(file.points[0], [5.0, 1.5, 2.0]);
 }

@@ -2,7 +2,7 @@
 //!
 //! Few hypotheses are enough: a mirrored part lies about where a plane of symmetry would mirror it, or on the target's
 //! principal axes. The comparison is over the points that the pose at hand matches, since a mirrored part of a symmetric object
-//! may overlap more of the target than it should. If nearly all points are matched, all are compared as well, with less weight.
+//! may overlap more of the target than it should. If most points are matched, all are compared as well, with less weight unless nearly all are.
 
 use crate::loss::{COMPARED, CONTENDERS};
 use crate::polish::Refiner;
@@ -15,9 +15,10 @@ const SIFTED: usize = 4;
 const POLISHED: usize = 2;
 /// How much more than the pose at hand a mirror image may lose after those steps and still be polished.
 const ALIKE: f32 = 0.03;
-/// Share of points matched from which on the clouds show about the same, and the weight of the score over all points then.
-const WHOLE: f32 = 0.75;
-const OF_ALL: f32 = 0.4;
+/// Shares of points matched from which on the clouds show about the same, and the weights of the score over all points then; between
+/// them the weight grows. What is beside the target may be another object unless it is little.
+const WHOLE: [f32; 2] = [0.75, 0.9];
+const OF_ALL: [f32; 2] = [0.4, 1.0];
 
 /// Standard errors from which on the mirror image's better fit is no chance. The limit is higher than for independent points,
 /// since errors of neighbours are correlated. No right pose of a training model reached it.
@@ -80,8 +81,14 @@ impl Refiner<'_> {
         let of = |image: usize| {
             let matched = losses.excess_where_matched(HERE, image).score();
             let all = losses.excess(HERE, image).score();
-            let is_whole = losses.matched(HERE) > WHOLE;
-            matched.max(if is_whole { OF_ALL * all } else { 0.0 })
+            let ([least, most], [light, full]) = (WHOLE, OF_ALL);
+            let share = (losses.matched(HERE) - least) / (most - least);
+            if share > 0.0 {
+                let weight = light + (full - light) * share.min(1.0);
+                matched.max(weight * all)
+            } else {
+                matched
+            }
         };
         (0..images).map(of).fold(0.0, f32::max)
     }

@@ -247,6 +247,7 @@ impl Tracker {
         // If it belongs to another pose than the given one, that takes the other's place.
         let alone = Undetermined {
             poses: [None; OTHERS],
+            fold: open.fold.filter(|fold| fold.of_others),
             ..*open
         };
         let others = open.poses.iter_mut().flatten();

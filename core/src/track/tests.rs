@@ -142,6 +142,7 @@ fn of_poses_that_fit_as_well_the_one_turned_least_is_taken() {
         point: Vec3::ZERO,
         direction: Vec3::Y,
         order: 3,
+        of_others: true,
     });
     for (angle, turn, first) in [(2.0, 2.094_395, far), (-1.1, 3.0 + 2.094_395, given)] {
         let tracker = Tracker {

@@ -27,8 +27,10 @@ pub struct Fold {
     pub point: Vec3,
     /// Unit vector along it.
     pub direction: Vec3,
-    /// Number of poses that it makes of one; at least 3.
+    /// Number of poses that it makes of the one given out; at least 3.
     pub order: u8,
+    /// Whether it makes as many of each other pose that fits as well: of a square face, seen alone, it does not.
+    pub of_others: bool,
 }
 
 impl Fold {
@@ -68,7 +70,7 @@ impl Fold {
 
 impl Refiner<'_> {
     /// The greatest symmetry that a pose, whose losses were kept, and others that fit as well suggest, if all its turns do; and whether
-    /// parts of one do as well, so that any turn may.
+    /// parts of one do as well, so that any turn may. It is in the refiner's frame.
     #[inline(never)]
     pub(super) fn fold(
         &mut self,
@@ -93,6 +95,7 @@ impl Refiner<'_> {
                 point,
                 direction,
                 order,
+                of_others: true,
             });
             found = folds
                 .find(|&fold| {
@@ -104,15 +107,19 @@ impl Refiner<'_> {
         let is_any = PARTS
             .into_iter()
             .all(|part| self.fits_after(at, found, part));
-        let fold = Fold {
-            point: self.target_centre() + found.point * self.target_scale(),
-            ..found
-        };
-        Some((fold, is_any))
+        Some((found, is_any))
+    }
+
+    /// In the user's frame.
+    pub(super) fn fold_outside(&self, fold: Fold) -> Fold {
+        Fold {
+            point: self.target_centre() + fold.point * self.target_scale(),
+            ..fold
+        }
     }
 
     /// Whether the clouds fit as well after all turns of a symmetry. It begins with few points.
-    fn allows(&mut self, fold: Fold, at: Rigid) -> bool {
+    pub(super) fn allows(&mut self, fold: Fold, at: Rigid) -> bool {
         let [_, compared] = SIFT_POINTS;
         let most = self.coarse_loss(at, compared, SIFT_SCALE) + ALIKE;
         self.coarse_loss_below(most, fold.turned(at, 1.0), compared, SIFT_SCALE) < most
@@ -128,10 +135,11 @@ impl Refiner<'_> {
 
 #[cfg(test)]
 mod tests {
+    use super::Fold;
     use crate::polish::tests::{Numbers, error, moved, pose};
     use crate::pose::Pose;
-    use crate::verify::Verified;
     use crate::verify::tests::{brick, revolved, verify};
+    use crate::verify::{Undetermined, Verified};
     use glam::Vec3;
 
     /// A wheel of so many spokes, each as long as the function says, about an axis beside the origin.
@@ -192,6 +200,29 @@ mod tests {
         }
         // The runner-up is none of these.
         assert!(found.lead > 1.0, "{}", found.lead);
+    }
+
+    /// A square face of a part may be turned by quarters where it lies; where another face could be it, perhaps not.
+    #[test]
+    fn what_a_symmetry_makes_of_other_poses_is_named_if_it_was_seen() {
+        let open = |of_others| Undetermined {
+            fold: Some(Fold {
+                point: Vec3::ZERO,
+                direction: Vec3::Z,
+                order: 4,
+                of_others,
+            }),
+            poses: [
+                Some(pose([1.0, 0.0, 0.0], [0.0; 3])),
+                None,
+                None,
+                None,
+                None,
+            ],
+            ..Undetermined::NOTHING
+        };
+        let count = |of_others| open(of_others).copies(Pose::IDENTITY).count();
+        assert_eq!((count(false), count(true)), (4, 7));
     }
 
     #[test]

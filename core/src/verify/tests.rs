@@ -209,9 +209,8 @@ fn a_mirrored_part_is_told_unless_it_is_its_own_mirror_image() {
     let left = |seed| part(900, seed);
     let right = |seed| -> Vec<_> { part(900, seed).into_iter().map(mirrored).collect() };
     let both = |seed| -> Vec<_> {
-        let knobs = part(900, seed).into_iter().enumerate();
-        let even = |(i, p)| if i % 2 == 0 { p } else { mirrored(p) };
-        knobs.map(even).collect()
+        let mirror_image = part(450, seed + 10).into_iter().map(mirrored);
+        part(450, seed).into_iter().chain(mirror_image).collect()
     };
     let of = |source: Vec<[f32; 3]>, target: &[[f32; 3]]| {
         let found = verify(&moved(&source, truth.inverse()), target, Pose::IDENTITY);

@@ -48,8 +48,8 @@ pub struct Undetermined {
     pub any_rotation: bool,
     /// The rotational symmetry by whose turns they do.
     pub fold: Option<Fold>,
-    /// Other poses that fit as well, target_from_source. Those that the symmetry makes of these and of the given pose are not in it: see
-    /// [`Undetermined::copies`].
+    /// Other poses that fit as well, target_from_source. Those that the symmetry makes of the given pose, and of these if it does
+    /// ([`Fold::of_others`]), are not in it: see [`Undetermined::copies`].
     pub poses: [Option<Pose>; OTHERS],
 }
 
@@ -92,13 +92,19 @@ impl Undetermined {
     /// All other poses that are named as fitting as well as the given one, what the axis and the direction leave open aside.
     pub fn copies(&self, given: Pose) -> impl Iterator<Item = Pose> {
         let fold = self.fold;
-        let turned = move |pose| fold.into_iter().flat_map(move |fold| fold.copies(pose));
+        let turned = move |pose, fold: Option<Fold>| {
+            fold.into_iter().flat_map(move |fold| fold.copies(pose))
+        };
+        let of_others = fold.filter(|fold| fold.of_others);
         let others = self.poses.into_iter().flatten();
-        turned(given).chain(others.flat_map(move |pose| core::iter::once(pose).chain(turned(pose))))
+        let others =
+            others.flat_map(move |pose| core::iter::once(pose).chain(turned(pose, of_others)));
+        turned(given, fold).chain(others)
     }
 
-    /// Takes in a symmetry. If parts of its turn fit as well, or the turn that is open reaches from one of them to the next, any turn is.
-    fn take(&mut self, fold: Fold, is_any: bool) {
+    /// Takes in a symmetry, unless it is none: if parts of its turn fit as well, or the turn that is open reaches from one of them to the
+    /// next, any turn is open.
+    fn take(&mut self, fold: Fold, is_any: bool) -> bool {
         let reaches = |axis: Axis| {
             let [least, most] = axis.range_rad;
             let is_same = axis.direction.dot(fold.direction).abs() > ALONG;
@@ -110,9 +116,10 @@ impl Undetermined {
                 direction: fold.direction,
                 range_rad: [-PI, PI],
             });
-        } else {
-            self.fold = Some(fold);
+            return false;
         }
+        self.fold = Some(fold);
+        true
     }
 
     /// A pose's covariance, with what is open in it.
@@ -197,10 +204,13 @@ impl Refiner<'_> {
         let rivals = rivals.filter_map(|(held, is_tied)| held.filter(|_| is_tied));
         self.keep_losses(HERE, found.at);
         let is_full = |axis: Axis| axis.range_rad == [-PI, PI];
+        let mut fold = None;
         if !axis.is_some_and(is_full)
-            && let Some((fold, is_any)) = self.fold(found.at, rivals.map(|held| held.at))
+            && let Some((found, is_any)) = self.fold(found.at, rivals.map(|held| held.at))
         {
-            undetermined.take(fold, is_any);
+            fold = undetermined
+                .take(self.fold_outside(found), is_any)
+                .then_some(found);
         }
         // What is named, and so not named again: the same poses, and those that differ from them by what is open.
         let mut named = [None; 1 + OTHERS];
@@ -209,13 +219,25 @@ impl Refiner<'_> {
             let Some(contender) = contender.filter(|_| is_tied) else {
                 continue;
             };
-            let mut those = named.iter().flatten();
-            let is_named = those.any(|&other| undetermined.is_open(contender.at, other));
+            let without = Undetermined {
+                fold: None,
+                ..undetermined
+            };
+            let is_open = |(i, &other): (usize, &Rigid)| match fold.is_some_and(|f| f.of_others) {
+                true => undetermined.is_open(contender.at, other),
+                false if i == 0 => undetermined.is_open(contender.at, other),
+                false => without.is_open(contender.at, other),
+            };
+            let is_named = named.iter().flatten().enumerate().any(is_open);
             let free = named.iter_mut().find(|named| named.is_none());
             if let (false, Some(place)) = (is_named, free) {
                 *place = Some(contender.at);
+                if let Some(fold) = fold.as_mut().filter(|fold| fold.of_others) {
+                    fold.of_others = self.allows(*fold, contender.at);
+                }
             }
         }
+        undetermined.fold = fold.map(|fold| self.fold_outside(fold));
         let others = named.iter().skip(1).flatten();
         for (place, &at) in undetermined.poses.iter_mut().zip(others) {
             *place = Some(self.outside(at));

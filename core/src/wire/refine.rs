@@ -136,7 +136,7 @@ pub struct Fit {
     /// Turned by any multiple of a full turn over a number they fit as well ([`crate::verify::Fold`]): a point of the axis, its direction,
     /// and the number.
     pub fold: Option<([f32; 3], [f32; 3], u8)>,
-    /// Other poses that fit as well, those aside that the fold makes of them.
+    /// Other poses that fit as well, without those that the fold makes of the given one.
     pub others: u8,
     /// How uncertain the pose is ([`crate::covariance::Covariance`]): the point about which it turns, and the lower triangle
     /// by rows.
@@ -162,7 +162,7 @@ impl Fit {
             slide,
             any_rotation,
             fold,
-            poses,
+            poses: _,
         } = found.undetermined;
         let Covariance { about, matrix, .. } = found.refined.covariance;
         let mut triangle = [0.0; TRIANGLE];
@@ -190,7 +190,14 @@ impl Fit {
                 let [point, direction] = [fold.point, fold.direction].map(|v| v.to_array());
                 (point, direction, fold.order)
             }),
-            others: poses.iter().flatten().count() as u8,
+            others: {
+                let all = found
+                    .undetermined
+                    .copies(found.refined.target_from_source)
+                    .count();
+                let of_given = fold.map_or(0, |fold| usize::from(fold.order) - 1);
+                (all - of_given) as u8
+            },
             covariance: (about.to_array(), triangle),
         }
     }

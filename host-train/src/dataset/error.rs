@@ -172,15 +172,17 @@ pub enum DatasetError {
         /// File concerned.
         path: PathBuf,
     },
-    /// A target is not in units of its radius.
+    /// A target, with or without its noise, is not in units of its radius.
     #[error(
-        "{}: \"target\" of pair {entry} has radius {radius:.3}, and its mean is {off_centre:.3} from the origin, but lengths must be in radii \
+        "{}: \"{dataset}\" of pair {entry} has radius {radius:.3}, and its mean is {off_centre:.3} from the origin, but lengths must be in radii \
          of the target: subtract its mean from target, raw and the translation, then divide these, source and view_point by its radius",
         path.display()
     )]
     NotNormalised {
         /// File concerned.
         path: PathBuf,
+        /// Dataset concerned.
+        dataset: &'static str,
         /// Index of the pair.
         entry: usize,
         /// Distance of the target's mean from the origin.

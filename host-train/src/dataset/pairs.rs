@@ -139,7 +139,7 @@ impl PairSet {
         }
         let target = file.read_clouds("target", CLOUDS)?;
         file.same_count("target", target.len(), "source", count)?;
-        normalised(&target, path)?;
+        normalised(&target, path, "target")?;
         let target_from_source = poses(&file, path, "transform_gt")?;
         file.same_count("transform_gt", target_from_source.len(), "source", count)?;
         let names = file.names()?;
@@ -147,6 +147,7 @@ impl PairSet {
         let raw = if has("raw") {
             let raw = file.read_clouds("raw", "[M,K,3] f32")?;
             file.same_count("raw", raw.len(), "source", count)?;
+            normalised(&raw, path, "raw")?;
             Some(raw)
         } else {
             None
@@ -241,7 +242,11 @@ pub fn load_poses(path: &Path, dataset: &str) -> Result<Vec<Pose>, DatasetError>
 }
 
 /// Refuses targets in other units than their radii: they are registered as they are, and would fit nothing.
-fn normalised(targets: &[Vec<Point>], path: &Path) -> Result<(), DatasetError> {
+fn normalised(
+    targets: &[Vec<Point>],
+    path: &Path,
+    dataset: &'static str,
+) -> Result<(), DatasetError> {
     for (entry, target) in targets.iter().enumerate() {
         // Clouds without a frame are refused where they are registered.
         let Ok(Frame { centre, scale }) = Frame::of(target) else {
@@ -251,6 +256,7 @@ fn normalised(targets: &[Vec<Point>], path: &Path) -> Result<(), DatasetError> {
         if off_centre > OFF_CENTRE || !RADII.contains(&scale) {
             return Err(DatasetError::NotNormalised {
                 path: path.into(),
+                dataset,
                 entry,
                 off_centre,
                 radius: scale,

@@ -1,10 +1,11 @@
 //! What is said of a refined pose, in sentences: the command line prints them, and the page in a browser shows them.
 
 use crate::register::request::Done;
+use glam::Vec3;
 use reagent_core::pipeline::Refinement;
 use reagent_core::polish::Refined;
 use reagent_core::verdict::{Percent, Verdict};
-use reagent_core::verify::{Axis, Fold, OTHERS, Slide};
+use reagent_core::verify::{Axis, OTHERS, Slide};
 use reagent_core::wire::Fit;
 
 /// How the source and the target are called.
@@ -20,8 +21,8 @@ pub enum Remark {
     OpenAxis(Axis),
     /// All turns are open.
     AnyRotation,
-    /// A rotational symmetry leaves the turn open.
-    Fold(Fold),
+    /// A rotational symmetry leaves the turn open: its axis, and in how many ways.
+    Fold(Vec3, u8),
     /// The place along a direction is open.
     OpenSlide(Slide),
     /// So many other poses fit as well; [`OTHERS`] of them are those that are named, and there may be more.
@@ -71,18 +72,16 @@ impl Remark {
                 }),
             }
         });
-        let fold = fit.fold.map(|(point, direction, order)| Fold {
-            point: point.into(),
-            direction: direction.into(),
-            order,
-        });
+        let fold = fit
+            .fold
+            .map(|(_, direction, order)| Remark::Fold(direction.into(), order));
         let slide = fit.slide.map(|(direction, range)| Slide {
             direction: direction.into(),
             range,
         });
         let remarks = [
             axis,
-            fold.map(Remark::Fold),
+            fold,
             slide.map(Remark::OpenSlide),
             (others > 0).then_some(Remark::OtherPoses(others)),
             (fit.left_out != [0.0; 2]).then_some(Remark::LeftOut(fit.left_out)),
@@ -98,7 +97,7 @@ impl Remark {
             self,
             Remark::OpenAxis(_)
                 | Remark::AnyRotation
-                | Remark::Fold(_)
+                | Remark::Fold(..)
                 | Remark::OpenSlide(_)
                 | Remark::OtherPoses(_)
         )
@@ -120,11 +119,11 @@ impl Remark {
             Remark::AnyRotation => {
                 format!("undetermined: the {target} is a ball, and any rotation fits as well")
             }
-            Remark::Fold(fold) => {
-                let [x, y, z] = fold.direction.to_array();
-                let (order, degrees) = (fold.order, 360.0 / f32::from(fold.order));
+            Remark::Fold(direction, order) => {
+                let ([x, y, z], degrees) = (direction.to_array(), 360.0 / f32::from(order));
+                let degrees = (100.0 * degrees).round() / 100.0;
                 format!(
-                    "undetermined: turned about the {target}'s axis ({x:.3}, {y:.3}, {z:.3}) by any multiple of {degrees:.4} degrees it fits as well, in {order} ways"
+                    "undetermined: turned about the {target}'s axis ({x:.3}, {y:.3}, {z:.3}) by any multiple of {degrees} degrees it fits as well, in {order} ways"
                 )
             }
             Remark::OpenSlide(slide) => {
@@ -271,11 +270,7 @@ mod tests {
             ),
             (Remark::OtherPoses(1), "1 other pose fits as well"),
             (
-                Remark::Fold(Fold {
-                    point: [0.0; 3].into(),
-                    direction: [0.0, 0.0, 1.0].into(),
-                    order: 6,
-                }),
+                Remark::Fold(Vec3::Z, 6),
                 "about the part's axis (0.000, 0.000, 1.000) by any multiple of 60 degrees it fits as well, in 6 ways",
             ),
             (Remark::OtherPoses(2), "undetermined: 2 other poses fit"),

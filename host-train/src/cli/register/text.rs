@@ -128,6 +128,6 @@ fn advice(remark: &Remark, size_advice: &str) -> String {
         | Remark::LeftOut(_)
         | Remark::Mirrored
         | Remark::SeenThrough(_)
-        | Remark::Fold(_) => String::new(),
+        | Remark::Fold(..) => String::new(),
     }
 }

@@ -225,6 +225,15 @@ fn targets_in_millimetres_are_refused() {
 }
 
 #[test]
+fn targets_without_noise_in_other_units_are_refused() {
+    let mut set = sample();
+    let raw = set.raw.as_mut().expect("a raw target");
+    raw[1].iter_mut().flatten().for_each(|x| *x *= 100.0);
+    let said = refused(set);
+    assert!(said.contains("\"raw\" of pair 1 has radius"), "{said}");
+}
+
+#[test]
 fn a_list_of_symmetries_that_cannot_be_read_is_an_error() {
     let dir = tempfile::tempdir().expect("a directory");
     let path = dir.path().join("pairs.h5");

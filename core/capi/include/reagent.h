@@ -242,9 +242,19 @@ typedef struct {
   float slide_direction[3];
   // Smallest (not positive) and largest (not negative) shift along it that fit as well, in the target's unit.
   float slide_range[2];
-  // How many other poses fit as well. Only mode VERIFY looks for them: in the other modes it is always 0.
+  // Whether the axis may have any direction, since the target is a ball.
+  bool any_rotation;
+  // Not 0: turned about another axis by any multiple of a full turn over this number, the clouds fit as well, as a flange with
+  // six holes does for 6. Only mode VERIFY looks for it: in other modes it is always 0.
+  uint32_t fold_order;
+  // A point of that axis, in the target's frame and unit.
+  float fold_point[3];
+  // Unit vector along it.
+  float fold_direction[3];
+  // How many other poses are listed that fit as well, fewer than there are if there are more than REAGENT_OTHERS.
+  // Only mode VERIFY looks for them: in the other modes it is always 0.
   uint32_t others;
-  // The other poses.
+  // The other poses, those first that the fold makes of the given one.
   ReagentPose other_poses[REAGENT_OTHERS];
   // Covariance of the pose's error if it is the right pose: of a rotation vector in radians,
   // then of a translation in the clouds' unit, both along the target's axes. A point that

@@ -18,7 +18,7 @@ const ALIKE: f32 = 0.03;
 /// Shares of points matched from which on the clouds show about the same, and the weights of the score over all points then; between
 /// them the weight grows. What is beside the target may be another object unless it is little.
 const WHOLE: [f32; 2] = [0.75, 0.9];
-const OF_ALL: [f32; 2] = [0.4, 1.0];
+const OF_ALL: [f32; 2] = [0.4, 0.7];
 
 /// Standard errors from which on the mirror image's better fit is no chance. The limit is higher than for independent points,
 /// since errors of neighbours are correlated. No right pose of a training model reached it.

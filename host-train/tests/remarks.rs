@@ -112,7 +112,7 @@ fn where_sizes_differ_the_options_of_the_source_at_hand_are_named() {
     write_array(&at.join("depth.npy"), millimetres);
     let depth = format!("register --depth depth.npy --mask mask.png --camera {CAMERA} part.ply");
     let said = succeed(at, &depth);
-    let words = "taken for metres: if they are millimetres, give --depth-scale 1\n";
+    let words = "taken for a metre: if it is a millimetre, give --depth-scale 1\n";
     assert!(
         said.contains("sizes differ: ") && said.contains(words),
         "{said}"

@@ -119,6 +119,7 @@ impl Refiner<'_> {
     }
 
     /// Whether the clouds fit as well after all turns of a symmetry. It begins with few points.
+    #[inline(never)]
     pub(super) fn allows(&mut self, fold: Fold, at: Rigid) -> bool {
         let [_, compared] = SIFT_POINTS;
         let most = self.coarse_loss(at, compared, SIFT_SCALE) + ALIKE;

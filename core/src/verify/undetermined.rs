@@ -150,6 +150,8 @@ impl Undetermined {
     }
 
     /// Whether two poses differ by what the axis, the direction and the symmetry leave open, and by little else.
+    // Called at three places: inlined, it takes a kilobyte of a board's flash at each.
+    #[inline(never)]
     pub(super) fn is_open(&self, a: Rigid, b: Rigid) -> bool {
         let is_turned = match self.axis {
             Some(Axis { direction, .. }) => {
@@ -223,10 +225,14 @@ impl Refiner<'_> {
                 fold: None,
                 ..undetermined
             };
-            let is_open = |(i, &other): (usize, &Rigid)| match fold.is_some_and(|f| f.of_others) {
-                true => undetermined.is_open(contender.at, other),
-                false if i == 0 => undetermined.is_open(contender.at, other),
-                false => without.is_open(contender.at, other),
+            let of_others = fold.is_some_and(|fold| fold.of_others);
+            let is_open = |(i, &other): (usize, &Rigid)| {
+                let open = if i == 0 || of_others {
+                    &undetermined
+                } else {
+                    &without
+                };
+                open.is_open(contender.at, other)
             };
             let is_named = named.iter().flatten().enumerate().any(is_open);
             let free = named.iter_mut().find(|named| named.is_none());

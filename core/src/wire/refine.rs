@@ -162,7 +162,7 @@ impl Fit {
             slide,
             any_rotation,
             fold,
-            poses: _,
+            poses,
         } = found.undetermined;
         let Covariance { about, matrix, .. } = found.refined.covariance;
         let mut triangle = [0.0; TRIANGLE];
@@ -191,12 +191,10 @@ impl Fit {
                 (point, direction, fold.order)
             }),
             others: {
-                let all = found
-                    .undetermined
-                    .copies(found.refined.target_from_source)
-                    .count();
-                let of_given = fold.map_or(0, |fold| usize::from(fold.order) - 1);
-                (all - of_given) as u8
+                let each = fold
+                    .filter(|fold| fold.of_others)
+                    .map_or(1, |fold| fold.order);
+                poses.iter().flatten().count() as u8 * each
             },
             covariance: (about.to_array(), triangle),
         }

@@ -25,7 +25,7 @@ pub enum Remark {
     Fold(Vec3, u8),
     /// The place along a direction is open.
     OpenSlide(Slide),
-    /// So many other poses fit as well; [`OTHERS`] of them are those that are named, and there may be more.
+    /// So many other poses fit as well; from [`OTHERS`] on, there may be more than are named.
     OtherPoses(usize),
     /// Shares of the source's and of the target's points that were not looked at.
     LeftOut([f32; 2]),
@@ -134,9 +134,9 @@ impl Remark {
                 )
             }
             Remark::OtherPoses(1) => "undetermined: 1 other pose fits as well".into(),
-            // No more than these are named, and looked for.
-            Remark::OtherPoses(OTHERS) => {
-                format!("undetermined: at least {OTHERS} other poses fit as well")
+            // Not many more are looked for.
+            Remark::OtherPoses(others @ OTHERS..) => {
+                format!("undetermined: at least {others} other poses fit as well")
             }
             Remark::OtherPoses(others) => {
                 format!("undetermined: {others} other poses fit as well")

@@ -220,20 +220,19 @@ fn pixels_without_a_depth_may_stand_in_the_background() {
 #[test]
 fn what_is_undetermined_is_told() {
     let mut workspace = workspace();
-    let mut refined = |points: &[[f32; 3]]| {
-        let xyz = points.as_flattened().as_ptr();
+    let mut refined = |source: &[[f32; 3]], target: &[[f32; 3]]| {
+        let [from, to] = [source, target].map(|points| points.as_flattened().as_ptr());
         let mut task = reagent_task();
         task.anywhere = 1;
         let mut answer = ReagentAnswer::default();
-        let n = points.len();
         // SAFETY: pointers to live values.
         let status = unsafe {
             reagent_refine(
                 &mut *workspace,
-                xyz,
-                n,
-                xyz,
-                n,
+                from,
+                source.len(),
+                to,
+                target.len(),
                 &task.start,
                 &task,
                 &mut answer,
@@ -248,7 +247,8 @@ fn what_is_undetermined_is_told() {
         let radius = 0.3 + 0.2 * z * z;
         [radius * cosine, radius * sine, z]
     };
-    let vase = refined(&(0..600).map(turned).collect::<Vec<_>>());
+    let vase: Vec<_> = (0..600).map(turned).collect();
+    let vase = refined(&vase, &vase);
     // The shared points fix the angle: turned by a little, they fit worse. Without them, only the axis would be known.
     assert!(vase.verdict == ReagentVerdict::Converged, "{vase:?}");
     let on_box = |i: u16| {
@@ -260,11 +260,17 @@ fn what_is_undetermined_is_told() {
             _ => [side, 2.0 * a, 3.0 * b],
         }
     };
-    let box_of = refined(&(0..900).map(on_box).collect::<Vec<_>>());
+    let box_of: Vec<_> = (0..900).map(on_box).collect();
+    let box_of = refined(&box_of, &box_of);
     assert_eq!(box_of.verdict, ReagentVerdict::Converged, "{box_of:?}");
     assert_eq!((box_of.fold_order, box_of.any_rotation), (0, false));
+    let mut numbers = 7u32;
+    let mut next = || {
+        numbers = numbers.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (numbers >> 8) as f32 / (1 << 24) as f32 - 0.5
+    };
     let of_prism = |i: u16| {
-        let [a, b] = [0.754_877_7, 0.569_840_3].map(|step| (f32::from(i) * step).fract() - 0.5);
+        let [a, b] = [next(), next()];
         let turn = f32::from(i % 6) * core::f32::consts::FRAC_PI_3;
         let (sine, cosine) = turn.sin_cos();
         // A side, whose width is that of a hexagon; it grows along the axis.
@@ -272,7 +278,9 @@ fn what_is_undetermined_is_told() {
         let [x, y] = [radius, 2.0 * a * radius * 0.577_350_3];
         [x * cosine - y * sine, x * sine + y * cosine, 2.0 * b]
     };
-    let prism = refined(&(0..900).map(of_prism).collect::<Vec<_>>());
+    let both: Vec<_> = (0..1900).map(of_prism).collect();
+    let (source, target) = both.split_at(900);
+    let prism = refined(source, target);
     assert_eq!(prism.verdict, ReagentVerdict::Converged, "{prism:?}");
     assert_eq!((prism.fold_order, prism.others), (6, 5), "{prism:?}");
     assert!(prism.fold_direction[2].abs() > 0.99, "{prism:?}");

@@ -3,7 +3,7 @@
 use host_train::dataset::cloud_file;
 use host_train::policy::ExportError;
 use pyo3::create_exception;
-use pyo3::exceptions::{PyOSError, PyValueError};
+use pyo3::exceptions::{PyFileNotFoundError, PyOSError, PyValueError};
 use pyo3::prelude::*;
 use std::error;
 
@@ -36,6 +36,11 @@ pub(crate) fn bad_policy(error: &ExportError) -> PyErr {
     let text = chain(error);
     match error {
         ExportError::Read { source, .. } => std::io::Error::new(source.kind(), text).into(),
+        // Bundled policies have a function of their own.
+        ExportError::Missing { path } => PyFileNotFoundError::new_err(format!(
+            "cannot read {}: there is no such file",
+            path.display()
+        )),
         _ => PolicyError::new_err(text),
     }
 }

@@ -4,7 +4,9 @@ use crate::array::matrix;
 use crate::json::as_json;
 use crate::step::Step;
 use host_train::pose64::Position;
-use host_train::register::document::{Document, Fit, Open, OpenAxis, OpenFold, OpenSlide, OtherPose};
+use host_train::register::document::{
+    Document, Fit, Open, OpenAxis, OpenFold, OpenSlide, OtherPose,
+};
 use host_train::register::prepared::Prepared;
 use host_train::register::request::Done;
 use host_train::register::trace;

@@ -144,7 +144,7 @@ def test_policies_are_loaded_and_named(tmp_path):
     with pytest.raises(reagent.PolicyError, match="none.rgw is no usable policy: "):
         reagent.Policy.load(str(path))
     for name in ["other", "", 3, None]:
-        with pytest.raises(reagent.Error, match="name: expected int8, reagent, compact, views, views-compact"):
+        with pytest.raises(reagent.Error, match="name: expected int8, reagent, reagent-int8, compact, views, views-compact"):
             reagent.Policy.pretrained(name)
 
 

@@ -24,8 +24,11 @@ use std::sync::{Mutex, PoisonError};
 pub struct Mesh {
     file: CloudFile,
     /// What was last made of it, of so many points with this seed: most programs ask for the same again.
-    prepared: Mutex<Option<((Option<usize>, u64), Prepared<'static>)>>,
+    prepared: Mutex<Option<(Drawing, Prepared<'static>)>>,
 }
+
+/// How many points, if that was said, and the seed.
+type Drawing = (Option<usize>, u64);
 
 #[pymethods]
 impl Mesh {

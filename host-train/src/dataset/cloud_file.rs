@@ -20,6 +20,7 @@ mod checks;
 mod columns;
 mod error;
 mod extent;
+mod fields;
 mod lines;
 mod note;
 pub(crate) mod npy;

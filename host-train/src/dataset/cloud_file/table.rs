@@ -5,6 +5,7 @@
 //! the lines. If columns have names, those other than the coordinates may hold text. Ambiguous files are refused.
 
 use super::columns::Layout;
+use super::fields::{split, without_quoted};
 use super::lines::{self, decode, excerpt, without_comment};
 use super::{CloudFile, Note, Position};
 use crate::dataset::Point;
@@ -350,37 +351,6 @@ fn numbers_lines(column: impl Iterator<Item = f64> + Clone, fractions: bool) -> 
     let mut sorted: Vec<u64> = column.map(|x| x as u64).collect();
     sorted.sort_unstable();
     sorted.array_windows().all(|[a, b]| a < b)
-}
-
-/// The fields between separators, without those that are empty at the end. A separator in quotes belongs to its field, as RFC 4180 has it.
-fn split(content: &str, separator: char) -> Vec<Cow<'_, str>> {
-    let content = content.trim_end_matches([separator, ' ']);
-    if !content.contains('"') {
-        let blanks = separator == ' ';
-        return match blanks {
-            true => content.split_whitespace().map(Cow::from).collect(),
-            false => content
-                .split(separator)
-                .map(|field| field.trim().into())
-                .collect(),
-        };
-    }
-    let mut reader = csv::ReaderBuilder::new()
-        .has_headers(false)
-        .delimiter(separator as u8)
-        .trim(csv::Trim::All)
-        .from_reader(content.as_bytes());
-    let record = reader.records().next().and_then(Result::ok);
-    let fields = record.iter().flatten();
-    fields.map(|field| field.to_owned().into()).collect()
-}
-
-/// A line without what stands in quotes.
-fn without_quoted(content: &str) -> Cow<'_, str> {
-    if !content.contains('"') {
-        return content.into();
-    }
-    content.split('"').step_by(2).collect::<String>().into()
 }
 
 /// A number, or NaN for an empty field.

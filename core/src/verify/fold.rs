@@ -118,12 +118,16 @@ impl Refiner<'_> {
         }
     }
 
-    /// Whether the clouds fit as well after all turns of a symmetry. It begins with few points.
+    /// Whether the clouds fit as well after all turns of a symmetry. Few points leave out most that they do not fit after.
     #[inline(never)]
     pub(super) fn allows(&mut self, fold: Fold, at: Rigid) -> bool {
-        let [_, compared] = SIFT_POINTS;
+        let [few, compared] = SIFT_POINTS;
         let most = self.coarse_loss(at, compared, SIFT_SCALE) + ALIKE;
-        self.coarse_loss_below(most, fold.turned(at, 1.0), compared, SIFT_SCALE) < most
+        let is_alike = |k: u8| {
+            let turned = fold.turned(at, f32::from(k));
+            self.coarse_loss_below(most, turned, few, SIFT_SCALE) < most
+        };
+        (1..fold.order).all(is_alike)
             && (1..fold.order).all(|k| self.fits_after(at, fold, f32::from(k)))
     }
 

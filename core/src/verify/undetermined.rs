@@ -3,7 +3,7 @@
 
 use super::fold::Fold;
 use super::search::SLIPPERY;
-use super::{Contender, RANKED};
+use super::{Contender, HARDLY_EXPLAINED, RANKED};
 use crate::covariance::Covariance;
 use crate::error::Error;
 use crate::loss::CONTENDERS;
@@ -207,7 +207,9 @@ impl Refiner<'_> {
         self.keep_losses(HERE, found.at);
         let is_full = |axis: Axis| axis.range_rad == [-PI, PI];
         let mut fold = None;
-        if !axis.is_some_and(is_full)
+        // Of a pose that explains little, any turn fits as well.
+        if found.residual.source < HARDLY_EXPLAINED
+            && !axis.is_some_and(is_full)
             && let Some((found, is_any)) = self.fold(found.at, rivals.map(|held| held.at))
         {
             fold = undetermined

@@ -12,6 +12,12 @@ use glam::Vec3;
 /// Orders of symmetry that are looked for. Two poses that differ by a half turn are named as they are.
 const LEAST: u8 = 3;
 const MOST: u8 = 36;
+/// The most that a half turn suggests: boxes have such poses, too, and orders beyond are mostly suggested by other turns as well.
+const MOST_OF_HALF: u8 = 12;
+/// Cosine of half the angle, 177 degrees, from which on a turn is a half turn.
+const NEARLY_HALF: f32 = 0.026;
+/// Turns of a symmetry after which all points are compared, about.
+const SEEN: u8 = 12;
 /// Cosine of half the angle, 3.4 degrees, by which two poses that a symmetry confuses may miss one of its turns.
 const MET: f32 = 0.999_55;
 /// Parts of a symmetry's turn, by which it is seen whether any turn fits. They are not all multiples of a finer symmetry's.
@@ -77,6 +83,7 @@ impl Refiner<'_> {
         at: Rigid,
         tied: impl Iterator<Item = Rigid>,
     ) -> Option<(Fold, bool)> {
+        let none = Rotation::new(Vec3::ZERO, 1.0);
         let mut found: Option<Fold> = None;
         for other in tied {
             let between = other.rotation.after(at.rotation.inverse());
@@ -84,13 +91,13 @@ impl Refiner<'_> {
             let Some((direction, point)) = between.line(shift) else {
                 continue;
             };
-            if direction.dot(shift).abs() > SHIFTED
-                || between.likeness(Rotation::new(Vec3::ZERO, 1.0)) > SAME
-            {
+            if direction.dot(shift).abs() > SHIFTED || between.likeness(none) > SAME {
                 continue;
             }
             let least = found.map_or(LEAST, |found| found.order + 1);
-            let orders = (least..=MOST).rev();
+            let is_half = between.likeness(none) < NEARLY_HALF;
+            let most = if is_half { MOST_OF_HALF } else { MOST };
+            let orders = (least..=most).rev();
             let mut folds = orders.map(|order| Fold {
                 point,
                 direction,
@@ -118,17 +125,17 @@ impl Refiner<'_> {
         }
     }
 
-    /// Whether the clouds fit as well after all turns of a symmetry. Few points leave out most that they do not fit after.
+    /// Whether the clouds fit as well after the turns of a symmetry: by few points after all of them, and by all points after some.
     #[inline(never)]
     pub(super) fn allows(&mut self, fold: Fold, at: Rigid) -> bool {
-        let [few, compared] = SIFT_POINTS;
-        let most = self.coarse_loss(at, compared, SIFT_SCALE) + ALIKE;
+        let [few, _] = SIFT_POINTS;
+        let most = self.coarse_loss(at, few, SIFT_SCALE) + ALIKE;
         let is_alike = |k: u8| {
             let turned = fold.turned(at, f32::from(k));
             self.coarse_loss_below(most, turned, few, SIFT_SCALE) < most
         };
-        (1..fold.order).all(is_alike)
-            && (1..fold.order).all(|k| self.fits_after(at, fold, f32::from(k)))
+        let mut turns = (1..fold.order).step_by(fold.order.div_ceil(SEEN).into());
+        (1..fold.order).all(is_alike) && turns.all(|k| self.fits_after(at, fold, f32::from(k)))
     }
 
     fn fits_after(&mut self, at: Rigid, fold: Fold, parts: f32) -> bool {

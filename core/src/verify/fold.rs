@@ -134,8 +134,18 @@ impl Refiner<'_> {
             let turned = fold.turned(at, f32::from(k));
             self.coarse_loss_below(most, turned, few, SIFT_SCALE) < most
         };
-        let mut turns = (1..fold.order).step_by(fold.order.div_ceil(SEEN).into());
-        (1..fold.order).all(is_alike) && turns.all(|k| self.fits_after(at, fold, f32::from(k)))
+        if !(1..fold.order).all(is_alike) {
+            return false;
+        }
+        let step = fold.order.saturating_sub(1) / SEEN + 1;
+        let mut k = 1;
+        while k < fold.order {
+            if !self.fits_after(at, fold, f32::from(k)) {
+                return false;
+            }
+            k = k.saturating_add(step);
+        }
+        true
     }
 
     fn fits_after(&mut self, at: Rigid, fold: Fold, parts: f32) -> bool {

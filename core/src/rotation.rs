@@ -41,6 +41,12 @@ impl Rotation {
         Mat3::from_quat(Quat::from_xyzw(x, y, z, self.scalar))
     }
 
+    /// A turn about a unit vector, by the right hand.
+    pub(crate) fn about(axis: Vec3, angle_rad: f32) -> Rotation {
+        let (sine, cosine) = libm::sincosf(0.5 * angle_rad);
+        Rotation::new(axis * sine, cosine)
+    }
+
     /// This rotation after another.
     pub(crate) fn after(self, first: Rotation) -> Rotation {
         let (a, b) = (self.vector, first.vector);

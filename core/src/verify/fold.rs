@@ -1,6 +1,7 @@
 //! Rotational symmetry: turns about an axis by equal parts of a full one, after which the clouds fit as well.
 
 use super::search::ALIKE;
+use super::undetermined::HERE;
 use crate::polish::Refiner;
 use crate::pose::Pose;
 use crate::rotation::Rotation;
@@ -64,8 +65,7 @@ impl Fold {
 
     /// Several of its turns.
     fn turn(self, parts: f32) -> Rotation {
-        let (sine, cosine) = libm::sincosf(0.5 * parts * self.part_rad());
-        Rotation::new(self.direction * sine, cosine)
+        Rotation::about(self.direction, parts * self.part_rad())
     }
 
     /// The pose after such a turn. As the pose, the axis is in the refiner's frame.
@@ -75,7 +75,7 @@ impl Fold {
 }
 
 impl Refiner<'_> {
-    /// The greatest symmetry that a pose, whose losses were kept, and others that fit as well suggest, if all its turns do; and whether
+    /// The greatest symmetry that a pose and others that fit as well suggest, if all its turns do; and whether
     /// parts of one do as well, so that any turn may. It is in the refiner's frame.
     #[inline(never)]
     pub(super) fn fold(
@@ -84,6 +84,9 @@ impl Refiner<'_> {
         tied: impl Iterator<Item = Rigid>,
     ) -> Option<(Fold, bool)> {
         let none = Rotation::new(Vec3::ZERO, 1.0);
+        let mut tied = tied.peekable();
+        tied.peek()?;
+        self.keep_losses(HERE, at);
         let mut found: Option<Fold> = None;
         for other in tied {
             let between = other.rotation.after(at.rotation.inverse());

@@ -306,8 +306,7 @@ impl Search<'_, '_> {
         }
         let mut spun = Best::<SPINS_POLISHED>::NONE;
         let upside_down = Rotation::new(axis.any_orthonormal_vector(), 0.0);
-        let (sine, cosine) = libm::sincosf(core::f32::consts::PI / SPINS as f32);
-        let step = Rotation::new(axis * sine, cosine);
+        let step = Rotation::about(axis, core::f32::consts::TAU / SPINS as f32);
         for from in [at, at.turned(upside_down)] {
             let mut at = from;
             for _ in 0..SPINS {

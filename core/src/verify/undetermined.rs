@@ -31,7 +31,7 @@ const HALVED: usize = 2;
 /// Cosine of the angle below which two directions are one.
 const ALONG: f32 = 0.99;
 /// Places of the losses that are compared.
-const HERE: usize = CONTENDERS - 1;
+pub(super) const HERE: usize = CONTENDERS - 1;
 const THERE: usize = CONTENDERS - 2;
 
 /// Poses named as fitting equally well, at most.
@@ -204,7 +204,6 @@ impl Refiner<'_> {
         let tied: [bool; RANKED] = core::array::from_fn(is_tied);
         let rivals = contenders.iter().zip(tied);
         let rivals = rivals.filter_map(|(held, is_tied)| held.filter(|_| is_tied));
-        self.keep_losses(HERE, found.at);
         let is_full = |axis: Axis| axis.range_rad == [-PI, PI];
         let mut fold = None;
         // Of a pose that explains little, any turn fits as well.
@@ -219,13 +218,13 @@ impl Refiner<'_> {
         // What is named, and so not named again: the same poses, and those that differ from them by what is open.
         let mut named = [None; 1 + OTHERS];
         named[0] = Some(found.at);
+        let without = Undetermined {
+            fold: None,
+            ..undetermined
+        };
         for (contender, is_tied) in contenders.iter().zip(tied) {
             let Some(contender) = contender.filter(|_| is_tied) else {
                 continue;
-            };
-            let without = Undetermined {
-                fold: None,
-                ..undetermined
             };
             let of_others = fold.is_some_and(|fold| fold.of_others);
             let is_open = |(i, &other): (usize, &Rigid)| {
@@ -340,8 +339,7 @@ impl Refiner<'_> {
         [direction, point]: [Vec3; 2],
         angle_rad: f32,
     ) -> Option<Rigid> {
-        let (sine, cosine) = libm::sincosf(0.5 * angle_rad);
-        let there = at.turned_about(point, Rotation::new(direction * sine, cosine));
+        let there = at.turned_about(point, Rotation::about(direction, angle_rad));
         self.fits_as_well([direction, point.cross(direction)], there)
     }
 

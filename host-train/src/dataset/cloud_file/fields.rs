@@ -2,12 +2,11 @@
 
 use std::borrow::Cow;
 
-/// The fields between separators, without those that are empty at the end. A separator in quotes belongs to its field, as RFC 4180 has it.
+/// The fields between separators, without those that are empty at the end, and between blanks without any that is empty. A separator in quotes belongs to its field, as RFC 4180 has it.
 pub(super) fn split(content: &str, separator: char) -> Vec<Cow<'_, str>> {
     let content = content.trim_end_matches([separator, ' ']);
     if !content.contains('"') {
-        let blanks = separator == ' ';
-        return match blanks {
+        return match separator == ' ' {
             true => content.split_whitespace().map(Cow::from).collect(),
             false => content
                 .split(separator)
@@ -22,6 +21,7 @@ pub(super) fn split(content: &str, separator: char) -> Vec<Cow<'_, str>> {
         .from_reader(content.as_bytes());
     let record = reader.records().next().and_then(Result::ok);
     let fields = record.iter().flatten();
+    let fields = fields.filter(|field| separator != ' ' || !field.is_empty());
     fields.map(|field| field.to_owned().into()).collect()
 }
 

@@ -157,10 +157,7 @@ impl Table {
     fn fields<'a>(&mut self, content: &'a str) -> Result<Vec<Cow<'a, str>>, String> {
         let bare = without_quoted(content);
         let pointed = |field: &Cow<'a, str>| Cow::from(field.replacen(',', ".", 1));
-        let words = || {
-            let words = split(content, ' ').into_iter();
-            words.filter(|word| !word.is_empty()).collect::<Vec<_>>()
-        };
+        let words = || split(content, ' ');
         let commas = bare.contains(',');
         let all_numbers = || bare == content && words().iter().all(|word| number(word).is_some());
         let separator = if bare.contains(';') {
@@ -239,7 +236,6 @@ impl Table {
         let bare = without_quoted(text);
         let separator = [';', ',', '\t'].into_iter().find(|&c| bare.contains(c));
         let words = split(text, separator.unwrap_or(' ')).into_iter();
-        let words = words.filter(|word| separator.is_some() || !word.is_empty());
         let name = |word: Cow<str>| {
             let word = word.to_lowercase();
             let word = word.split(['[', '(']).next().unwrap_or("");

@@ -1,8 +1,8 @@
 //! Which way a target's surface faces, if a mesh tells. Surfaces that face away from the sensor were not seen, so the far side
 //! of a wall is not taken for its near side. Nor were those inside a housing.
 
-use crate::dims::SURFACE_POINTS;
 use crate::freespace::DepthGrid;
+use crate::kernels::{Bits, Isa, RUN, RUNS, Sides, has};
 use crate::model::Model;
 use crate::pose::Pose;
 use crate::surface::Surface;
@@ -15,111 +15,81 @@ const AWAY: f32 = 0.1;
 /// In place of the outward direction at a point that nothing outside can see, such as one inside a housing.
 pub const INSIDE: [f32; 3] = [f32::INFINITY; 3];
 
-/// A bit for each place of a surface.
-#[derive(Clone, Debug)]
-struct Bits([u64; SURFACE_POINTS / Bits::WORD]);
-
-impl Bits {
-    const WORD: usize = u64::BITS as usize;
-    const NONE: Bits = Bits([0; SURFACE_POINTS / Bits::WORD]);
-
-    fn set(&mut self, place: usize) {
-        if let Some(word) = self.0.get_mut(place / Bits::WORD) {
-            *word |= 1 << (place % Bits::WORD);
-        }
-    }
-
-    fn has(&self, place: usize) -> bool {
-        let word = self.0.get(place / Bits::WORD);
-        word.is_some_and(|word| word >> (place % Bits::WORD) & 1 == 1)
-    }
-}
-
 /// For a target's points, by place, whether the estimated normal points outward or inward; both at a point that nothing outside
-/// can see.
+/// can see. And which of them a sensor cannot have seen under a pose.
 #[derive(Clone, Debug)]
 pub(crate) struct Facing {
     /// Whether it is known for any point.
     is_known: bool,
     outward: Bits,
     inward: Bits,
+    /// Whether a sensor outside of the target was known when it was looked at last.
+    tells: bool,
+    /// Of the points as they were looked at last: those that face away, or that nothing outside can see.
+    hidden: Bits,
 }
 
 impl Facing {
     /// Nothing is known. All bits are zero.
     pub(crate) const UNKNOWN: Facing = Facing {
         is_known: false,
-        outward: Bits::NONE,
-        inward: Bits::NONE,
+        outward: [0; RUNS],
+        inward: [0; RUNS],
+        tells: false,
+        hidden: [0; RUNS],
     };
 
     /// Takes in outward directions at a model's points, in the order of the cloud that the model was made of.
     pub(crate) fn fill(&mut self, model: &Model, outward: &[[f32; 3]]) {
         *self = Facing::UNKNOWN;
         for (point, &outward) in model.inside().zip(outward) {
-            let here = model
-                .surface
-                .nearest_where(point.into(), f32::MIN_POSITIVE, &|_| true);
+            let here = model.surface.nearest(point.into(), f32::MIN_POSITIVE);
             // Points left out as outliers lie on no surface.
             let Some((place, _)) = here else { continue };
             let (_, normal) = model.surface.at(place);
             let along = normal.dot(Vec3::from_array(outward));
             let is_inside = outward == INSIDE;
             if is_inside || along > 0.0 {
-                self.outward.set(place);
+                set(&mut self.outward, place);
             }
             if is_inside || along < 0.0 {
-                self.inward.set(place);
+                set(&mut self.inward, place);
             }
             self.is_known |= is_inside || along.abs() > 0.0;
         }
     }
 
-    /// The target under a pose, as it faces the sensor, if there is one. A sensor within the target's radius may stand inside,
-    /// as in a room, and see the other sides; nothing is told then.
-    pub(crate) fn seen_from<'f>(
-        &'f self,
-        seen: &DepthGrid,
-        pose: Pose,
-        target: &'f Surface,
-    ) -> VisibleTarget<'f> {
+    /// Looks at the target under a pose from where the sensor is, if there is one. A sensor within the target's radius may stand
+    /// inside, as in a room, and see the other sides; nothing is told then.
+    pub(crate) fn look(&mut self, isa: Isa, seen: &DepthGrid, pose: Pose, target: &Surface) {
         let eye = seen.eye().filter(|_| self.is_known);
         let eye = eye.map(|eye| pose.apply(eye));
         let outside = eye.filter(|eye| eye.length_squared() > 1.0);
-        VisibleTarget {
-            seen: outside.map(|eye| (self, eye)),
-            target,
+        self.tells = outside.is_some();
+        if let Some(eye) = outside {
+            let sides = Sides {
+                outward: &self.outward,
+                inward: &self.inward,
+                away: AWAY,
+            };
+            isa.hidden(target.bare(), sides, eye.to_array(), &mut self.hidden);
         }
     }
-}
 
-/// A target as it faces a sensor.
-pub(crate) struct VisibleTarget<'f> {
-    seen: Option<(&'f Facing, Vec3)>,
-    target: &'f Surface,
-}
-
-impl VisibleTarget<'_> {
-    /// Whether anything is known about it.
-    pub(crate) fn tells(&self) -> bool {
-        self.seen.is_some()
+    /// The places that the sensor cannot have seen as they were looked at last; `None` if nothing is told.
+    pub(crate) fn hidden(&self) -> Option<&Bits> {
+        self.tells.then_some(&self.hidden)
     }
 
-    /// Whether the surface at a place faces away from the sensor, or nothing outside can see it; false if unknown.
-    pub(crate) fn is_away(&self, place: usize) -> bool {
-        let Some((facing, eye)) = self.seen else {
-            return false;
-        };
-        let (point, normal) = self.target.at(place);
-        let outward = match (facing.outward.has(place), facing.inward.has(place)) {
-            (true, true) => return true,
-            (true, false) => normal,
-            (false, true) => -normal,
-            (false, false) => return false,
-        };
-        let towards = eye - point;
-        let along = outward.dot(towards);
-        along < 0.0 && along * along > AWAY * AWAY * towards.length_squared()
+    /// Whether the sensor cannot have seen a place.
+    pub(crate) fn is_hidden(&self, place: usize) -> bool {
+        self.hidden().is_some_and(|hidden| has(hidden, place))
+    }
+}
+
+fn set(bits: &mut Bits, place: usize) {
+    if let Some(byte) = bits.get_mut(place / RUN) {
+        *byte |= 1 << (place % RUN);
     }
 }
 

@@ -10,7 +10,7 @@ const RAM_ON_GRID: usize = 38 * 1024;
 const STACK: usize = 13 * 1024 + 768;
 /// Both for refinement.
 const REFINEMENT_RAM: usize = 312 * 1024;
-const REFINEMENT_STACK: usize = 52 * 1024;
+const REFINEMENT_STACK: usize = 51 * 1024;
 
 fn main() {
     let target = env::var("TARGET").expect("set by cargo");

@@ -1,5 +1,6 @@
 //! Boxes around runs and blocks of points that are in spatial order.
 
+use super::hidden::Bits;
 use super::lanes::{LANES, Lanes, Places, Row, Vectors};
 use crate::dims::SURFACE_POINTS;
 use core::ops::Range;
@@ -55,6 +56,8 @@ pub struct Boxed<'a> {
     pub runs: &'a [Corners; RUNS],
     /// Boxes of the blocks.
     pub blocks: &'a Boxes,
+    /// Places that are not to be found.
+    pub hidden: Option<&'a Bits>,
 }
 
 impl Boxed<'_> {
@@ -62,6 +65,21 @@ impl Boxed<'_> {
     #[inline(always)]
     pub(super) fn count(&self) -> usize {
         self.points.1.div_ceil(BLOCK).min(BLOCKS)
+    }
+
+    /// Whether none of a block's points is to be found.
+    #[inline(always)]
+    pub(super) fn is_hidden(&self, block: usize) -> bool {
+        let runs = block * (BLOCK / RUN)..(block + 1) * (BLOCK / RUN);
+        let hidden = self.hidden.and_then(|hidden| hidden.get(runs));
+        hidden.is_some_and(|runs| runs.iter().all(|&bits| bits == u8::MAX))
+    }
+
+    /// A bit for each point of a run that is not to be found.
+    #[inline(always)]
+    pub(super) fn hidden_in(&self, run: usize) -> u8 {
+        let bits = self.hidden.and_then(|hidden| hidden.get(run));
+        bits.copied().unwrap_or(0)
     }
 
     /// Places of the points in a block.

@@ -9,6 +9,7 @@ use super::Isa;
 #[cfg(target_arch = "x86_64")]
 use super::Kind;
 use super::boxes::{BLOCKS, Boxed, RUN, bounds, largest, squared_gap};
+use super::hidden::has;
 use super::lanes::{LANES, Lanes, Places, Row, Seen, Vectors};
 use super::on_lanes::on_lanes;
 use super::{BATCH, Batch, Corners};
@@ -101,6 +102,13 @@ fn find<L: Lanes>(
             for (place, known) in batch.place.iter_mut().zip(known) {
                 *place = known.into();
             }
+            if let Some(hidden) = other.hidden {
+                for (nearest, known) in batch.nearest.iter_mut().zip(known) {
+                    if has(hidden, known.into()) {
+                        *nearest = limit;
+                    }
+                }
+            }
         }
         search::<L>(&mut batch, other);
         for i in 0..count {
@@ -165,7 +173,7 @@ fn search<L: Lanes>(batch: &mut Batch, other: &Boxed<'_>) {
         while near != 0 {
             let block = first + near.trailing_zeros() as usize;
             near &= near - 1;
-            if gaps[block % BLOCKS] < worst && block != shown {
+            if gaps[block % BLOCKS] < worst && block != shown && !other.is_hidden(block) {
                 show::<L>(batch, other, block);
                 worst = largest::<L>(&batch.nearest);
             }
@@ -186,12 +194,22 @@ fn show<L: Lanes>(batch: &mut Batch, other: &Boxed<'_>, block: usize) {
             let (Some(corners), Some(run)) = (other.runs.get(first / RUN), run) else {
                 break;
             };
-            if !reaches(at, best, corners) {
+            let hidden = other.hidden_in(first / RUN);
+            if hidden == u8::MAX || !reaches(at, best, corners) {
+                continue;
+            }
+            if hidden == 0 {
+                for (here, &point) in (first..).zip(run) {
+                    let apart = at - Vectors::all(point);
+                    (best, place) = best.keep_less(place, apart.dot(apart), here as u32);
+                }
                 continue;
             }
             for (here, &point) in (first..).zip(run) {
-                let apart = at - Vectors::all(point);
-                (best, place) = best.keep_less(place, apart.dot(apart), here as u32);
+                if hidden >> (here % RUN) & 1 == 0 {
+                    let apart = at - Vectors::all(point);
+                    (best, place) = best.keep_less(place, apart.dot(apart), here as u32);
+                }
             }
         }
         best.store(&mut batch.nearest, lane);
@@ -207,7 +225,8 @@ fn reaches<L: Lanes>(at: Vectors<L>, nearest: L, &[low, high]: &Corners) -> bool
 }
 
 impl Isa {
-    /// Finds the nearest point of another surface to each point sought, if its squared distance is below `limit`. With
+    /// Finds the nearest point of another surface that is not hidden to each point sought, if its squared distance is below
+    /// `limit`. With
     /// `is_known`, `places` holds points that may be near. Writes the place of each point's nearest at the point's own place,
     /// or sets [`BEYOND`] on an old place; and writes to `keys`, in order, the bits of the squared distances, or of the limit.
     pub fn find(

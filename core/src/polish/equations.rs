@@ -93,7 +93,7 @@ impl Refiner<'_> {
         let surfaces = self.surfaces().map(Surface::bare);
         let (mut pairs, mut count, mut sums) = ([[0; 2]; AT_ONCE], 0, Sums::ZERO);
         // `for_each` is faster here than a loop.
-        self.matched(at).for_each(|pair| {
+        self.matched().for_each(|pair| {
             if let Some(place) = pairs.get_mut(count) {
                 *place = pair;
                 count += 1;
@@ -114,7 +114,7 @@ impl Refiner<'_> {
         let [source, target] = self.surfaces();
         let (pose, mut motion) = (at.pose(), NormalEquations::ZERO);
         let (mut squares, mut weights) = (0.0f64, 0.0f64);
-        for [i, j] in self.matched(at) {
+        for [i, j] in self.matched() {
             let ((p, m), (q, n)) = (source.at(i.into()), target.at(j.into()));
             let (p, m) = (pose.apply(p), pose.rotation * m);
             let (apart, middle) = (p - q, (p + q) * 0.5);

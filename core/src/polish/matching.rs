@@ -31,7 +31,7 @@ impl Refiner<'_> {
         let Work {
             source, of_target, ..
         } = &mut *self.work;
-        of_target.find(isa, [target, source], pose.inverse(), of_t, limit_t);
+        of_target.find(isa, [target, source], None, pose.inverse(), of_t, limit_t);
     }
 
     /// Matches points for a step of a stage; returns the squared gate, from which on a match has no weight. Farther points are
@@ -56,7 +56,7 @@ impl Refiner<'_> {
         let median = of_source.median_squared();
         let known = of_target.largest_median(isa, [target, source], back, every_t);
         let gate = stage.gate(known.min(median), radius);
-        of_target.find(isa, [target, source], back, every_t, gate);
+        of_target.find(isa, [target, source], None, back, every_t, gate);
         // If one cloud shows a part of the other, the median of its own points is the part's.
         stage.gate(of_target.median_squared().min(median), radius)
     }
@@ -71,30 +71,26 @@ impl Refiner<'_> {
             facing,
             ..
         } = &mut *self.work;
-        let faced = facing.seen_from(seen, pose, target);
-        of_source.find(isa, [source, target], pose, every, limit);
-        if faced.tells() {
-            of_source.rematch_where([source, target], pose, limit, |to| !faced.is_away(to));
-        }
+        facing.look(isa, seen, pose, target);
+        let hidden = facing.hidden();
+        of_source.find(isa, [source, target], hidden, pose, every, limit);
     }
 
     /// Pairs of places in source and target that were matched last within the limit, both ways, without points that face away
     /// from the sensor.
-    pub(super) fn matched(&self, at: Rigid) -> impl Iterator<Item = Pair> {
+    pub(super) fn matched(&self) -> impl Iterator<Item = Pair> {
         let Work {
             of_source,
             of_target,
-            seen,
             facing,
             ..
         } = &*self.work;
-        let faced = facing.seen_from(seen, at.pose(), &self.model.surface);
         let forward = of_source
             .matches()
             .filter_map(|m| m.to.map(|to| [m.of as u16, to as u16]));
         let backward = of_target
             .matches()
-            .filter(move |m| !faced.is_away(m.of))
+            .filter(|m| !facing.is_hidden(m.of))
             .filter_map(|m| m.to.map(|to| [to as u16, m.of as u16]));
         forward.chain(backward)
     }

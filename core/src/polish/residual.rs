@@ -166,12 +166,11 @@ impl Refiner<'_> {
         let back = there.inverse();
         of_target.lose(isa, [target, source], back, point_share);
         if looks && seen.is_known() {
-            let faced = facing.seen_from(seen, there, target);
             for (found, lost) in of_target.lost_mut() {
                 let is_hidden = seen.hides(back.apply(target.at(found.of).0));
                 let loss = if is_hidden {
                     1.0
-                } else if faced.is_away(found.of) {
+                } else if facing.is_hidden(found.of) {
                     UNSEEN
                 } else {
                     UNSEEN * f32::from_bits(*lost)

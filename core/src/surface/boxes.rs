@@ -12,6 +12,7 @@ impl Surface {
             points: (&self.points, self.len),
             runs: &self.runs,
             blocks: &self.blocks,
+            hidden: None,
         }
     }
 

@@ -3,7 +3,7 @@
 use super::Surface;
 use super::keys::Keys;
 use crate::dims::SURFACE_POINTS;
-use crate::kernels::{BEYOND, BLOCK, Batch, Isa, NearestQuery, RUN};
+use crate::kernels::{BEYOND, BLOCK, Batch, Bits, Boxed, Isa, NearestQuery, RUN};
 use crate::pose::Pose;
 use glam::Vec3;
 
@@ -47,12 +47,13 @@ impl Matching {
         (self.len, self.every, self.is_known) = (0, 0, false);
     }
 
-    /// Finds the nearest point of `other` to every `every`-th point of a surface under `pose`, if its squared distance is below
-    /// `limit`. The nearest points under the last pose shorten the search.
+    /// Finds the nearest point of `other` that is not hidden to every `every`-th point of a surface under `pose`, if its squared
+    /// distance is below `limit`. The nearest points under the last pose shorten the search.
     pub(crate) fn find(
         &mut self,
         isa: Isa,
         [surface, other]: [&Surface; 2],
+        hidden: Option<&Bits>,
         pose: Pose,
         every: usize,
         limit: f32,
@@ -60,29 +61,12 @@ impl Matching {
         (self.len, self.every) = (surface.len, every.max(1));
         let (is_known, sought) = (self.is_known, self.sought(surface, pose));
         let (places, keys) = (&mut self.place, &mut self.keys.0);
-        isa.find(&sought, &other.boxed(), is_known, limit, places, keys);
+        let other = Boxed {
+            hidden,
+            ..other.boxed()
+        };
+        isa.find(&sought, &other, is_known, limit, places, keys);
         self.is_known |= every <= 1;
-    }
-
-    /// After [`Self::find`] with the same limit: replaces each match of no use by the nearest point that is of use, or by none.
-    pub(crate) fn rematch_where(
-        &mut self,
-        [surface, other]: [&Surface; 2],
-        pose: Pose,
-        limit: f32,
-        is_of_use: impl Fn(usize) -> bool,
-    ) {
-        let places = self.place.iter_mut().enumerate().take(self.len);
-        let places = places.step_by(self.every.max(1));
-        for ((of, place), key) in places.zip(&mut self.keys.0) {
-            if *place & BEYOND != 0 || is_of_use(usize::from(*place)) {
-                continue;
-            }
-            let seen = pose.apply(surface.at(of).0);
-            let found = other.nearest_where(seen, limit, &is_of_use);
-            *key = found.map_or(limit, |(_, squared)| squared).to_bits();
-            *place = found.map_or(*place | BEYOND, |(to, _)| to as u16);
-        }
     }
 
     /// The points to search for.
@@ -161,13 +145,8 @@ impl Matching {
 }
 
 impl Surface {
-    /// Place and squared distance of the nearest point that is of use, if that is below `limit`.
-    pub(crate) fn nearest_where(
-        &self,
-        seen: Vec3,
-        limit: f32,
-        is_of_use: &impl Fn(usize) -> bool,
-    ) -> Option<(usize, f32)> {
+    /// Place and squared distance of the nearest point, if that is below `limit`.
+    pub(crate) fn nearest(&self, seen: Vec3, limit: f32) -> Option<(usize, f32)> {
         let (mut found, mut least) = (None, limit);
         let gaps = self.blocks.gaps(seen.to_array());
         let gaps = gaps.get(..self.len.div_ceil(BLOCK)).unwrap_or(&[]);
@@ -188,7 +167,7 @@ impl Surface {
                 let places = run * RUN..self.len.min((run + 1) * RUN);
                 for (place, &point) in places.clone().zip(self.points.get(places).unwrap_or(&[])) {
                     let squared = seen.distance_squared(point.into());
-                    if squared < least && is_of_use(place) {
+                    if squared < least {
                         (found, least) = (Some(place), squared);
                     }
                 }

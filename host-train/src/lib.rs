@@ -48,6 +48,7 @@ pub mod random;
 pub mod register;
 #[cfg(not(target_family = "wasm"))]
 pub mod report;
+pub mod threads;
 #[cfg(not(target_family = "wasm"))]
 pub mod train;
 #[cfg(not(target_family = "wasm"))]

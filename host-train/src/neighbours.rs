@@ -1,6 +1,7 @@
 //! Exact nearest neighbours in one cloud, by a kd-tree in f64.
 
 use crate::dataset::Point;
+use crate::threads::on_all_threads;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use nalgebra::Vector3;
 use reagent_core::Error;
@@ -56,8 +57,8 @@ impl Neighbours {
 
     /// [`Neighbours::around`] for each of `points`.
     pub fn lists(&self, points: &[Point], radius: f64, most: usize) -> Vec<Vec<(usize, f64)>> {
-        let around = |&p: &Point| self.around(wide(p), radius, most);
-        points.iter().map(around).collect()
+        let around = |k: usize| self.around(wide(points[k]), radius, most);
+        on_all_threads(points.len(), around)
     }
 }
 

@@ -2,6 +2,7 @@
 
 use crate::dataset::Point;
 use crate::neighbours::wide;
+use crate::threads::on_all_threads;
 use nalgebra::{Matrix3, Vector3};
 
 /// Size of a neighbourhood.
@@ -35,12 +36,12 @@ pub fn normals(
     settings: &NormalSettings,
 ) -> Vec<Vector3<f64>> {
     let limit = settings.radius * settings.radius;
-    let normal = |list: &Vec<(usize, f64)>| {
-        let nearest = list.iter().take(settings.most);
+    let normal = |k: usize| {
+        let nearest = lists[k].iter().take(settings.most);
         let neighbours = nearest.take_while(|near| near.1 <= limit);
         least_spread(neighbours.map(|near| wide(points[near.0])))
     };
-    lists.iter().map(normal).collect()
+    on_all_threads(lists.len(), normal)
 }
 
 /// Turns a cloud's normals away from its mean, so that the same surface has the same normals in every pose.

@@ -4,6 +4,7 @@ use super::Point;
 use super::mesh::Mesh;
 use super::raster::Pinhole;
 use crate::random::Rng;
+use crate::threads::on_all_threads;
 use glam::{Affine3A, Mat3, Vec2, Vec3};
 
 /// Directions from which a mesh is looked at; a hole that is five times as deep as wide may be missed by all.
@@ -49,7 +50,7 @@ impl Outside {
             focal: Vec2::splat(0.5 * ACROSS * (DISTANCE * DISTANCE - 1.0).sqrt()),
             centre: Vec2::splat(0.5 * (pixels - 1.0)),
         };
-        let views = (0..DIRECTIONS).map(|k| {
+        let views = on_all_threads(DIRECTIONS, |k| {
             let ahead = direction(k);
             let (right, down) = ahead.any_orthonormal_pair();
             let turn = Mat3::from_cols(right, down, ahead).transpose() * (1.0 / radius);
@@ -61,10 +62,7 @@ impl Outside {
                 inverse_depths: camera.inverse_depths(mesh, &camera_from_mesh),
             }
         });
-        Some(Outside {
-            views: views.collect(),
-            camera,
-        })
+        Some(Outside { views, camera })
     }
 
     /// Which sides of a piece of surface can be seen from outside: the one that its unit normal points to, and the other.
@@ -73,9 +71,14 @@ impl Outside {
         let [flat, steep] = TOLERANCE.map(|pixels| pixels * pixel_size);
         let mut sides = [false; 2];
         for view in &self.views {
-            let cosine = (view.eye - point).normalize().dot(normal);
-            let side = &mut sides[usize::from(cosine < 0.0)];
-            if *side || cosine.is_nan() || cosine.abs() < LEAST_COSINE {
+            let towards = view.eye - point;
+            let along = towards.dot(normal);
+            let side = &mut sides[usize::from(along < 0.0)];
+            if *side {
+                continue;
+            }
+            let cosine = along / towards.length();
+            if cosine.is_nan() || cosine.abs() < LEAST_COSINE {
                 continue;
             }
             let at = view.camera_from_mesh.transform_point3(point);

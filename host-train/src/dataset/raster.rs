@@ -18,6 +18,15 @@ pub struct Pinhole {
     pub centre: Vec2,
 }
 
+/// A vertex as a camera sees it.
+#[derive(Clone, Copy)]
+struct Corner {
+    pixel: Vec2,
+    inverse_depth: f32,
+    /// Whether it is far enough in front of the camera.
+    is_ahead: bool,
+}
+
 impl Pinhole {
     /// The ray through a pixel's centre, to depth 1.
     pub fn ray(&self, column: usize, row: usize) -> Vec3 {
@@ -42,31 +51,32 @@ impl Pinhole {
     /// behind the camera are left out.
     pub fn inverse_depths(&self, mesh: &Mesh, camera_from_mesh: &Affine3A) -> Vec<f32> {
         let mut image = vec![0.0f32; self.size[0] * self.size[1]];
-        let vertices = mesh
-            .vertices
-            .iter()
-            .map(|v| camera_from_mesh.transform_point3(*v))
-            .collect();
-        let in_camera = Mesh {
-            vertices,
-            faces: Vec::new(),
-        };
-        for &face in &mesh.faces {
-            let Some(corners) = in_camera.corners(face) else {
-                continue;
-            };
-            // Written so that NaN is left out, too.
-            if corners.iter().all(|corner| corner.z > NEAR) {
-                self.fill(corners, &mut image);
+        let seen = |vertex: &Vec3| self.see(camera_from_mesh.transform_point3(*vertex));
+        let seen: Vec<Corner> = mesh.vertices.iter().map(seen).collect();
+        for face in &mesh.faces {
+            let corners = face.map(|index| seen.get(index as usize).copied());
+            if let [Some(a), Some(b), Some(c)] = corners
+                && [a, b, c].iter().all(|corner| corner.is_ahead)
+            {
+                self.fill([a, b, c], &mut image);
             }
         }
         image
     }
 
+    fn see(&self, point: Vec3) -> Corner {
+        Corner {
+            pixel: self.project(point),
+            inverse_depth: 1.0 / point.z,
+            // NaN is not.
+            is_ahead: point.z > NEAR,
+        }
+    }
+
     /// Draws one triangle; the inverse depth is linear in the image.
-    fn fill(&self, corners: [Vec3; 3], image: &mut [f32]) {
+    fn fill(&self, corners: [Corner; 3], image: &mut [f32]) {
         let [width, height] = self.size;
-        let [a, b, c] = corners.map(|corner| self.project(corner));
+        let [a, b, c] = corners.map(|corner| corner.pixel);
         let doubled_area = (b - a).perp_dot(c - a);
         if doubled_area == 0.0 || !doubled_area.is_finite() {
             return;
@@ -87,25 +97,29 @@ impl Pinhole {
             |p: Vec2| Vec3::from_array(edges.map(|(edge, from)| edge.perp_dot(p - from)));
         let right = Vec3::from_array(edges.map(|(edge, _)| -edge.y));
         let each = right.recip();
-        let inverses = Vec3::from_array(corners.map(|corner| 1.0 / corner.z));
+        let inverses = Vec3::from_array(corners.map(|corner| corner.inverse_depth));
         for row in rows {
             let first = weights_at(Vec2::new(columns.start as f32, row as f32));
             let pixels = &mut image[row * width..][columns.clone()];
-            let inside = span(first, each, pixels.len());
-            for (along, pixel) in pixels
-                .iter_mut()
-                .enumerate()
-                .take(inside.end)
-                .skip(inside.start)
-            {
+            let inside = match pixels.len() {
+                ..=FEW => 0..pixels.len(),
+                count => span(first, each, count),
+            };
+            let along = inside.start as i32..;
+            // Without branches, so that several pixels are computed at a time.
+            for (along, pixel) in along.zip(&mut pixels[inside]) {
                 let weights = first + right * along as f32;
-                if weights.min_element() >= 0.0 {
-                    *pixel = pixel.max(weights.dot(inverses));
-                }
+                let inverse = weights.dot(inverses);
+                let is_inside = (weights.x >= 0.0) & (weights.y >= 0.0) & (weights.z >= 0.0);
+                let is_nearer = is_inside & (inverse > *pixel);
+                *pixel = if is_nearer { inverse } else { *pixel };
             }
         }
     }
 }
+
+/// Pixels of a row that are all looked at sooner than the outer ones are found.
+const FEW: usize = 8;
 
 /// The pixels of a row outside of which a weight is negative, and perhaps a few more: from the weights at the first pixel and the
 /// inverses of their growth from one pixel to the next. Of a sliver, few are left.
@@ -121,7 +135,8 @@ fn span(first: Vec3, each: Vec3, count: usize) -> std::ops::Range<usize> {
             end = end.min(zero + 2.0);
         }
     }
-    start as usize..end as usize
+    let end = end as usize;
+    (start as usize).min(end)..end
 }
 
 #[cfg(test)]

@@ -58,7 +58,7 @@ pub(super) fn decided_by_all_points(
         let Planes {
             points: on,
             normals,
-        } = target.planes_seen_from(eye)?;
+        } = target.all_seen_from(eye)?;
         let on = frame.points(&on);
         let surface = IcpTarget::with_normals(&on, &normals)?;
         let settings = IcpSettings {

@@ -19,10 +19,12 @@ use std::collections::HashMap;
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
-/// Points of a mesh's surface, and the normals of its faces there.
-pub(super) struct Planes {
-    pub(super) points: Vec<Point>,
-    pub(super) normals: Vec<Point>,
+/// Points of a surface.
+pub struct Planes<'a> {
+    /// The points.
+    pub points: Cow<'a, [Point]>,
+    /// Normals of the faces that they were drawn from, which may point to either side; empty without faces.
+    pub normals: Cow<'a, [Point]>,
 }
 
 /// One of the two clouds. Copies share what a mesh tells.
@@ -194,32 +196,25 @@ impl<'a> Prepared<'a> {
         surface.map_or(&[], |surface| surface.outward(&self.all))
     }
 
-    /// The points for the last refinement that a sensor at `eye` may see. It sees all if it stands within the radius.
+    /// The points for the last refinement that a sensor at `eye` may see. It sees all if it stands within the radius, and so does
+    /// none.
     ///
     /// # Errors
     /// A cloud without extent.
-    pub fn all_seen_from(&self, eye: Vec3) -> Result<Cow<'_, [Point]>, Error> {
-        Ok(match self.seen_from(Some(eye))? {
-            Some(seen) => Cow::Owned(seen.map(|k| self.all[k]).collect()),
-            None => Cow::Borrowed(&self.all),
-        })
-    }
-
-    /// The same points with the normals of the faces that they were drawn from, which may point to either side; all of them
-    /// without a sensor, and none without faces.
-    ///
-    /// # Errors
-    /// A cloud without extent.
-    pub(super) fn planes_seen_from(&self, eye: Option<Vec3>) -> Result<Planes, Error> {
+    pub fn all_seen_from(&self, eye: Option<Vec3>) -> Result<Planes<'_>, Error> {
         let normals = self.surface.as_ref().map_or(&[][..], |s| s.normals());
         Ok(match self.seen_from(eye)? {
             Some(seen) => {
-                let (points, normals) = seen.map(|k| (self.all[k], normals[k])).unzip();
-                Planes { points, normals }
+                let (points, normals): (Vec<_>, _) =
+                    seen.map(|k| (self.all[k], normals[k])).unzip();
+                Planes {
+                    points: Cow::Owned(points),
+                    normals: Cow::Owned(normals),
+                }
             }
             None => Planes {
-                points: self.all[..normals.len()].to_vec(),
-                normals: normals.to_vec(),
+                points: Cow::Borrowed(&*self.all),
+                normals: Cow::Borrowed(normals),
             },
         })
     }

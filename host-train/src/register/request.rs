@@ -13,7 +13,6 @@ use reagent_core::dims::STEPS;
 use reagent_core::pipeline::{Mode, Task};
 use reagent_core::verdict::Verdict;
 use reagent_core::{Error, Policy, Pose};
-use std::borrow::Cow;
 use std::time::Instant;
 
 /// Least share of the points near the target for a source that shows the target and nothing else, whatever its
@@ -170,11 +169,8 @@ impl Request {
         } = best_and_others(memory, clouds, &tasks, found, next_best)?;
         let reached = found.answer.target_from_source;
         let dense = if is_refined {
-            let target = match view_point {
-                Some(view_point) => target.all_seen_from(reached.apply(view_point))?,
-                None => Cow::Borrowed(&*target.all),
-            };
-            refine_densely(&source.all, &target, reached)?
+            let eye = view_point.map(|view_point| reached.apply(view_point));
+            refine_densely(&source.all, &target.all_seen_from(eye)?, reached)?
         } else {
             None
         };

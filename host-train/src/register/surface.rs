@@ -4,6 +4,7 @@ use crate::dataset::Point;
 use crate::dataset::mesh::Mesh;
 use crate::dataset::outside::Outside;
 use crate::dataset::winding::Winding;
+use crate::threads::on_all_threads;
 use glam::Vec3;
 use reagent_core::pipeline::INSIDE;
 use std::sync::OnceLock;
@@ -36,7 +37,6 @@ impl Surface {
     /// Of the points drawn: outward normals, [`INSIDE`] where nothing outside can see them, and NaN where both sides can be seen.
     /// Empty if nothing is told.
     pub(super) fn outward(&self, points: &[Point]) -> &[Point] {
-        // Without other threads: one that waits here might hold what they wait for.
         self.outward.get_or_init(|| self.look(points))
     }
 
@@ -45,16 +45,17 @@ impl Surface {
             return Vec::new();
         };
         let winding = self.mesh.winding();
-        let of = |(point, normal): (&Point, &Point)| {
+        let of = |k: usize| {
+            let (point, normal) = (points[k], self.normals[k]);
             let inward = normal.map(|x| -x);
-            match (outside.sees((*point).into(), (*normal).into()), winding) {
+            match (outside.sees(point.into(), normal.into()), winding) {
                 ([false, false], _) => INSIDE,
-                (_, Some(Winding::Outward)) | ([true, false], None) => *normal,
+                (_, Some(Winding::Outward)) | ([true, false], None) => normal,
                 (_, Some(Winding::Inward)) | ([false, true], None) => inward,
                 ([true, true], None) => [f32::NAN; 3],
             }
         };
-        let told: Vec<Point> = points.iter().zip(&self.normals).map(of).collect();
+        let told = on_all_threads(points.len().min(self.normals.len()), of);
         let tells = told.iter().any(|outward| !outward[0].is_nan());
         if tells { told } else { Vec::new() }
     }

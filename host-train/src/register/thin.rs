@@ -33,18 +33,25 @@ pub fn thin(points: &[Point], count: usize) -> Vec<Point> {
     thinned
 }
 
-/// Splits off the points that lie far from all others ([`Bulk`]): (near, far). `None` if there are none.
-pub fn near_and_far(points: &[Point]) -> Option<[Vec<Point>; 2]> {
+/// Splits off the points that lie far from all others: (near, far). `None` if there are none.
+fn near_and_far(points: &[Point]) -> Option<[Vec<Point>; 2]> {
+    let bulk = bulk(points);
+    if bulk == Bulk::ALL {
+        return None;
+    }
+    let (near, far) = points.iter().partition(|&&point| bulk.holds(point));
+    Some([near, far])
+}
+
+/// Which points do not lie far from all others.
+pub fn bulk(points: &[Point]) -> Bulk {
     let of = |count: usize| Bulk::of(points, &mut vec![0; count]);
     let some = points.len().min(JUDGED);
     // If a sample of the points has no gap, the rest hardly has one.
-    let bulk = match of(some) {
-        Bulk::ALL => return None,
-        bulk if some == points.len() => bulk,
+    match of(some) {
+        bulk if bulk == Bulk::ALL || some == points.len() => bulk,
         _ => of(points.len()),
-    };
-    let (near, far) = points.iter().partition(|&&point| bulk.holds(point));
-    Some([near, far])
+    }
 }
 
 fn thin_near(points: &[Point], count: usize) -> Vec<Point> {

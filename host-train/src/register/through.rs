@@ -57,7 +57,7 @@ pub fn seen_through(
             [cell / CELLS, cell % CELLS].map(|at| at.saturating_sub(1)..(at + 2).min(CELLS));
         row.flat_map(move |row| column.clone().map(move |column| row * CELLS + column))
     };
-    let facing = target.all_seen_from(eye)?;
+    let facing = target.all_seen_from(Some(eye))?.points;
     let is_through = |point: &&Point| {
         cell(Vec3::from(**point)).is_some_and(|(cell, depth)| {
             let nearest =

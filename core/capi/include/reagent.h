@@ -43,7 +43,7 @@
 #define REAGENT_VERSION (((REAGENT_VERSION_MAJOR * 1000000) + (REAGENT_VERSION_MINOR * 1000)) + REAGENT_VERSION_PATCH)
 
 // Words of a ReagentWorkspace.
-#define REAGENT_WORKSPACE_WORDS 30200
+#define REAGENT_WORKSPACE_WORDS 30300
 
 // Outcome of a call; reagent_status_text has a sentence for each. A call that is not OK changed nothing, except that
 // reagent_prepare leaves the model unprepared.

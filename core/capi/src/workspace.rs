@@ -6,7 +6,7 @@ use core::mem::{align_of, size_of};
 use reagent_core::polish::Workspace;
 
 /// Words of a ReagentWorkspace.
-pub const REAGENT_WORKSPACE_WORDS: usize = 30_200;
+pub const REAGENT_WORKSPACE_WORDS: usize = 30_300;
 
 /// Memory for one call of reagent_register, reagent_refine or reagent_prepare, provided by the caller, with any content.
 #[repr(C)]

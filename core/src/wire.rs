@@ -59,7 +59,7 @@ use crate::error::Error;
 use serde::{Deserialize, Serialize};
 
 /// Version of the frames: the first byte of each frame but a manifest.
-pub const VERSION: u8 = 10;
+pub const VERSION: u8 = 11;
 /// Version of manifests, signed or not: the first byte of each. Robots keep manifests when they themselves are updated.
 pub const MANIFEST_VERSION: u8 = 4;
 /// Most bytes in one [`Chunk`] of a policy file.
@@ -72,7 +72,7 @@ pub const REQUEST_OVERHEAD_BYTES: usize = 160;
 /// manifest's frame (u32, little-endian), the frame, then unused bytes.
 pub const FLASH_HEADER_BYTES: usize = 512;
 /// Most bytes of a refine request that a robot can serve.
-pub const REQUEST_BYTES: usize = REQUEST_OVERHEAD_BYTES + 3 * MAX_POINTS * cloud::POINT_BYTES;
+pub const REQUEST_BYTES: usize = REQUEST_OVERHEAD_BYTES + 4 * MAX_POINTS * cloud::POINT_BYTES;
 
 /// The content of a frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

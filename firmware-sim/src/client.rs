@@ -9,7 +9,9 @@ pub use robots::Heard;
 
 use crate::session::plain;
 use reagent_core::Error;
-use reagent_core::wire::{self, Message, RefineReply, RefineRequest, Refusal, Status, keys};
+use reagent_core::wire::{
+    self, CloudView, Message, RefineReply, RefineRequest, Refusal, Status, keys,
+};
 use std::time::{Duration, Instant};
 use thiserror::Error as ThisError;
 use zenoh::Session;
@@ -90,7 +92,13 @@ async fn refine_from(
     request: &RefineRequest<'_>,
 ) -> Result<RefineReply, RefineError> {
     let key = keys::refine(fleet, robot).map_err(RefineError::Request)?;
-    let points = request.source.len() + request.target.len() + request.background.len();
+    let clouds = [
+        request.source,
+        request.target,
+        request.background,
+        request.outward,
+    ];
+    let points: usize = clouds.iter().map(CloudView::len).sum();
     let mut frame = vec![0; wire::REQUEST_OVERHEAD_BYTES + 12 * points];
     let length = wire::encode(&Message::RefineRequest(*request), &mut frame)
         .map_err(RefineError::Request)?

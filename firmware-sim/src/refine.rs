@@ -23,7 +23,7 @@ use host_train::register::sentences::{Remark, UP_TO, outcome};
 use host_train::register::{Start, in_order, within_capacity};
 use reagent_core::dims::STEPS;
 use reagent_core::verdict::Percent;
-use reagent_core::wire::{CloudView, Mode, RefineRequest};
+use reagent_core::wire::{Cloud, CloudView, Mode, Reason, RefineRequest};
 use reagent_core::{Grid, Pose};
 use reagent_link::log::one_line;
 use reagent_link::name::name;
@@ -119,6 +119,8 @@ struct Sent {
     view_point: Option<Point>,
     /// What else the sensor saw, relative to the origin.
     background: Vec<Point>,
+    /// Outward directions at the points of a target that was seen from one point, if a mesh tells them.
+    outward: Vec<Point>,
     /// What the reader noticed.
     notes: Vec<Note>,
 }
@@ -132,6 +134,7 @@ impl Sent {
         let relative = |at: Position| [0, 1, 2].map(|k| (at[k] - cloud.origin[k]) as f32);
         Sent {
             points: in_order(cloud.points().to_vec()),
+            outward: Vec::new(),
             origin: cloud.origin,
             view_point: view_point.map(relative),
             background: cloud.background,
@@ -179,8 +182,13 @@ impl RefineArgs {
             model.notice_missing_faces();
         }
         let mut seen = Sent::of(seen, &source, view_point);
-        let model = Sent::of(model, &target, None);
+        // Copies share what a mesh tells.
+        let mesh = model.clone();
+        let mut model = Sent::of(model, &target, None);
         if let Some(view_point) = seen.view_point {
+            if self.mode != Some(Mode::Fast) {
+                model.outward = mesh.outward_at(&model.points);
+            }
             // Send only the background that counts.
             let clouds = [seen.points.as_slice(), &model.points];
             seen.background = nearest_per_cell(clouds, view_point.into(), &seen.background)?;
@@ -244,9 +252,23 @@ impl Asking {
             anywhere: self.start == Start::None,
             view_point: source.view_point,
             background: view(2),
+            outward: CloudView::of(&target.outward),
             ..RefineRequest::new(id, view(0), view(1))
         };
-        let answer = ask(&self.client, &self.args.robot, &request).await;
+        let mut answer = ask(&self.client, &self.args.robot, &request).await;
+        if let Err(RefineError::Refused { robot, refusal }) = &answer
+            && let Reason::TooManyPoints(Cloud::Background, _) = refusal.reason
+        {
+            eprintln!(
+                "robot {robot} has no memory for a background or for which way a mesh faces; it is asked without them"
+            );
+            let clouds_alone = RefineRequest {
+                background: CloudView::of(&[]),
+                outward: CloudView::of(&[]),
+                ..request
+            };
+            answer = ask(&self.client, &self.args.robot, &clouds_alone).await;
+        }
         let answer = match answer {
             Err(error @ RefineError::NoRobot { .. }) if has_certificate(&self.args.session)? => {
                 bail!(
@@ -346,6 +368,7 @@ impl Asking {
             origin: [0.0; 3],
             view_point,
             background: Vec::new(),
+            outward: Vec::new(),
             notes: Vec::new(),
         });
         let answer = self.ask(index as u64 + 1, clouds.each_ref()).await?;

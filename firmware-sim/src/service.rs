@@ -118,6 +118,7 @@ struct Buffers {
     source: Box<[[f32; 3]]>,
     target: Box<[[f32; 3]]>,
     background: Box<[[f32; 3]]>,
+    outward: Box<[[f32; 3]]>,
     workspace: Box<Workspace>,
 }
 
@@ -128,6 +129,7 @@ impl Buffers {
             source: empty(),
             target: empty(),
             background: empty(),
+            outward: empty(),
             workspace: Box::new(Workspace::new()),
         }
     }
@@ -182,10 +184,15 @@ fn answer(
     let source = taken(Cloud::Source, &request.source, &mut buffers.source).map_err(refused)?;
     let target = taken(Cloud::Target, &request.target, &mut buffers.target).map_err(refused)?;
     let mut steps = Vec::new();
-    // The points need not be checked: those that are not finite are ignored.
+    // These need not be checked: what is not finite is ignored.
     let background = request.background.copy_into(&mut buffers.background);
-    let count = background.map_err(|error| refused(Reason::of(error, Cloud::Background)))?;
-    let task = request.task(&buffers.background[..count]);
+    let points = background.map_err(|error| refused(Reason::of(error, Cloud::Background)))?;
+    let outward = request.outward.copy_into(&mut buffers.outward);
+    let directions = outward.map_err(|error| refused(Reason::of(error, Cloud::Target)))?;
+    let task = request.task(
+        &buffers.background[..points],
+        &buffers.outward[..directions],
+    );
     let watch = |progress: Progress<'_, '_>| match progress {
         Progress::Next => check().map_err(Interrupted::Stop),
         Progress::Step(step, registration) => {

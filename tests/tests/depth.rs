@@ -5,12 +5,19 @@ mod support;
 use clap::Parser;
 use firmware_sim::refine::RefineArgs;
 use host_train::cli::Cli;
-use host_train::dataset::cloud_file::{CloudFile, read_cloud, write_cloud};
 use host_train::policy::{VIEWS, WeightFile};
+use reagent_core::wire::{
+    Cloud, Message, Mode, Reason, RefineReply, Refusal, SMALL_FRAME_BYTES, decode, encode, keys,
+};
+use reagent_core::{Pose, Verdict};
 use reagent_tests::depth::{CAMERA, start, write_view};
 use serde_json::Value;
 use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
 use support::{FLEET, Network, publisher, until};
+use zenoh::query::Queryable;
+use zenoh::{Session, Wait};
 
 /// Depth of the wall, tenths of a millimetre: near enough to matter.
 const WALL: u16 = 5600;
@@ -48,14 +55,7 @@ async fn a_robot_answers_what_the_workstation_does() {
             .to_owned()
     };
     write_view(folder.path(), WALL);
-    // Frames do not say which way a target faces, so the workstation does not learn it either.
-    let surface = read_cloud(Path::new(&at("part.ply")), 1).expect("a mesh");
-    let points = CloudFile {
-        points: surface.points,
-        ..CloudFile::default()
-    };
-    write_cloud(Path::new(&at("part.xyz")), &points).expect("written");
-    let (depth, mask, part) = (at("depth.png"), at("mask.png"), at("part.xyz"));
+    let (depth, mask, part) = (at("depth.png"), at("mask.png"), at("part.ply"));
     let start = start();
     // From an estimate, from anywhere, and in another unit, in which nothing fits.
     for (init, scale) in [(start.as_str(), "1"), ("none", "1"), ("none", "0.5")] {
@@ -120,4 +120,89 @@ async fn a_robot_answers_what_the_workstation_does() {
         "refine", "--fleet", FLEET, "--robot", "r1", "--depth", &depth,
     ];
     assert!(Refine::try_parse_from(short).is_err(), "no camera");
+}
+
+/// A robot without memory for more than two clouds, as a board is. Counts its refusals.
+async fn small_robot(session: &Session, robot: &str) -> (Queryable<()>, Arc<AtomicU32>) {
+    let key = keys::refine(FLEET, robot).expect("good names");
+    let refused = Arc::new(AtomicU32::new(0));
+    let (count, here) = (refused.clone(), key.clone());
+    let serving = session.declare_queryable(key.as_str());
+    let serving = serving.callback(move |query| {
+        let payload = query.payload().expect("a request").to_bytes();
+        let Ok(Message::RefineRequest(request)) = decode(&payload) else {
+            panic!("it is a request");
+        };
+        let mut buffer = [0; SMALL_FRAME_BYTES];
+        let mut frame = |message| encode(&message, &mut buffer).expect("it fits").to_vec();
+        let besides = request.background.len() + request.outward.len();
+        let sent = if besides > 0 {
+            assert!(
+                request.outward.len() == request.target.len() && !request.background.is_empty()
+            );
+            count.fetch_add(1, Ordering::Relaxed);
+            let reason = Reason::TooManyPoints(Cloud::Background, besides as u32);
+            let id = request.id;
+            query
+                .reply_err(frame(Message::Refusal(Refusal { id, reason })))
+                .wait()
+        } else {
+            let reply = RefineReply {
+                id: request.id,
+                target_from_source: Pose::IDENTITY.to_rows(),
+                steps: 0,
+                mode: Mode::Fast,
+                verdict: Verdict::StepLimit,
+                probability: None,
+                fit: None,
+                waited_micros: 0,
+                micros: 0,
+                policy_version: 1,
+            };
+            query
+                .reply(here.as_str(), frame(Message::RefineReply(reply)))
+                .wait()
+        };
+        sent.expect("an open session");
+    });
+    (serving.await.expect("an open session"), refused)
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_robot_without_memory_for_what_was_seen_besides_is_asked_without_it() {
+    let network = Network::start().await;
+    let (_robot, refused) = small_robot(&network.router, "r2").await;
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    write_view(folder.path(), WALL);
+    let at = |name: &str| folder.path().join(name).display().to_string();
+    let (depth, mask, part, json) = (
+        at("depth.png"),
+        at("mask.png"),
+        at("part.ply"),
+        at("r2.json"),
+    );
+    let words = [
+        "refine",
+        "--fleet",
+        FLEET,
+        "--robot",
+        "r2",
+        "--connect",
+        &network.endpoint,
+    ];
+    let seen = [
+        "--depth",
+        &depth,
+        "--camera",
+        CAMERA,
+        "--mask",
+        &mask,
+        "--depth-scale",
+        "0.1",
+    ];
+    let words = [&words[..], &seen, &["--json", &json, &part]].concat();
+    let refine = Refine::try_parse_from(words).expect("good usage");
+    refine.args.run().await.expect("a pose");
+    assert_eq!(refused.load(Ordering::Relaxed), 1);
+    assert_eq!(document(Path::new(&json))["robot"], "r2");
 }

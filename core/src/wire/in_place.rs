@@ -9,7 +9,7 @@ use crate::error::Error;
 use crate::grid::Grid;
 
 /// A [`RefineRequest`] whose clouds lie aligned, in the format in which they came, in the buffer that held the frame. It has no
-/// view point or background: a device without memory for a background does not look at free space.
+/// view point, background or outward directions: a device without memory for these does not look at free space.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RequestInPlace<'b> {
     /// Client and id of the request.
@@ -132,7 +132,7 @@ fn points_of(grid: Option<Grid>, bytes: usize) -> usize {
 }
 
 /// The refusal of a frame of which only the beginning was kept: because of `busy`, or because a request of `length` bytes is
-/// longer than one with `points` points in each cloud. Points of a background are counted as if they were in the target's
+/// longer than one with `points` points in each cloud. What follows the target is counted as a background in the target's
 /// format. If the beginning ends before the target, all that follows the source is counted in the source's format.
 pub fn refuse_beginning(beginning: &[u8], length: usize, points: usize, busy: bool) -> Refusal {
     let unread = Refusal {

@@ -47,20 +47,24 @@ pub struct RefineRequest<'a> {
     /// ([`crate::polish::Refiner::nearest_in_cell`]).
     #[serde(borrow)]
     pub background: CloudView<'a>,
+    /// Outward directions at the target's points, in their order, as [`Task::outward`]; empty if nothing tells them.
+    #[serde(borrow)]
+    pub outward: CloudView<'a>,
 }
 
 /// Time that a request has unless it says otherwise, milliseconds.
 pub const BUDGET_MS: u32 = 10_000;
 
 impl<'a> RefineRequest<'a> {
-    /// What it asks for, with its background's points.
-    pub fn task<'b>(&self, background: &'b [[f32; 3]]) -> Task<'b> {
+    /// What it asks for, with its background's points and its outward directions.
+    pub fn task<'b>(&self, background: &'b [[f32; 3]], outward: &'b [[f32; 3]]) -> Task<'b> {
         let pose = self.initial.map_or(Pose::IDENTITY, Pose::from_rows);
         Task {
             mode: self.mode,
             steps: usize::from(self.max_steps),
             view_point: self.view_point.map(Vec3::from_array),
             background,
+            outward,
             ..Task::new(if self.anywhere {
                 Start::Anywhere
             } else {
@@ -84,6 +88,7 @@ impl<'a> RefineRequest<'a> {
             source,
             target,
             background: CloudView::of(&[]),
+            outward: CloudView::of(&[]),
         }
     }
 }

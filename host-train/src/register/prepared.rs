@@ -181,14 +181,17 @@ impl<'a> Prepared<'a> {
     /// [`INSIDE`](reagent_core::pipeline::INSIDE) where nothing outside can see them, and NaN where both sides can be
     /// seen. Empty if nothing is told.
     pub fn outward(&self) -> &[Point] {
-        self.outward.get_or_init(|| {
-            let bits = |p: &Point| p.map(f32::to_bits);
-            let outward = self.all.iter().map(bits).zip(self.all_outward());
-            let outward: HashMap<_, _> = outward.collect();
-            let told = self.points().iter().map(bits);
-            told.filter_map(|p| outward.get(&p).copied().copied())
-                .collect()
-        })
+        self.outward.get_or_init(|| self.outward_at(self.points()))
+    }
+
+    /// The same at some of the points that the policy sees, in any order.
+    pub fn outward_at(&self, points: &[Point]) -> Vec<Point> {
+        let bits = |p: &Point| p.map(f32::to_bits);
+        let outward = self.all.iter().map(bits).zip(self.all_outward());
+        let outward: HashMap<_, _> = outward.collect();
+        let told = points.iter().map(bits);
+        told.filter_map(|p| outward.get(&p).copied().copied())
+            .collect()
     }
 
     fn all_outward(&self) -> &[Point] {

@@ -178,7 +178,8 @@ fn once_more(
     let isa = Isa::named(&trace.kernels).unwrap_or_else(Isa::best);
     let source: Vec<_> = request.source.iter().collect();
     let target: Vec<_> = request.target.iter().collect();
-    let background: Vec<_> = request.background.iter().collect();
+    let [background, outward]: [Vec<_>; 2] =
+        [request.background, request.outward].map(|cloud| cloud.iter().collect());
     let mut scratch = Box::new(Scratch::new());
     let mut workspace = Box::new(Workspace::with_isa(isa));
     let mut registrar = Registrar::with_isa(isa, policy.policy(), &mut scratch);
@@ -192,7 +193,7 @@ fn once_more(
     };
     let task = Task {
         mode: trace.reply.mode,
-        ..request.task(&background)
+        ..request.task(&background, &outward)
     };
     let mut on_robot = trace.steps.iter();
     let mut difference = None;

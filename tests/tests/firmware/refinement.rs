@@ -16,8 +16,8 @@ use std::ops::ControlFlow;
 fn expected(request: &RefineRequest<'_>, pair: [&[[f32; 3]]; 2]) -> (Answer, Refinement) {
     let on = |isa| {
         let mut workspace = Box::new(Workspace::with_isa(isa));
-        let start = request.task(&[]).start.pose();
-        let found = pipeline::refine(&mut workspace, pair, start, &request.task(&[]), || {
+        let start = request.task(&[], &[]).start.pose();
+        let found = pipeline::refine(&mut workspace, pair, start, &request.task(&[], &[]), || {
             Ok::<_, reagent_core::Error>(())
         });
         let found = found.expect("sound clouds").expect("a mode that refines");

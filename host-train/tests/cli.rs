@@ -189,6 +189,11 @@ fn missing_files_are_named() {
     );
     fail(
         at,
+        "pairs --data procedural --protocol scan --count 2 --out p.npz",
+        &["p.npz", "HDF5"],
+    );
+    fail(
+        at,
         "publish --weights w.rgw --key none.key --fleet lab",
         &["none.key", "keygen"],
     );

@@ -1,8 +1,10 @@
 //! `host-train pairs`
 
 use super::source::{self, DataSource};
+use crate::dataset::cloud_file::extension;
 use crate::protocol::Protocol;
 use crate::words::count;
+use anyhow::bail;
 use clap::Args;
 use std::path::PathBuf;
 
@@ -29,6 +31,13 @@ pub(super) struct PairsArgs {
 
 impl PairsArgs {
     pub(super) fn run(self, seed: u64) -> anyhow::Result<()> {
+        let extension = extension(&self.out);
+        if !["h5", "hdf5"].contains(&extension.as_str()) {
+            bail!(
+                "--out {}: pairs are written as HDF5; name a file FILE.h5",
+                self.out.display()
+            );
+        }
         let set = source::draw("pairs", &self.data, self.protocol, self.count, seed)?;
         set.save(&self.out)?;
         println!(

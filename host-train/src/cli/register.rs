@@ -62,7 +62,8 @@ pub(super) struct RegisterArgs {
     #[arg(required_unless_present_any = ["pairs", "depth"])]
     target: Option<PathBuf>,
     /// Register many pairs, and print one JSON line each: a folder with NAME_source.EXT and NAME_target.EXT, or a
-    /// list with two paths a line, and the three coordinates of --view where a source has a view point of its own
+    /// list with two paths a line, relative to the list's folder, and the three coordinates of --view where a source
+    /// has a view point of its own
     #[arg(long, value_name = "FOLDER|LIST", conflicts_with_all = ["source", "target", "out", "trace", "html", "series", "matrix"])]
     pairs: Option<PathBuf>,
     /// Where to start: none (turned in any way), identity, 12 numbers separated by commas (rows of [R | t]), or a

@@ -107,6 +107,12 @@ fn listed(list: &Path) -> anyhow::Result<Vec<Pair>> {
             Some(c) => line.split(c).map(str::trim).collect(),
             None => line.split_whitespace().collect(),
         };
+        // As spreadsheets write them.
+        let unquoted = |name| str::strip_prefix(name, '"')?.strip_suffix('"');
+        let names: Vec<&str> = names
+            .into_iter()
+            .map(|name| unquoted(name).unwrap_or(name))
+            .collect();
         let (source, target, view_point) = match names.as_slice() {
             &[source, target] => (source, target, None),
             &[source, target, x, y, z] => {
@@ -237,7 +243,7 @@ mod tests {
             pair("c/source.pcd", "c/target.stl"),
         ];
         assert_eq!(find(folder.path()).expect("pairs"), expected);
-        let list = "# two\na_source.ply a_target.xyz\n\nb-source.PLY\tb-target.ply # one\nc/source.pcd, c/target.stl\n";
+        let list = "# two\na_source.ply a_target.xyz\n\nb-source.PLY\tb-target.ply # one\n\"c/source.pcd\", c/target.stl\n";
         std::fs::write(at("list.txt"), list).expect("written");
         assert_eq!(find(&at("list.txt")).expect("pairs"), expected);
         std::fs::write(at("list.txt"), "one\n").expect("written");

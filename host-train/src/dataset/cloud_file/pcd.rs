@@ -11,7 +11,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<CloudFile, String> {
     if !bytes.windows(6).any(|word| word == b"FIELDS") {
         return Err("it has no line FIELDS; is it of another format?".into());
     }
-    let bytes = &*without_empty_fields(bytes);
+    let bytes = &*as_the_reader_takes_it(bytes);
     let Some(after) = after_points(bytes)? else {
         return Ok(CloudFile::default());
     };
@@ -22,7 +22,10 @@ pub(super) fn parse(bytes: &[u8]) -> Result<CloudFile, String> {
         .map(|field| field.name.clone())
         .filter(|name| name != "_")
         .collect();
-    let place = |name: &str| fields.iter().position(|field| field == name);
+    let place = |name: &str| {
+        let mut names = fields.iter();
+        names.position(|field| field.eq_ignore_ascii_case(name))
+    };
     let triple = |names: [&str; 3]| {
         let [x, y, z] = names.map(place);
         Some([x?, y?, z?])
@@ -116,9 +119,9 @@ fn packed(record: &DynRecord, at: usize) -> Option<[u8; 3]> {
     Some([r, g, b])
 }
 
-/// The file without fields of COUNT 0. Some programs use them as padding; the Point Cloud Library skips them, but
-/// the reader used here takes them for COUNT 1.
-fn without_empty_fields(bytes: &[u8]) -> Cow<'_, [u8]> {
+/// The file without fields of COUNT 0, and with the kind of its data in lower case. Some programs use such fields as padding; the
+/// Point Cloud Library skips them, but the reader used here takes them for COUNT 1.
+fn as_the_reader_takes_it(bytes: &[u8]) -> Cow<'_, [u8]> {
     let mut end = 0;
     let mut header: Vec<Vec<&[u8]>> = Vec::new();
     for line in bytes.split_inclusive(|&b| b == b'\n').take(64) {
@@ -143,19 +146,30 @@ fn without_empty_fields(bytes: &[u8]) -> Cow<'_, [u8]> {
         .flatten()
         .map(|&count| count == b"0")
         .collect();
-    if !empty.contains(&true) {
+    let kind = header.last().and_then(|words| words.get(1));
+    let is_capital = kind.is_some_and(|kind| kind.iter().any(u8::is_ascii_uppercase));
+    if !empty.contains(&true) && !is_capital {
         return bytes.into();
     }
+    let last = header.len() - 1;
     let mut changed = Vec::with_capacity(bytes.len());
-    for words in header {
+    for (line, words) in header.into_iter().enumerate() {
         let listed = words.first().is_some_and(|word| {
             [&b"FIELDS"[..], b"COLUMNS", b"SIZE", b"TYPE", b"COUNT"].contains(word)
         });
         for (at, word) in words.iter().enumerate() {
-            if !(listed && empty.get(at) == Some(&true)) {
+            if line == last {
+                // The reader takes its word in capitals, and what follows it not.
+                changed.extend(match at {
+                    0 => word.to_ascii_uppercase(),
+                    _ => word.to_ascii_lowercase(),
+                });
+            } else if listed && empty.get(at) == Some(&true) {
+                continue;
+            } else {
                 changed.extend_from_slice(word);
-                changed.push(b' ');
             }
+            changed.push(b' ');
         }
         changed.push(b'\n');
     }

@@ -90,6 +90,14 @@ fn clouds_of_every_kind() {
     );
 
     let pcd = read(".pcd", PCD.as_bytes()).expect("pcd");
+    for capital in [
+        PCD.replace("x y z", "X Y Z"),
+        PCD.replace("DATA ascii", "DATA ASCII"),
+        PCD.replace("DATA ascii", "data Ascii"),
+    ] {
+        let same = read(".pcd", capital.as_bytes()).expect("pcd");
+        assert_eq!(same, pcd, "{capital}");
+    }
     assert_eq!(
         (pcd.points.as_slice(), pcd.notes.last()),
         (

@@ -23,6 +23,8 @@ pub struct Evidence {
     pub distinct_points: usize,
     /// [`Refined::extents_ratio`].
     pub extents_ratio: f32,
+    /// [`Refined::seen_through`].
+    pub seen_through: f32,
     /// [`Verified::mirror_score`]; 0 if no mirror image was tried.
     pub mirror_score: f32,
     /// Whether other poses were tried.
@@ -43,11 +45,13 @@ pub const LARGEST_RATIO: f32 = 3.0;
 const HELD: [f32; 3] = [0.15, 0.5, 0.75];
 /// Size ratio below which a source is in another unit, or too small a part to place.
 pub const SMALLEST_RATIO: f32 = 0.11;
+/// See [`Evidence::is_seen_through`].
+pub const SEEN_THROUGH: f32 = 0.05;
 /// Residuals of source and target from which on that cloud has nothing in common with the other.
 const SATURATED: [f32; 2] = [0.95, 0.992];
 /// Highest probability of a pose: nothing is certain.
 const MOST: f32 = 0.9999;
-/// Highest probability of a pose if sizes, too few points, a mirror image or saturation speak against it.
+/// Highest probability of a pose if sizes, too few points, a mirror image, what was seen through it, or saturation speak against it.
 const IMPROBABLE: f32 = 0.1;
 
 /// Share of the source that may be the object's above which the rest counts as the object's too: its parts may reach beyond the
@@ -82,6 +86,7 @@ impl Evidence {
             shift_deviation: found.covariance.shift_deviation(),
             distinct_points: found.distinct_points,
             extents_ratio: found.extents_ratio,
+            seen_through: found.seen_through,
             mirror_score: 0.0,
             verified: false,
             support: 0,
@@ -123,6 +128,12 @@ impl Evidence {
         self.mirror_score > MIRRORED
     }
 
+    /// Whether the camera looked through more of the target than of any right pose that was tried: the pose is wrong, or what is
+    /// in view has less to it.
+    pub fn is_seen_through(&self) -> bool {
+        self.seen_through > SEEN_THROUGH
+    }
+
     /// Whether one cloud has nothing in common with the other, or a residual is NaN.
     fn is_saturated(&self) -> bool {
         let Residual { source, target } = self.residual;
@@ -161,6 +172,7 @@ impl Evidence {
         let speaks_against = self.sizes_differ()
             || self.has_too_few_points()
             || self.is_mirrored()
+            || self.is_seen_through()
             || self.is_saturated();
         if speaks_against || probability.is_nan() {
             probability.min(IMPROBABLE)
@@ -187,6 +199,7 @@ mod tests {
         shift_deviation: 0.002,
         distinct_points: 1024,
         extents_ratio: 1.0,
+        seen_through: 0.0,
         mirror_score: 0.0,
         verified: true,
         support: 12,
@@ -318,6 +331,10 @@ mod tests {
             },
             Evidence {
                 mirror_score: 9.0,
+                ..GOOD
+            },
+            Evidence {
+                seen_through: 0.2,
                 ..GOOD
             },
             Evidence {

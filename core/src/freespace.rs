@@ -134,6 +134,26 @@ impl DepthGrid {
         seen.is_some_and(|&seen| seen > 0.0 && depth < seen - self.margin)
     }
 
+    /// Whether something was seen behind a point by more than `margin`, there and in the cells around: sensors see little at edges, and
+    /// masks end beside them. False if the background is not known.
+    pub(crate) fn is_seen_through(&self, point: Vec3, margin: f32) -> bool {
+        let Some((at, depth)) = self.project(point).filter(|_| self.shows_background) else {
+            return false;
+        };
+        let Some((x, y)) = self.cell(at) else {
+            return false;
+        };
+        let here = self.depth.get(y).and_then(|row| row.get(x));
+        let rows = self
+            .depth
+            .iter()
+            .skip(y.saturating_sub(1))
+            .take(y.min(1) + 2);
+        let around = rows.flat_map(|row| row.iter().skip(x.saturating_sub(1)).take(x.min(1) + 2));
+        let is_behind = |&seen: &f32| seen <= 0.0 || depth < seen - margin;
+        here.is_some_and(|&seen| seen > 0.0) && around.into_iter().all(is_behind)
+    }
+
     /// The cell of a point, by number, if the point is the nearest one seen there.
     pub(crate) fn nearest_in(&self, point: Vec3) -> Option<usize> {
         let (at, depth) = self.project(point)?;

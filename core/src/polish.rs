@@ -66,6 +66,9 @@ pub struct Refined {
     /// Size of the source over that of the target. A cloud's size is the
     /// median distance of its points from the medians of their coordinates.
     pub extents_ratio: f32,
+    /// Share of the target's points facing the sensor behind which something was seen, so that they cannot be there; 0 where nothing
+    /// besides the source was seen. At edges, some points of a right pose count, too.
+    pub seen_through: f32,
     /// Shares of the source's and of the target's points left out because they lie far from all others.
     pub left_out: [f32; 2],
     /// Number of steps made.
@@ -269,6 +272,7 @@ impl<'w> Refiner<'w> {
             inlier_rmse: candidate.overlap.inlier_rmse * self.model.frame.scale,
             distinct_points: self.distinct_points(),
             extents_ratio: self.extents_ratio(),
+            seen_through: self.seen_through(candidate.at, 1),
             left_out: self.surfaces().map(|surface| surface.left_out),
             iterations: candidate.iterations,
             covariance: self.covariance(candidate.at),

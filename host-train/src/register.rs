@@ -14,7 +14,6 @@ pub mod scale;
 pub mod sentences;
 mod surface;
 pub mod thin;
-pub mod through;
 pub mod trace;
 #[cfg(not(target_family = "wasm"))]
 pub mod track;

@@ -226,6 +226,9 @@ typedef struct {
   uint32_t distinct_points;
   // Shares of the source's and of the target's points left out because they lie far from all others.
   float left_out[2];
+  // Share of the target's points behind which something was seen, so that they cannot be there; 0 where nothing
+  // besides the source was seen.
+  float seen_through;
   // Whether the clouds fit as well turned about an axis. Modes POLISH and REFINE look for it
   // only where the surface hardly holds it; in mode FAST it is false.
   bool axis_is_open;

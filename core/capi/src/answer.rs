@@ -74,6 +74,9 @@ pub struct ReagentAnswer {
     pub distinct_points: u32,
     /// Shares of the source's and of the target's points left out because they lie far from all others.
     pub left_out: [f32; 2],
+    /// Share of the target's points behind which something was seen, so that they cannot be there; 0 where nothing
+    /// besides the source was seen.
+    pub seen_through: f32,
     /// Whether the clouds fit as well turned about an axis. Modes POLISH and REFINE look for it
     /// only where the surface hardly holds it; in mode FAST it is false.
     pub axis_is_open: bool,
@@ -139,6 +142,7 @@ impl ReagentAnswer {
         self.extents_ratio = found.refined.extents_ratio;
         self.distinct_points = found.refined.distinct_points as u32;
         self.left_out = found.refined.left_out;
+        self.seen_through = found.refined.seen_through;
         if let Some(axis) = found.undetermined.axis {
             self.axis_is_open = true;
             self.axis_point = axis.point.to_array();

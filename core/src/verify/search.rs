@@ -284,7 +284,9 @@ impl Search<'_, '_> {
     fn sift(&mut self, at: Rigid, prior: Option<&Prior>, sifted: &mut Best<POLISHED_LOST>) {
         let (loss, at) = self.refiner.sifted_below(sifted.most(), at);
         let surprise = prior.map_or(0.0, |prior| prior.surprise(at));
-        let loss = loss + surprise / (12.0 * ALL_LOST);
+        // Where the camera looked through the target, it cannot be.
+        let through = self.refiner.seen_through(at, 8);
+        let loss = loss + surprise / (12.0 * ALL_LOST) + through;
         if let Some(place) = self.ended.iter_mut().find(|ended| ended.is_none()) {
             *place = Some(at);
         }

@@ -131,6 +131,8 @@ pub struct Fit {
     pub distinct_points: u16,
     /// Shares of the source's and of the target's points that were left out, since they lie far from all others.
     pub left_out: [f32; 2],
+    /// Share of the target's points behind which the sensor saw something ([`Refined::seen_through`]).
+    pub seen_through: f32,
     /// Turned about this axis they fit as well ([`crate::verify::Axis`]): a point on it, its direction, both in the target's frame and
     /// units, and the least and largest turn, radians.
     pub axis: Option<([f32; 3], [f32; 3], [f32; 2])>,
@@ -160,6 +162,7 @@ impl Fit {
             extents_ratio,
             distinct_points,
             left_out,
+            seen_through,
             ..
         } = found.refined;
         let Undetermined {
@@ -185,6 +188,7 @@ impl Fit {
             extents_ratio,
             distinct_points: u16::try_from(distinct_points).unwrap_or(u16::MAX),
             left_out,
+            seen_through,
             axis: axis.map(|axis| {
                 let [point, direction] = [axis.point, axis.direction].map(|v| v.to_array());
                 (point, direction, axis.range_rad)

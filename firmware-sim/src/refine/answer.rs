@@ -48,6 +48,7 @@ impl Answer {
                 "inlier_rmse": fit.inlier_rmse,
                 "extents_ratio": fit.extents_ratio,
                 "left_out": fit.left_out,
+                "seen_through": (fit.seen_through > 0.0).then_some(fit.seen_through),
                 "distinct_points": fit.distinct_points,
                 // Only where poses are compared.
                 "undetermined": (self.reply.mode == Mode::Verify).then_some(open),

@@ -72,6 +72,9 @@ pub struct Fit {
     pub distinct_points: usize,
     /// Shares of the source's and of the target's points that were left out, since they lie far from all others.
     pub left_out: [f32; 2],
+    /// Share of the target's points facing the sensor behind which something was seen; left out where there is none.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub seen_through: f32,
     /// What the shape leaves open, if it was looked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub undetermined: Option<Open>,
@@ -138,6 +141,10 @@ pub struct OpenSlide {
     pub range: [f32; 2],
 }
 
+fn is_zero(share: &f32) -> bool {
+    *share == 0.0
+}
+
 impl Fit {
     fn of(found: &Refinement, rows: impl Fn(Pose) -> [[f64; 4]; 3], origin: Position) -> Fit {
         let refined = &found.refined;
@@ -147,6 +154,7 @@ impl Fit {
             extents_ratio: refined.extents_ratio,
             distinct_points: refined.distinct_points,
             left_out: refined.left_out,
+            seen_through: refined.seen_through,
             undetermined: Open::of(found, rows, origin),
             covariance: Covariance {
                 about: far(found.refined.covariance.about, origin),
@@ -296,7 +304,7 @@ impl Document {
         };
         let other_size = done.other_size.map(|times| Note::OtherSize { times });
         let off_target = done.off_target().map(|share| Note::OffTarget { share });
-        let seen_through = done.seen_through.map(|share| Note::SeenThrough { share });
+        let seen_through = done.seen_through().map(|share| Note::SeenThrough { share });
         let not_finer = done.is_dense_dropped.then_some(Note::NotFiner);
         let of_fit = [not_finer, other_size, off_target, seen_through]
             .into_iter()

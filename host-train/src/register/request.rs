@@ -6,7 +6,6 @@ use crate::register::contest::decided_by_all_points;
 use crate::register::dense::{Dense, DenseRefinement, refine_densely};
 use crate::register::prepared::Prepared;
 use crate::register::scale::other_size;
-use crate::register::through::seen_through;
 use crate::register::{Memory, Registered, Start, register_in};
 use glam::Vec3;
 use reagent_core::dims::STEPS;
@@ -63,8 +62,6 @@ pub struct Done {
     pub start: Option<usize>,
     /// Size of the source relative to the target, if the two seem to differ ([`other_size`]).
     pub other_size: Option<f32>,
-    /// Share of the target where the sensor saw something behind it, if that is too large ([`seen_through`]).
-    pub seen_through: Option<f32>,
     /// The next best poses, as many as were asked for at most.
     pub others: Vec<Other>,
     /// Time, milliseconds.
@@ -76,6 +73,13 @@ impl Done {
     pub fn near(&self) -> Pose {
         let reached = self.found.answer.target_from_source;
         self.dense.map_or(reached, |dense| dense.target_from_source)
+    }
+
+    /// Share of the target where the sensor saw something behind it, if that is too large for a right pose.
+    pub fn seen_through(&self) -> Option<f32> {
+        let found = self.found.answer.refinement.as_ref()?;
+        let is_too_much = found.evidence.is_seen_through();
+        is_too_much.then_some(found.refined.seen_through)
     }
 
     /// Share of the source's points off the target, if it is too large for noise although the pose is called right.
@@ -179,17 +183,11 @@ impl Request {
             None => None,
         };
         let near = dense.map_or(reached, |d| d.target_from_source);
-        let view_point = view_point.filter(|_| found.answer.refinement.is_some());
-        let seen_through = match view_point {
-            Some(view_point) => seen_through([source, target], view_point, near)?,
-            None => None,
-        };
         Ok(Done {
             pose: Pose64::of(near, source.origin, target.origin),
             initial: starts[start].near(source.origin, target.origin),
             start: (starts.len() > 1).then_some(start),
             other_size,
-            seen_through,
             others,
             ms: 0.0,
             found,

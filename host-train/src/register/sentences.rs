@@ -2,6 +2,7 @@
 
 use crate::register::request::Done;
 use glam::Vec3;
+use reagent_core::evidence::SEEN_THROUGH;
 use reagent_core::pipeline::Refinement;
 use reagent_core::polish::Refined;
 use reagent_core::verdict::{Percent, Verdict};
@@ -52,7 +53,6 @@ impl Remark {
         let on_clouds = [
             done.other_size.map(Remark::OtherSize),
             done.off_target().map(Remark::OffTarget),
-            done.seen_through.map(Remark::SeenThrough),
         ];
         remarks.extend(on_clouds.into_iter().flatten());
         remarks
@@ -87,6 +87,7 @@ impl Remark {
             (fit.left_out != [0.0; 2]).then_some(Remark::LeftOut(fit.left_out)),
             (verdict == Verdict::SizesDiffer).then_some(Remark::SizesDiffer(fit.extents_ratio)),
             (verdict == Verdict::Mirrored).then_some(Remark::Mirrored),
+            (fit.seen_through > SEEN_THROUGH).then_some(Remark::SeenThrough(fit.seen_through)),
         ];
         remarks.into_iter().flatten().collect()
     }
@@ -166,7 +167,7 @@ impl Remark {
                 100.0 * share
             ),
             Remark::SeenThrough(share) => format!(
-                "{:.0} % of the {target} would stand where something was seen behind it: what is in view is smaller, has less to it, or is another part",
+                "{:.0} % of the {target} would stand where something was seen behind it: the pose is wrong, or what is in view is smaller, has less to it, or is another part",
                 100.0 * share
             ),
         }
@@ -226,6 +227,7 @@ mod tests {
             extents_ratio: 1.0,
             distinct_points: 900,
             left_out: [0.0; 2],
+            seen_through: 0.0,
             axis: None,
             slide: Some(([1.0, 0.0, 0.0], [-0.5, 2.0])),
             any_rotation: false,

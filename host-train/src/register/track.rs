@@ -93,7 +93,6 @@ impl Tracking {
                 initial,
                 start: None,
                 other_size: None,
-                seen_through: None,
                 others: Vec::new(),
                 ms: begun.elapsed().as_secs_f64() * 1e3,
             },

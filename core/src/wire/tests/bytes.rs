@@ -93,12 +93,12 @@ fn reply_is_these_bytes() {
     assert_eq!(bytes_of(&Message::RefineReply(reply)), expected);
 }
 
-/// The fit in [`reply`]: presence, overlap, distance, ratio, points, left out, axis, slide, any rotation, fold, others, covariance.
+/// The fit in [`reply`]: presence, overlap, distance, ratio, points, left out, seen through, axis, slide, any rotation, fold, others, covariance.
 fn fit_bytes() -> Vec<u8> {
     let mut bytes = vec![
         1, 0, 0, 0, 0x3f, 0, 0, 0x80, 0x3e, 0, 0, 0x80, 0x3f, 0x80, 8,
     ];
-    bytes.extend([0, 0, 0, 0x3e, 0, 0, 0, 0, 1]);
+    bytes.extend([0, 0, 0, 0x3e, 0, 0, 0, 0, 0, 0, 0, 0, 1]);
     bytes.extend([0; 20]);
     bytes.extend([0, 0, 0x80, 0x3f, 0, 0, 0x40, 0xc0, 0, 0, 0x40, 0x40, 1]);
     bytes.extend([0; 8]);
@@ -124,6 +124,7 @@ fn reply() -> RefineReply {
             inlier_rmse: 0.25,
             extents_ratio: 1.0,
             left_out: [0.125, 0.0],
+            seen_through: 0.0,
             distinct_points: 1024,
             axis: Some(([0.0; 3], [0.0, 0.0, 1.0], [-3.0, 3.0])),
             slide: Some(([0.0, 0.0, 1.0], [-1.0, 0.0])),

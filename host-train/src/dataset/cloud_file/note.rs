@@ -284,7 +284,7 @@ impl fmt::Display for Note {
             ),
             Note::SeenThrough { share } => write!(
                 f,
-                "{:.0} % of the target would stand where something was seen behind it: the part in view is smaller, has less to it, or is another one",
+                "{:.0} % of the target would stand where something was seen behind it: the pose is wrong, or the part in view is smaller, has less to it, or is another one",
                 100.0 * share
             ),
         }

@@ -12,6 +12,7 @@ use same_file::Handle;
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
+use tempfile::NamedTempFile;
 
 /// Bytes of a word.
 const WORD: usize = 4;
@@ -63,12 +64,10 @@ impl StateFile {
             io::ErrorKind::AlreadyExists => io::Error::new(error.kind(), "it is no directory"),
             _ => error,
         })?;
-        let file = OpenOptions::new()
-            .read(true)
-            .write(true)
-            .create(true)
-            .truncate(false)
-            .open(path)?;
+        if !path.try_exists()? {
+            create_whole(directory, path)?;
+        }
+        let file = OpenOptions::new().read(true).write(true).open(path)?;
         file.try_lock().map_err(not_locked)?;
         checked_length(&file)?;
         file.set_len(CAPACITY as u64)?;
@@ -82,6 +81,18 @@ impl StateFile {
 
     fn is_in_place(&self) -> bool {
         Handle::from_path(&self.path).is_ok_and(|found| found == self.opened)
+    }
+}
+
+/// Creates a flash of full length under its name at once: a shorter one has lost its content. A file that somebody else created
+/// meanwhile stays.
+fn create_whole(directory: &Path, path: &Path) -> io::Result<()> {
+    let file = NamedTempFile::new_in(directory)?;
+    file.as_file().set_len(CAPACITY as u64)?;
+    file.as_file().sync_all()?;
+    match file.persist_noclobber(path) {
+        Err(refused) if refused.error.kind() != io::ErrorKind::AlreadyExists => Err(refused.error),
+        _ => Ok(()),
     }
 }
 

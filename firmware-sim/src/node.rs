@@ -59,7 +59,8 @@ pub enum NodeError {
     /// Nobody hears what it publishes.
     #[error(
         "nobody hears robot {robot:?} of fleet {fleet:?}: the router does not let its certificate speak under this name; \
-         give each robot the configuration that was made for it"
+         give each robot the configuration that was made for it, see whether the fleet's name is right, and restart a router \
+         whose configuration is new"
     )]
     Unheard {
         /// As given.

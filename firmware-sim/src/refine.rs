@@ -216,6 +216,14 @@ impl RefineArgs {
 }
 
 impl Asking {
+    /// Prints text: to standard error where JSON goes to standard output.
+    fn say(&self, text: &str) {
+        match &self.args.json {
+            Some(path) if path.as_os_str() == "-" => eprintln!("{text}"),
+            _ => println!("{text}"),
+        }
+    }
+
     /// Writes the files that were asked for.
     fn write(&self, document: &serde_json::Value) -> anyhow::Result<()> {
         if let Some(traces) = &self.traces {
@@ -286,7 +294,7 @@ impl Asking {
     async fn refine_one(&mut self, clouds: [Sent; 2]) -> anyhow::Result<()> {
         let answer = self.ask(1, clouds.each_ref()).await?;
         let (reply, origins) = (&answer.reply, clouds.each_ref().map(|cloud| cloud.origin));
-        println!("{}", answer.pose(origins));
+        self.say(&answer.pose(origins).to_string());
         let remarks = reply.fit.map(|fit| Remark::on_fit(reply.verdict, &fit));
         let remarks = remarks.unwrap_or_default();
         for remark in &remarks {
@@ -296,7 +304,10 @@ impl Asking {
                 }
                 _ => String::new(),
             };
-            println!("{}{advice}", remark.sentence(["source", "target"]));
+            self.say(&format!(
+                "{}{advice}",
+                remark.sentence(["source", "target"])
+            ));
         }
         let up_to = match remarks.iter().any(Remark::is_open) {
             true => UP_TO,
@@ -309,7 +320,7 @@ impl Asking {
                 reply.mode
             )
         });
-        println!(
+        self.say(&format!(
             "{}{refined} after {} steps, {:.1} ms on robot {} (policy version {}), {:.1} ms with the network",
             outcome(reply.verdict, reply.probability),
             reply.steps,
@@ -317,7 +328,7 @@ impl Asking {
             answer.robot,
             reply.policy_version,
             answer.round_trip_ms,
-        );
+        ));
         self.write(&answer.json(origins))
     }
 
@@ -334,16 +345,16 @@ impl Asking {
                 // The next pair may be answered by another robot, or by one that restarts.
                 Err(error) => {
                     let why = one_line(error.as_ref());
-                    println!("pair {index}: {why}");
+                    self.say(&format!("pair {index}: {why}"));
                     answers.push(json!({ "error": why }));
                     first.get_or_insert(error.context(format!("pair {index}")));
                 }
             }
         }
         if !after.is_empty() {
-            println!("{}", Row::HEADER);
-            println!("{}", Row::new("initial", &before));
-            println!("{}", Row::new("refined", &after));
+            self.say(Row::HEADER);
+            self.say(&Row::new("initial", &before).to_string());
+            self.say(&Row::new("refined", &after).to_string());
         }
         self.write(&json!({ "pairs": answers }))?;
         match first {

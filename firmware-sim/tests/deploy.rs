@@ -235,7 +235,7 @@ fn a_robot_that_is_not_named_again_is_told() {
     assert_eq!(warned(&["arm1", "arm2", "arm3"]), "");
 }
 
-/// Names, IPv4 and IPv6 addresses, with and without a port.
+/// Names and IPv4 addresses, with and without a port; with those of IPv6 no client would connect.
 #[test]
 fn the_router_is_reached_under_names_and_addresses() {
     let make_ca = |address: &str| {
@@ -253,14 +253,20 @@ fn the_router_is_reached_under_names_and_addresses() {
     for (address, endpoint) in [
         ("router_1.local", "quic/router_1.local:7447?"),
         ("192.168.1.5:7450", "quic/192.168.1.5:7450?"),
-        ("::1", "quic/[::1]:7447?"),
-        ("[fe80::1:2]:7450", "quic/[fe80::1:2]:7450?"),
     ] {
         let (status, robot, said) = make_ca(address);
         assert_eq!(status, Some(0), "{address}: {said}");
         assert!(robot.contains(endpoint), "{address}: {robot}");
     }
-    for address in ["router:x", "router:", "router:70000", "a router", "a:b:c"] {
+    for address in [
+        "router:x",
+        "router:",
+        "router:70000",
+        "a router",
+        "a:b:c",
+        "::1",
+        "[fe80::1:2]:7450",
+    ] {
         let (status, robot, said) = make_ca(address);
         assert_eq!((status, robot.as_str()), (Some(2), ""), "{address}");
         assert!(said.starts_with("make-ca: "), "{address}: {said}");

@@ -12,6 +12,7 @@ __all__ = [
     "Axis",
     "CloudError",
     "Error",
+    "Fold",
     "Mesh",
     "Other",
     "Policy",
@@ -39,7 +40,7 @@ _Verdict = Literal[
 ]
 _Cloud = Union[ArrayLike, "Mesh"]
 _Start = Union[ArrayLike, Literal["identity", "anywhere"], None]
-_Starts = Union[_Start, Sequence[Union[ArrayLike, Literal["identity", "anywhere"]]]]
+_Starts = Union[_Start, Sequence[Union[ArrayLike, str]]]
 
 class Error(ValueError): ...
 class CloudError(Error): ...

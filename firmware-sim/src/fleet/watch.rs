@@ -16,6 +16,7 @@ use reagent_link::print::reader_gone;
 use reagent_link::stop::stop_requested;
 use serde_json::{Map, Value, json};
 use std::collections::BTreeSet;
+use std::pin::pin;
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
@@ -77,6 +78,8 @@ impl WatchArgs {
         } else {
             20 * FRAME
         };
+        // One for all turns, so that no signal is lost between them.
+        let mut stop = pin!(stop_requested());
         loop {
             changes.mark_unchanged();
             match self.json {
@@ -103,7 +106,7 @@ impl WatchArgs {
             };
             tokio::select! {
                 () = next => {}
-                ended = stop_requested() => return Ok(ended?),
+                ended = &mut stop => return Ok(ended?),
             }
         }
     }

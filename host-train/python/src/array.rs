@@ -12,6 +12,7 @@ use numpy::{
     PyArray2, PyArrayDescrMethods, PyArrayMethods, PyReadonlyArray2, PyReadonlyArrayDyn,
     PyUntypedArray, PyUntypedArrayMethods,
 };
+use pyo3::exceptions::{PyException, PyMemoryError};
 use pyo3::prelude::*;
 use pyo3::{PyTypeInfo, intern};
 use std::path::Path;
@@ -198,6 +199,9 @@ fn as_array<'py>(name: &str, given: &Bound<'py, PyAny>) -> PyResult<Bound<'py, P
     let made =
         without_mask(given).and_then(|given| numpy.call_method1(intern!(py, "asarray"), (given,)));
     let array = made.map_err(|cause| {
+        if is_of_the_interpreter(py, &cause) {
+            return cause;
+        }
         let error = CloudError::new_err(format!(
             "{name}: expected an array of float32 or float64 of shape (N, 3); numpy.asarray says: {}",
             cause.value(py)
@@ -206,6 +210,11 @@ fn as_array<'py>(name: &str, given: &Bound<'py, PyAny>) -> PyResult<Bound<'py, P
         error
     })?;
     Ok(array.cast_into::<PyUntypedArray>()?)
+}
+
+/// Whether an exception says nothing of the argument: an interrupt, an exit, no memory.
+fn is_of_the_interpreter(py: Python<'_>, cause: &PyErr) -> bool {
+    cause.is_instance_of::<PyMemoryError>(py) || !cause.is_instance_of::<PyException>(py)
 }
 
 /// The same object, or for a masked array one with NaN where it is masked.
@@ -229,6 +238,9 @@ pub(crate) fn numbers<'py>(
     let py = given.py();
     let numpy = py.import(intern!(py, "numpy"))?;
     let unreadable = |cause: PyErr| {
+        if is_of_the_interpreter(py, &cause) {
+            return cause;
+        }
         let said = cause.value(py).to_string();
         let error = bad(
             name,
@@ -278,7 +290,12 @@ pub(crate) fn poses(name: &str, given: &Bound<'_, PyAny>) -> PyResult<Poses> {
         ));
     }
     let values: Vec<f64> = array.as_array().iter().copied().collect();
-    let poses = values.as_chunks::<4>().0.chunks(rows).map(|rows| {
+    let poses = values.as_chunks::<4>().0.chunks(rows).enumerate();
+    let poses = poses.map(|(i, rows)| {
+        let name = &*match several {
+            true => format!("{name}[{i}]"),
+            false => name.into(),
+        };
         if rows
             .get(3)
             .is_some_and(|last| *last != [0.0, 0.0, 0.0, 1.0])
@@ -308,11 +325,12 @@ pub(crate) fn positions(name: &str, given: &Bound<'_, PyAny>) -> PyResult<Positi
     let expected = "three numbers";
     let array = numbers(name, given, expected)?;
     let values: Vec<f64> = array.as_array().iter().copied().collect();
-    if let Some(x) = values.iter().find(|x| !x.is_finite()) {
-        return Err(bad(
-            name,
-            format!("expected three finite numbers, found {x}"),
-        ));
+    if let Some(at) = values.iter().position(|x| !x.is_finite()) {
+        let what = format!("expected three finite numbers, found {}", values[at]);
+        return Err(match array.shape() {
+            [_, 3] => bad(&format!("{name}[{}]", at / 3), what),
+            _ => bad(name, what),
+        });
     }
     match (array.shape(), values.as_slice()) {
         ([3], &[x, y, z]) => Ok(Positions::One([x, y, z])),

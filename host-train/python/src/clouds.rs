@@ -1,7 +1,7 @@
 //! Clouds of several pairs.
 
 use crate::array::{Cloud, View};
-use crate::error::bad;
+use crate::error::{Error, bad};
 use crate::mesh::Mesh;
 use numpy::{PyUntypedArray, PyUntypedArrayMethods};
 use pyo3::prelude::*;
@@ -29,7 +29,11 @@ impl<'py> Clouds<'py> {
             )
         })?;
         let cloud = |(i, item): (usize, PyResult<Bound<'py, PyAny>>)| {
-            Ok(Cloud::or_mesh(format!("{name}[{i}]"), &item?))
+            // What says nothing of the cloud, such as an interrupt, ends the call.
+            match Cloud::or_mesh(format!("{name}[{i}]"), &item?) {
+                Err(error) if !error.is_instance_of::<Error>(given.py()) => Err(error),
+                cloud => Ok(cloud),
+            }
         };
         Ok(Clouds::Each(
             items.enumerate().map(cloud).collect::<PyResult<_>>()?,

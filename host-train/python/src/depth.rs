@@ -55,7 +55,11 @@ pub(crate) fn depth_image(
     depth_scale: f64,
 ) -> PyResult<DepthImage> {
     checked_scale(depth_scale).map_err(Error::new_err)?;
-    let dtype = depth.cast::<PyUntypedArray>().ok().map(|array| {
+    // What is no array yet, such as a tensor or a data frame, has its type once it is one.
+    let numpy = depth.py().import("numpy")?;
+    let array = numpy.call_method1("asanyarray", (depth,)).ok();
+    let array = array.and_then(|array| array.cast_into::<PyUntypedArray>().ok());
+    let dtype = array.map(|array| {
         let dtype = array.dtype();
         (dtype.kind(), dtype.itemsize())
     });

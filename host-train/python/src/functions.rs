@@ -154,7 +154,8 @@ pub(crate) fn verify(
 ///
 /// `sources` and `targets` are sequences of as many clouds, or one array of shape (N, 3) for all pairs; `init` and
 /// `viewpoint` are one, or an array with one for each pair. Other arguments are as for `register`. The first pair that
-/// cannot be registered raises its exception; with `return_exceptions` its place in the list has it instead. Results
+/// cannot be registered raises its exception; with `return_exceptions` its place in the list has it instead. A start or a
+/// view point that is none raises in either case, before any pair is registered. Results
 /// depend on neither the order nor the number of threads.
 ///
 /// >>> import numpy, reagent

@@ -8,6 +8,7 @@ use crate::error::{Error, bad_cloud, no_threads};
 use crate::options::{Asked, Options};
 use crate::policy::Policy;
 use crate::registration::Registration;
+use host_train::dataset::cloud_file::Note;
 use host_train::register::Memory;
 use host_train::register::batch::for_each;
 use host_train::register::prepared::Prepared;
@@ -112,6 +113,12 @@ impl Registrar {
             let source = Prepared::of_points(&object, Path::new("depth"), points);
             let mut source = source.map_err(|error| bad_cloud(&error))?;
             source.see(&seen.background(), 1.0);
+            if seen.camera.is_off_centre() {
+                source.notes.push(Note::OffCentre {
+                    centre: seen.camera.centre.to_array(),
+                    size: seen.camera.size,
+                });
+            }
             let names = ["depth", target.name()];
             let target = target
                 .prepared(points, SEEDS[1])

@@ -9,6 +9,7 @@ use host_train::register::document::{
 };
 use host_train::register::prepared::Prepared;
 use host_train::register::request::Done;
+use host_train::register::sentences::Remark;
 use host_train::register::trace;
 use numpy::ndarray::{Array3, arr1, arr2};
 use numpy::{PyArray1, PyArray2, PyArray3};
@@ -24,6 +25,8 @@ pub struct Registration {
     verdict: Verdict,
     origins: [Position; 2],
     state: Option<TrackState>,
+    /// What is to be known besides the document's notes.
+    remarks: Vec<String>,
 }
 
 impl Registration {
@@ -32,8 +35,16 @@ impl Registration {
         let mut document = Document::new(clouds, &done, 1.0);
         document.others = document.others.filter(|_| best > 1);
         let [source, target] = clouds;
+        let remarks = Remark::all(&done).into_iter().filter(|remark| {
+            use Remark::{LeftOut, Mirrored, SizesDiffer};
+            matches!(remark, LeftOut(_) | Mirrored | SizesDiffer(_))
+        });
+        let remarks = remarks
+            .map(|remark| remark.sentence(["source", "target"]))
+            .collect();
         Registration {
             document,
+            remarks,
             trace: done.found.trace,
             verdict: done.found.answer.verdict,
             origins: [source.origin, target.origin],
@@ -88,10 +99,11 @@ impl Registration {
         self.fit().map(|fit| fit.overlap)
     }
 
-    /// Root of the mean squared distance of those from it; None in mode fast.
+    /// Root of the mean squared distance of those from it; None in mode fast, and where none does.
     #[getter]
     fn rmse(&self) -> Option<f32> {
-        self.fit().map(|fit| fit.inlier_rmse)
+        let fit = self.fit().filter(|fit| fit.overlap > 0.0);
+        fit.map(|fit| fit.inlier_rmse)
     }
 
     /// Size of the source over that of the target; None in mode fast.
@@ -148,13 +160,13 @@ impl Registration {
         self.trace.iter().map(step).collect()
     }
 
-    /// What was done to the clouds, in words: points that were left out, thinned, shifted.
+    /// In words: what was done to the clouds, such as points that were left out, thinned or shifted, and what to look at, such as
+    /// sizes that differ as those of units do.
     #[getter]
     fn notes(&self) -> Vec<String> {
         let notes = self.document.notes.iter();
-        notes
-            .map(|note| format!("{}: {}", note.of, note.text))
-            .collect()
+        let notes = notes.map(|note| format!("{}: {}", note.of, note.text));
+        notes.chain(self.remarks.iter().cloned()).collect()
     }
 
     /// Time of the computation, milliseconds.
@@ -181,10 +193,16 @@ impl Registration {
     fn __repr__(&self) -> String {
         let mut text = format!("Registration(verdict='{}'", self.document.verdict);
         if let Some(probability) = self.document.probability {
-            text += &format!(", probability={probability:.3}");
+            text += &format!(", probability={probability:.4}");
         }
         if let Some(fit) = self.fit() {
-            text += &format!(", overlap={:.2}, rmse={:.3e}", fit.overlap, fit.inlier_rmse);
+            text += &format!(", overlap={:.2}", fit.overlap);
+        }
+        if let Some(rmse) = self.rmse() {
+            text += &format!(", rmse={rmse:.3e}");
+        }
+        if let Some(state) = self.state {
+            text += &format!(", state='{state}'");
         }
         text + ")"
     }
@@ -280,6 +298,9 @@ impl Undetermined {
     }
 
     fn __repr__(&self) -> String {
+        if self.0.any_rotation {
+            return "Undetermined(any_rotation=True)".into();
+        }
         let axis = self.axis().map_or("None".into(), |axis| axis.__repr__());
         let slide = self.slide().map_or("None".into(), |slide| slide.__repr__());
         let fold = self.fold().map_or("None".into(), |fold| fold.__repr__());

@@ -2,7 +2,7 @@
 
 use crate::arguments;
 use crate::array::{Cloud, SEEDS};
-use crate::error::{Error, bad, bad_cloud};
+use crate::error::{CloudError, Error, bad, bad_cloud};
 use crate::options::Options;
 use crate::policy::Policy;
 use crate::registration::Registration;
@@ -12,7 +12,7 @@ use host_train::register::request::Request;
 use host_train::register::track::{POINTS, Tracking, bundled_policy};
 use pyo3::prelude::*;
 use reagent_core::pipeline::Mode;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 // The Python signature needs a number, not the name of a constant.
 const _: () = assert!(POINTS == 1024);
@@ -51,6 +51,12 @@ pub struct Tracker {
 struct State {
     tracking: Tracking,
     memory: Box<Memory>,
+}
+
+impl Tracker {
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
 }
 
 #[pymethods]
@@ -102,10 +108,15 @@ impl Tracker {
     /// Registers the next cloud. In the result, `state` is "found", "tracked" or "lost"; the pose of a lost object is
     /// not reliable. A cloud that is refused, such as an empty one, raises `CloudError` and counts as one without the object.
     fn follow(&self, py: Python<'_>, source: &Bound<'_, PyAny>) -> PyResult<Registration> {
-        let source = Cloud::or_mesh("source", source)?;
+        let source = Cloud::or_mesh("source", source).inspect_err(|error| {
+            // Of another shape: no cloud shows the object. Other threads may hold the state while they wait for Python.
+            if error.is_instance_of::<CloudError>(py) {
+                py.detach(|| self.state().tracking.miss());
+            }
+        })?;
         let source = source.view();
         py.detach(|| {
-            let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+            let mut state = self.state();
             let State { tracking, memory } = &mut *state;
             let source = source.prepared(self.points, SEEDS[0]).map_err(|error| {
                 tracking.miss();

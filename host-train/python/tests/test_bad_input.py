@@ -121,3 +121,32 @@ def test_poses_to_evaluate():
     ]:
         with pytest.raises(reagent.Error, match=said):
             reagent.evaluate(*arguments)
+
+
+class Interrupted:
+    """An array that is interrupted while it is computed."""
+
+    def __init__(self, error):
+        self.error = error
+
+    def __array__(self, dtype=None, copy=None):
+        raise self.error
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, SystemExit, MemoryError])
+def test_what_interrupts_an_argument_is_no_error_of_the_argument(error):
+    with pytest.raises(error):
+        reagent.register(Interrupted(error), GOOD)
+    with pytest.raises(error):
+        reagent.register(GOOD, GOOD, init=Interrupted(error))
+    with pytest.raises(error):
+        reagent.register_batch([GOOD, Interrupted(error)], GOOD, return_exceptions=True)
+
+
+def test_of_several_starts_and_view_points_the_wrong_one_is_named():
+    mirrored = numpy.stack([numpy.eye(4), numpy.diag([-1.0, 1, 1, 1])])
+    with pytest.raises(reagent.Error, match=r"init\[1\]: "):
+        reagent.register_batch([GOOD, GOOD], GOOD, init=mirrored)
+    eyes = numpy.array([[0, 0, numpy.nan], [0, 0, 9]])
+    with pytest.raises(reagent.Error, match=r"viewpoint\[0\]: expected three finite numbers"):
+        reagent.register_batch([GOOD, GOOD], GOOD, viewpoint=eyes)

@@ -57,6 +57,7 @@ def test_what_was_not_measured_is_left_out():
     marked = numpy.array([[65535, 7, 0]], numpy.uint16)
     assert reagent.points_of_depth(marked, CAMERA)[:, 2].tolist() == [7]
     assert reagent.points_of_depth(marked.astype(float), CAMERA)[:, 2].tolist() == [65535, 7]
+    assert reagent.points_of_depth(memoryview(marked), CAMERA)[:, 2].tolist() == [7]
     hidden = numpy.ma.masked_array([[5, 6]], mask=[[True, False]])
     assert reagent.points_of_depth(hidden, CAMERA)[:, 2].tolist() == [6]
     for mask in [[[True, False]], numpy.uint8([[255, 0]])]:

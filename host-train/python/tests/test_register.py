@@ -162,3 +162,13 @@ def test_several_starts_and_the_next_best_poses(pair):
     assert (stacked.target_from_source == found.target_from_source).all()
     alone = reagent.register(source, target, truth)
     assert alone.start is None and alone.others == []
+
+
+def test_what_is_to_be_looked_at_is_noted(pair):
+    source, target, _ = pair
+    found = reagent.register(1000 * source, target)
+    assert found.verdict == "sizes differ" and "about 1" in found.notes[-1] and "mm" in found.notes[-1], found.notes
+    assert found.rmse is None and "rmse" not in repr(found)
+    marked = numpy.vstack([source, numpy.full((len(source) // 10, 3), -9999.0)])
+    assert any("left out" in note for note in reagent.register(marked, target).notes)
+    assert "probability=1" not in repr(reagent.register(source, target))

@@ -76,3 +76,14 @@ def test_threads_take_turns():
     for thread in threads:
         thread.join()
     assert sorted(states) == ["found"] + 14 * ["tracked"]
+
+
+def test_a_cloud_of_another_shape_counts_as_one_without_the_object(pair):
+    source, target, _ = pair
+    tracker = reagent.Tracker(target, "anywhere")
+    assert tracker.follow(source).state == "found"
+    found = tracker.follow(source)
+    assert found.state == "tracked" and "state='tracked'" in repr(found)
+    with pytest.raises(reagent.CloudError):
+        tracker.follow(source.T)
+    assert tracker.follow(source).state == "found"

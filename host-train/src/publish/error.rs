@@ -71,7 +71,7 @@ pub enum PublishError {
     /// The announcement reaches nobody.
     #[error(
         "nobody hears this publisher of fleet {fleet:?}: the router does not let its certificate publish; give it the \
-         configuration that was made for the trainer"
+         configuration that was made for the trainer, and see whether the fleet's name is right"
     )]
     Unheard {
         /// Name of the fleet.

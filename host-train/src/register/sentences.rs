@@ -89,7 +89,11 @@ impl Remark {
             (verdict == Verdict::Mirrored).then_some(Remark::Mirrored),
             (fit.seen_through > SEEN_THROUGH).then_some(Remark::SeenThrough(fit.seen_through)),
         ];
-        remarks.into_iter().flatten().collect()
+        // Where sizes differ, what seems open says nothing of the shape.
+        let remarks = remarks.into_iter().flatten();
+        remarks
+            .filter(|remark| verdict != Verdict::SizesDiffer || !remark.is_open())
+            .collect()
     }
 
     /// Whether the pose is one of several that fit as well.

@@ -57,6 +57,9 @@ impl SourceArgs {
         match (&self.depth.depth, named) {
             (_, [Some(source), _]) if !self.fits(source) => Err(OF_BAG),
             (Some(image), [Some(target), None]) => Ok([image.clone(), target.clone()]),
+            (Some(_), [Some(_), Some(_)]) => {
+                Err("--depth takes the place of SOURCE: name one file, TARGET")
+            }
             (Some(_), _) => Err("--depth takes the place of SOURCE: give one more file, TARGET"),
             (None, [Some(source), Some(target)]) => match is_image(source) || is_image(target) {
                 true => Err(OF_IMAGE),

@@ -178,6 +178,9 @@ fn main() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             cli.log.failed(error.as_ref());
+            #[cfg(feature = "demo")]
+            return ExitCode::from(host_train::cli::status(&error));
+            #[cfg(not(feature = "demo"))]
             ExitCode::FAILURE
         }
     }

@@ -1,6 +1,7 @@
 //! `firmware-sim refine`: asks robots to register clouds from files.
 
 mod answer;
+mod sent;
 mod table;
 mod traces;
 
@@ -10,25 +11,24 @@ pub(crate) use table::{Row, errors};
 use crate::client::{Client, RefineError};
 use crate::session::{SessionArgs, has_certificate, open};
 use anyhow::bail;
-use host_train::cli::{Initial, Input, SourceArgs, check_outputs, write_json};
-use host_train::dataset::Point;
-use host_train::dataset::cloud_file::Note;
+use host_train::cli::{
+    BelowProbability, Initial, Input, SourceArgs, check_outputs, probability, write_json,
+};
 use host_train::dataset::pairs::{PairSet, Symmetry};
 use host_train::measure::metrics::PairMetrics;
-use host_train::pose64::Position;
 use host_train::random::{SEED, seeds};
 use host_train::register::background::nearest_per_cell;
-use host_train::register::prepared::Prepared;
 use host_train::register::sentences::{Remark, UP_TO, outcome};
 use host_train::register::{Start, in_order, within_capacity};
 use reagent_core::dims::STEPS;
 use reagent_core::verdict::Percent;
-use reagent_core::wire::{Cloud, CloudView, Mode, Reason, RefineRequest};
+use reagent_core::wire::{Cloud, CloudView, Mode, Reason, RefineReply, RefineRequest};
 use reagent_core::{Grid, Pose};
 use reagent_link::log::one_line;
 use reagent_link::name::name;
+use sent::Sent;
 use serde_json::json;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Duration;
 use traces::Traces;
 
@@ -86,6 +86,10 @@ pub struct RefineArgs {
     /// Write every answer as JSON: pose, verdict, steps, times (milliseconds), policy version
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
+    /// Exit with status 3 if the probability that a pose is right, up to what is undetermined, is below this; no
+    /// probability reaches 1, and mode fast gives none
+    #[arg(long, value_name = "P", value_parser = probability)]
+    pub fail_below: Option<f32>,
     /// The network.
     #[command(flatten)]
     pub session: SessionArgs,
@@ -107,40 +111,6 @@ fn seconds(text: &str) -> Result<Duration, String> {
     let allowed = Duration::from_millis(1)..=Duration::from_secs(3600);
     let time = time.filter(|time| allowed.contains(time));
     time.ok_or_else(|| "give .001 to 3600 seconds".into())
-}
-
-/// A cloud as it is sent.
-struct Sent {
-    /// Relative to the origin.
-    points: Vec<Point>,
-    /// In the file's own coordinates.
-    origin: Position,
-    /// Where the sensor stood, relative to the origin, if the cloud is a source seen from one point.
-    view_point: Option<Point>,
-    /// What else the sensor saw, relative to the origin.
-    background: Vec<Point>,
-    /// Outward directions at the points of a target that was seen from one point, if a mesh tells them.
-    outward: Vec<Point>,
-    /// What the reader noticed.
-    notes: Vec<Note>,
-}
-
-impl Sent {
-    /// The cloud that was read. Prints what the reader noticed.
-    fn of(cloud: Prepared<'_>, path: &Path, view_point: Option<Position>) -> Sent {
-        for note in &cloud.notes {
-            eprintln!("{}: {note}", path.display());
-        }
-        let relative = |at: Position| [0, 1, 2].map(|k| (at[k] - cloud.origin[k]) as f32);
-        Sent {
-            points: in_order(cloud.points().to_vec()),
-            outward: Vec::new(),
-            origin: cloud.origin,
-            view_point: view_point.map(relative),
-            background: cloud.background,
-            notes: cloud.notes,
-        }
-    }
 }
 
 /// A client and what it asks with.
@@ -329,18 +299,30 @@ impl Asking {
             reply.policy_version,
             answer.round_trip_ms,
         ));
-        self.write(&answer.json(origins))
+        self.write(&answer.json(origins))?;
+        self.judge([reply])
+    }
+
+    /// Fails if a pose is less probable than `--fail-below` asks.
+    fn judge<'r>(&self, replies: impl IntoIterator<Item = &'r RefineReply>) -> anyhow::Result<()> {
+        let Some(least) = self.args.fail_below else {
+            return Ok(());
+        };
+        let probability = |reply: &RefineReply| reply.probability.unwrap_or(0.0);
+        BelowProbability::check(replies.into_iter().map(probability), least)?;
+        Ok(())
     }
 
     async fn refine_pairs(&mut self, pairs: &PairSet) -> anyhow::Result<()> {
         let (mut answers, mut before, mut after) = (Vec::new(), Vec::new(), Vec::new());
-        let mut first = None;
+        let (mut first, mut replies) = (None, Vec::new());
         for index in 0..pairs.source.len() {
             match self.refine_pair(pairs, index).await {
                 Ok((answer, [initial, refined])) => {
                     before.push(initial);
                     after.push(refined);
                     answers.push(answer.json([[0.0; 3]; 2]));
+                    replies.push(answer.reply);
                 }
                 // The next pair may be answered by another robot, or by one that restarts.
                 Err(error) => {
@@ -358,7 +340,7 @@ impl Asking {
         }
         self.write(&json!({ "pairs": answers }))?;
         match first {
-            None => Ok(()),
+            None => self.judge(&replies),
             Some(error) => Err(error.context(format!(
                 "{} of {} pairs without a pose, the first",
                 answers.len() - after.len(),

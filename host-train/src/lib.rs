@@ -6,7 +6,7 @@
 //!
 //! Modules stand in layers, and import from layers before theirs only (`tests/tests/layers.rs`):
 //!
-//! - layer: files, pose64, random, words
+//! - layer: files, pose64, random, threads, words
 //! - layer: dataset
 //! - layer: augment, learn, neighbours
 //! - layer: baselines, diameter, policy, protocol

@@ -4,7 +4,7 @@ mod support;
 
 use clap::Parser;
 use firmware_sim::refine::RefineArgs;
-use host_train::cli::Cli;
+use host_train::cli::{Cli, status};
 use host_train::policy::{VIEWS, WeightFile};
 use reagent_core::wire::{
     Cloud, Message, Mode, Reason, RefineReply, Refusal, SMALL_FRAME_BYTES, decode, encode, keys,
@@ -101,9 +101,14 @@ async fn a_robot_answers_what_the_workstation_does() {
             "--trace",
             &trace,
         ];
-        let refine = [&words[..], &written, &common].concat();
+        let sure = ["--fail-below", "0.5"];
+        let refine = [&words[..], &written, &sure, &common].concat();
         let refine = Refine::try_parse_from(refine).expect("good usage");
-        refine.args.run().await.expect("a pose");
+        let ended = refine.args.run().await;
+        assert_eq!(
+            ended.as_ref().map_err(status),
+            if scale == "1" { Ok(&()) } else { Err(3) }
+        );
         let [here, there] = [here, there].map(|path| document(Path::new(&path)));
         for what in ["target_from_source", "verdict"] {
             assert_eq!(here[what], there[what], "{what}");

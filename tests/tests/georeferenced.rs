@@ -54,6 +54,7 @@ async fn a_robot_registers_what_lies_far_from_the_origin() {
         trace: None,
         seed: 42,
         json: Some(json.clone()),
+        fail_below: None,
         session: SessionArgs {
             connect: vec![network.endpoint.clone()],
             ..SessionArgs::default()

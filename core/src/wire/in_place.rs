@@ -33,6 +33,7 @@ pub struct RequestInPlace<'b> {
 ///
 /// # Errors
 /// As [`decode`]; [`Error::Frame`] for another message.
+#[inline(never)] // off the stack before the registration begins
 pub fn decode_in_place(space: &mut [u32], length: usize) -> Result<RequestInPlace<'_>, Error> {
     let bytes: &mut [u8] = bytemuck::cast_slice_mut(space);
     let frame = bytes.get(..length).ok_or(Error::Frame)?;

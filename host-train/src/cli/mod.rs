@@ -188,6 +188,38 @@ pub struct BelowProbability {
     pub least: f32,
 }
 
+impl BelowProbability {
+    /// Fails if any of these is below the least.
+    ///
+    /// # Errors
+    /// How many are.
+    pub fn check(
+        probabilities: impl Iterator<Item = f32>,
+        least: f32,
+    ) -> Result<(), BelowProbability> {
+        let below: Vec<f32> = probabilities.filter(|&p| p < least).collect();
+        match below.iter().copied().reduce(f32::min) {
+            None => Ok(()),
+            Some(lowest) => Err(BelowProbability {
+                poses: below.len(),
+                lowest,
+                least,
+            }),
+        }
+    }
+}
+
+/// A probability, as an argument.
+///
+/// # Errors
+/// What is none.
+pub fn probability(text: &str) -> Result<f32, &'static str> {
+    match text.parse::<f32>() {
+        Ok(p) if (0.0..=1.0).contains(&p) => Ok(p),
+        _ => Err("a probability is a number from 0 to 1"),
+    }
+}
+
 /// The exit status of a failure.
 pub fn status(error: &anyhow::Error) -> u8 {
     if error.is::<BelowProbability>() { 3 } else { 1 }

@@ -14,7 +14,7 @@ pub use input::{Input, Units};
 pub use source::SourceArgs;
 
 use super::output::check_files;
-use super::{BelowProbability, bad_usage};
+use super::{BelowProbability, bad_usage, probability};
 use crate::cli::source::positive;
 use crate::dataset::cloud_file::{STANDARD, check_cloud, check_output, check_place};
 use crate::policy::{REAGENT, VIEWS, WeightFile};
@@ -150,13 +150,6 @@ fn steps(text: &str) -> anyhow::Result<usize> {
         Ok(0) => bail!("the policy takes at least one step; --mode refine leaves it out"),
         Ok(steps @ 1..=MOST_STEPS) => Ok(steps),
         _ => bail!("steps are a whole number from 1 to {MOST_STEPS}"),
-    }
-}
-
-fn probability(text: &str) -> anyhow::Result<f32> {
-    match text.parse::<f32>() {
-        Ok(p) if (0.0..=1.0).contains(&p) => Ok(p),
-        _ => bail!("a probability is a number from 0 to 1"),
     }
 }
 
@@ -353,15 +346,7 @@ impl RegisterArgs {
             return Ok(());
         };
         let probability = |done: &Done| done.found.answer.probability.unwrap_or(0.0);
-        let below: Vec<f32> = done.map(probability).filter(|&p| p < least).collect();
-        match below.iter().copied().reduce(f32::min) {
-            None => Ok(()),
-            Some(lowest) => Err(BelowProbability {
-                poses: below.len(),
-                lowest,
-                least,
-            }
-            .into()),
-        }
+        BelowProbability::check(done.map(probability), least)?;
+        Ok(())
     }
 }

@@ -189,7 +189,7 @@ pub fn outcome(verdict: Verdict, probability: Option<f32>) -> String {
 
 /// How probably a pose is right.
 pub fn probability(found: &Refinement, [_, target]: Names<'_>) -> String {
-    let up_to = match found.undetermined.is_nothing() {
+    let up_to = match found.undetermined.is_nothing() || found.evidence.sizes_differ() {
         true => "",
         false => UP_TO,
     };

@@ -245,5 +245,8 @@ fn boards_look_at_critical_points_alone_as_hosts_do() {
         for (id, pair) in pairs.iter().enumerate().skip(1).step_by(9) {
             assert_same(&mut board, id as u64, pair, &expected_of(&policy, pair));
         }
+        // A stack that was used up may have overwritten what lies below.
+        let (_, report) = board.ask().expect("it runs");
+        assert!(report.stack_bytes < report.stack_capacity, "{report:?}");
     });
 }

@@ -15,6 +15,7 @@ mod registrar;
 mod registration;
 mod step;
 mod tracker;
+mod undetermined;
 
 use pyo3::pymodule;
 
@@ -47,11 +48,13 @@ mod module {
     #[pymodule_export]
     use crate::registrar::Registrar;
     #[pymodule_export]
-    use crate::registration::{Axis, Fold, Other, Registration, Slide, Undetermined};
+    use crate::registration::{Other, Registration};
     #[pymodule_export]
     use crate::step::Step;
     #[pymodule_export]
     use crate::tracker::Tracker;
+    #[pymodule_export]
+    use crate::undetermined::{Axis, Fold, Slide, Undetermined};
     use pyo3::prelude::*;
 
     #[pymodule_init]

@@ -127,38 +127,36 @@ impl DepthGrid {
         let Some((at, depth)) = self.project(point) else {
             return false;
         };
-        let seen = self
-            .cell(at)
-            .and_then(|(x, y)| self.depth.get(y).and_then(|row| row.get(x)));
-        // No depth: nothing was seen in the cell.
-        seen.is_some_and(|&seen| seen > 0.0 && depth < seen - self.margin)
+        let seen = self.cell(at).and_then(|cell| self.seen_in(cell));
+        seen.is_some_and(|seen| depth < seen - self.margin)
     }
 
-    /// Whether something was seen behind a point by more than `margin`, there and in the cells around: sensors see little at edges, and
-    /// masks end beside them. False if the background is not known.
+    /// Whether something was seen behind a point by more than `margin`, there and in the cells around: sensors see little at edges,
+    /// and masks end beside them.
     pub(crate) fn is_seen_through(&self, point: Vec3, margin: f32) -> bool {
-        let Some((at, depth)) = self.project(point).filter(|_| self.shows_background) else {
+        let Some((at, depth)) = self.project(point) else {
             return false;
         };
         let Some((x, y)) = self.cell(at) else {
             return false;
         };
-        let here = self.depth.get(y).and_then(|row| row.get(x));
-        let rows = self
-            .depth
-            .iter()
-            .skip(y.saturating_sub(1))
-            .take(y.min(1) + 2);
-        let around = rows.flat_map(|row| row.iter().skip(x.saturating_sub(1)).take(x.min(1) + 2));
-        let is_behind = |&seen: &f32| seen <= 0.0 || depth < seen - margin;
-        here.is_some_and(|&seen| seen > 0.0) && around.into_iter().all(is_behind)
+        let around = |of: usize| of.saturating_sub(1)..of + 2;
+        let mut cells = around(y).flat_map(|y| around(x).map(move |x| (x, y)));
+        let is_behind = |cell| self.seen_in(cell).is_none_or(|seen| depth < seen - margin);
+        self.seen_in((x, y)).is_some() && cells.all(is_behind)
+    }
+
+    /// The nearest depth seen in a cell; `None` if nothing was.
+    fn seen_in(&self, (x, y): (usize, usize)) -> Option<f32> {
+        let seen = *self.depth.get(y)?.get(x)?;
+        (seen > 0.0).then_some(seen)
     }
 
     /// The cell of a point, by number, if the point is the nearest one seen there.
     pub(crate) fn nearest_in(&self, point: Vec3) -> Option<usize> {
         let (at, depth) = self.project(point)?;
         let (x, y) = self.cell(at)?;
-        let held = *self.depth.get(y)?.get(x)?;
+        let held = self.seen_in((x, y))?;
         (depth == held).then_some(y * CELLS + x)
     }
 

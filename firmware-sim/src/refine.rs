@@ -151,14 +151,10 @@ impl RefineArgs {
         if view_point.is_some() {
             model.notice_missing_faces();
         }
-        let mut seen = Sent::of(seen, &source, view_point);
-        // Copies share what a mesh tells.
-        let mesh = model.clone();
-        let mut model = Sent::of(model, &target, None);
+        let tells_sides = view_point.is_some() && self.mode != Some(Mode::Fast);
+        let mut seen = Sent::of(seen, &source, view_point, false);
+        let model = Sent::of(model, &target, None, tells_sides);
         if let Some(view_point) = seen.view_point {
-            if self.mode != Some(Mode::Fast) {
-                model.outward = mesh.outward_at(&model.points);
-            }
             // Send only the background that counts.
             let clouds = [seen.points.as_slice(), &model.points];
             seen.background = nearest_per_cell(clouds, view_point.into(), &seen.background)?;
@@ -305,12 +301,11 @@ impl Asking {
 
     /// Fails if a pose is less probable than `--fail-below` asks.
     fn judge<'r>(&self, replies: impl IntoIterator<Item = &'r RefineReply>) -> anyhow::Result<()> {
-        let Some(least) = self.args.fail_below else {
-            return Ok(());
-        };
-        let probability = |reply: &RefineReply| reply.probability.unwrap_or(0.0);
-        BelowProbability::check(replies.into_iter().map(probability), least)?;
-        Ok(())
+        let probabilities = replies.into_iter().map(|reply| reply.probability);
+        Ok(BelowProbability::check(
+            probabilities,
+            self.args.fail_below,
+        )?)
     }
 
     async fn refine_pairs(&mut self, pairs: &PairSet) -> anyhow::Result<()> {

@@ -16,6 +16,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 use support::{FLEET, Network, publisher, until};
+use tempfile::TempDir;
 use zenoh::query::Queryable;
 use zenoh::{Session, Wait};
 
@@ -27,6 +28,37 @@ const WALL: u16 = 5600;
 struct Refine {
     #[command(flatten)]
     args: RefineArgs,
+}
+
+/// A depth image, its mask and the part that it shows, in a folder.
+struct Scene(TempDir);
+
+impl Scene {
+    const FILES: [&str; 3] = ["depth.png", "mask.png", "part.ply"];
+
+    fn new() -> Scene {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        write_view(folder.path(), WALL);
+        Scene(folder)
+    }
+
+    fn at(&self, name: &str) -> String {
+        self.0.path().join(name).display().to_string()
+    }
+}
+
+/// The words that name the image as a source.
+fn source<'a>(depth: &'a str, mask: &'a str) -> [&'a str; 8] {
+    [
+        "--depth",
+        depth,
+        "--camera",
+        CAMERA,
+        "--mask",
+        mask,
+        "--depth-scale",
+        "0.1",
+    ]
 }
 
 /// The document that a command wrote.
@@ -45,33 +77,17 @@ async fn a_robot_answers_what_the_workstation_does() {
     published.expect("a policy");
     until(&node, |view| view.policy.is_some()).await;
 
-    let folder = tempfile::tempdir().expect("a temporary folder");
-    let at = |name: &str| {
-        folder
-            .path()
-            .join(name)
-            .to_str()
-            .expect("a path")
-            .to_owned()
-    };
-    write_view(folder.path(), WALL);
-    let (depth, mask, part) = (at("depth.png"), at("mask.png"), at("part.ply"));
+    let scene = Scene::new();
+    let at = |name: &str| scene.at(name);
+    let [depth, mask, part] = Scene::FILES.map(at);
     let start = start();
     // From an estimate, from anywhere, and in another unit, in which nothing fits.
     for (init, scale) in [(start.as_str(), "1"), ("none", "1"), ("none", "0.5")] {
-        let source = [
-            "--depth",
-            &depth,
-            "--camera",
-            CAMERA,
-            "--mask",
-            &mask,
-            "--depth-scale",
-            "0.1",
-            "--scale",
-            scale,
-        ];
-        let common = [&source[..], &["--init", init, &part]].concat();
+        let common = [
+            &source(&depth, &mask)[..],
+            &["--scale", scale, "--init", init, &part],
+        ]
+        .concat();
         let here = at("here.json");
         let words = [
             "host-train",
@@ -177,15 +193,9 @@ async fn small_robot(session: &Session, robot: &str) -> (Queryable<()>, Arc<Atom
 async fn a_robot_without_memory_for_what_was_seen_besides_is_asked_without_it() {
     let network = Network::start().await;
     let (_robot, refused) = small_robot(&network.router, "r2").await;
-    let folder = tempfile::tempdir().expect("a temporary folder");
-    write_view(folder.path(), WALL);
-    let at = |name: &str| folder.path().join(name).display().to_string();
-    let (depth, mask, part, json) = (
-        at("depth.png"),
-        at("mask.png"),
-        at("part.ply"),
-        at("r2.json"),
-    );
+    let scene = Scene::new();
+    let [depth, mask, part] = Scene::FILES.map(|name| scene.at(name));
+    let json = scene.at("r2.json");
     let words = [
         "refine",
         "--fleet",
@@ -195,17 +205,12 @@ async fn a_robot_without_memory_for_what_was_seen_besides_is_asked_without_it() 
         "--connect",
         &network.endpoint,
     ];
-    let seen = [
-        "--depth",
-        &depth,
-        "--camera",
-        CAMERA,
-        "--mask",
-        &mask,
-        "--depth-scale",
-        "0.1",
-    ];
-    let words = [&words[..], &seen, &["--json", &json, &part]].concat();
+    let words = [
+        &words[..],
+        &source(&depth, &mask),
+        &["--json", &json, &part],
+    ]
+    .concat();
     let refine = Refine::try_parse_from(words).expect("good usage");
     refine.args.run().await.expect("a pose");
     assert_eq!(refused.load(Ordering::Relaxed), 1);

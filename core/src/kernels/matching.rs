@@ -226,9 +226,9 @@ fn reaches<L: Lanes>(at: Vectors<L>, nearest: L, &[low, high]: &Corners) -> bool
 
 impl Isa {
     /// Finds the nearest point of another surface that is not hidden to each point sought, if its squared distance is below
-    /// `limit`. With
-    /// `is_known`, `places` holds points that may be near. Writes the place of each point's nearest at the point's own place,
-    /// or sets [`BEYOND`] on an old place; and writes to `keys`, in order, the bits of the squared distances, or of the limit.
+    /// `limit`. With `is_known`, `places` holds points that may be near. Writes the place of each point's nearest at the point's
+    /// own place, or sets [`BEYOND`] on an old place; and writes to `keys`, in order, the bits of the squared distances, or of
+    /// the limit.
     pub fn find(
         self,
         sought: &NearestQuery<'_>,

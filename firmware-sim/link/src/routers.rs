@@ -1,7 +1,6 @@
 //! Routers that come and go.
 
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicBool, Ordering};
 use zenoh::Session;
 use zenoh::config::WhatAmI;
 use zenoh::sample::SampleKind;
@@ -17,23 +16,24 @@ pub async fn follow_routers(
 ) -> zenoh::Result<TransportEventsListener<()>> {
     let info = session.info();
     let listener = info.transport_events_listener().history(true);
-    let (count, lost) = (Mutex::new(0usize), AtomicBool::new(false));
+    // How many there are, and whether one was lost since the last came.
+    let state = Mutex::new((0usize, false));
     let listener = listener.callback(move |event| {
         let transport = event.transport();
         if transport.whatami() != WhatAmI::Router {
             return;
         }
         let router = transport.zid();
-        let mut count = count.lock().expect("no holder panics");
+        let (count, lost) = &mut *state.lock().expect("no holder panics");
         if event.kind() == SampleKind::Put {
             // What was told of a loss is told of its end.
-            match lost.swap(false, Ordering::Relaxed) {
+            match std::mem::take(lost) {
                 true => tracing::warn!("connected to router {router} again"),
                 false => tracing::info!("connected to router {router}"),
             }
             *count += 1;
         } else {
-            lost.store(true, Ordering::Relaxed);
+            *lost = true;
             tracing::warn!("lost router {router}; looking for it");
             *count = count.saturating_sub(1);
         }

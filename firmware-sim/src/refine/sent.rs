@@ -24,15 +24,25 @@ pub(super) struct Sent {
 }
 
 impl Sent {
-    /// The cloud that was read. Prints what the reader noticed.
-    pub(super) fn of(cloud: Prepared<'_>, path: &Path, view_point: Option<Position>) -> Sent {
+    /// The cloud that was read, and which way it faces if `tells_sides`. Prints what the reader noticed.
+    pub(super) fn of(
+        cloud: Prepared<'_>,
+        path: &Path,
+        view_point: Option<Position>,
+        tells_sides: bool,
+    ) -> Sent {
         for note in &cloud.notes {
             eprintln!("{}: {note}", path.display());
         }
         let relative = |at: Position| [0, 1, 2].map(|k| (at[k] - cloud.origin[k]) as f32);
+        let points = in_order(cloud.points().to_vec());
+        let outward = match tells_sides {
+            true => cloud.outward_at(&points),
+            false => Vec::new(),
+        };
         Sent {
-            points: in_order(cloud.points().to_vec()),
-            outward: Vec::new(),
+            points,
+            outward,
             origin: cloud.origin,
             view_point: view_point.map(relative),
             background: cloud.background,

@@ -213,7 +213,7 @@ fn as_array<'py>(name: &str, given: &Bound<'py, PyAny>) -> PyResult<Bound<'py, P
 }
 
 /// Whether an exception says nothing of the argument: an interrupt, an exit, no memory.
-fn is_of_the_interpreter(py: Python<'_>, cause: &PyErr) -> bool {
+pub(crate) fn is_of_the_interpreter(py: Python<'_>, cause: &PyErr) -> bool {
     cause.is_instance_of::<PyMemoryError>(py) || !cause.is_instance_of::<PyException>(py)
 }
 

@@ -1,7 +1,7 @@
 //! Depth images as points.
 
 use crate::arguments;
-use crate::array::{numbers, without_mask};
+use crate::array::{is_of_the_interpreter, numbers, without_mask};
 use crate::error::{Error, bad};
 use host_train::dataset::depth::image::{Image, largest_integer};
 use host_train::dataset::depth::{DepthImage, Depths, Intrinsics, checked_scale};
@@ -57,9 +57,11 @@ pub(crate) fn depth_image(
     checked_scale(depth_scale).map_err(Error::new_err)?;
     // What is no array yet, such as a tensor or a data frame, has its type once it is one.
     let numpy = depth.py().import("numpy")?;
-    let array = numpy.call_method1("asanyarray", (depth,)).ok();
-    let array = array.and_then(|array| array.cast_into::<PyUntypedArray>().ok());
-    let dtype = array.map(|array| {
+    let depth = &match numpy.call_method1("asanyarray", (depth,)) {
+        Err(cause) if is_of_the_interpreter(depth.py(), &cause) => return Err(cause),
+        made => made.unwrap_or_else(|_| depth.clone()),
+    };
+    let dtype = depth.cast::<PyUntypedArray>().ok().map(|array| {
         let dtype = array.dtype();
         (dtype.kind(), dtype.itemsize())
     });

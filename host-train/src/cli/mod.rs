@@ -189,14 +189,18 @@ pub struct BelowProbability {
 }
 
 impl BelowProbability {
-    /// Fails if any of these is below the least.
+    /// Fails if any of these is below the least that was asked for; what was not judged is.
     ///
     /// # Errors
     /// How many are.
     pub fn check(
-        probabilities: impl Iterator<Item = f32>,
-        least: f32,
+        probabilities: impl Iterator<Item = Option<f32>>,
+        least: Option<f32>,
     ) -> Result<(), BelowProbability> {
+        let Some(least) = least else {
+            return Ok(());
+        };
+        let probabilities = probabilities.map(Option::unwrap_or_default);
         let below: Vec<f32> = probabilities.filter(|&p| p < least).collect();
         match below.iter().copied().reduce(f32::min) {
             None => Ok(()),

@@ -342,11 +342,7 @@ impl RegisterArgs {
 
     /// Fails if a pose is less probable than `--fail-below` asks.
     fn judge<'a>(&self, done: impl Iterator<Item = &'a Done>) -> anyhow::Result<()> {
-        let Some(least) = self.fail_below else {
-            return Ok(());
-        };
-        let probability = |done: &Done| done.found.answer.probability.unwrap_or(0.0);
-        BelowProbability::check(done.map(probability), least)?;
-        Ok(())
+        let probabilities = done.map(|done| done.found.answer.probability);
+        Ok(BelowProbability::check(probabilities, self.fail_below)?)
     }
 }

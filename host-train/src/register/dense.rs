@@ -73,9 +73,8 @@ impl InRadii {
 }
 
 /// Refines a pose by point-to-plane ICP on up to 20,000 points of each cloud; a target's normals are estimated where no faces tell
-/// them. Correspondences reach .05 target
-/// radii at first, then three times the distance that this leaves between the surfaces. `None` where the fit does
-/// not improve, or the pose moves by more than .1 target radii or 10 degrees.
+/// them. Correspondences reach .05 target radii at first, then three times the distance that this leaves between the surfaces.
+/// `None` where the fit does not improve, or the pose moves by more than .1 target radii or 10 degrees.
 ///
 /// # Errors
 /// Clouds that the core refuses.

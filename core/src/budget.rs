@@ -50,13 +50,11 @@ pub const CORTEX_M55_INSTRUCTION_BUDGET: f64 = 0.15;
 /// RAM of [`crate::polish::Workspace`], bytes; needed only for refinement.
 pub const WORKSPACE_BYTES: usize = core::mem::size_of::<crate::polish::Workspace>();
 /// Most RAM of a microcontroller that refines poses and compares them
-/// with others, with two clouds of 1024 points and the stack, bytes. It was 308 KiB until open turns were looked for.
+/// with others, with two clouds of 1024 points and the stack, bytes.
 pub const REFINEMENT_RAM_BUDGET: usize = 312 * 1024;
 /// Part of it that the stack may take, bytes; the simulated boards reserve it.
 pub const REFINEMENT_STACK_BUDGET: usize = 51 * 1024;
-/// Most flash of such a program, frames and serial line included, bytes. It was 184 KiB until what was seen through a target spoke
-/// against a pose, 180 KiB until symmetries were named, 172 KiB until open turns were looked for about any line, and 168 KiB until
-/// targets told which way they face.
+/// Most flash of such a program, frames and serial line included, bytes.
 pub const REFINEMENT_CODE_BUDGET: usize = 187 * 1024;
 /// Most instructions of a Cortex-M7 to prepare a target of 1024 points, to refine a pose on it, and to compare that pose with
 /// others; simulated, not measured on silicon.

@@ -1,5 +1,5 @@
-//! Which way a target's surface faces, if a mesh tells. Surfaces that face away from the sensor were not seen, so the far side
-//! of a wall is not taken for its near side. Nor were those inside a housing.
+//! Which way a target's surface faces, if a mesh tells. A sensor sees neither surfaces that face away from it nor those inside a
+//! housing. So the far side of a wall is not taken for its near side.
 
 use crate::freespace::DepthGrid;
 use crate::kernels::{Bits, Isa, RUN, RUNS, Sides, has};
@@ -129,9 +129,9 @@ mod tests {
         let mut workspace = Box::new(Workspace::new());
         let mut refiner = Refiner::new(&source, &target, &mut workspace).expect("two clouds");
         if let Some(eye) = seen_from {
-            refiner.seen_from(eye);
+            refiner.set_sensor(eye, &[]);
         }
-        refiner.faces(outward);
+        refiner.set_outward(outward);
         let start = Pose {
             translation: Vec3::new(0.0, 0.0, -1.6 * half),
             ..Pose::IDENTITY

@@ -89,7 +89,7 @@ pub struct Task<'b> {
     pub frame: Option<Frame>,
     /// Where the sensor stood, in the source's frame and units, if the source is a view from one point.
     pub view_point: Option<Vec3>,
-    /// What else the sensor saw, in the source's frame and units ([`Refiner::seen_before`]); ignored without a view point.
+    /// What else the sensor saw, in the source's frame and units ([`Refiner::set_sensor`]); ignored without a view point.
     pub background: &'b [[f32; 3]],
     /// Outward normals of the target's points, in their order, as a mesh gives them, or [`INSIDE`] ([`Refiner::faces`]); ignored
     /// without a view point.
@@ -114,10 +114,10 @@ impl<'b> Task<'b> {
     }
 
     /// Passes on to a refiner what the sensor tells.
-    pub fn look(&self, refiner: &mut Refiner<'_>) {
+    pub fn tell_sensor(&self, refiner: &mut Refiner<'_>) {
         if let Some(view_point) = self.view_point {
-            refiner.seen_before(view_point, self.background);
-            refiner.faces(self.outward);
+            refiner.set_sensor(view_point, self.background);
+            refiner.set_outward(self.outward);
         }
     }
 
@@ -214,9 +214,10 @@ pub fn register<'c, E: From<Error>>(
     let has_steps = task.mode.has_steps() && task.steps > 0;
     if has_steps {
         registrar.start_in(&mut registration, source, target, frame, start)?;
+        // Equations 3 and 4.
         while registration.steps() < task.steps && !registration.is_settled() {
             progress(Progress::Next)?;
-            let step = registrar.step(&mut registration)?; // equations 1 to 4, 8 and 9
+            let step = registrar.step(&mut registration)?; // equations 8 and 9
             progress(Progress::Step(&step, &registration))?;
         }
     }
@@ -254,10 +255,10 @@ pub fn refine<E: From<Error>>(
     }
     go_on()?;
     let mut refiner = match task.model {
-        Some(model) if model.is_of(target) => Refiner::on(model, source, workspace)?,
+        Some(model) if model.is_of(target) => Refiner::for_model(model, source, workspace)?,
         _ => Refiner::new(source, target, workspace)?,
     };
-    task.look(&mut refiner);
+    task.tell_sensor(&mut refiner);
     Ok(Some(if mode == Mode::Verify {
         let found = refiner.verify_while(reached, &task.start, go_on)?;
         Refinement {

@@ -125,7 +125,7 @@ impl<'w> Refiner<'w> {
     ///
     /// # Errors
     /// As [`check_cloud`]; [`Error::EmptyCloud`] for a model without a target.
-    pub fn on(
+    pub fn for_model(
         model: &'w Model,
         source: &[[f32; 3]],
         workspace: &'w mut Workspace,

@@ -32,12 +32,7 @@ impl Pose {
         self.rotation * point + self.translation
     }
 
-    /// Disentangled application about the source's centroid, `x' = R (x - μ) + μ + t`.
-    pub fn apply_about(&self, centroid: Vec3, point: Vec3) -> Vec3 {
-        self.rotation * (point - centroid) + (centroid + self.translation)
-    }
-
-    /// Accumulates one step, equations 8 and 9: `R_i = R̂_i R_{i-1}`, `t_i = t̂_i + t_{i-1}` (global disentangled).
+    /// Accumulates one step, equation 8: `R_i = R̂_i R_{i-1}`, `t_i = t̂_i + t_{i-1}` (global disentangled).
     pub fn accumulate(&self, update: Pose) -> Pose {
         Pose {
             rotation: update.rotation * self.rotation,
@@ -201,7 +196,7 @@ mod tests {
             Vec3::new(3.0, -2.0, 1.0),
             Vec3::new(0.1, 0.2, 0.3),
         );
-        let about = pose.apply_about(mu, x);
+        let about = pose.rotation * (x - mu) + mu + pose.translation;
         assert!((pose.to_global(mu).apply(x) - about).length() < 1e-5);
         let back = pose.to_global(mu).to_disentangled(mu);
         assert!((back.translation - pose.translation).length() < 1e-5);

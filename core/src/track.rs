@@ -181,7 +181,7 @@ impl Tracker {
     /// With the object in this cloud, where `refined` was found first.
     fn after(&self, answer: &Answer, mode: Mode, refined: Option<Answer>) -> Tracker {
         let is_refined = mode == Mode::Refine;
-        // A pose that another took the place of tells nothing of how well right ones fit.
+        // A pose that was replaced by another does not show how well right poses fit.
         let is_confirmed = |refined: &Answer| {
             let turn = refined
                 .target_from_source
@@ -276,7 +276,7 @@ fn is_open(answer: &Answer) -> bool {
     open.is_some_and(|open| open.axis.is_some())
 }
 
-/// Of the answer's probability.
+/// Log-odds of the answer's probability.
 fn log_odds(answer: &Answer) -> Option<f32> {
     answer.probability.map(|p| libm::logf(p / (1.0 - p)))
 }

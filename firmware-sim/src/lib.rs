@@ -1,8 +1,8 @@
 //! Simulated robots on Zenoh: a node that fetches the fleet's policy and answers refine requests with
 //! `reagent_core`, and the client that asks.
 //!
-//! A policy flows `session -> node -> policy (signature) -> fetch (chunks) -> store (flash) -> policy (hash, parse,
-//! self-test) -> service`. A request flows `client -> node (queue) -> service -> client`. If the node has a board, `bridge`
+//! A policy flows `session -> node -> updates (whether to take it) -> policy (signature) -> fetch (chunks) -> store (flash) ->
+//! policy (hash, parse, self-test) -> service`. A request flows `client -> node (queue) -> service -> client`. If the node has a board, `bridge`
 //! replaces `service`, and policies and requests go on over the board's line.
 #![doc = "\n"]
 #![doc = include_str!("../README.md")]

@@ -181,8 +181,10 @@ fn answer(
     check()?;
     let Engine { registrar, policy } = engine.map_err(refused)?;
     let started = Instant::now();
-    let source = taken(Cloud::Source, &request.source, &mut buffers.source).map_err(refused)?;
-    let target = taken(Cloud::Target, &request.target, &mut buffers.target).map_err(refused)?;
+    let source =
+        checked_copy(Cloud::Source, &request.source, &mut buffers.source).map_err(refused)?;
+    let target =
+        checked_copy(Cloud::Target, &request.target, &mut buffers.target).map_err(refused)?;
     let mut steps = Vec::new();
     // These need not be checked: what is not finite is ignored.
     let background = request.background.copy_into(&mut buffers.background);
@@ -257,7 +259,7 @@ fn micros(time: Duration) -> u32 {
 }
 
 /// Copies a cloud out of the frame and checks it.
-fn taken<'c>(
+fn checked_copy<'c>(
     cloud: Cloud,
     view: &CloudView<'_>,
     space: &'c mut [[f32; 3]],

@@ -177,6 +177,9 @@ impl Updates {
         }
     }
 
+    /// Decides whether the announced policy is taken: its signature is trusted, it is newer than every policy that was in use but
+    /// not far ahead of them, and the roll-out has reached this robot. Then it is fetched and put into use ([`Store::take`]).
+    /// `None` if it is in use already.
     async fn update(
         &mut self,
         signed_manifest: &[u8],

@@ -1,9 +1,9 @@
 //! One registration of two clouds in the user's own units.
 
+mod all_points;
 pub mod background;
 pub mod batch;
 pub mod best;
-mod contest;
 pub mod dense;
 pub mod document;
 pub mod prepared;

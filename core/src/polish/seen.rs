@@ -8,16 +8,11 @@ use glam::Vec3;
 const BEHIND: f32 = 0.1;
 
 impl Refiner<'_> {
-    /// States from where the source was seen, in the source's frame. What would stand in front of what was seen then counts
-    /// against a pose; what is hidden does not.
-    pub fn seen_from(&mut self, view_point: Vec3) {
-        self.seen_before(view_point, &[]);
-    }
-
-    /// As [`Self::seen_from`], with what else was seen: `background [B, 3]` in the source's frame, such as the other pixels of
-    /// a depth image. What would stand in front of it counts against a pose as well. Only an image of twice the source's width
-    /// is looked at: points outside it are ignored, and so are points that are not finite.
-    pub fn seen_before(&mut self, view_point: Vec3, background: &[[f32; 3]]) {
+    /// States from where the source was seen, in the source's frame, and what else was seen there: `background [B, 3]`, such as
+    /// the other pixels of a depth image, or nothing. What would stand in front of what was seen then counts against a pose; what
+    /// is hidden does not. Only an image of twice the source's width is looked at: points outside it are ignored, and so are
+    /// points that are not finite.
+    pub fn set_sensor(&mut self, view_point: Vec3, background: &[[f32; 3]]) {
         let (centre, factor) = (self.source_centre, 1.0 / self.model.frame.scale);
         let inside = |point: Vec3| (point - centre) * factor;
         let around = background.iter().map(|&p| inside(Vec3::from_array(p)));
@@ -26,11 +21,11 @@ impl Refiner<'_> {
     }
 
     /// States which way the target's surface faces: `outward [M, 3]` at its points, in their order.
-    /// What faces away from the sensor ([`Refiner::seen_from`]) was not seen, nor what is inside of the target
+    /// What faces away from the sensor ([`Refiner::set_sensor`]) was not seen, nor what is inside of the target
     /// ([`crate::pipeline::INSIDE`]), and the source is matched only with the rest, unless the sensor stands within
     /// the target's radius. A point without a valid direction is unknown, as is all of a target of more than
     /// [`crate::dims::SURFACE_POINTS`] points.
-    pub fn faces(&mut self, outward: &[[f32; 3]]) {
+    pub fn set_outward(&mut self, outward: &[[f32; 3]]) {
         self.work.facing.fill(self.model, outward);
     }
 
@@ -97,7 +92,7 @@ mod tests {
         let mut workspace = Box::new(Workspace::new());
         let mut refiner = Refiner::new(&source, &target, &mut workspace).expect("two clouds");
         let eye = Vec3::new(0.0, 0.0, 6.0);
-        refiner.seen_before(eye, if with_table { &table } else { &[] });
+        refiner.set_sensor(eye, if with_table { &table } else { &[] });
         let found = refiner.polish(Pose::IDENTITY).expect("a pose");
         found.seen_through
     }

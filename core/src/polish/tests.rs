@@ -237,7 +237,7 @@ fn what_would_hide_the_background_counts_against_a_pose() {
     let mut workspace = Workspace::new();
     let mut residuals = |background: &[[f32; 3]]| {
         let mut refiner = Refiner::new(&end, &bar, &mut workspace).expect("clouds");
-        refiner.seen_before(Vec3::ZERO, background);
+        refiner.set_sensor(Vec3::ZERO, background);
         // As it lies, the bar continues to the right; moved by its length, to the left.
         [0.0, 1.0].map(|shift| {
             let there = refiner.residual(pose([0.0; 3], [shift, 0.0, 0.0]));

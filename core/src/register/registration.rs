@@ -179,7 +179,7 @@ impl<'c> Registration<'c> {
         }
     }
 
-    /// View under which the policy sees the source now: `R (x - μ)/s + (μ - centre)/s + t`.
+    /// View under which the policy sees the source now, equation 9 in the target's frame: `R (x - μ)/s + (μ - centre)/s + t`.
     pub(super) fn source_view(&self) -> View {
         let scale = 1.0 / self.frame.scale;
         View {

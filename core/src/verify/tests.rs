@@ -33,11 +33,11 @@ fn a_target_that_is_ready_changes_no_bit() {
         // One workspace for all, which other targets used before.
         let mut refiner = Refiner::new(&source, target, &mut used).expect("clouds");
         assert_eq!(refiner.verify(Pose::IDENTITY, &start), expected);
-        let mut refiner = Refiner::on(model, &source, &mut fresh).expect("clouds");
+        let mut refiner = Refiner::for_model(model, &source, &mut fresh).expect("clouds");
         assert_eq!(refiner.verify(Pose::IDENTITY, &start), expected);
     }
     let of_nothing = Model::new();
-    let refused = Refiner::on(&of_nothing, &source, &mut fresh).map(|_| ());
+    let refused = Refiner::for_model(&of_nothing, &source, &mut fresh).map(|_| ());
     assert_eq!(refused, Err(Error::EmptyCloud));
 }
 

@@ -189,7 +189,7 @@ pub struct BelowProbability {
 }
 
 impl BelowProbability {
-    /// Fails if any of these is below the least that was asked for; what was not judged is.
+    /// Fails if any of these is below the least that was asked for. A pose without a probability counts as below.
     ///
     /// # Errors
     /// How many are.

@@ -119,13 +119,13 @@ impl Problem {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum Accumulation {
-    /// Disentangled, `R_i = R̂_i R_{i-1}`, `t_i = t̂_i + t_{i-1}` (the paper's choice, and the only one that
+    /// Disentangled, `R_i = R̂_i R_{i-1}`, `t_i = t̂_i + t_{i-1}` (equations 8 and 9; the only one that
     /// can be exported)
     #[default]
     Global,
     /// Disentangled with rotations about the turned axes, `R_i = R_{i-1} R̂_i`
     Local,
-    /// Homogeneous 4x4 matrices about the origin, `T_i = T̂_i T_{i-1}`
+    /// Homogeneous 4x4 matrices about the origin, `T_i = T̂_i T_{i-1}` (equations 5 to 7)
     Basic,
 }
 

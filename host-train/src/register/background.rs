@@ -18,7 +18,7 @@ pub fn nearest_per_cell(
 ) -> Result<Vec<Point>, Error> {
     let mut workspace = Box::new(Workspace::new());
     let mut refiner = Refiner::new(source, target, &mut workspace)?;
-    refiner.seen_before(view_point, background);
+    refiner.set_sensor(view_point, background);
     let mut cells = HashSet::new();
     let is_nearest = |&&point: &&Point| {
         let cell = refiner.nearest_in_cell(Vec3::from_array(point));
@@ -61,7 +61,7 @@ mod tests {
             let mut residuals = |background: &[Point]| -> Vec<_> {
                 let mut refiner =
                     Refiner::new(&source, &target, &mut workspace).expect("two clouds");
-                refiner.seen_before(eye, background);
+                refiner.set_sensor(eye, background);
                 let moved = |k: i32| Pose {
                     rotation: Mat3::from_rotation_x(0.1 * k as f32),
                     translation: Vec3::new(0.2, 0.1, 0.3) * k as f32,

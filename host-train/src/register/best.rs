@@ -98,7 +98,7 @@ fn refiner<'w>(
     let mut refiner = Refiner::new(source, target, &mut memory.workspace)?;
     // The sensor is the same for all starts.
     if let Some(task) = tasks.first() {
-        task.look(&mut refiner);
+        task.tell_sensor(&mut refiner);
     }
     Ok(refiner)
 }

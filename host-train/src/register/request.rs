@@ -1,8 +1,8 @@
 //! What users ask for: registrations in the clouds' own coordinates, in f64.
 
 use crate::pose64::{Pose64, Position};
+use crate::register::all_points::decided_by_all_points;
 use crate::register::best::{Best, Other, best_and_others};
-use crate::register::contest::decided_by_all_points;
 use crate::register::dense::{Dense, DenseRefinement, refine_densely};
 use crate::register::prepared::Prepared;
 use crate::register::scale::other_size;

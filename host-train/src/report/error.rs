@@ -56,7 +56,7 @@ pub enum ReportError {
         /// What the parser said.
         reason: String,
     },
-    /// The file is none that a report is made of.
+    /// No report can be made from this file.
     #[error(
         "{}: neither a RUN_DIR, nor written by `eval --json`, `sweep --json`, `calibrate --json`, `eval --trace` or `register --trace`",
         path.display()

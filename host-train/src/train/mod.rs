@@ -39,6 +39,7 @@
 //! | returns on the samples they belong to | yes; the authors' code gives 318 of 320 samples those of others | [`Buffer`](crate::learn::buffer::Buffer) | `the_authors_order_gives_samples_the_returns_of_others` |
 //! | exact resumption | yes, also after a kill | [`record`], [`crate::policy::checkpoint`] | `a_killed_run_goes_on_as_if_nothing_had_happened`; `host-train/tests/training.rs` |
 
+mod begin;
 mod bench;
 mod config;
 mod data;

@@ -1,13 +1,20 @@
 //! What a run reports: a line of JSON for each update and epoch, and a bar or a line on the terminal.
 
 use super::config::TrainConfig;
+use super::data::TrainingData;
 use super::stats::UpdateStats;
+use crate::dataset::modelnet::FIRST_HALF;
+use crate::dataset::pairs::PairSet;
 use crate::measure::metrics::Summary;
-use crate::policy::checkpoint::EpochSums;
+use crate::policy::checkpoint::{EpochSums, Progress};
+use crate::words::count;
 use indicatif::{HumanDuration, ProgressBar, ProgressStyle};
 use serde_json::{Value, json};
 use std::io::IsTerminal;
 use std::time::{Duration, Instant};
+
+/// Updates below which a policy hardly learns.
+const FEW_UPDATES: u64 = 200;
 
 /// The line for an update.
 pub(super) fn update_line(update: u64, epoch: u32, rate: f32, stats: &UpdateStats) -> Value {
@@ -141,5 +148,54 @@ impl Display {
     /// Removes the bar.
     pub(super) fn end(self) {
         self.bar.finish_and_clear();
+    }
+}
+
+/// Says what a run consists of, and what is unusual about it.
+pub(super) fn tell_size(
+    config: &TrainConfig,
+    training: &TrainingData,
+    validation: &PairSet,
+    total: u64,
+) {
+    let of = |number: u64, one, several| count(number as usize, one, several);
+    let clouds = training.len() as u64;
+    eprintln!(
+        "training on {}, validating on {} drawn from {} more, {} of {}, kernels {}",
+        of(clouds, "cloud", "clouds"),
+        count(validation.source.len(), "pair", "pairs"),
+        training.held_back,
+        of(total, "update", "updates"),
+        count(
+            config.roll_out.observations(),
+            "observation",
+            "observations"
+        ),
+        reagent_core::kernels::Isa::best().name()
+    );
+    if training.categories_left_out > 0 {
+        let left_out = count(training.categories_left_out, "category", "categories");
+        let trained = FIRST_HALF.end;
+        eprintln!("{left_out} left out: training takes the first {trained} (--categories all)");
+    }
+    if total < FEW_UPDATES {
+        let epochs = (FEW_UPDATES * config.roll_out.problems as u64).div_ceil(clouds);
+        eprintln!(
+            "{} will teach little: with --epochs {epochs} there are {FEW_UPDATES}, and thousands teach more",
+            of(total, "update", "updates")
+        );
+    }
+}
+
+/// The best epoch so far, and what to do with it.
+pub(super) fn next_command(config: &TrainConfig, progress: &Progress) -> String {
+    let run = config.out.display();
+    let best = match progress.best {
+        Some((_, epoch)) => format!("epoch {epoch} was best on validation"),
+        None => "no epoch was validated".into(),
+    };
+    match config.deployable() {
+        true => format!("{best}: host-train export --run {run} --out {run}.rgw"),
+        false => format!("{best}: host-train eval --weights {run}"),
     }
 }

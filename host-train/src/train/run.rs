@@ -1,23 +1,17 @@
 //! A whole run: data, updates, validation, checkpoints.
 
+use super::begin::{Begun, begin};
 use super::config::TrainConfig;
-use super::data::{TrainingData, fingerprint, load, problems};
+use super::data::problems;
 use super::error::TrainError;
-use super::progress::{Display, EpochEnd, update_line};
-use super::record::{RunDirectory, RunRecord, lock};
-use super::state::{checkpoint, start};
+use super::progress::{Display, EpochEnd, next_command, tell_size, update_line};
+use super::state::checkpoint;
 use super::validate::validate;
-use crate::dataset::modelnet::FIRST_HALF;
-use crate::dataset::pairs::PairSet;
-use crate::policy::checkpoint::{BEST, Checkpoint, LAST, PREVIOUS, Progress};
-use crate::words::count;
+use crate::policy::checkpoint::BEST;
 use reagent_core::cut::Cut;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
-
-/// Updates below which a policy hardly learns.
-const FEW_UPDATES: u64 = 200;
 
 /// Runs a stage of training to its end, or until `stop`. The table of [`super::record`] lists what it writes;
 /// `after_epoch` is called whenever the log has gained an epoch.
@@ -53,59 +47,18 @@ fn run_here(
     stop: &AtomicBool,
     after_epoch: &(dyn Fn(&Path) + Sync),
 ) -> Result<(), TrainError> {
-    config.check()?;
-    let kept = [LAST, PREVIOUS].map(|name| config.out.join(name));
-    let is_free = || match !resume && kept.iter().any(|path| path.exists()) {
-        true => Err(TrainError::Exists(config.out.clone())),
-        false => Ok(()),
-    };
-    is_free()?;
-
-    // Data, network and optimiser, a folder for the results.
-    let (training, validation) = load(config)?;
-    let before = match resume {
-        true => Some(RunRecord::load(&config.out)?),
-        false => None,
-    };
-    let _locked = lock(&config.out)?;
-    // Another run may have ended here while the data was read.
-    is_free()?;
-    let record = RunRecord {
-        version: env!("CARGO_PKG_VERSION").into(),
-        data_sha256: fingerprint(&training),
-        config: config.clone(),
-    };
-    let resumed = match resume {
-        true => Checkpoint::load_newest(&config.out)?,
-        false => None,
-    };
-    // A run that was stopped before its first checkpoint starts again.
-    let done = resumed.as_ref().map_or(0, |c| c.progress.updates);
-    let updates_before = resume.then_some(done);
-    let total = config.updates(training.len());
-    if let Some(before) = &before {
-        before.check_resumed(&record)?;
-        if total <= done && config.epochs < before.config.epochs {
-            return Err(TrainError::Ended {
-                path: config.out.clone(),
-                done,
-                epochs: config.epochs,
-                total,
-            });
-        }
-    }
-    let (mut trainer, mut progress) = start(config, resumed)?;
-    if resume && total <= done {
-        eprintln!(
-            "nothing left to do: all {} are done; more --epochs go on",
-            count(total as usize, "update", "updates")
-        );
-        eprintln!("{}", next_command(config, &progress));
+    let Some(begun) = begin(config, resume)? else {
         return Ok(());
-    }
-    // Four vectors of a checkpoint, and an average; last, previous, best and one being written.
-    let room = trainer.agent.parameters.values.len() * 4 * 5 * 4;
-    let mut directory = RunDirectory::open(&record, updates_before, room)?;
+    };
+    let Begun {
+        training,
+        validation,
+        mut trainer,
+        mut progress,
+        mut directory,
+        total,
+        locked: _locked,
+    } = begun;
 
     let epoch_of = |update: u64| config.epoch_of(update, training.len());
     tell_size(config, &training, &validation, total);
@@ -188,48 +141,4 @@ fn run_here(
         );
     }
     Ok(())
-}
-
-/// Says what a run consists of, and what is unusual about it.
-fn tell_size(config: &TrainConfig, training: &TrainingData, validation: &PairSet, total: u64) {
-    let of = |number: u64, one, several| count(number as usize, one, several);
-    let clouds = training.len() as u64;
-    eprintln!(
-        "training on {}, validating on {} drawn from {} more, {} of {}, kernels {}",
-        of(clouds, "cloud", "clouds"),
-        count(validation.source.len(), "pair", "pairs"),
-        training.held_back,
-        of(total, "update", "updates"),
-        count(
-            config.roll_out.observations(),
-            "observation",
-            "observations"
-        ),
-        reagent_core::kernels::Isa::best().name()
-    );
-    if training.categories_left_out > 0 {
-        let left_out = count(training.categories_left_out, "category", "categories");
-        let trained = FIRST_HALF.end;
-        eprintln!("{left_out} left out: training takes the first {trained} (--categories all)");
-    }
-    if total < FEW_UPDATES {
-        let epochs = (FEW_UPDATES * config.roll_out.problems as u64).div_ceil(clouds);
-        eprintln!(
-            "{} will teach little: with --epochs {epochs} there are {FEW_UPDATES}, and thousands teach more",
-            of(total, "update", "updates")
-        );
-    }
-}
-
-/// The best epoch so far, and what to do with it.
-fn next_command(config: &TrainConfig, progress: &Progress) -> String {
-    let run = config.out.display();
-    let best = match progress.best {
-        Some((_, epoch)) => format!("epoch {epoch} was best on validation"),
-        None => "no epoch was validated".into(),
-    };
-    match config.deployable() {
-        true => format!("{best}: host-train export --run {run} --out {run}.rgw"),
-        false => format!("{best}: host-train eval --weights {run}"),
-    }
 }

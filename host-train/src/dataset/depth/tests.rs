@@ -280,7 +280,7 @@ fn files_are_images_of_the_right_kind() {
     }
 }
 
-/// The largest integer of a type marks what was not measured, in PNG and in arrays; of floats nothing but what is none.
+/// The largest integer of a type marks what was not measured, in PNG and in arrays. In float images only what is no positive number does.
 #[test]
 fn the_largest_integer_is_no_depth() {
     let folder = folder();

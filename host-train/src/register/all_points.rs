@@ -13,7 +13,7 @@ use reagent_core::verify::{Ranked, Undetermined};
 use reagent_core::{Error, Frame, Pose};
 
 /// How much less probable (a logarithm) than the pose returned a pose is at most that is looked at again, and how many are.
-const CONTESTED: f32 = 1.0;
+const NEARLY_AS_PROBABLE: f32 = 1.0;
 const MOST: usize = 5;
 /// Points of the source that decide.
 const POINTS: usize = 5000;
@@ -46,7 +46,7 @@ pub(super) fn decided_by_all_points(
     let Some(best) = ranked.next().filter(|_| refinement.hypotheses.is_some()) else {
         return Ok(found);
     };
-    let rivals = ranked.take_while(|rival| rival.energy < best.energy + CONTESTED);
+    let rivals = ranked.take_while(|rival| rival.energy < best.energy + NEARLY_AS_PROBABLE);
     let rivals: Vec<Ranked> = rivals.take(MOST).collect();
     if rivals.is_empty() {
         return Ok(found);

@@ -45,6 +45,9 @@ const BEYOND: f32 = 5.0;
 
 /// Most poses in the final comparison. The last two places for losses serve other comparisons.
 pub const RANKED: usize = CONTENDERS - 2;
+/// Places for losses of two poses that are compared with each other alone.
+const HERE: usize = CONTENDERS - 1;
+const THERE: usize = CONTENDERS - 2;
 
 /// Result of comparing a pose with others.
 #[derive(Clone, Copy, Debug, PartialEq)]

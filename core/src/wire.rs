@@ -44,14 +44,12 @@ pub mod serial;
 mod trace;
 
 pub use cloud::CloudView;
-pub use frames::{
-    Board, Chunk, FlashCheck, Manifest, PolicyId, PolicyName, SignedManifest, Status,
-};
+pub use frames::{Board, Chunk, FlashCheck, Manifest, PolicyName, SignedManifest, Status};
 pub use in_place::{RequestInPlace, decode_in_place, refuse_beginning};
 pub use refine::{
     BUDGET_MS, Cancel, Cloud, Fit, Mode, Reason, RefineReply, RefineRequest, Refusal,
 };
-pub use release::{NotTaken, Release, Tally, WhyNot};
+pub use release::{NotTaken, PolicyId, Release, Tally, WhyNot};
 pub use trace::{KernelName, STEP_BYTES, StepTaken, StepsView, Trace, step_bytes};
 
 use crate::dims::MAX_POINTS;

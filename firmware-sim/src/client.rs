@@ -1,6 +1,5 @@
 //! Asking a robot for a pose.
 
-mod asked;
 mod fleet;
 mod robots;
 

@@ -21,6 +21,7 @@ pub mod flash;
 #[cfg(feature = "demo")]
 pub mod fleet;
 mod frames;
+mod identity;
 mod later;
 pub mod node;
 pub mod policy;

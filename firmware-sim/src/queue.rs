@@ -1,7 +1,7 @@
 //! Requests that wait for a robot. Their number is bounded, each has a deadline, and its owner answers it exactly once.
 
 use crate::frames::{read_request, send_refusal};
-use crate::presence::number_of;
+use crate::identity::number_of;
 use crate::view::View;
 use reagent_core::dims::MAX_POINTS;
 use reagent_core::wire::{self, Cancel, Reason, Refusal, refuse_beginning};

@@ -1,6 +1,7 @@
 //! `firmware-sim ros`: a node of a ROS 2 network whose middleware is Zenoh (`rmw_zenoh`), without ROS. Clouds go in, the pose of
 //! a model in them comes out.
 
+mod clock;
 mod keys;
 mod messages;
 mod names;

@@ -3,9 +3,8 @@
 
 use criterion::{BatchSize, Criterion, criterion_group, criterion_main};
 use host_train::augment::{clean_sample, noisy_sample};
-use host_train::dataset::modelnet::{self, Split};
 use host_train::dataset::pairs::Sample;
-use host_train::dataset::{Model, Point, procedural};
+use host_train::dataset::{Model, Point, Split, modelnet, procedural};
 use host_train::random::{Purpose, Rng, stream};
 use reagent_tests::shared;
 

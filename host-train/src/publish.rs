@@ -1,13 +1,16 @@
 //! Shipping policies: a signed announcement, and the file in small chunks on request.
 
+mod arguments;
 mod command;
 mod comparison;
 mod error;
 mod followed;
+mod halt;
 mod history;
 mod judgement;
 mod key;
 mod provenance;
+mod reception;
 mod robots;
 mod roll_out;
 mod stages;
@@ -17,16 +20,18 @@ mod version;
 mod witness;
 
 pub use crate::policy::manifest::{chunk_table, manifest};
-pub use command::{PublishArgs, run};
+pub use arguments::PublishArgs;
+pub use command::run;
 pub use comparison::{Comparison, Paired};
 pub use error::PublishError;
+pub use halt::Halt;
 pub use key::{KeyError, keygen, read_key};
 pub use provenance::Provenance;
 pub use reagent_link::session::{
     SessionArgs, SessionError, has_certificate, open as open_session, plain,
 };
-pub use robots::{Heard, Reception};
-pub use roll_out::{Gate, Halt};
+pub use reception::{Heard, Reception};
+pub use roll_out::Gate;
 pub use stages::Stages;
 
 use crate::policy::WeightFile;

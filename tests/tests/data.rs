@@ -1,8 +1,7 @@
 //! Data sets, pairs files and checkpoints on real files, if these lie beside the checkout.
 
-use host_train::dataset::modelnet::{self, Split};
 use host_train::dataset::pairs::{PairSet, load_poses};
-use host_train::dataset::{self, DatasetError, procedural};
+use host_train::dataset::{self, DatasetError, Split, modelnet, procedural};
 use host_train::policy::import;
 use host_train::protocol::{self, Protocol};
 use reagent_tests::shared;

@@ -19,41 +19,13 @@
 //! # }
 //! ```
 
+use super::registration::Phase;
 use super::{Registrar, Registration, Step, heads};
 use crate::cloud::Cloud;
 use crate::dims::LOGITS;
 use crate::error::Error;
 use crate::frame::Frame;
 use crate::pose::Pose;
-
-/// What the next slice of a registration does.
-#[derive(Clone, Debug)]
-pub(super) enum Phase {
-    /// Embeds the target; `seen` points are done.
-    Target { seen: usize },
-    /// Embeds the source, of which `seen` points are done, then runs the translation head.
-    Source { seen: usize },
-    /// Runs the rotation head, and acts.
-    Head { logits_t: [f32; LOGITS] },
-}
-
-impl Phase {
-    /// The first phase of a step.
-    pub(super) const START: Phase = Phase::Source { seen: 0 };
-
-    /// Whether no point of the current cloud is embedded yet.
-    fn is_at_start(&self) -> bool {
-        matches!(self, Phase::Target { seen: 0 } | Phase::Source { seen: 0 })
-    }
-
-    /// Returns to the first point of the current cloud.
-    fn restart(&mut self) {
-        match self {
-            Phase::Target { seen } | Phase::Source { seen } => *seen = 0,
-            Phase::Head { .. } => *self = Phase::START,
-        }
-    }
-}
 
 impl Registrar<'_, '_> {
     /// As [`Registrar::start_in`], but only checks the clouds and leaves the target's embedding to the slices that follow.

@@ -1,6 +1,5 @@
 //! The state of a registration.
 
-use super::phase::Phase;
 use super::target::Target;
 use super::{Outcome, Step};
 use crate::cloud::Cloud;
@@ -15,6 +14,35 @@ use crate::verdict::Verdict;
 use crate::view::View;
 use crate::weights::Policy;
 use glam::Vec3;
+
+/// What the next slice of a registration does.
+#[derive(Clone, Debug)]
+pub(super) enum Phase {
+    /// Embeds the target; `seen` points are done.
+    Target { seen: usize },
+    /// Embeds the source, of which `seen` points are done, then runs the translation head.
+    Source { seen: usize },
+    /// Runs the rotation head, and acts.
+    Head { logits_t: [f32; LOGITS] },
+}
+
+impl Phase {
+    /// The first phase of a step.
+    pub(super) const START: Phase = Phase::Source { seen: 0 };
+
+    /// Whether no point of the current cloud is embedded yet.
+    pub(super) fn is_at_start(&self) -> bool {
+        matches!(self, Phase::Target { seen: 0 } | Phase::Source { seen: 0 })
+    }
+
+    /// Returns to the first point of the current cloud.
+    pub(super) fn restart(&mut self) {
+        match self {
+            Phase::Target { seen } | Phase::Source { seen } => *seen = 0,
+            Phase::Head { .. } => *self = Phase::START,
+        }
+    }
+}
 
 /// A registration in progress: the accumulated pose, and what stays constant over its steps.
 #[derive(Clone, Debug)]

@@ -1,7 +1,7 @@
 //! Rotational symmetry: turns about an axis by equal parts of a full one, after which the clouds fit as well.
 
+use super::HERE;
 use super::search::ALIKE;
-use super::undetermined::HERE;
 use crate::polish::Refiner;
 use crate::pose::Pose;
 use crate::rotation::Rotation;

@@ -3,10 +3,9 @@
 
 use super::fold::Fold;
 use super::search::SLIPPERY;
-use super::{Contender, HARDLY_EXPLAINED, RANKED};
+use super::{Contender, HARDLY_EXPLAINED, HERE, RANKED, THERE};
 use crate::covariance::Covariance;
 use crate::error::Error;
-use crate::loss::CONTENDERS;
 use crate::polish::{Candidate, Refined, Refiner};
 use crate::pose::Pose;
 use crate::rotation::Rotation;
@@ -30,9 +29,6 @@ const SHIFTS: [f32; 9] = [0.1, 0.2, 0.3, 0.4, 0.55, 0.7, 0.9, 1.1, 1.4];
 const HALVED: usize = 2;
 /// Cosine of the angle below which two directions are one.
 const ALONG: f32 = 0.99;
-/// Places of the losses that are compared.
-pub(super) const HERE: usize = CONTENDERS - 1;
-const THERE: usize = CONTENDERS - 2;
 
 /// Poses named as fitting equally well, at most.
 pub const OTHERS: usize = 5;

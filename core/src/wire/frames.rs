@@ -1,6 +1,6 @@
 //! Manifests, statuses and boards, field by field.
 
-use super::{NotTaken, Release, Tally};
+use super::{NotTaken, PolicyId, Release, Tally};
 use crate::golden::GoldenActions;
 use crate::shape::Shape;
 use crate::verdict::VERDICTS;
@@ -98,27 +98,6 @@ pub struct SignedManifest<'a> {
     pub public_key: [u8; 32],
     /// The 64 bytes of the ed25519 signature, in two halves.
     pub signature: [[u8; 32]; 2],
-}
-
-/// Which policy a robot runs.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct PolicyId {
-    /// The manifest's epoch.
-    pub epoch: u32,
-    /// The manifest's version.
-    pub version: u64,
-    /// SHA-256 of the policy file.
-    pub sha256: [u8; 32],
-}
-
-impl PolicyId {
-    /// Its place among the policies shipped to the fleet.
-    pub fn release(&self) -> Release {
-        Release {
-            epoch: self.epoch,
-            version: self.version,
-        }
-    }
 }
 
 /// How a robot is doing.

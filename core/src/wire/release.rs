@@ -1,6 +1,5 @@
 //! The order of a fleet's policies, and why a robot did not take one.
 
-use super::PolicyId;
 use crate::verdict::{VERDICTS, Verdict};
 use serde::{Deserialize, Serialize};
 
@@ -39,6 +38,27 @@ impl core::fmt::Display for Release {
         match self.epoch {
             0 => write!(f, "{}", self.version),
             epoch => write!(f, "{} of epoch {epoch}", self.version),
+        }
+    }
+}
+
+/// Which policy a robot runs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct PolicyId {
+    /// The manifest's epoch.
+    pub epoch: u32,
+    /// The manifest's version.
+    pub version: u64,
+    /// SHA-256 of the policy file.
+    pub sha256: [u8; 32],
+}
+
+impl PolicyId {
+    /// Its place among the policies shipped to the fleet.
+    pub fn release(&self) -> Release {
+        Release {
+            epoch: self.epoch,
+            version: self.version,
         }
     }
 }

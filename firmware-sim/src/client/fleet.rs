@@ -1,9 +1,11 @@
 //! A client that stays connected: robots know whether it is there, and it knows how busy the robots are.
 
-use super::asked::Asked;
+mod asked;
+
 use super::robots::{Heard, Robots, Tried};
 use super::{RefineError, STATUS_TIME, read_status, refine_from};
-use crate::presence::number_of;
+use crate::identity::number_of;
+use asked::Asked;
 use reagent_core::wire::{Cancel, Reason, RefineReply, RefineRequest, keys};
 use std::sync::Arc;
 use std::time::Duration;
@@ -20,13 +22,13 @@ use zenoh::sample::{SampleKind, SourceInfo};
 /// requests are, so that they block no robot's queue.
 #[derive(Debug)]
 pub struct Client {
-    pub(super) session: Session,
-    pub(super) fleet: String,
+    session: Session,
+    fleet: String,
     /// The number by which robots see whether its session is there.
     number: u64,
     /// Asks robots for their status. Its identity also marks the session's requests.
     statuses: Querier<'static>,
-    pub(super) robots: Arc<Robots>,
+    robots: Arc<Robots>,
     following: OnceCell<[Subscriber<()>; 2]>,
     _alive: LivelinessToken,
 }
@@ -56,7 +58,7 @@ impl Client {
     }
 
     /// The sender of the requests.
-    pub(super) fn source(&self) -> SourceInfo {
+    fn source(&self) -> SourceInfo {
         SourceInfo::new(self.statuses.id(), 0)
     }
 

@@ -4,7 +4,7 @@ use super::{DemoArgs, ROBOTS};
 use anyhow::{Context, bail, ensure};
 use host_train::augment::{noisy_pair, noisy_sample};
 use host_train::dataset::pairs::{PairSet, Sample};
-use host_train::dataset::{MODELNET40_URL, modelnet, procedural};
+use host_train::dataset::{MODELNET40_URL, Split, modelnet, procedural};
 use host_train::measure::eval::EvalError;
 use host_train::policy::{VIEWS, WeightFile};
 use host_train::publish::Comparison;
@@ -85,8 +85,8 @@ impl Scene {
             directory.display()
         );
         let first = WeightFile::load_or_pretrained(args.weights.as_deref())?;
-        let clouds = modelnet::load(directory, modelnet::Split::Train)?;
-        let held_out = modelnet::load(directory, modelnet::Split::Test)?;
+        let clouds = modelnet::load(directory, Split::Train)?;
+        let held_out = modelnet::load(directory, Split::Test)?;
         let apart = (held_out.len() / wanted).max(1);
         let spread = held_out.into_iter().step_by(apart).take(wanted);
         let mut pairs = PairSet::default();

@@ -1,14 +1,11 @@
 //! A node on the network: its tokens, its publishers and its subscriptions.
-#![allow(
-    clippy::disallowed_types,
-    reason = "messages carry the time of who publishes them"
-)]
 
+use super::clock::unix_ns;
 use super::keys::{self, Gid, Kind, Node, Qos, Type};
 use super::service::{Service, Services};
 use host_train::dataset::ros::cdr::to_cdr;
 use serde::Serialize;
-use std::time::{Duration, SystemTime};
+use std::time::Duration;
 use zenoh::bytes::ZBytes;
 use zenoh::handlers::{RingChannel, RingChannelHandler};
 use zenoh::liveliness::LivelinessToken;
@@ -189,12 +186,6 @@ impl Member {
             _token: token,
         })
     }
-}
-
-/// The time now, by this machine's clock.
-pub(super) fn unix_ns() -> i64 {
-    let since_1970 = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
-    since_1970.map_or(0, |time| i64::try_from(time.as_nanos()).unwrap_or(i64::MAX))
 }
 
 impl Publisher {

@@ -1,7 +1,7 @@
 //! Services of a node: requests arrive as queries.
 
+use super::clock::unix_ns;
 use super::keys::{self, Gid, Type};
-use super::node::unix_ns;
 use host_train::dataset::ros::cdr::{from_cdr, to_cdr};
 use serde::{Deserialize, Serialize};
 use tokio::sync::mpsc::{Receiver, Sender, channel};

@@ -1,7 +1,6 @@
 //! Arguments other than arrays. A refusal names the argument, whatever its value.
 
 use crate::error::bad;
-use crate::policy::Policy;
 use host_train::policy::BUNDLED;
 use pyo3::prelude::*;
 use pyo3::pybacked::PyBackedStr;
@@ -36,19 +35,6 @@ pub(crate) fn threads_if_any(given: &Bound<'_, PyAny>) -> PyResult<Option<usize>
     if_any(given, |given| number("threads", given, THREADS))
 }
 
-pub(crate) fn policy_if_any(given: &Bound<'_, PyAny>) -> PyResult<Option<Policy>> {
-    let policy = |given: &Bound<'_, PyAny>| {
-        let refused = |_| {
-            bad(
-                "policy",
-                "expected a Policy, such as Policy.pretrained(\"int8\")",
-            )
-        };
-        given.extract::<Policy>().map_err(refused)
-    };
-    if_any(given, policy)
-}
-
 pub(crate) fn depth_scale(given: &Bound<'_, PyAny>) -> PyResult<f64> {
     let refused = |_| bad("depth_scale", "expected a positive number");
     given.extract().map_err(refused)
@@ -78,7 +64,7 @@ fn number(name: &str, given: &Bound<'_, PyAny>, within: RangeInclusive<usize>) -
         })
 }
 
-fn if_any<T>(
+pub(crate) fn if_any<T>(
     given: &Bound<'_, PyAny>,
     of: impl FnOnce(&Bound<'_, PyAny>) -> PyResult<T>,
 ) -> PyResult<Option<T>> {

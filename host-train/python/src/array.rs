@@ -1,12 +1,8 @@
-//! Python arrays as clouds, poses and points.
+//! Python arrays as points and poses.
 
 use crate::error::{CloudError, bad};
-use crate::mesh::Mesh;
 use host_train::dataset::Point;
-use host_train::dataset::cloud_file;
 use host_train::pose64::{Pose64, Position};
-use host_train::random::{SEED, seeds};
-use host_train::register::prepared::Prepared;
 use numpy::ndarray::{ArrayView2, arr2};
 use numpy::{
     PyArray2, PyArrayDescrMethods, PyArrayMethods, PyReadonlyArray2, PyReadonlyArrayDyn,
@@ -15,128 +11,31 @@ use numpy::{
 use pyo3::exceptions::{PyException, PyMemoryError};
 use pyo3::prelude::*;
 use pyo3::{PyTypeInfo, intern};
-use std::path::Path;
 
-/// The command line's seeds.
-pub(crate) const SEEDS: [u64; 2] = seeds(SEED);
-
-/// A cloud whose numbers stay where Python has them.
-pub(crate) struct Cloud<'py> {
-    /// Name of the argument.
-    name: String,
-    numbers: Numbers<'py>,
-}
-
-enum Numbers<'py> {
-    Mesh(Bound<'py, Mesh>),
+/// An array (N, 3) whose numbers stay where Python has them.
+pub(crate) enum Numbers<'py> {
     F32(PyReadonlyArray2<'py, f32>),
     F64(PyReadonlyArray2<'py, f64>),
 }
 
 /// The same, usable while Python goes on.
 #[derive(Clone, Copy)]
-pub(crate) struct View<'a> {
-    name: &'a str,
-    rows: Rows<'a>,
-}
-
-#[derive(Clone, Copy)]
-enum Rows<'a> {
-    Mesh(&'a Mesh),
+pub(crate) enum Rows<'a> {
     /// Points in Rust's layout.
     Points(&'a [Point]),
     F32(ArrayView2<'a, f32>),
     F64(ArrayView2<'a, f64>),
 }
 
-impl<'py> Cloud<'py> {
-    /// Takes an array (N, 3) of f32 or f64 in any memory order, or what `numpy.asarray` makes one of. Nothing is copied
-    /// unless NumPy has to. Masked points become NaN and are left out later.
-    pub(crate) fn new(name: impl Into<String>, given: &Bound<'py, PyAny>) -> PyResult<Cloud<'py>> {
-        let name = name.into();
-        let numbers = Numbers::of(&name, given)?;
-        Ok(Cloud { name, numbers })
-    }
-
-    /// The same for an array or a mesh.
-    pub(crate) fn or_mesh(
-        name: impl Into<String>,
-        given: &Bound<'py, PyAny>,
-    ) -> PyResult<Cloud<'py>> {
-        match given.cast::<Mesh>() {
-            Ok(mesh) => Ok(Cloud {
-                name: name.into(),
-                numbers: Numbers::Mesh(mesh.clone()),
-            }),
-            Err(_) => Cloud::new(name, given),
-        }
-    }
-
-    pub(crate) fn view(&self) -> View<'_> {
-        let rows = match &self.numbers {
-            Numbers::Mesh(mesh) => Rows::Mesh(mesh.get()),
-            Numbers::F32(array) => match array.as_array().to_slice() {
-                Some(slice) => Rows::Points(slice.as_chunks().0),
-                None => Rows::F32(array.as_array()),
-            },
-            Numbers::F64(array) => Rows::F64(array.as_array()),
-        };
-        View {
-            name: &self.name,
-            rows,
-        }
-    }
-}
-
-impl<'a> View<'a> {
-    pub(crate) fn name(self) -> &'a str {
-        self.name
-    }
-
-    /// The cloud, prepared for registration, with at most so many points for the policy. The seed samples a mesh.
-    pub(crate) fn prepared(
-        self,
-        points: Option<usize>,
-        seed: u64,
-    ) -> Result<Prepared<'a>, cloud_file::CloudError> {
-        match self.rows {
-            Rows::Points(rows) => Prepared::of_points(rows, Path::new(self.name), points),
-            _ => self.copied(points, seed),
-        }
-    }
-
-    /// The same as a copy that can be kept.
-    pub(crate) fn copied(
-        self,
-        points: Option<usize>,
-        seed: u64,
-    ) -> Result<Prepared<'static>, cloud_file::CloudError> {
-        let name = Path::new(self.name);
-        match self.rows {
-            Rows::Mesh(mesh) => mesh.prepared(name, points, seed),
-            _ => Prepared::of_positions(self.positions(), name, points),
-        }
-    }
-
-    /// A copy of all points in f32.
-    pub(crate) fn points(self) -> Vec<Point> {
-        match self.rows {
-            Rows::Points(rows) => rows.to_vec(),
-            _ => (self.positions().iter())
-                .map(|p| p.map(|x| x as f32))
-                .collect(),
-        }
-    }
-
-    /// A copy of all points in f64; the vertices of a mesh.
+impl Rows<'_> {
+    /// A copy of all points in f64.
     pub(crate) fn positions(self) -> Vec<Position> {
         fn of<T: Copy + Into<f64>>(rows: ArrayView2<'_, T>) -> Vec<Position> {
             rows.outer_iter()
                 .map(|row| [0, 1, 2].map(|axis| row[axis].into()))
                 .collect()
         }
-        match self.rows {
-            Rows::Mesh(mesh) => mesh.file().points.clone(),
+        match self {
             Rows::Points(rows) => rows.iter().map(|p| p.map(f64::from)).collect(),
             Rows::F32(rows) => of(rows),
             Rows::F64(rows) => of(rows),
@@ -145,7 +44,9 @@ impl<'a> View<'a> {
 }
 
 impl<'py> Numbers<'py> {
-    fn of(name: &str, given: &Bound<'py, PyAny>) -> PyResult<Numbers<'py>> {
+    /// Takes an array (N, 3) of f32 or f64 in any memory order, or what `numpy.asarray` makes one of. Nothing is copied
+    /// unless NumPy has to. Masked points become NaN and are left out later.
+    pub(crate) fn of(name: &str, given: &Bound<'py, PyAny>) -> PyResult<Numbers<'py>> {
         let array = as_array(name, given)?;
         let wrong = |what: String| {
             CloudError::new_err(format!(
@@ -178,6 +79,16 @@ impl<'py> Numbers<'py> {
             4 => Numbers::F32(array.cast_into::<PyArray2<f32>>()?.try_readonly()?),
             _ => Numbers::F64(array.cast_into::<PyArray2<f64>>()?.try_readonly()?),
         })
+    }
+
+    pub(crate) fn rows(&self) -> Rows<'_> {
+        match self {
+            Numbers::F32(array) => match array.as_array().to_slice() {
+                Some(slice) => Rows::Points(slice.as_chunks().0),
+                None => Rows::F32(array.as_array()),
+            },
+            Numbers::F64(array) => Rows::F64(array.as_array()),
+        }
     }
 }
 

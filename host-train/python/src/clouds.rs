@@ -1,6 +1,6 @@
 //! Clouds of several pairs.
 
-use crate::array::{Cloud, View};
+use crate::cloud::{Cloud, View};
 use crate::error::{Error, bad};
 use crate::mesh::Mesh;
 use numpy::{PyUntypedArray, PyUntypedArrayMethods};

@@ -1,6 +1,7 @@
 //! Errors of poses, as `host-train eval` reports them.
 
-use crate::array::{Cloud, Poses, poses};
+use crate::array::{Poses, poses};
+use crate::cloud::Cloud;
 use crate::error::{Error, bad};
 use crate::json::as_json;
 use host_train::dataset::Point;

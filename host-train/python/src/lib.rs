@@ -2,6 +2,7 @@
 
 mod arguments;
 mod array;
+mod cloud;
 mod clouds;
 mod depth;
 mod error;

@@ -1,6 +1,6 @@
 //! Triangle meshes, which go where clouds do.
 
-use crate::array::{Cloud, numbers};
+use crate::array::{Numbers, numbers};
 use crate::error::{bad, bad_cloud};
 use host_train::dataset::cloud_file::{CloudError, CloudFile};
 use host_train::register::prepared::Prepared;
@@ -35,7 +35,7 @@ impl Mesh {
     #[new]
     fn new(vertices: &Bound<'_, PyAny>, faces: &Bound<'_, PyAny>) -> PyResult<Mesh> {
         let file = CloudFile {
-            points: Cloud::new("vertices", vertices)?.view().positions(),
+            points: Numbers::of("vertices", vertices)?.rows().positions(),
             faces: Some(triangles(faces)?),
             ..CloudFile::default()
         };

@@ -65,6 +65,16 @@ impl Policy {
     }
 }
 
+/// A policy as an argument.
+pub(crate) fn if_any(given: &Bound<'_, PyAny>) -> PyResult<Option<Policy>> {
+    arguments::if_any(given, |given| {
+        let expected = "expected a Policy, such as Policy.pretrained(\"int8\")";
+        given
+            .extract::<Policy>()
+            .map_err(|_| bad("policy", expected))
+    })
+}
+
 #[pymethods]
 impl Policy {
     /// One of the policies that come with the package: "reagent" (float32, the command line's), "int8" (the same in 8-bit

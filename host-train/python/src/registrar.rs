@@ -1,12 +1,12 @@
 //! Registrations: one, or many over threads.
 
 use crate::arguments;
-use crate::array::{Cloud, SEEDS, View};
+use crate::cloud::{Cloud, SEEDS, View};
 use crate::clouds::Clouds;
 use crate::depth::depth_image;
 use crate::error::{Error, bad_cloud, no_threads};
 use crate::options::{Asked, Options};
-use crate::policy::Policy;
+use crate::policy::{self, Policy};
 use crate::registration::Registration;
 use host_train::dataset::cloud_file::Note;
 use host_train::register::Memory;
@@ -46,7 +46,7 @@ impl Registrar {
     #[new]
     #[pyo3(signature = (policy = None, *, threads = None))]
     fn new(
-        #[pyo3(from_py_with = arguments::policy_if_any)] policy: Option<Policy>,
+        #[pyo3(from_py_with = policy::if_any)] policy: Option<Policy>,
         #[pyo3(from_py_with = arguments::threads_if_any)] threads: Option<usize>,
     ) -> Registrar {
         Registrar {

@@ -1,10 +1,10 @@
 //! Tracking: an object's pose from one cloud of a stream to the next.
 
 use crate::arguments;
-use crate::array::{Cloud, SEEDS};
+use crate::cloud::{Cloud, SEEDS};
 use crate::error::{CloudError, Error, bad, bad_cloud};
 use crate::options::Options;
-use crate::policy::Policy;
+use crate::policy::{self, Policy};
 use crate::registration::Registration;
 use host_train::register::Memory;
 use host_train::register::prepared::Prepared;
@@ -69,7 +69,7 @@ impl Tracker {
         init: Option<&Bound<'_, PyAny>>,
         #[pyo3(from_py_with = arguments::word)] mode: &str,
         viewpoint: Option<&Bound<'_, PyAny>>,
-        #[pyo3(from_py_with = arguments::policy_if_any)] policy: Option<Policy>,
+        #[pyo3(from_py_with = policy::if_any)] policy: Option<Policy>,
         #[pyo3(from_py_with = arguments::steps)] steps: usize,
         #[pyo3(from_py_with = arguments::points)] points: usize,
     ) -> PyResult<Tracker> {

@@ -1,7 +1,7 @@
 //! What can be wrong with a data set on disk.
 
+use super::Split;
 use super::cloud_file::CloudError;
-use super::modelnet::Split;
 use std::path::PathBuf;
 
 /// Where the reference data set is published.

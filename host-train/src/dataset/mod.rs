@@ -12,6 +12,7 @@ pub mod mesh;
 pub mod modelnet;
 pub mod outside;
 pub mod pairs;
+pub mod pixels;
 pub mod procedural;
 pub mod raster;
 #[cfg(not(target_family = "wasm"))]
@@ -22,8 +23,8 @@ pub mod triangulate;
 pub mod winding;
 
 pub use error::{DatasetError, MODELNET40_URL};
-pub use modelnet::Split;
 
+use std::fmt;
 use std::path::{Path, PathBuf};
 
 /// Most memory that the clouds of a data set may take.
@@ -39,6 +40,34 @@ pub struct Model {
     pub points: Vec<Point>,
     /// Category index.
     pub label: u32,
+}
+
+/// A part of a data set.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Split {
+    /// Models to train on, and to choose a checkpoint by.
+    Train,
+    /// Models that training never sees.
+    Test,
+}
+
+impl Split {
+    /// The list of its files in the layout of ModelNet40.
+    fn list(self) -> &'static str {
+        match self {
+            Split::Train => "train_files.txt",
+            Split::Test => "test_files.txt",
+        }
+    }
+}
+
+impl fmt::Display for Split {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Split::Train => "train",
+            Split::Test => "test",
+        })
+    }
 }
 
 /// Loads the models of a split of the data set at `path`, whose layout is told by what lies there:

@@ -1,11 +1,10 @@
 //! The `modelnet40_ply_hdf5_2048` layout: `train_files.txt`, `test_files.txt` and `ply_data_*.h5`.
 
 use super::h5::H5File;
-use super::{DatasetError, MAX_BYTES, Model, Point};
+use super::{DatasetError, MAX_BYTES, Model, Point, Split};
 use crate::random::{Purpose, stream};
 use rand::seq::SliceRandom;
 use std::collections::BTreeSet;
-use std::fmt;
 use std::ops::Range;
 use std::path::Path;
 
@@ -13,33 +12,6 @@ use std::path::Path;
 pub const FIRST_HALF: Range<u32> = 0..20;
 /// Labels of the second half, 20 to 39 in ModelNet40: the paper's held-out categories.
 pub const SECOND_HALF: Range<u32> = 20..u32::MAX;
-
-/// A part of a data set.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Split {
-    /// Models to train on, and to choose a checkpoint by.
-    Train,
-    /// Models that training never sees.
-    Test,
-}
-
-impl Split {
-    pub(super) fn list(self) -> &'static str {
-        match self {
-            Split::Train => "train_files.txt",
-            Split::Test => "test_files.txt",
-        }
-    }
-}
-
-impl fmt::Display for Split {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Split::Train => "train",
-            Split::Test => "test",
-        })
-    }
-}
 
 /// All clouds of a split, in the order of its list. Normals are not decoded.
 pub fn load(dir: &Path, split: Split) -> Result<Vec<Model>, DatasetError> {

@@ -1,7 +1,7 @@
 //! A policy file in memory: read, checked, run and written.
 
-use super::ExportError;
 use super::checkpoint::{Checkpoint, is_checkpoint};
+use super::{BUNDLED, ExportError};
 use crate::files;
 use reagent_core::kernels::Tile;
 use reagent_core::sight::Sight;
@@ -21,25 +21,6 @@ pub struct WeightFile {
     /// See [`Policy::with_packed`].
     packed: Vec<Tile>,
 }
-
-/// Policies that are linked in, by name.
-pub static BUNDLED: [(&str, &[u8]); 5] = [
-    (REAGENT, Policy::pretrained_bytes()),
-    (REAGENT_INT8, Policy::pretrained_int8_bytes()),
-    (COMPACT, Policy::pretrained_compact_bytes()),
-    (VIEWS, Policy::pretrained_views_int8_bytes()),
-    (VIEWS_COMPACT, Policy::pretrained_views_compact_bytes()),
-];
-/// The bundled policy for whole clouds.
-pub const REAGENT: &str = "reagent";
-/// The same in 8-bit integers.
-pub const REAGENT_INT8: &str = "reagent-int8";
-/// The bundled policy for a source that is a single depth view.
-pub const VIEWS: &str = "views";
-/// The bundled small policy for whole clouds.
-pub const COMPACT: &str = "compact";
-/// The bundled small policy for a source that is a single depth view.
-pub const VIEWS_COMPACT: &str = "views-compact";
 
 /// The header's byte for the decision rule and for how often the target's points are chosen.
 fn how(decision: Decision, sight: Sight) -> u8 {
@@ -186,6 +167,7 @@ pub(super) fn seal(file: &mut [u8]) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::policy::VIEWS;
 
     #[test]
     fn bundled_policies_go_by_their_names() {

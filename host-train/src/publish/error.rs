@@ -1,6 +1,5 @@
 //! Why a policy was not published.
 
-use super::version::greatest_after;
 use super::{Comparison, Halt, KeyError, Reception, SessionError, plain};
 use crate::policy::ExportError;
 use crate::train::TrainError;
@@ -211,6 +210,14 @@ pub enum PublishError {
     /// The session failed.
     #[error("zenoh: {}", plain(.0))]
     Zenoh(#[from] zenoh::Error),
+}
+
+/// The greatest version that is not too far ahead of `last`.
+fn greatest_after(last: &Release) -> u64 {
+    match last.version {
+        0 => Release::MAX_VERSION,
+        version => Release::MAX_VERSION.min(version.saturating_add(Release::MAX_VERSION_STEP)),
+    }
 }
 
 fn names(robots: &[String]) -> String {

@@ -1,8 +1,7 @@
 //! The robots of a fleet as they report themselves. What they report while this session has no router is lost, so they are
 //! also asked, again and again.
 
-use super::robots::{Heard, there};
-use super::{PublishError, refused};
+use super::{Heard, PublishError, refused};
 use reagent_core::wire::{Status, keys};
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -12,11 +11,26 @@ use zenoh::Session;
 use zenoh::pubsub::Subscriber;
 use zenoh::query::{ConsolidationMode, QueryTarget};
 
+/// Time within which online robots report their status.
+const ANSWER_TIME: Duration = Duration::from_secs(2);
 /// How often robots are asked for their status.
 const ASK_INTERVAL: Duration = Duration::from_secs(2);
 /// A robot that leaves more questions in a row than these unanswered has left, or is cut off. Where a router restarts, robots
 /// are back sooner.
 const UNANSWERED: u32 = 5;
+
+/// The online robots of a fleet, ordered by name.
+pub(super) async fn there(session: &Session, fleet: &str) -> Result<Vec<Heard>, PublishError> {
+    let key = keys::all_status(fleet).map_err(refused(fleet))?;
+    let asked = session.get(key.as_str()).target(QueryTarget::All);
+    let replies = asked.timeout(ANSWER_TIME).await?;
+    let mut robots = Vec::new();
+    while let Ok(reply) = replies.recv_async().await {
+        robots.extend(reply.result().ok().and_then(Heard::read));
+    }
+    robots.sort_by(|a, b| a.robot.cmp(&b.robot));
+    Ok(robots)
+}
 
 /// What is known of a fleet's robots, as it changes.
 pub(super) struct Followed {

@@ -2,12 +2,11 @@
 
 use super::judgement::{Record, total};
 use super::stages::reach;
-use super::{Heard, PublishError, Publisher, Reception, Stages};
+use super::{Halt, Heard, PublishError, Publisher, Reception, Stages};
 use crate::policy::WeightFile;
 use crate::words::count;
-use reagent_core::wire::{Manifest, PolicyId, Tally, WhyNot};
+use reagent_core::wire::{Manifest, Tally};
 use std::collections::BTreeMap;
-use std::fmt;
 use std::time::Duration;
 use tokio::time::Instant;
 
@@ -24,83 +23,6 @@ pub struct Gate {
     pub old: [u8; 32],
     /// Whether a roll-out goes on though robots do worse.
     pub anyway: bool,
-}
-
-/// Why a roll-out stops.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Halt {
-    /// Robots could not take the policy.
-    NotTaken(Reception),
-    /// The robots that have it gave too few poses to judge it.
-    Unknown {
-        /// Poses given since all of them have had it.
-        poses: u64,
-        /// Poses wanted.
-        wanted: u64,
-        /// Robots of the stage that are no longer there.
-        gone: Vec<String>,
-    },
-    /// A robot runs another policy of this version, or a newer one, and takes this one no longer.
-    Overtaken {
-        /// The robot.
-        robot: String,
-        /// What it runs.
-        policy: PolicyId,
-    },
-    /// No pose converged, with either policy, which tells nothing of the new one.
-    NoneConverged(String),
-    /// The robots that have it do worse.
-    Worse(String),
-}
-
-impl fmt::Display for Halt {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Halt::NotTaken(reception) => {
-                let robots: Vec<&str> = reception.failed().map(|(robot, _)| &**robot).collect();
-                let (robots, reception) = (robots.join(","), reception.one_line());
-                write!(
-                    f,
-                    "{reception}; if that is the robot's fault alone, go on without it: --except {robots}"
-                )
-            }
-            Halt::Unknown {
-                poses,
-                wanted,
-                gone,
-            } => {
-                write!(
-                    f,
-                    "{poses} poses with the new policy where {wanted} are needed to judge it"
-                )?;
-                match gone.is_empty() {
-                    true => Ok(()),
-                    false => write!(f, "; no longer there: {}", gone.join(", ")),
-                }
-            }
-            Halt::Overtaken { robot, policy } => write!(
-                f,
-                "somebody else publishes to this fleet: {robot} runs version {} (SHA-256 {})",
-                policy.release(),
-                const_hex::encode(policy.sha256)
-            ),
-            Halt::NoneConverged(figures) => write!(
-                f,
-                "no pose converged, which tells nothing of the new policy; ask for verified or polished poses of what the robots see: {figures}"
-            ),
-            Halt::Worse(why) => f.write_str(why),
-        }
-    }
-}
-
-impl Halt {
-    /// How the roll-out of this version goes on, where nothing was taken back.
-    pub(super) fn way_on(&self, version: u64) -> String {
-        match self {
-            Halt::Overtaken { .. } => "run again with a higher version to go on".into(),
-            _ => format!("run again with --policy-version {version} to go on"),
-        }
-    }
 }
 
 impl Publisher {
@@ -287,12 +209,5 @@ impl Reception {
         };
         let silent = self.silent.iter().map(|(robot, _)| robot);
         said("no longer there", self.left.iter().collect()) + &said("silent", silent.collect())
-    }
-
-    /// Robots that should have taken the policy and could not.
-    fn failed(&self) -> impl Iterator<Item = &(String, WhyNot)> {
-        self.refused
-            .iter()
-            .filter(|(_, why)| *why != WhyNot::NotYet)
     }
 }

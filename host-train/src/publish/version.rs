@@ -103,11 +103,3 @@ impl Publisher {
         Ok(known.into_iter().max().expect("its own is there"))
     }
 }
-
-/// The greatest version that is not too far ahead of `last`.
-pub(super) fn greatest_after(last: &Release) -> u64 {
-    match last.version {
-        0 => Release::MAX_VERSION,
-        version => Release::MAX_VERSION.min(version.saturating_add(Release::MAX_VERSION_STEP)),
-    }
-}

@@ -1,7 +1,7 @@
 //! A publisher's view of its fleet while it serves: the history, and metrics for others.
 
 use super::history::History;
-use super::{Heard, Newest, PublishArgs, PublishError, Publisher, refused, robots, stored};
+use super::{Heard, Newest, PublishArgs, PublishError, Publisher, followed, refused, stored};
 use reagent_core::wire::{Manifest, PolicyId, Release, Status, keys};
 use reagent_link::certificate::{Certificate, Certificates};
 use reagent_link::metrics::{Figures, Robot, Serving};
@@ -236,7 +236,7 @@ impl Witness {
     pub(super) async fn ask(&self) -> Result<(), PublishError> {
         let manifests = keys::manifest(&self.fleet).map_err(refused(&self.fleet))?;
         let (there, served) = tokio::join!(
-            robots::there(&self.session, &self.fleet),
+            followed::there(&self.session, &self.fleet),
             stored::announced(&self.session, &manifests)
         );
         let (there, served) = (there?, served?);

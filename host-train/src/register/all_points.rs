@@ -2,7 +2,8 @@
 
 use crate::baselines::{IcpSettings, IcpTarget};
 use crate::register::dense::InRadii;
-use crate::register::prepared::{Planes, Prepared};
+use crate::register::dense::Planes;
+use crate::register::prepared::Prepared;
 use crate::register::thin::thin;
 use crate::register::{Memory, Registered};
 use reagent_core::evidence::Evidence;

@@ -2,16 +2,24 @@
 
 use crate::baselines::{IcpSettings, IcpTarget, Residual};
 use crate::dataset::Point;
-use crate::register::prepared::Planes;
 use crate::register::thin::{bulk, thin};
 use glam::Vec3;
 use reagent_core::dims::MAX_POINTS;
 use reagent_core::pose::centroid;
 use reagent_core::{Error, Frame, Pose};
 use serde::Serialize;
+use std::borrow::Cow;
 
 /// Most points of each cloud that are used; more would only take longer, without changing the pose.
 pub const DENSE_POINTS: usize = 20_000;
+
+/// Points of a surface.
+pub struct Planes<'a> {
+    /// The points.
+    pub points: Cow<'a, [Point]>,
+    /// Normals of the faces that they were drawn from, which may point to either side; empty without faces.
+    pub normals: Cow<'a, [Point]>,
+}
 
 /// When to refine on up to [`DENSE_POINTS`] points of each cloud.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]

@@ -6,7 +6,7 @@ use crate::dataset::cloud_file::{
 };
 use crate::pose64::Position;
 use crate::random::{Purpose, stream};
-use crate::register::dense::DENSE_POINTS;
+use crate::register::dense::{DENSE_POINTS, Planes};
 use crate::register::surface::{Surface, is_seen};
 use crate::register::thin::thin;
 use crate::register::within_capacity;
@@ -18,14 +18,6 @@ use std::borrow::Cow;
 use std::collections::HashMap;
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
-
-/// Points of a surface.
-pub struct Planes<'a> {
-    /// The points.
-    pub points: Cow<'a, [Point]>,
-    /// Normals of the faces that they were drawn from, which may point to either side; empty without faces.
-    pub normals: Cow<'a, [Point]>,
-}
 
 /// One of the two clouds. Copies share what a mesh tells.
 #[derive(Clone, Debug, PartialEq)]

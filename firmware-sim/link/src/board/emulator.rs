@@ -1,20 +1,15 @@
 //! A QEMU process that simulates a board: its start, its end, and its bytes in and out.
 
-use super::{BoardError, Kind};
+use super::{BoardError, Kind, QEMU, SILENCE};
 use reagent_core::wire::SMALL_FRAME_BYTES;
 use reagent_core::wire::serial::{CHECK_BYTES, Decoder, Line};
 use std::io::{self, Read, Write};
 use std::path::Path;
 use std::process::{Child, ChildStdin, Command, Stdio};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
-use std::time::Duration;
 
-/// The program that simulates boards.
-pub const QEMU: &str = "qemu-system-arm";
 /// A Linux program that runs another one and has the kernel end that when its parent ends.
 const SETPRIV: &str = "setpriv";
-/// A board that sends nothing for longer than this does not work. On a busy machine a step takes seconds.
-pub const SILENCE: Duration = Duration::from_secs(120);
 
 /// Whether boards can be simulated here.
 ///

@@ -1,8 +1,9 @@
 //! Publishes changes of parameters on `/parameter_events`.
 
 use super::messages::{Parameter, ParameterEvent};
+use crate::ros::clock::unix_ns;
 use crate::ros::keys::{self, Qos};
-use crate::ros::node::{Member, Publisher, unix_ns};
+use crate::ros::node::{Member, Publisher};
 use host_train::dataset::ros::point_cloud2::Time;
 
 /// The publisher.

@@ -3,11 +3,10 @@
 //! A bag is read from its start to the message asked for, one record at a time, so that its length does not matter.
 //! The whole records of an interrupted recording are read as well.
 
-mod error;
 mod records;
 mod topics;
 
-pub use error::BagError;
+pub use super::error::BagError;
 
 use super::{CloudError, CloudFile, Note, extension, lines};
 use crate::dataset::ros::cdr::from_cdr;

@@ -1,8 +1,12 @@
 //! Why a file of points was refused.
 
-use super::EXTENSIONS;
 #[cfg(not(target_family = "wasm"))]
-use super::bag::BagError;
+mod bag;
+
+#[cfg(not(target_family = "wasm"))]
+pub use bag::BagError;
+
+use super::EXTENSIONS;
 use crate::words::count;
 use std::path::PathBuf;
 

@@ -6,7 +6,7 @@
 //! Python literals recurse and multiply without limits on corrupt ones.
 
 use super::{CloudFile, Note, Position};
-use crate::dataset::depth::image::{self, Image, MAX_PIXELS};
+use crate::dataset::pixels::{Image, MAX_PIXELS, largest_integer};
 use half::f16;
 
 const MAGIC: &[u8] = b"\x93NUMPY";
@@ -170,7 +170,7 @@ fn grid_of(array: &Array<'_>) -> Result<Grid, String> {
             values: (0..pixels).map(value).collect(),
         },
         largest: (array.kind.as_bytes().get(1))
-            .and_then(|&kind| image::largest_integer(kind, array.width)),
+            .and_then(|&kind| largest_integer(kind, array.width)),
         bytes: array.width,
     })
 }

@@ -1,45 +1,15 @@
 //! Depth images and masks in files: greyscale PNG.
 
+pub use crate::dataset::pixels::{Image, MAX_PIXELS, largest_integer};
+
 use super::DepthError;
 use png::{BitDepth, ColorType, Decoder, Encoder, Limits, Transformations};
 use std::fs::File;
 use std::io::{BufReader, BufWriter};
 use std::path::Path;
 
-/// Most pixels of an image that are read: 8 times those of a full HD camera.
-pub const MAX_PIXELS: usize = 1 << 24;
-
 /// Of depths in 16 bits the number by which sensors and programs mark what was not measured, besides 0: the largest.
 pub const NOT_MEASURED: u16 = u16::MAX;
-
-/// The same of a type as NumPy names it, by a letter and its bytes; none of floats.
-pub fn largest_integer(kind: u8, bytes: usize) -> Option<f64> {
-    let bits = 8 * bytes as i32;
-    match kind {
-        b'u' => Some(2f64.powi(bits) - 1.0),
-        b'i' => Some(2f64.powi(bits - 1) - 1.0),
-        _ => None,
-    }
-}
-
-/// One value a pixel.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Image<T> {
-    /// Columns and rows.
-    pub size: [usize; 2],
-    /// Values row by row.
-    pub values: Vec<T>,
-}
-
-impl<T> Image<T> {
-    /// The same of other values.
-    pub fn map<U>(self, of: impl Fn(T) -> U) -> Image<U> {
-        Image {
-            size: self.size,
-            values: self.values.into_iter().map(of).collect(),
-        }
-    }
-}
 
 /// Reads a depth image: greyscale of 16 bits.
 ///

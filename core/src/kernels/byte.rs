@@ -6,6 +6,8 @@
 pub(super) mod dense;
 pub(super) mod portable;
 #[cfg(target_arch = "x86_64")]
+pub(super) mod pruned;
+#[cfg(target_arch = "x86_64")]
 pub(super) mod search;
 #[cfg(any(arm_kernels = "neon", wasm_kernels = "simd128", target_arch = "x86_64"))]
 pub(super) mod vector;
@@ -19,7 +21,8 @@ use super::{Kind, arm_m::dsp, arm_m::dsp_near};
 use super::{Kind, arm_m::helium, arm_m::helium_near};
 #[cfg(target_arch = "x86_64")]
 use super::{
-    Kind, pruned,
+    Kind,
+    pruned::fits,
     x86::avx2_bytes::{avx_vnni, avx2},
     x86::{amx, avx2_bytes_pruned, avx2_bytes_wide, avx512_vnni, avx512_vnni_pruned},
 };
@@ -130,12 +133,12 @@ impl Isa {
         match self.0 {
             // SAFETY: the instruction set was detected, lengths were checked above.
             #[cfg(target_arch = "x86_64")]
-            Kind::Avx512Vnni if pruned::fits(layer.inputs(), layer.outputs()) => unsafe {
+            Kind::Avx512Vnni if fits(layer.inputs(), layer.outputs()) => unsafe {
                 avx512_vnni_pruned::dense_codes_max(layer, x, max);
             },
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
-            Kind::Avx2 | Kind::Avx512 if pruned::fits(layer.inputs(), layer.outputs()) => unsafe {
+            Kind::Avx2 | Kind::Avx512 if fits(layer.inputs(), layer.outputs()) => unsafe {
                 avx2_bytes_pruned::dense_codes_max(layer, x, max);
             },
             // SAFETY: as above, for the processor that this is compiled for.

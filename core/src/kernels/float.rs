@@ -4,9 +4,12 @@
 
 #[cfg(any(arm_kernels = "neon", target_arch = "x86_64"))]
 pub(super) mod dense;
+pub(super) mod packed;
 mod portable;
 #[cfg(any(arm_kernels = "neon", target_arch = "x86_64"))]
 pub(super) mod pruned;
+pub(super) mod sieve;
+pub(super) mod split;
 #[cfg(any(arm_kernels = "neon", target_arch = "x86_64"))]
 pub(super) mod vector;
 

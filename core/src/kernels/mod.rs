@@ -51,12 +51,9 @@ mod nearest;
 mod neighbours;
 mod on_lanes;
 mod oriented;
-mod packed;
 mod peak;
 mod pruned;
 mod search;
-mod sieve;
-mod split;
 #[cfg(wasm_kernels = "simd128")]
 mod wasm;
 #[cfg(target_arch = "x86_64")]
@@ -67,21 +64,21 @@ use aarch64::detect;
 #[cfg(target_arch = "x86_64")]
 use x86::detect;
 
-pub use boxes::{BLOCK, BLOCKS, Boxed, Boxes, Corners, RUN, RUNS};
+pub use boxes::{BLOCK, BLOCKS, Bits, Boxed, Boxes, Corners, RUN, RUNS};
 pub use coarse::{CELLS, GRID, GridLookup, HALF, cell_of};
 pub use equations::{Pair, Sums, Weighing};
-pub use hidden::{Bits, Sides, has};
+pub use float::packed::PackedDense;
+pub use float::sieve::SieveDense;
+pub use float::split::{SplitDense, Tile};
+pub use hidden::{Sides, has};
 pub use lanes::{LANES, Places, Row};
 pub use matching::{BEYOND, NearestQuery};
 pub use nearest::Queries;
 pub use neighbours::{BATCH, Batch, Moments};
 pub use oriented::{Oriented, OrientedPoints};
-pub use packed::PackedDense;
 pub use peak::Arithmetic;
 pub(crate) use pruned::NEAR;
 pub use search::GROUPS;
-pub use sieve::SieveDense;
-pub use split::{SplitDense, Tile};
 
 /// Instruction sets, from the slowest to the fastest. The first is 1, so that 0 means none: a static
 /// [`crate::polish::Workspace`] without one takes no room in a program's file.

@@ -1,4 +1,4 @@
-//! The last embedding layer in f32 behind an integer sieve, with AVX-512 VNNI. See [`crate::kernels::sieve`].
+//! The last embedding layer in f32 behind an integer sieve, with AVX-512 VNNI. See [`crate::kernels::float::sieve`].
 //!
 //! Every function requires that AVX-512F, BW and VNNI were detected, that `x` holds `points` rows without negative values, and
 //! that `max` is as long as the layer's bias; [`crate::kernels::Isa`] checks all but the sign.
@@ -9,8 +9,8 @@ use super::avx512_vnni_pruned::{Group, QUADS};
 use crate::dims::{PANEL, TILE};
 use crate::kernels::byte::pruned::{Bounds, bounds, sums};
 use crate::kernels::byte::vector::Sums;
+use crate::kernels::float::sieve::{ROUNDING, SieveDense};
 use crate::kernels::pruned::{CHANNELS, INPUTS, NEAR, PANELS, Pruned, Survivors, prune};
-use crate::kernels::sieve::{ROUNDING, SieveDense};
 use core::arch::x86_64::*;
 
 /// Groups whose bounds are computed together, so that a weight is loaded once for all of them.

@@ -5,8 +5,6 @@
 #![allow(unsafe_code)]
 
 use super::Isa;
-#[cfg(target_arch = "x86_64")]
-use super::Kind;
 use super::boxes::{Bits, RUN};
 use super::lanes::{LANES, Lanes, Vectors};
 use super::on_lanes::on_lanes;

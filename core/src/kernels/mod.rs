@@ -115,6 +115,18 @@ enum Kind {
     Simd128,
 }
 
+/// Instruction sets for f32. Several kinds share one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Floats {
+    Portable,
+    #[cfg(target_arch = "x86_64")]
+    Avx2,
+    #[cfg(target_arch = "x86_64")]
+    Avx512,
+    #[cfg(arm_kernels = "neon")]
+    Neon,
+}
+
 /// A set of kernels that this machine is known to run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Isa(Kind);
@@ -199,18 +211,35 @@ impl Isa {
         }
     }
 
+    /// What computes in f32.
+    fn floats(self) -> Floats {
+        match self.0 {
+            Kind::Portable => Floats::Portable,
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx2 | Kind::AvxVnni => Floats::Avx2,
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx512 | Kind::Avx512Vnni | Kind::Amx => Floats::Avx512,
+            #[cfg(arm_kernels = "neon")]
+            Kind::Neon | Kind::NeonDot => Floats::Neon,
+            #[cfg(arm_kernels = "dsp")]
+            Kind::Dsp => Floats::Portable,
+            #[cfg(arm_kernels = "helium")]
+            Kind::Helium => Floats::Portable,
+            #[cfg(wasm_kernels = "simd128")]
+            Kind::Simd128 => Floats::Portable,
+        }
+    }
+
     /// Squared distance from each query to the nearest of `others`, infinite if there is none.
     /// The same bits on every kernel.
     pub fn nearest_squared(self, queries: &mut Queries, others: &[[f32; 3]]) {
-        match self.0 {
+        match self.floats() {
             // SAFETY: the instruction set was detected.
             #[cfg(target_arch = "x86_64")]
-            Kind::Avx2 | Kind::AvxVnni => unsafe { nearest::avx2(queries, others) },
+            Floats::Avx2 => unsafe { nearest::avx2(queries, others) },
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
-            Kind::Avx512 | Kind::Avx512Vnni | Kind::Amx => unsafe {
-                nearest::avx512(queries, others)
-            },
+            Floats::Avx512 => unsafe { nearest::avx512(queries, others) },
             _ => nearest::portable::<16>(queries, others),
         }
     }

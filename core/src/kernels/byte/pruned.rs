@@ -32,7 +32,8 @@ pub(in crate::kernels) trait Bounds<const WORDS: usize>: Sums {
 
     /// Adds the products of codes and weights.
     unsafe fn add_words(self, codes: Self, weights: Self) -> Self;
-    /// Adds the products of weights and extreme codes: of `low` where a weight is negative, of `high` elsewhere.
+    /// Adds the products of weights and extreme codes: of `low` where a weight is negative, of `high` elsewhere. With AVX2, the
+    /// extremes of both halves at once would not fit the registers.
     unsafe fn add_extremes(self, high: Self, low: Self, weights: Self) -> Self;
     /// A bit for each sum that is above `other`'s.
     unsafe fn exceeds(self, other: Self) -> u16;

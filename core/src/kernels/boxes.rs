@@ -1,6 +1,5 @@
 //! Boxes around runs and blocks of points that are in spatial order.
 
-use super::hidden::Bits;
 use super::lanes::{LANES, Lanes, Places, Row, Vectors};
 use crate::dims::SURFACE_POINTS;
 use core::ops::Range;
@@ -13,6 +12,10 @@ pub const BLOCK: usize = 32;
 pub const BLOCKS: usize = SURFACE_POINTS / BLOCK;
 /// Most runs of a surface.
 pub const RUNS: usize = SURFACE_POINTS / RUN;
+
+/// A bit for each place of a surface, a byte for each run of points; the first point of a run has the lowest bit.
+pub type Bits = [u8; RUNS];
+const _: () = assert!(RUN == u8::BITS as usize && LANES == u16::BITS as usize);
 
 /// An axis-aligned box: its lowest and its highest corner.
 pub type Corners = [[f32; 3]; 2];

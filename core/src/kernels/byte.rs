@@ -6,25 +6,27 @@
 pub(super) mod dense;
 pub(super) mod portable;
 #[cfg(target_arch = "x86_64")]
+pub(super) mod pruned;
+#[cfg(target_arch = "x86_64")]
 pub(super) mod search;
 #[cfg(any(arm_kernels = "neon", wasm_kernels = "simd128", target_arch = "x86_64"))]
 pub(super) mod vector;
 
-use super::Isa;
 #[cfg(arm_kernels = "neon")]
-use super::{Kind, aarch64::bytes as neon_bytes};
+use super::aarch64::bytes as neon_bytes;
+#[cfg(wasm_kernels = "simd128")]
+use super::wasm::bytes as wasm_bytes;
+use super::{Isa, Kind};
 #[cfg(arm_kernels = "dsp")]
-use super::{Kind, arm_m::dsp, arm_m::dsp_near};
+use super::{arm_m::dsp, arm_m::dsp_near};
 #[cfg(arm_kernels = "helium")]
-use super::{Kind, arm_m::helium, arm_m::helium_near};
+use super::{arm_m::helium, arm_m::helium_near};
 #[cfg(target_arch = "x86_64")]
 use super::{
-    Kind, pruned,
+    pruned::fits,
     x86::avx2_bytes::{avx_vnni, avx2},
     x86::{amx, avx2_bytes_pruned, avx2_bytes_wide, avx512_vnni, avx512_vnni_pruned},
 };
-#[cfg(wasm_kernels = "simd128")]
-use super::{Kind, wasm::bytes as wasm_bytes};
 use crate::dims::{PANEL, PANELS_MARKED};
 use crate::layer::{Codes, Dense, QuantLayer};
 use portable::{INPUTS, ROW_BITS, ROWS, row_of};
@@ -98,7 +100,7 @@ impl Isa {
             // SAFETY: as above; simd128 is part of the target.
             #[cfg(wasm_kernels = "simd128")]
             Kind::Simd128 => unsafe { wasm_bytes::dense_codes(codes, bias, requantise, x, y) },
-            _ => portable::dense_codes(codes, bias, requantise, x, y),
+            Kind::Portable => portable::dense_codes(codes, bias, requantise, x, y),
         }
     }
 
@@ -130,12 +132,12 @@ impl Isa {
         match self.0 {
             // SAFETY: the instruction set was detected, lengths were checked above.
             #[cfg(target_arch = "x86_64")]
-            Kind::Avx512Vnni if pruned::fits(layer.inputs(), layer.outputs()) => unsafe {
+            Kind::Avx512Vnni if fits(layer.inputs(), layer.outputs()) => unsafe {
                 avx512_vnni_pruned::dense_codes_max(layer, x, max);
             },
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
-            Kind::Avx2 | Kind::Avx512 if pruned::fits(layer.inputs(), layer.outputs()) => unsafe {
+            Kind::Avx2 | Kind::Avx512 if fits(layer.inputs(), layer.outputs()) => unsafe {
                 avx2_bytes_pruned::dense_codes_max(layer, x, max);
             },
             // SAFETY: as above, for the processor that this is compiled for.
@@ -226,7 +228,7 @@ impl Isa {
             // SAFETY: as above; simd128 is part of the target.
             #[cfg(wasm_kernels = "simd128")]
             Kind::Simd128 => unsafe { wasm_bytes::dense_codes_max::<MARK>(layer, panels, x, max) },
-            _ => portable::dense_codes_max(MARK, layer, panels, x, max),
+            Kind::Portable => portable::dense_codes_max(MARK, layer, panels, x, max),
         }
     }
 
@@ -281,7 +283,7 @@ impl Isa {
             // SAFETY: as above; simd128 is part of the target.
             #[cfg(wasm_kernels = "simd128")]
             Kind::Simd128 => unsafe { wasm_bytes::gemv_codes(layer, columns, planes, y) },
-            _ => portable::gemv_codes(layer, columns, planes, y),
+            Kind::Portable => portable::gemv_codes(layer, columns, planes, y),
         }
     }
 }

@@ -6,8 +6,6 @@
 #![allow(unsafe_code)]
 
 use super::Isa;
-#[cfg(target_arch = "x86_64")]
-use super::Kind;
 use super::equations::add;
 use super::lanes::{Four, LANES, Lanes, Seen, Vectors};
 use super::losses::of_surface;

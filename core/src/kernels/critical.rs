@@ -3,14 +3,14 @@
 
 #![allow(unsafe_code)]
 
-use super::{GROUPS, Isa, search};
 #[cfg(target_arch = "x86_64")]
 use super::{
-    Kind,
+    Floats, Kind,
     x86::amx,
     x86::avx2_bytes::{avx_vnni, avx2},
     x86::avx512_vnni,
 };
+use super::{GROUPS, Isa, search};
 use crate::dims::PANEL;
 use crate::layer::{Codes, padded_codes};
 
@@ -26,15 +26,15 @@ impl Isa {
         if width == 0 {
             return;
         }
-        match self.0 {
+        match self.floats() {
             // SAFETY: the instruction set was detected.
             #[cfg(target_arch = "x86_64")]
-            Kind::Avx2 | Kind::AvxVnni => unsafe {
+            Floats::Avx2 => unsafe {
                 search::quantise_avx2(width, stride, x, codes, scales);
             },
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
-            Kind::Avx512 | Kind::Avx512Vnni | Kind::Amx => unsafe {
+            Floats::Avx512 => unsafe {
                 search::quantise_avx512(width, stride, x, codes, scales);
             },
             _ => search::quantise(width, stride, x, codes, scales),
@@ -123,15 +123,15 @@ impl Isa {
         {
             return;
         }
-        match self.0 {
+        match self.floats() {
             // SAFETY: the instruction set was detected.
             #[cfg(target_arch = "x86_64")]
-            Kind::Avx2 | Kind::AvxVnni => unsafe {
+            Floats::Avx2 => unsafe {
                 search::winners_avx2(width, rows, bias, hidden, winner, feature);
             },
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
-            Kind::Avx512 | Kind::Avx512Vnni | Kind::Amx => unsafe {
+            Floats::Avx512 => unsafe {
                 search::winners_avx512(width, rows, bias, hidden, winner, feature);
             },
             _ => search::winners(width, rows, bias, hidden, winner, feature),
@@ -162,15 +162,15 @@ impl Isa {
             hidden,
             weight,
         };
-        match self.0 {
+        match self.floats() {
             // SAFETY: the instruction set was detected.
             #[cfg(target_arch = "x86_64")]
-            Kind::Avx2 | Kind::AvxVnni => unsafe {
+            Floats::Avx2 => unsafe {
                 search::max_backward_avx2(layer, weight_gradient, hidden_gradient);
             },
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
-            Kind::Avx512 | Kind::Avx512Vnni | Kind::Amx => unsafe {
+            Floats::Avx512 => unsafe {
                 search::max_backward_avx512(layer, weight_gradient, hidden_gradient);
             },
             _ => search::max_backward(layer, weight_gradient, hidden_gradient),

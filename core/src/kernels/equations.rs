@@ -5,8 +5,6 @@
 #![allow(unsafe_code)]
 
 use super::Isa;
-#[cfg(target_arch = "x86_64")]
-use super::Kind;
 use super::lanes::{LANES, Lanes, Row, Seen, Vectors};
 use super::on_lanes::on_lanes;
 use super::oriented::OrientedPoints;
@@ -53,9 +51,9 @@ pub(super) fn add<L: Lanes>(
     // Normals have no sign: the first is flipped to the side of the second.
     let same = m.dot(n);
     let (d, e, f) = (
-        n.x + m.x.turned(same),
-        n.y + m.y.turned(same),
-        n.z + m.z.turned(same),
+        n.x + m.x.with_sign_flipped_by(same),
+        n.y + m.y.with_sign_flipped_by(same),
+        n.z + m.z.with_sign_flipped_by(same),
     );
     let along = weight / (d * d + e * e + f * f).max(all(1e-6));
     let half = all(0.5);

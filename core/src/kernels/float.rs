@@ -4,19 +4,20 @@
 
 #[cfg(any(arm_kernels = "neon", target_arch = "x86_64"))]
 pub(super) mod dense;
+pub(super) mod packed;
 mod portable;
 #[cfg(any(arm_kernels = "neon", target_arch = "x86_64"))]
 pub(super) mod pruned;
+pub(super) mod sieve;
+pub(super) mod split;
 #[cfg(any(arm_kernels = "neon", target_arch = "x86_64"))]
 pub(super) mod vector;
 
-#[cfg(any(arm_kernels = "neon", target_arch = "x86_64"))]
-use super::Kind;
 #[cfg(arm_kernels = "neon")]
 use super::aarch64::neon;
 #[cfg(target_arch = "x86_64")]
 use super::x86::{avx2, avx512};
-use super::{Isa, rows};
+use super::{Floats, Isa, rows};
 use crate::layer::Dense;
 
 impl Isa {
@@ -26,20 +27,18 @@ impl Isa {
     /// `x [points, inputs]`, `y [points, padded outputs]`; rows beyond either are left alone.
     pub fn dense_relu(self, layer: &Dense<'_>, x: &[f32], y: &mut [f32]) {
         let points = rows(layer, x).min(y.len().checked_div(layer.width()).unwrap_or(0));
-        match self.0 {
+        match self.floats() {
             // SAFETY: `Kind::Avx2` exists only where detection found AVX2 and FMA; `points` rows
             // of `x` and `y` are in bounds as counted above.
             #[cfg(target_arch = "x86_64")]
-            Kind::Avx2 | Kind::AvxVnni => unsafe { avx2::dense_relu(layer, points, x, y) },
+            Floats::Avx2 => unsafe { avx2::dense_relu(layer, points, x, y) },
             // SAFETY: as above, with AVX-512F.
             #[cfg(target_arch = "x86_64")]
-            Kind::Avx512 | Kind::Avx512Vnni | Kind::Amx => unsafe {
-                avx512::dense_relu(layer, points, x, y)
-            },
+            Floats::Avx512 => unsafe { avx512::dense_relu(layer, points, x, y) },
             // SAFETY: as above; NEON is part of the target.
             #[cfg(arm_kernels = "neon")]
-            Kind::Neon | Kind::NeonDot => unsafe { neon::dense_relu(layer, points, x, y) },
-            _ => portable::dense_relu(layer, points, x, y),
+            Floats::Neon => unsafe { neon::dense_relu(layer, points, x, y) },
+            Floats::Portable => portable::dense_relu(layer, points, x, y),
         }
     }
 
@@ -52,35 +51,29 @@ impl Isa {
             return;
         }
         let points = rows(layer, x);
-        match self.0 {
+        match self.floats() {
             // SAFETY: features detected; `points` rows of `x` and all of `max` are in bounds.
             #[cfg(target_arch = "x86_64")]
-            Kind::Avx2 | Kind::AvxVnni => unsafe {
+            Floats::Avx2 => unsafe {
                 avx2::dense_max::<false>(layer, points, x, 0, max, &mut []);
             },
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
-            Kind::Avx512 | Kind::Avx512Vnni | Kind::Amx => unsafe {
+            Floats::Avx512 => unsafe {
                 avx512::dense_max::<false>(layer, points, x, 0, max, &mut []);
             },
             // SAFETY: as above; NEON is part of the target.
             #[cfg(arm_kernels = "neon")]
-            Kind::Neon | Kind::NeonDot => unsafe {
+            Floats::Neon => unsafe {
                 neon::dense_max::<false>(layer, points, x, 0, max, &mut []);
             },
-            _ => portable::dense_max::<false>(layer, points, x, 0, max, &mut []),
+            Floats::Portable => portable::dense_max::<false>(layer, points, x, 0, max, &mut []),
         }
     }
 
     /// Whether [`Isa::dense_max_near`] runs faster on points in spatial order.
     pub(crate) fn prunes_floats(self) -> bool {
-        match self.0 {
-            #[cfg(target_arch = "x86_64")]
-            Kind::Avx2 | Kind::AvxVnni | Kind::Avx512 | Kind::Avx512Vnni | Kind::Amx => true,
-            #[cfg(arm_kernels = "neon")]
-            Kind::Neon | Kind::NeonDot => true,
-            _ => false,
-        }
+        self.floats() != Floats::Portable
     }
 
     /// As [`Isa::dense_max`], but faster if consecutive points lie close together: it skips sums that cannot raise a maximum.
@@ -92,23 +85,23 @@ impl Isa {
         if max.len() < outputs || !super::pruned::fits(layer.inputs(), outputs) {
             return self.dense_max(layer, x, max);
         }
-        match self.0 {
+        match self.floats() {
             // SAFETY: features detected; `points` rows of `x` and all of `max` are in bounds.
             #[cfg(target_arch = "x86_64")]
-            Kind::Avx512 | Kind::Avx512Vnni | Kind::Amx => unsafe {
+            Floats::Avx512 => unsafe {
                 avx512::dense_max_near(layer, rows(layer, x), x, max);
             },
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
-            Kind::Avx2 | Kind::AvxVnni => unsafe {
+            Floats::Avx2 => unsafe {
                 avx2::dense_max_near(layer, rows(layer, x), x, max);
             },
             // SAFETY: as above; NEON is part of the target.
             #[cfg(arm_kernels = "neon")]
-            Kind::Neon | Kind::NeonDot => unsafe {
+            Floats::Neon => unsafe {
                 neon::dense_max_near(layer, rows(layer, x), x, max);
             },
-            _ => self.dense_max(layer, x, max),
+            Floats::Portable => self.dense_max(layer, x, max),
         }
     }
 
@@ -129,23 +122,23 @@ impl Isa {
             return;
         }
         let points = rows(layer, x);
-        match self.0 {
+        match self.floats() {
             // SAFETY: features detected; `points` rows of `x`, `max` and `argmax` are in bounds.
             #[cfg(target_arch = "x86_64")]
-            Kind::Avx2 | Kind::AvxVnni => unsafe {
+            Floats::Avx2 => unsafe {
                 avx2::dense_max::<true>(layer, points, x, first, max, argmax);
             },
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
-            Kind::Avx512 | Kind::Avx512Vnni | Kind::Amx => unsafe {
+            Floats::Avx512 => unsafe {
                 avx512::dense_max::<true>(layer, points, x, first, max, argmax);
             },
             // SAFETY: as above; NEON is part of the target.
             #[cfg(arm_kernels = "neon")]
-            Kind::Neon | Kind::NeonDot => unsafe {
+            Floats::Neon => unsafe {
                 neon::dense_max::<true>(layer, points, x, first, max, argmax);
             },
-            _ => portable::dense_max::<true>(layer, points, x, first, max, argmax),
+            Floats::Portable => portable::dense_max::<true>(layer, points, x, first, max, argmax),
         }
     }
 
@@ -161,19 +154,17 @@ impl Isa {
         if y.len() < outputs || start.len() < outputs || beyond {
             return;
         }
-        match self.0 {
+        match self.floats() {
             // SAFETY: features detected; lengths checked above.
             #[cfg(target_arch = "x86_64")]
-            Kind::Avx2 | Kind::AvxVnni => unsafe { avx2::gemv(layer, start, from, x, y) },
+            Floats::Avx2 => unsafe { avx2::gemv(layer, start, from, x, y) },
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
-            Kind::Avx512 | Kind::Avx512Vnni | Kind::Amx => unsafe {
-                avx512::gemv(layer, start, from, x, y)
-            },
+            Floats::Avx512 => unsafe { avx512::gemv(layer, start, from, x, y) },
             // SAFETY: as above; NEON is part of the target.
             #[cfg(arm_kernels = "neon")]
-            Kind::Neon | Kind::NeonDot => unsafe { neon::gemv(layer, start, from, x, y) },
-            _ => portable::gemv(layer, start, from, x, y),
+            Floats::Neon => unsafe { neon::gemv(layer, start, from, x, y) },
+            Floats::Portable => portable::gemv(layer, start, from, x, y),
         }
     }
 }

@@ -5,17 +5,11 @@
 #![allow(unsafe_code)]
 
 use super::Isa;
-#[cfg(target_arch = "x86_64")]
-use super::Kind;
-use super::boxes::{RUN, RUNS};
+use super::boxes::{Bits, RUN};
 use super::lanes::{LANES, Lanes, Vectors};
 use super::on_lanes::on_lanes;
 use super::oriented::OrientedPoints;
 use crate::dims::SURFACE_POINTS;
-
-/// A bit for each place of a surface, a byte for each run of points; the first point of a run has the lowest bit.
-pub type Bits = [u8; RUNS];
-const _: () = assert!(RUN == u8::BITS as usize && LANES == u16::BITS as usize);
 
 /// Which way a surface faces, by place. A side is hidden if the cosine between its outward normal and the direction to the sensor
 /// is below `-away`.
@@ -89,6 +83,7 @@ impl Isa {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::kernels::RUNS;
     use crate::kernels::oriented::tests::Cloud;
     use glam::Vec3;
 

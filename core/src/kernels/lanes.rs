@@ -42,7 +42,7 @@ pub(super) trait Lanes:
     fn min(self, other: Self) -> Self;
     fn sqrt(self) -> Self;
     /// `-self` where `by` is negative, `self` elsewhere.
-    fn turned(self, by: Self) -> Self;
+    fn with_sign_flipped_by(self, by: Self) -> Self;
     /// The largest lane.
     fn largest(self) -> f32;
     /// A bit for each lane that is less than `other`'s; the first lane has the lowest bit.
@@ -247,7 +247,7 @@ impl Lanes for Four {
     }
 
     #[inline(always)]
-    fn turned(self, by: Self) -> Self {
+    fn with_sign_flipped_by(self, by: Self) -> Self {
         self.map2(by, |x, by| if by < 0.0 { -x } else { x })
     }
 

@@ -6,8 +6,6 @@
 #![allow(unsafe_code)]
 
 use super::Isa;
-#[cfg(target_arch = "x86_64")]
-use super::Kind;
 use super::boxes::{BLOCKS, Boxed, RUN, bounds, largest, squared_gap};
 use super::hidden::has;
 use super::lanes::{LANES, Lanes, Places, Row, Seen, Vectors};

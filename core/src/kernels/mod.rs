@@ -51,12 +51,9 @@ mod nearest;
 mod neighbours;
 mod on_lanes;
 mod oriented;
-mod packed;
 mod peak;
 mod pruned;
 mod search;
-mod sieve;
-mod split;
 #[cfg(wasm_kernels = "simd128")]
 mod wasm;
 #[cfg(target_arch = "x86_64")]
@@ -67,21 +64,21 @@ use aarch64::detect;
 #[cfg(target_arch = "x86_64")]
 use x86::detect;
 
-pub use boxes::{BLOCK, BLOCKS, Boxed, Boxes, Corners, RUN, RUNS};
+pub use boxes::{BLOCK, BLOCKS, Bits, Boxed, Boxes, Corners, RUN, RUNS};
 pub use coarse::{CELLS, GRID, GridLookup, HALF, cell_of};
 pub use equations::{Pair, Sums, Weighing};
-pub use hidden::{Bits, Sides, has};
+pub use float::packed::PackedDense;
+pub use float::sieve::SieveDense;
+pub use float::split::{SplitDense, Tile};
+pub use hidden::{Sides, has};
 pub use lanes::{LANES, Places, Row};
 pub use matching::{BEYOND, NearestQuery};
 pub use nearest::Queries;
 pub use neighbours::{BATCH, Batch, Moments};
 pub use oriented::{Oriented, OrientedPoints};
-pub use packed::PackedDense;
 pub use peak::Arithmetic;
 pub(crate) use pruned::NEAR;
 pub use search::GROUPS;
-pub use sieve::SieveDense;
-pub use split::{SplitDense, Tile};
 
 /// Instruction sets, from the slowest to the fastest. The first is 1, so that 0 means none: a static
 /// [`crate::polish::Workspace`] without one takes no room in a program's file.
@@ -116,6 +113,18 @@ enum Kind {
     /// The vector instructions of WebAssembly.
     #[cfg(wasm_kernels = "simd128")]
     Simd128,
+}
+
+/// Instruction sets for f32. Several kinds share one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Floats {
+    Portable,
+    #[cfg(target_arch = "x86_64")]
+    Avx2,
+    #[cfg(target_arch = "x86_64")]
+    Avx512,
+    #[cfg(arm_kernels = "neon")]
+    Neon,
 }
 
 /// A set of kernels that this machine is known to run.
@@ -202,18 +211,35 @@ impl Isa {
         }
     }
 
+    /// What computes in f32.
+    fn floats(self) -> Floats {
+        match self.0 {
+            Kind::Portable => Floats::Portable,
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx2 | Kind::AvxVnni => Floats::Avx2,
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx512 | Kind::Avx512Vnni | Kind::Amx => Floats::Avx512,
+            #[cfg(arm_kernels = "neon")]
+            Kind::Neon | Kind::NeonDot => Floats::Neon,
+            #[cfg(arm_kernels = "dsp")]
+            Kind::Dsp => Floats::Portable,
+            #[cfg(arm_kernels = "helium")]
+            Kind::Helium => Floats::Portable,
+            #[cfg(wasm_kernels = "simd128")]
+            Kind::Simd128 => Floats::Portable,
+        }
+    }
+
     /// Squared distance from each query to the nearest of `others`, infinite if there is none.
     /// The same bits on every kernel.
     pub fn nearest_squared(self, queries: &mut Queries, others: &[[f32; 3]]) {
-        match self.0 {
+        match self.floats() {
             // SAFETY: the instruction set was detected.
             #[cfg(target_arch = "x86_64")]
-            Kind::Avx2 | Kind::AvxVnni => unsafe { nearest::avx2(queries, others) },
+            Floats::Avx2 => unsafe { nearest::avx2(queries, others) },
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
-            Kind::Avx512 | Kind::Avx512Vnni | Kind::Amx => unsafe {
-                nearest::avx512(queries, others)
-            },
+            Floats::Avx512 => unsafe { nearest::avx512(queries, others) },
             _ => nearest::portable::<16>(queries, others),
         }
     }

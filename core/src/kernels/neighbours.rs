@@ -5,8 +5,6 @@
 #![allow(unsafe_code)]
 
 use super::Isa;
-#[cfg(target_arch = "x86_64")]
-use super::Kind;
 use super::boxes::{Boxed, bounds};
 use super::lanes::{LANES, Lanes, Row, Vectors};
 use super::on_lanes::on_lanes;

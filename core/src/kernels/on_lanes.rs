@@ -13,13 +13,13 @@ macro_rules! on_lanes {
         fn avx512($($arg: $t),*) $(-> $out)? {
             $of::<crate::kernels::x86::lanes::Sixteen>($($arg),*)
         }
-        match $isa.0 {
+        match $isa.floats() {
             // SAFETY: the instruction set was detected.
             #[cfg(target_arch = "x86_64")]
-            Kind::Avx2 | Kind::AvxVnni => unsafe { avx2($($arg),*) },
+            crate::kernels::Floats::Avx2 => unsafe { avx2($($arg),*) },
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
-            Kind::Avx512 | Kind::Avx512Vnni | Kind::Amx => unsafe { avx512($($arg),*) },
+            crate::kernels::Floats::Avx512 => unsafe { avx512($($arg),*) },
             _ => $of::<crate::kernels::lanes::Four>($($arg),*),
         }
     }};

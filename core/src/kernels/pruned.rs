@@ -8,6 +8,7 @@
 
 // Microcontrollers have their own kernels (`arm_m::near`), and NEON uses only part of it.
 #![cfg_attr(not(target_arch = "x86_64"), allow(dead_code))]
+#![allow(unsafe_code)]
 
 use crate::dims::PANEL;
 
@@ -70,24 +71,43 @@ impl Survivors {
     }
 }
 
-/// Goes through all panels, `STEP` at a time, with `groups` groups, at most `GROUPS`. `bound` adds the channels of these panels
-/// whose bound is above the maximum, for each group; `raise` folds the points of a group into the maxima of some channels, some
-/// of which may repeat.
+/// Groups of points, and the maxima that they may raise.
+pub(super) trait Pruned<const GROUPS: usize> {
+    /// For each group, adds the channels of some panels from `panel` on whose bound is above the maximum.
+    ///
+    /// # Safety
+    /// There are such panels; the machine runs the instruction set.
+    unsafe fn bound(&mut self, panel: usize, survivors: &mut [Survivors; GROUPS]);
+
+    /// Folds the points of a group into the maxima of some channels, some of which may repeat.
+    ///
+    /// # Safety
+    /// There is such a group, and [`Pruned::bound`] added the channels to it, not more than [`PANELS`] panels ago; the machine
+    /// runs the instruction set.
+    unsafe fn raise(&mut self, group: usize, channels: &[u16; CHANNELS]);
+}
+
+/// Goes through all panels, `STEP` at a time, with the first `count` groups, at most `GROUPS`.
+///
+/// # Safety
+/// There are as many panels and groups; the machine runs the instruction set.
+// A trait, since a closure may be left out of line, where it has no instruction set: a hundred times slower.
 #[inline(always)]
-pub(super) fn prune<const STEP: usize, const GROUPS: usize>(
+pub(super) unsafe fn prune<const STEP: usize, const GROUPS: usize>(
     panels: usize,
-    groups: usize,
-    mut bound: impl FnMut(usize, &mut [Survivors; GROUPS]),
-    mut raise: impl FnMut(usize, &[u16; CHANNELS]),
+    count: usize,
+    groups: &mut impl Pruned<GROUPS>,
 ) {
     for first in (0..panels).step_by(PANELS) {
         let mut survivors = [Survivors::NONE; GROUPS];
         for panel in (first..panels.min(first + PANELS)).step_by(STEP) {
-            bound(panel, &mut survivors);
+            // SAFETY: as the caller guarantees.
+            unsafe { groups.bound(panel, &mut survivors) };
         }
-        for (group, survivors) in survivors.iter_mut().enumerate().take(groups) {
+        for (group, survivors) in survivors.iter_mut().enumerate().take(count) {
             for channels in survivors.together() {
-                raise(group, channels);
+                // SAFETY: the channels are those of this block of panels.
+                unsafe { groups.raise(group, channels) };
             }
         }
     }

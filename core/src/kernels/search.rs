@@ -12,7 +12,8 @@
 
 #![allow(unsafe_code, clippy::indexing_slicing)]
 
-use crate::dims::{PANEL, QUAD};
+use super::byte::portable::{panel_sums, quads};
+use crate::dims::PANEL;
 use crate::layer::{Codes, nearest_even};
 use core::ops::Range;
 
@@ -97,21 +98,12 @@ pub(super) fn portable(
     winner: &mut [u32],
 ) {
     for p in panels {
-        let panel = &layer.panels()[p * layer.inputs() * PANEL..(p + 1) * layer.inputs() * PANEL];
-        let (quads, _) = panel.as_chunks::<{ PANEL * QUAD }>();
+        let quads = quads(layer, p);
         let mut tile = NONE;
         for n in points.clone() {
-            let (x, _) = codes[n * layer.inputs()..(n + 1) * layer.inputs()].as_chunks::<QUAD>();
-            let mut sum = [0i32; PANEL];
-            for (x, weights) in x.iter().zip(quads) {
-                for (s, w) in sum.iter_mut().zip(weights.as_chunks::<QUAD>().0) {
-                    for k in 0..QUAD {
-                        *s += i32::from(x[k]) * i32::from(w[k]);
-                    }
-                }
-            }
+            let x = &codes[n * layer.inputs()..(n + 1) * layer.inputs()];
             let place = (n - points.start) as u32;
-            for (best, s) in tile[n % GROUPS].iter_mut().zip(sum) {
+            for (best, s) in tile[n % GROUPS].iter_mut().zip(panel_sums(quads, x)) {
                 let score = s as f32 * scales[n];
                 let score = f32::from_bits(score.to_bits() & !PLACE | place);
                 *best = if score > *best { score } else { *best };

@@ -1,6 +1,7 @@
 //! Compares every kernel with the portable one on the network's own layers, with clouds of up to 2048 points and extreme
 //! values: few cases with much work each, besides the many small ones of the other tests.
 
+use super::float::{sieve, split};
 use super::*;
 use crate::dims::{PANEL, padded};
 use crate::layer::{Codes, QuantLayer};

@@ -9,7 +9,7 @@ use core::ops::Range;
 
 /// Sums of one row with one panel of weights.
 #[inline(always)]
-fn panel_sums(quads: &[[i8; PANEL * QUAD]], x: &[u8]) -> [i32; PANEL] {
+pub(in crate::kernels) fn panel_sums(quads: &[[i8; PANEL * QUAD]], x: &[u8]) -> [i32; PANEL] {
     let mut sum = [0i32; PANEL];
     for (x, weights) in x.as_chunks::<QUAD>().0.iter().zip(quads) {
         for (s, w) in sum.iter_mut().zip(weights.as_chunks::<QUAD>().0) {
@@ -22,7 +22,7 @@ fn panel_sums(quads: &[[i8; PANEL * QUAD]], x: &[u8]) -> [i32; PANEL] {
 }
 
 /// A panel's weights in groups of four inputs; none beyond the last panel.
-fn quads<'a>(layer: &Codes<'a>, panel: usize) -> &'a [[i8; PANEL * QUAD]] {
+pub(in crate::kernels) fn quads<'a>(layer: &Codes<'a>, panel: usize) -> &'a [[i8; PANEL * QUAD]] {
     let len = layer.inputs() * PANEL;
     let weights = layer.panels().get(panel * len..(panel + 1) * len);
     weights.unwrap_or(&[]).as_chunks().0

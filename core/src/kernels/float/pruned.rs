@@ -9,8 +9,9 @@
 use super::dense::{columns_and_bias, load_column};
 use super::vector::Vector;
 use crate::dims::{PANEL, TILE};
-use crate::kernels::pruned::{CHANNELS, INPUTS, NEAR, Survivors, prune};
+use crate::kernels::pruned::{CHANNELS, INPUTS, NEAR, Pruned, Survivors, prune};
 use crate::layer::Dense;
+use core::marker::PhantomData;
 
 /// Groups whose bounds are computed together, so that a weight is loaded once for all of them.
 const GROUPS: usize = TILE / NEAR;
@@ -97,28 +98,51 @@ unsafe fn max_of_groups<V: Vector, const P: usize, const C: usize, const N: usiz
     count: usize,
     max: *mut f32,
 ) {
-    const { assert!(CHANNELS.is_multiple_of(C)) }
-    let panels = layer.width() / PANEL;
-    prune::<P, N>(
-        panels,
-        count,
-        // SAFETY: the caller guarantees the maxima of each panel.
-        |panel, survivors| unsafe {
+    let mut of = Groups::<V, P, C> {
+        layer,
+        groups,
+        max,
+        vector: PhantomData,
+    };
+    // SAFETY: as the caller guarantees.
+    unsafe { prune::<P, N>(layer.width() / PANEL, count, &mut of) }
+}
+
+/// Some groups, and the maxima that they may raise.
+struct Groups<'a, V, const P: usize, const C: usize> {
+    layer: &'a Dense<'a>,
+    groups: &'a [Group; GROUPS],
+    max: *mut f32,
+    vector: PhantomData<V>,
+}
+
+impl<V: Vector, const P: usize, const C: usize, const N: usize> Pruned<N> for Groups<'_, V, P, C> {
+    #[inline(always)]
+    unsafe fn bound(&mut self, panel: usize, survivors: &mut [Survivors; N]) {
+        let panels = self.layer.width() / PANEL;
+        // SAFETY: the caller guarantees the first panel.
+        unsafe {
             if panel + P <= panels {
-                bound::<V, P, N>(layer, panel, groups, max, survivors);
+                bound::<V, P, N>(self.layer, panel, self.groups, self.max, survivors);
             } else {
                 for panel in panel..panels {
-                    bound::<V, 1, N>(layer, panel, groups, max, survivors);
+                    bound::<V, 1, N>(self.layer, panel, self.groups, self.max, survivors);
                 }
             }
-        },
-        // SAFETY: groups and channels come from the bounds.
-        |group, channels| unsafe {
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn raise(&mut self, group: usize, channels: &[u16; CHANNELS]) {
+        const { assert!(CHANNELS.is_multiple_of(C)) }
+        // SAFETY: the caller guarantees the group and the channels.
+        unsafe {
+            let group = self.groups.get_unchecked(group);
             for channels in channels.as_chunks::<C>().0 {
-                raise::<V, C>(layer, groups.get_unchecked(group), channels, max);
+                raise::<V, C>(self.layer, group, channels, self.max);
             }
-        },
-    );
+        }
+    }
 }
 
 /// For each group, adds the channels of `P` panels from `panel` on whose bound is above the maximum.

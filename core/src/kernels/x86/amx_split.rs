@@ -1,10 +1,10 @@
-//! Layers of split numbers ([`crate::kernels::split`]) on AMX tiles of bf16: four tiles of 16 x 16 sums, with six products for
+//! Layers of split numbers ([`crate::kernels::float::split`]) on AMX tiles of bf16: four tiles of 16 x 16 sums, with six products for
 //! each block of 32 inputs.
 #![allow(unsafe_code, clippy::indexing_slicing)]
 
 use super::amx::Tiles;
 use crate::dims::{PANEL, TILE};
-use crate::kernels::split::{INPUTS, PARTS, SplitDense, TILE_INPUTS, Tile};
+use crate::kernels::float::split::{INPUTS, PARTS, SplitDense, TILE_INPUTS, Tile};
 use core::arch::asm;
 use core::arch::x86_64::*;
 
@@ -149,7 +149,7 @@ block! {
     one_by_four, [x, w0, w1, w2, w3; 5], one_point, by_four_outputs
 }
 
-/// Splits at most 16 rows, each part as [`crate::kernels::split::split`] does.
+/// Splits at most 16 rows, each part as [`crate::kernels::float::split::split`] does.
 #[target_feature(enable = "avx512f")]
 fn split_rows(inputs: usize, x: &[f32], tiles: &mut [Tile; ROW_TILES]) {
     let upper = |x| _mm512_and_si512(x, _mm512_set1_epi32(0xffff_0000_u32 as i32));

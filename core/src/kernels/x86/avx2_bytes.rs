@@ -12,7 +12,7 @@ const LANES: usize = 8;
 const POINTS: usize = 4;
 
 #[derive(Clone, Copy)]
-pub(in crate::kernels) struct Halves<const VNNI: bool>([__m256i; 2]);
+pub(in crate::kernels) struct Halves<const VNNI: bool>(pub(super) [__m256i; 2]);
 
 // SAFETY (all): as `Sums` asks.
 impl<const VNNI: bool> Sums for Halves<VNNI> {

@@ -1,59 +1,98 @@
-//! The last embedding layer of integers over points that lie close together, with AVX-512 VNNI. Lanes are channels for bounds,
-//! and points for sums. See [`crate::kernels::pruned`].
-//!
-//! Every function requires that its instruction sets were detected, that the layer's arrays have their padded lengths and at
-//! most [`INPUTS`] inputs, and that `max` is as long as its outputs; [`crate::kernels::Isa`] checks all of it.
-#![allow(unsafe_code, clippy::indexing_slicing, clippy::needless_range_loop)]
+//! The last embedding layer of integers over points that lie close together, with AVX-512 VNNI: four codes to a word, as the
+//! weights of a layer are.
+#![allow(unsafe_code)]
 
 use super::avx512::channels_of;
+use super::avx512_vnni::Whole;
 use crate::dims::{PANEL, QUAD};
-use crate::kernels::pruned::{CHANNELS, INPUTS, NEAR, prune};
+use crate::kernels::byte::pruned::{self, Bounds};
+use crate::kernels::pruned::{CHANNELS, INPUTS, NEAR, Survivors};
 use crate::layer::Codes;
 use core::arch::x86_64::*;
 
 /// Groups whose bounds are computed together, so that a weight is loaded once for all of them.
 const GROUPS: usize = 12;
+/// Words of four codes.
+pub(in crate::kernels) const QUADS: usize = INPUTS / QUAD;
 
 /// Codes of [`NEAR`] points, four inputs at a time.
-#[derive(Clone, Copy)]
-pub(in crate::kernels) struct Group {
-    /// The codes of each point.
-    points: [[u32; NEAR]; INPUTS / QUAD],
-    /// The highest and the lowest code of each input.
-    high: [u32; INPUTS / QUAD],
-    low: [u32; INPUTS / QUAD],
+pub(in crate::kernels) type Group = pruned::Group<QUADS>;
+
+// SAFETY (all): as `Bounds` asks.
+impl Bounds<QUADS> for Whole {
+    type Spread = ();
+    const NONE: () = ();
+
+    #[inline(always)]
+    unsafe fn fill(group: &mut Group, inputs: usize, rows: &[u8]) {
+        unsafe { fill(group, inputs, rows) }
+    }
+
+    #[inline(always)]
+    unsafe fn spread(_: &Codes<'_>, _: usize, (): &mut ()) {}
+
+    #[inline(always)]
+    unsafe fn weights(layer: &Codes<'_>, panel: usize, (): &()) -> *const i32 {
+        let weights = layer.panels().as_ptr();
+        unsafe { weights.add(panel * layer.inputs() * PANEL).cast() }
+    }
+
+    #[inline(always)]
+    unsafe fn add_words(self, Whole(codes): Self, Whole(weights): Self) -> Self {
+        Whole(unsafe { _mm512_dpbusd_epi32(self.0, codes, weights) })
+    }
+
+    #[inline(always)]
+    unsafe fn add_extremes(self, high: Self, low: Self, weights: Self) -> Self {
+        unsafe {
+            let negative = _mm512_movepi8_mask(weights.0);
+            let extremes = _mm512_mask_blend_epi8(negative, high.0, low.0);
+            self.add_words(Whole(extremes), weights)
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn exceeds(self, other: Self) -> u16 {
+        unsafe { _mm512_cmpgt_epi32_mask(self.0, other.0) }
+    }
+
+    #[inline(always)]
+    unsafe fn raise(self, max: &mut i32) {
+        unsafe {
+            if _mm512_cmpgt_epi32_mask(self.0, _mm512_set1_epi32(*max)) != 0 {
+                *max = _mm512_reduce_max_epi32(self.0);
+            }
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn add_channels(panel: usize, mask: u16, survivors: &mut Survivors) {
+        unsafe { channels_of(panel, mask, survivors) }
+    }
 }
 
-impl Group {
-    pub(in crate::kernels) const ZERO: Group = Group {
-        points: [[0; NEAR]; INPUTS / QUAD],
-        high: [0; INPUTS / QUAD],
-        low: [0; INPUTS / QUAD],
-    };
-
-    /// Fills a group with rows; if there are too few, repeats the last one.
-    #[target_feature(enable = "avx512f,avx512bw")]
-    pub(in crate::kernels) unsafe fn fill(&mut self, inputs: usize, rows: &[u8]) {
-        let last = rows.len() / inputs - 1;
-        // SAFETY: rows of `inputs` bytes, a multiple of 64 up to `INPUTS`.
-        unsafe {
-            for part in 0..inputs / 64 {
-                let row = |lane: usize| {
-                    let row = rows.as_ptr().add(lane.min(last) * inputs + part * 64);
-                    _mm512_loadu_si512(row.cast())
-                };
-                let rows: [__m512i; NEAR] = core::array::from_fn(row);
-                let (mut high, mut low) = (rows[0], rows[0]);
-                for &row in &rows[1..] {
-                    high = _mm512_max_epu8(high, row);
-                    low = _mm512_min_epu8(low, row);
-                }
-                _mm512_storeu_si512(self.high.as_mut_ptr().add(part * 16).cast(), high);
-                _mm512_storeu_si512(self.low.as_mut_ptr().add(part * 16).cast(), low);
-                for (quad, points) in transposed(rows).into_iter().enumerate() {
-                    let to = self.points.as_mut_ptr().add(part * 16 + quad);
-                    _mm512_storeu_si512(to.cast(), points);
-                }
+/// See [`Bounds::fill`].
+#[target_feature(enable = "avx512f,avx512bw")]
+unsafe fn fill(group: &mut Group, inputs: usize, rows: &[u8]) {
+    let last = rows.len() / inputs - 1;
+    // SAFETY: rows of `inputs` bytes, a multiple of 64 up to `INPUTS`.
+    unsafe {
+        for part in 0..inputs / 64 {
+            let row = |lane: usize| {
+                let row = rows.as_ptr().add(lane.min(last) * inputs + part * 64);
+                _mm512_loadu_si512(row.cast())
+            };
+            let rows: [__m512i; NEAR] = core::array::from_fn(row);
+            let (mut high, mut low) = (rows[0], rows[0]);
+            for &row in &rows[1..] {
+                high = _mm512_max_epu8(high, row);
+                low = _mm512_min_epu8(low, row);
+            }
+            _mm512_storeu_si512(group.high.as_mut_ptr().add(part * 16).cast(), high);
+            _mm512_storeu_si512(group.low.as_mut_ptr().add(part * 16).cast(), low);
+            for (quad, points) in transposed(rows).into_iter().enumerate() {
+                let to = group.points.as_mut_ptr().add(part * 16 + quad);
+                _mm512_storeu_si512(to.cast(), points);
             }
         }
     }
@@ -99,112 +138,6 @@ fn transposed(rows: [__m512i; 16]) -> [__m512i; 16] {
 /// See [`crate::kernels::Isa::dense_codes_max_near`].
 #[target_feature(enable = "avx512f,avx512bw,avx512vnni")]
 pub(in crate::kernels) unsafe fn dense_codes_max(layer: &Codes<'_>, x: &[u8], max: &mut [i32]) {
-    let mut groups = [Group::ZERO; GROUPS];
-    let whole = x.len() - x.len() % layer.inputs();
-    for x in x[..whole].chunks(GROUPS * NEAR * layer.inputs()) {
-        let mut count = 0;
-        for (group, rows) in groups.iter_mut().zip(x.chunks(NEAR * layer.inputs())) {
-            // SAFETY: the caller guarantees the width of rows.
-            unsafe { group.fill(layer.inputs(), rows) };
-            count += 1;
-        }
-        // SAFETY: as the caller guarantees.
-        unsafe {
-            match count {
-                1 => dense_groups::<1>(layer, &groups, count, max),
-                2..=4 => dense_groups::<4>(layer, &groups, count, max),
-                _ => dense_groups::<GROUPS>(layer, &groups, count, max),
-            }
-        }
-    }
-}
-
-/// Folds the first `count` groups, at most `N`, into all maxima.
-#[target_feature(enable = "avx512f,avx512bw,avx512vnni")]
-unsafe fn dense_groups<const N: usize>(
-    layer: &Codes<'_>,
-    groups: &[Group; GROUPS],
-    count: usize,
-    max: &mut [i32],
-) {
-    let max = max.as_mut_ptr();
-    prune::<1, N>(
-        layer.outputs() / PANEL,
-        count,
-        // SAFETY: the caller guarantees the maxima of each panel.
-        |panel, survivors| unsafe {
-            let bounds = bounds::<N>(layer, panel, groups);
-            let max = _mm512_loadu_si512(max.add(panel * PANEL).cast());
-            for (survivors, bound) in survivors.iter_mut().zip(bounds) {
-                let higher = _mm512_cmpgt_epi32_mask(bound, max);
-                channels_of(panel, higher, survivors);
-            }
-        },
-        // SAFETY: groups and channels come from the bounds.
-        |group, channels| unsafe {
-            let sums = sums(layer, groups.get_unchecked(group), channels);
-            for (sum, &channel) in sums.into_iter().zip(channels) {
-                let max = &mut *max.add(channel.into());
-                if _mm512_cmpgt_epi32_mask(sum, _mm512_set1_epi32(*max)) != 0 {
-                    *max = _mm512_reduce_max_epi32(sum);
-                }
-            }
-        },
-    );
-}
-
-/// Upper bounds on the sums of one panel, for the points of each group.
-#[target_feature(enable = "avx512f,avx512bw,avx512vnni")]
-#[inline]
-pub(in crate::kernels) unsafe fn bounds<const N: usize>(
-    layer: &Codes<'_>,
-    panel: usize,
-    groups: &[Group],
-) -> [__m512i; N] {
-    let mut sum = [_mm512_setzero_si512(); N];
-    // SAFETY: the caller guarantees the panel; no more groups are asked for than there are.
-    unsafe {
-        let weights = layer.panels().as_ptr().add(panel * layer.inputs() * PANEL);
-        for k in 0..layer.inputs() / QUAD {
-            let w = _mm512_loadu_si512(weights.add(k * PANEL * QUAD).cast());
-            let negative = _mm512_movepi8_mask(w);
-            for n in 0..N {
-                let group = groups.get_unchecked(n);
-                let high = _mm512_set1_epi32(*group.high.get_unchecked(k) as i32);
-                let low = _mm512_set1_epi32(*group.low.get_unchecked(k) as i32);
-                let extreme = _mm512_mask_blend_epi8(negative, high, low);
-                sum[n] = _mm512_dpbusd_epi32(sum[n], extreme, w);
-            }
-        }
-    }
-    sum
-}
-
-/// Sums of some channels, one lane for each point of a group.
-#[target_feature(enable = "avx512f,avx512bw,avx512vnni")]
-#[inline]
-pub(in crate::kernels) unsafe fn sums(
-    layer: &Codes<'_>,
-    group: &Group,
-    channels: &[u16; CHANNELS],
-) -> [__m512i; CHANNELS] {
-    let mut sum = [_mm512_setzero_si512(); CHANNELS];
-    // SAFETY: the caller guarantees the channels.
-    unsafe {
-        let mut weights = [layer.panels().as_ptr(); CHANNELS];
-        for (weights, &channel) in weights.iter_mut().zip(channels) {
-            let channel = usize::from(channel);
-            *weights =
-                weights.add(channel / PANEL * layer.inputs() * PANEL + channel % PANEL * QUAD);
-        }
-        for k in 0..layer.inputs() / QUAD {
-            let points = _mm512_loadu_si512(group.points.get_unchecked(k).as_ptr().cast());
-            for (sum, weights) in sum.iter_mut().zip(weights) {
-                let quad = weights.add(k * PANEL * QUAD).cast::<i32>();
-                let w = _mm512_set1_epi32(quad.read_unaligned());
-                *sum = _mm512_dpbusd_epi32(*sum, points, w);
-            }
-        }
-    }
-    sum
+    // SAFETY: as the caller guarantees.
+    unsafe { pruned::max::<Whole, QUADS, GROUPS, CHANNELS>(layer, x, max) }
 }

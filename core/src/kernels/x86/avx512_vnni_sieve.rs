@@ -1,14 +1,16 @@
-//! The last embedding layer in f32 behind an integer sieve, with AVX-512 VNNI. See [`crate::kernels::sieve`].
+//! The last embedding layer in f32 behind an integer sieve, with AVX-512 VNNI. See [`crate::kernels::float::sieve`].
 //!
 //! Every function requires that AVX-512F, BW and VNNI were detected, that `x` holds `points` rows without negative values, and
 //! that `max` is as long as the layer's bias; [`crate::kernels::Isa`] checks all but the sign.
 #![allow(unsafe_code, clippy::indexing_slicing, clippy::needless_range_loop)]
 
-use super::avx512::channels_of;
-use super::avx512_vnni_pruned::{Group, bounds, sums};
+use super::avx512_vnni::Whole;
+use super::avx512_vnni_pruned::{Group, QUADS};
 use crate::dims::{PANEL, TILE};
-use crate::kernels::pruned::{INPUTS, NEAR, PANELS, prune};
-use crate::kernels::sieve::{ROUNDING, SieveDense};
+use crate::kernels::byte::pruned::{Bounds, bounds, sums};
+use crate::kernels::byte::vector::Sums;
+use crate::kernels::float::sieve::{ROUNDING, SieveDense};
+use crate::kernels::pruned::{CHANNELS, INPUTS, NEAR, PANELS, Pruned, Survivors, prune};
 use core::arch::x86_64::*;
 
 /// Groups whose bounds are computed together, so that a weight is loaded once for all of them.
@@ -43,9 +45,7 @@ pub(in crate::kernels) unsafe fn dense_max(
     let inputs = sieve.codes.inputs();
     let mut codes = [Group::ZERO; GROUPS];
     let mut doubts = [QuantisationError::NONE; GROUPS];
-    let max = max.as_mut_ptr();
     for x in x[..points * inputs].chunks(GROUPS * NEAR * inputs) {
-        let rows = x.len() / inputs;
         let mut count = 0;
         for rows in x.chunks(NEAR * inputs) {
             let mut bytes = [0; NEAR * INPUTS];
@@ -53,48 +53,80 @@ pub(in crate::kernels) unsafe fn dense_max(
             // SAFETY: rows of `inputs` values, a multiple of 64 up to `INPUTS`.
             unsafe {
                 doubts[count] = quantise(inputs, rows, bytes);
-                codes[count].fill(inputs, bytes);
+                Whole::fill(&mut codes[count], inputs, bytes);
             }
             count += 1;
         }
-        let mut known = [[Limits::NONE; PANELS]; GROUPS];
-        let known = known.as_mut_ptr();
-        prune::<1, GROUPS>(
-            sieve.codes.outputs() / PANEL,
-            count,
-            // SAFETY: the caller guarantees the maxima and factors of each panel.
-            |panel, left| unsafe {
-                let bounds = bounds::<GROUPS>(&sieve.codes, panel, &codes);
-                for group in 0..GROUPS {
-                    let limits = &mut (*known.add(group))[panel % PANELS];
-                    let lowest = limits.find(sieve, panel, &doubts[group], max);
-                    let higher = _mm512_cmpgt_epi32_mask(bounds[group], lowest);
-                    channels_of(panel, higher, &mut left[group]);
+        let mut groups = Groups {
+            sieve,
+            x,
+            rows: x.len() / inputs,
+            codes: &codes,
+            doubts: &doubts,
+            known: [[Limits::NONE; PANELS]; GROUPS],
+            max: max.as_mut_ptr(),
+        };
+        // SAFETY: as the caller guarantees.
+        unsafe { prune::<1, GROUPS>(sieve.codes.outputs() / PANEL, count, &mut groups) }
+    }
+}
+
+/// Some groups, and the maxima that they may raise.
+struct Groups<'a> {
+    sieve: &'a SieveDense<'a>,
+    /// Their rows, and how many.
+    x: &'a [f32],
+    rows: usize,
+    codes: &'a [Group; GROUPS],
+    doubts: &'a [QuantisationError; GROUPS],
+    /// Limits for the panels at hand.
+    known: [[Limits; PANELS]; GROUPS],
+    max: *mut f32,
+}
+
+impl Pruned<GROUPS> for Groups<'_> {
+    #[inline(always)]
+    unsafe fn bound(&mut self, panel: usize, survivors: &mut [Survivors; GROUPS]) {
+        // SAFETY: the caller guarantees the panel, its maxima and its factors.
+        unsafe {
+            let weights = Whole::weights(&self.sieve.codes, panel, &());
+            let bounds = bounds::<Whole, QUADS, GROUPS>(&self.sieve.codes, weights, self.codes);
+            for group in 0..GROUPS {
+                let limits = &mut self.known[group][panel % PANELS];
+                let lowest = limits.find(self.sieve, panel, &self.doubts[group], self.max);
+                let higher = bounds[group].exceeds(Whole(lowest));
+                Whole::add_channels(panel, higher, &mut survivors[group]);
+            }
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn raise(&mut self, group: usize, channels: &[u16; CHANNELS]) {
+        let inputs = self.sieve.codes.inputs();
+        // SAFETY: the caller guarantees the group, whose rows are there, and the channels.
+        unsafe {
+            let codes = self.codes.get_unchecked(group);
+            let known = self.known.get_unchecked(group);
+            let sums = sums::<Whole, QUADS, CHANNELS>(&self.sieve.codes, &(), codes, channels);
+            for (sum, &channel) in sums.into_iter().zip(channels) {
+                let channel = usize::from(channel);
+                let limits = &known[channel / PANEL % PANELS];
+                let mut open = sum.exceeds(Whole::splat(limits.lowest[channel % PANEL]));
+                if open.count_ones() > 1 {
+                    let highest = _mm512_reduce_max_epi32(sum.0) - limits.between[channel % PANEL];
+                    open &= sum.exceeds(Whole::splat(highest));
                 }
-            },
-            // SAFETY: groups and channels come from the bounds, and the rows of a group are there.
-            |group, channels| unsafe {
-                let sums = sums(&sieve.codes, codes.get_unchecked(group), channels);
-                for (sum, &channel) in sums.into_iter().zip(channels) {
-                    let channel = usize::from(channel);
-                    let limits = &(*known.add(group))[channel / PANEL % PANELS];
-                    let lowest = _mm512_set1_epi32(limits.lowest[channel % PANEL]);
-                    let mut open = _mm512_cmpgt_epi32_mask(sum, lowest);
-                    if open.count_ones() > 1 {
-                        let highest =
-                            _mm512_reduce_max_epi32(sum) - limits.between[channel % PANEL];
-                        open &= _mm512_cmpgt_epi32_mask(sum, _mm512_set1_epi32(highest));
-                    }
-                    while open != 0 {
-                        let row = (group * NEAR + open.trailing_zeros() as usize).min(rows - 1);
-                        let value = sum_of(sieve, channel, x.as_ptr().add(row * inputs));
-                        let max = &mut *max.add(channel);
-                        *max = if value > *max { value } else { *max };
-                        open &= open - 1;
-                    }
+                let max = &mut *self.max.add(channel);
+                let mut most = *max;
+                while open != 0 {
+                    let row = (group * NEAR + open.trailing_zeros() as usize).min(self.rows - 1);
+                    let value = sum_of(self.sieve, channel, self.x.as_ptr().add(row * inputs));
+                    most = if value > most { value } else { most };
+                    open &= open - 1;
                 }
-            },
-        );
+                *max = most;
+            }
+        }
     }
 }
 

@@ -135,7 +135,7 @@ impl Lanes for Eight {
     }
 
     #[inline(always)]
-    fn turned(self, by: Self) -> Self {
+    fn with_sign_flipped_by(self, by: Self) -> Self {
         unsafe {
             let negative = _mm256_cmp_ps::<_CMP_LT_OQ>(by.0, _mm256_setzero_ps());
             let sign = _mm256_and_ps(negative, _mm256_set1_ps(-0.0));
@@ -245,7 +245,7 @@ impl Lanes for Sixteen {
     }
 
     #[inline(always)]
-    fn turned(self, by: Self) -> Self {
+    fn with_sign_flipped_by(self, by: Self) -> Self {
         unsafe {
             let negative = _mm512_cmp_ps_mask::<_CMP_LT_OQ>(by.0, _mm512_setzero_ps());
             let bits = _mm512_castps_si512(self.0);

@@ -8,25 +8,22 @@
 // Only x86-64 has a kernel.
 #![cfg_attr(not(target_arch = "x86_64"), allow(dead_code))]
 
-use super::Isa;
-#[cfg(target_arch = "x86_64")]
-use super::{Kind, x86::amx_split};
 use crate::dims::{EMBED, PANEL};
 use crate::layer::Dense;
 
 /// Parts of a number.
-pub(super) const PARTS: usize = 3;
+pub(in crate::kernels) const PARTS: usize = 3;
 /// Inputs of one tile of activations: a row of 64 bytes.
-pub(super) const TILE_INPUTS: usize = 32;
+pub(in crate::kernels) const TILE_INPUTS: usize = 32;
 /// Most inputs of a layer.
-pub(super) const INPUTS: usize = EMBED[1];
+pub(in crate::kernels) const INPUTS: usize = EMBED[1];
 /// Outputs in a block; a layer has a multiple of this.
 const BLOCK: usize = 4 * PANEL;
 
 /// One part of 32 inputs of 16 points or outputs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(C, align(64))]
-pub struct Tile(pub(super) [u16; PANEL * TILE_INPUTS]);
+pub struct Tile(pub(in crate::kernels) [u16; PANEL * TILE_INPUTS]);
 
 // SAFETY: an array of integers, of a size that its alignment divides.
 unsafe impl bytemuck::Zeroable for Tile {}
@@ -42,9 +39,9 @@ impl Tile {
 #[derive(Clone, Copy, Debug)]
 pub struct SplitDense<'a> {
     /// The layer itself; its inputs are a multiple of 32, at most [`INPUTS`].
-    pub(super) layer: Dense<'a>,
+    pub(in crate::kernels) layer: Dense<'a>,
     /// Its weights in parts, from [`super::PackedDense::pack`].
-    pub(super) tiles: &'a [Tile],
+    pub(in crate::kernels) tiles: &'a [Tile],
 }
 
 impl<'a> SplitDense<'a> {
@@ -59,7 +56,7 @@ impl<'a> SplitDense<'a> {
 }
 
 /// Tiles that a layer's weights fill; `None` if inputs are not a multiple of 32, outputs not of 64, or inputs too many.
-pub(super) fn packed_tiles(layer: &Dense<'_>) -> Option<usize> {
+pub(in crate::kernels) fn packed_tiles(layer: &Dense<'_>) -> Option<usize> {
     let (inputs, outputs) = (layer.inputs(), layer.width());
     let whole = inputs.is_multiple_of(TILE_INPUTS) && outputs.is_multiple_of(BLOCK);
     let whole = whole && (1..=INPUTS).contains(&inputs);
@@ -67,7 +64,7 @@ pub(super) fn packed_tiles(layer: &Dense<'_>) -> Option<usize> {
 }
 
 /// Splits a layer's weights into `[outputs / 16][inputs / 32][part]`; each tile is `[inputs / 2][output][2]`.
-pub(super) fn pack(layer: &Dense<'_>, memory: &mut [Tile]) {
+pub(in crate::kernels) fn pack(layer: &Dense<'_>, memory: &mut [Tile]) {
     let groups = layer.panels().chunks_exact(PANEL * TILE_INPUTS);
     for (group, parts) in groups.zip(memory.as_chunks_mut::<PARTS>().0) {
         for (k, lanes) in group.chunks_exact(PANEL).enumerate() {
@@ -88,33 +85,6 @@ fn split(x: f32) -> [u16; PARTS] {
     let middle = upper(x - high);
     let low = x - high - middle;
     [high, middle, low].map(|part| (part.to_bits() >> 16) as u16)
-}
-
-impl Isa {
-    /// Whether bf16 tiles are fast here: then splitting a layer is worthwhile.
-    pub fn has_fast_splits(self) -> bool {
-        match self.0 {
-            #[cfg(target_arch = "x86_64")]
-            Kind::Amx => true,
-            _ => false,
-        }
-    }
-
-    /// As [`Isa::dense_max`]; the same if [`Isa::has_fast_splits`] is false.
-    ///
-    /// # Shapes
-    /// `x [points, inputs]`, `max [outputs]`; a shorter `max` is left unchanged.
-    pub fn dense_max_split(self, split: &SplitDense<'_>, x: &[f32], max: &mut [f32]) {
-        if max.len() < split.layer.width() {
-            return;
-        }
-        match self.0 {
-            // SAFETY: the instruction set was detected, lengths were checked above and when packed.
-            #[cfg(target_arch = "x86_64")]
-            Kind::Amx => unsafe { amx_split::dense_max(split, x, max) },
-            _ => self.dense_max(&split.layer, x, max),
-        }
-    }
 }
 
 #[cfg(test)]

@@ -10,16 +10,13 @@
 // Only x86-64 has a kernel.
 #![cfg_attr(not(target_arch = "x86_64"), allow(dead_code))]
 
-use super::Isa;
-use super::pruned::{INPUTS, fits};
 use super::split::Tile;
-#[cfg(target_arch = "x86_64")]
-use super::{Kind, rows, x86::avx512_vnni_sieve};
 use crate::dims::{CODES, PANEL, QUAD};
+use crate::kernels::pruned::{INPUTS, fits};
 use crate::layer::{Codes, Dense, nearest_even};
 
 /// Upper bound on the relative error of f32 sums of [`INPUTS`] products and a bias, and of the few operations on thresholds.
-pub(super) const ROUNDING: f32 = 2.0 * (INPUTS + 8) as f32 * f32::EPSILON;
+pub(in crate::kernels) const ROUNDING: f32 = 2.0 * (INPUTS + 8) as f32 * f32::EPSILON;
 /// Factors stored for each channel.
 const FACTORS: usize = 4;
 
@@ -27,19 +24,19 @@ const FACTORS: usize = 4;
 #[derive(Clone, Copy, Debug)]
 pub struct SieveDense<'a> {
     /// The layer itself.
-    pub(super) layer: Dense<'a>,
+    pub(in crate::kernels) layer: Dense<'a>,
     /// Its weights in codes, symmetric in ±127 of each channel's largest magnitude.
-    pub(super) codes: Codes<'a>,
+    pub(in crate::kernels) codes: Codes<'a>,
     /// Its weights in f32, `[outputs, inputs]`.
-    pub(super) rows: &'a [f32],
+    pub(in crate::kernels) rows: &'a [f32],
     /// `1 / u` of each channel.
-    pub(super) per_unit: &'a [f32],
+    pub(in crate::kernels) per_unit: &'a [f32],
     /// `|w|` of each channel.
-    pub(super) norm: &'a [f32],
+    pub(in crate::kernels) norm: &'a [f32],
     /// `|dw|` of each channel.
-    pub(super) rest: &'a [f32],
+    pub(in crate::kernels) rest: &'a [f32],
     /// [`ROUNDING`] times `|b|` of each channel.
-    pub(super) slack: &'a [f32],
+    pub(in crate::kernels) slack: &'a [f32],
 }
 
 /// Length of the codes in bytes, and of rows and factors in f32 values.
@@ -74,13 +71,13 @@ impl<'a> SieveDense<'a> {
 }
 
 /// Tiles that a layer's codes and factors fill; `None` if it is too wide, or its inputs are not a multiple of [`CODES`].
-pub(super) fn packed_tiles(layer: &Dense<'_>) -> Option<usize> {
+pub(in crate::kernels) fn packed_tiles(layer: &Dense<'_>) -> Option<usize> {
     let (codes, floats) = lengths(layer)?;
     Some((codes + floats * size_of::<f32>()).div_ceil(size_of::<Tile>()))
 }
 
 /// Fills [`packed_tiles`] tiles; does nothing for another number of tiles.
-pub(super) fn pack(layer: &Dense<'_>, memory: &mut [Tile]) {
+pub(in crate::kernels) fn pack(layer: &Dense<'_>, memory: &mut [Tile]) {
     let Some((codes, _)) = lengths(layer).filter(|_| packed_tiles(layer) == Some(memory.len()))
     else {
         return;
@@ -111,36 +108,6 @@ pub(super) fn pack(layer: &Dense<'_>, memory: &mut [Tile]) {
         let places = factors.iter_mut().skip(channel).step_by(layer.width());
         for (place, value) in places.zip(values) {
             *place = value;
-        }
-    }
-}
-
-impl Isa {
-    /// Whether integers are much faster than floats here and there are no tiles: then a sieve is worth its memory.
-    pub fn has_fast_sieves(self) -> bool {
-        match self.0 {
-            #[cfg(target_arch = "x86_64")]
-            Kind::Avx512Vnni => true,
-            _ => false,
-        }
-    }
-
-    /// As [`Isa::dense_max_near`] but for rounding, for activations that are not negative; the same if [`Isa::has_fast_sieves`]
-    /// is false.
-    ///
-    /// # Shapes
-    /// `x [points, inputs]`, `max [outputs]`; a shorter `max` is left unchanged.
-    pub fn dense_max_sieve(self, sieve: &SieveDense<'_>, x: &[f32], max: &mut [f32]) {
-        if max.len() < sieve.layer.width() {
-            return;
-        }
-        match self.0 {
-            // SAFETY: the instruction set was detected, lengths were checked above and when packed.
-            #[cfg(target_arch = "x86_64")]
-            Kind::Avx512Vnni => unsafe {
-                avx512_vnni_sieve::dense_max(sieve, rows(&sieve.layer, x), x, max);
-            },
-            _ => self.dense_max_near(&sieve.layer, x, max),
         }
     }
 }

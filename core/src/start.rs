@@ -94,3 +94,41 @@ impl Prior {
         0.5 * (turned * turned + shifted).min(CAP)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::polish::tests::{error, pose};
+    use crate::polish::{Refiner, Workspace};
+    use crate::verify::tests::brick;
+
+    #[test]
+    fn a_start_settles_which_way_a_seen_box_is_turned() {
+        // The top rises so little to one side that only many points together tell it.
+        let tilted =
+            |p: [f32; 3], by: f32| [p[0], p[1], if p[2] > 0.0 { p[2] + by * p[0] } else { p[2] }];
+        let half = [0.7, 0.5, 0.25];
+        let target: Vec<_> = brick(half, 2000, 31)
+            .into_iter()
+            .map(|p| tilted(p, 0.014))
+            .collect();
+        let eye = Vec3::new(1.5, -1.2, 3.0);
+        let faces_eye = |p: &[f32; 3]| p[2] > 0.2 || p[0] == 0.7 || p[1] == -0.5;
+        let seen = brick(half, 2400, 32).into_iter().filter(faces_eye);
+        // As the target looks when it is turned by half a turn.
+        let source: Vec<_> = seen.map(|p| tilted(p, -0.014)).collect();
+        let mut workspace = Box::new(Workspace::new());
+        let mut refiner = Refiner::new(&source, &target, &mut workspace).expect("clouds");
+        refiner.set_sensor(eye, &[]);
+        let start = Start::at(pose([0.0, 0.0, 0.1], [0.0; 3]));
+        let found = refiner.verify(start.pose(), &start).expect("a rigid pose");
+        let (angle, _) = error(found.best.target_from_source, Pose::IDENTITY);
+        let turned = Pose {
+            rotation: pose([0.0, 0.0, core::f32::consts::PI], [0.0; 3]).rotation,
+            ..Pose::IDENTITY
+        };
+        let fits = [Pose::IDENTITY, turned].map(|pose| refiner.residual(pose).expect("rigid"));
+        assert!(fits[1].source < fits[0].source - 0.05, "{fits:?}");
+        assert!(angle < 5.0, "{angle} {fits:?}");
+    }
+}

@@ -3,12 +3,16 @@
 
 use super::Refiner;
 use super::equations::RIDGE;
-use crate::kernels::{GridLookup, Sums, Weighing};
+use crate::kernels::{CELLS, GridLookup, HALF, Sums, Weighing};
 use crate::search::{
     Best, EARLY, EARLY_POINTS, EARLY_SLACK, SCREEN, SCREEN_POINTS, SCREEN_SCALE, SIFT, SIFT_POINTS,
     SIFT_SCALE,
 };
 use crate::solve::{NormalEquations, Rigid};
+
+/// Neighbourhood radius below which the grid, not the target's own sampling, says how near to a surface a point is seen to be: one
+/// and a half cells. The point that a cell looks up may be half a cell off, which would be far on a surface of dense points.
+const LEAST_RADIUS: f32 = 1.5 * (2.0 * HALF / CELLS as f32);
 
 impl Refiner<'_> {
     /// Makes one coarse step for each gate: the distance from which on a match has no weight, in normalised units.
@@ -41,7 +45,8 @@ impl Refiner<'_> {
         // More than rounding can change a mean.
         const CERTAIN: f32 = 1.0 + 1e-5;
         let (sample, count) = self.work.sample.first(points);
-        let (near, by) = (self.near(), [self.model.surface.radius, scale]);
+        let radius = self.model.surface.radius.max(LEAST_RADIUS);
+        let (near, by) = (self.near(), [radius, scale]);
         let all = count.max(1) as f32;
         let most = most * all * CERTAIN;
         let sum = self

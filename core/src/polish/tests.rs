@@ -70,6 +70,29 @@ fn polish(source: &[[f32; 3]], target: &[[f32; 3]], initial: Pose) -> Refined {
 }
 
 #[test]
+fn a_right_pose_of_a_thin_part_loses_little_of_a_coarse_look() {
+    // Two thin plates, an L: the points are dense, since there is little surface.
+    let plates = |seed| {
+        let mut numbers = Numbers(seed);
+        let plate = |k: usize| {
+            let [u, v, side] = numbers.point();
+            let side = 0.02 * side.signum();
+            match k % 2 {
+                0 => [u, 0.15 * v, side],
+                _ => [side - 0.98, 0.15 * v, 0.3 * u + 0.3],
+            }
+        };
+        (0..2048).map(plate).collect::<Vec<_>>()
+    };
+    let (source, target) = (plates(5), plates(6));
+    let mut workspace = Box::new(Workspace::new());
+    let refiner = Refiner::new(&source, &target, &mut workspace).expect("clouds");
+    let at = refiner.inside(Pose::IDENTITY);
+    let loss = refiner.coarse_loss(at, 512, crate::search::SIFT_SCALE);
+    assert!(loss < 0.4, "{loss}");
+}
+
+#[test]
 fn another_sample_of_a_surface_is_found_in_any_unit() {
     let truth = pose([0.1, -0.15, 0.2], [0.05, 0.1, -0.05]);
     for unit in [1.0, 1000.0] {

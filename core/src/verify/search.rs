@@ -164,7 +164,8 @@ impl Search<'_, '_> {
         Some(if holds { 0 } else { best })
     }
 
-    /// Given the most probable pose, returns one that explains both clouds and fits far better, if any, whatever the start.
+    /// Given the most probable pose, returns one that explains both clouds and fits far better, if any, whatever the start. A view
+    /// does not explain what of the target it does not show.
     pub(super) fn far_better(&mut self, best: usize) -> usize {
         let score = |i: usize| self.refiner.losses().excess(best, i).score();
         let held = self.contenders.iter().enumerate();
@@ -174,7 +175,7 @@ impl Search<'_, '_> {
             return best;
         };
         self.refiner.match_both(at, COMPARED);
-        let Residual { source, target } = self.refiner.matched_residual(at);
+        let Residual { source, target } = self.refiner.matched_residual_unseen(at);
         let most = if score > FAR_BETTER {
             BOTH_EXPLAINED
         } else {

@@ -4,13 +4,14 @@
 mod keys;
 mod messages;
 mod names;
+mod network;
 mod node;
 mod outputs;
 mod parameters;
 mod pose;
 mod service;
 
-use crate::session::{SessionArgs, open};
+use crate::session::{SessionArgs, endpoints};
 use anyhow::{Context, anyhow};
 use host_train::cli::{Initial, Input, Units};
 use host_train::dataset::Point;
@@ -23,6 +24,7 @@ use host_train::register::track::{POINTS, Tracking, bundled_policy};
 use host_train::register::{Memory, Start};
 use keys::Qos;
 use messages::Triggered;
+use network::Network;
 use node::Member;
 use outputs::Outputs;
 use parameters::{Parameters, Settings, Value};
@@ -80,8 +82,8 @@ pub struct RosArgs {
     /// The node's namespace
     #[arg(long, value_name = "/NAMESPACE", value_parser = names::namespace, default_value = "/")]
     pub namespace: String,
-    /// The network's ROS_DOMAIN_ID
-    #[arg(long, value_name = "N", default_value_t = 0, value_parser = names::domain, allow_negative_numbers = true)]
+    /// The network's domain
+    #[arg(long, value_name = "N", env = "ROS_DOMAIN_ID", default_value_t = 0, value_parser = names::domain, allow_negative_numbers = true)]
     pub domain: u8,
     /// Also publish the pose as a transform on /tf, from the cloud's frame to this one
     #[arg(long, value_name = "FRAME", value_parser = names::frame)]
@@ -89,7 +91,8 @@ pub struct RosArgs {
     /// Seed by which points of a mesh are drawn
     #[arg(long, value_name = "S", default_value_t = SEED)]
     pub seed: u64,
-    /// The network. The router that `ros2 run rmw_zenoh_cpp rmw_zenohd` starts listens at tcp/HOST:7447.
+    /// The network: without `--connect`, `--listen` and `--zenoh`, the router that `ros2 run rmw_zenoh_cpp rmw_zenohd` starts on this
+    /// machine, which listens at tcp/HOST:7447.
     #[command(flatten)]
     pub session: SessionArgs,
 }
@@ -120,7 +123,12 @@ impl RosArgs {
         names::short(&longest).map_err(|wrong| {
             anyhow!("--namespace and --node are too long for {longest}: {wrong}")
         })?;
-        let session = open(&self.session).await?;
+        let mut stopped = pin!(stop_requested());
+        let network = Network::named(self.session.clone());
+        let session = tokio::select! {
+            stopped = &mut stopped => return Ok(stopped?),
+            session = network.join(|said| eprintln!("{said}")) => session?,
+        };
         let mut member = Member::join(session, self.domain, &self.namespace, &self.node)
             .await
             .map_err(failed)?;
@@ -156,16 +164,17 @@ impl RosArgs {
             .await
             .map_err(failed)?;
         println!(
-            "node {} hears {}; Ctrl-C ends it",
+            "node {} of domain {} hears {} ({}); Ctrl-C ends it",
             member.node.full_name(),
-            self.cloud
+            self.domain,
+            self.cloud,
+            endpoints(&network.args)
         );
         let mut register = |bytes: &[u8], mode| {
             registration.request.mode = mode;
             tokio::task::block_in_place(|| outputs.answer(&mut registration, bytes)).map_err(failed)
         };
         let mut newest = None;
-        let mut stopped = pin!(stop_requested());
         loop {
             tokio::select! {
                 // Requests come first, however fast clouds arrive.

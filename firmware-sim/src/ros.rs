@@ -17,7 +17,7 @@ use host_train::cli::{Initial, Input, Units};
 use host_train::dataset::Point;
 use host_train::dataset::ros::point_cloud2::PointCloud2;
 use host_train::policy::{REAGENT, VIEWS, WeightFile};
-use host_train::random::SEED;
+use host_train::random::{SEED, seeds};
 use host_train::register::prepared::Prepared;
 use host_train::register::request::{Done, Request};
 use host_train::register::track::{POINTS, Tracking, bundled_policy};
@@ -88,7 +88,7 @@ pub struct RosArgs {
     /// Also publish the pose as a transform on /tf, from the cloud's frame to this one
     #[arg(long, value_name = "FRAME", value_parser = names::frame)]
     pub tf: Option<String>,
-    /// Seed by which points of a mesh are drawn
+    /// Seed by which points of a mesh are drawn, as `register` draws those of its target
     #[arg(long, value_name = "S", default_value_t = SEED)]
     pub seed: u64,
     /// The network: without `--connect`, `--listen` and `--zenoh`, the router that `ros2 run rmw_zenoh_cpp rmw_zenohd` starts on this
@@ -258,7 +258,8 @@ impl RosArgs {
 
     fn prepared(&self, points: Option<usize>) -> anyhow::Result<Prepared<'static>> {
         let scale = self.unit.map_or(1.0, |units| units.scale);
-        Ok(Input::read(&self.model, scale, points, self.seed)?.cloud)
+        let [_, of_target] = seeds(self.seed);
+        Ok(Input::read(&self.model, scale, points, of_target)?.cloud)
     }
 }
 

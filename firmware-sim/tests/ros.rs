@@ -4,6 +4,8 @@
 
 #[path = "ros/parameters.rs"]
 mod parameters;
+#[path = "ros/views.rs"]
+mod views;
 
 use host_train::dataset::ros::cdr::{from_cdr, to_cdr};
 use reagent_tests::network::network;
@@ -132,10 +134,19 @@ fn part() -> Vec<[f32; 3]> {
 
 /// A network with a node that knows the part, and subscriptions to its poses and diagnostics.
 async fn looking_for_a_part(folder: &Path, options: &[&str]) -> (Session, Running, [Heard; 2]) {
-    let model = folder.join("part.xyz");
     let lines = part().into_iter();
     let lines = lines.map(|[x, y, z]| format!("{x} {y} {z}\n"));
-    std::fs::write(&model, lines.collect::<String>()).expect("writable");
+    std::fs::write(folder.join("part.xyz"), lines.collect::<String>()).expect("writable");
+    looking_for("part.xyz", folder, options).await
+}
+
+/// The same with a model of the folder.
+async fn looking_for(
+    model: &str,
+    folder: &Path,
+    options: &[&str],
+) -> (Session, Running, [Heard; 2]) {
+    let model = folder.join(model);
     let (session, endpoint) = network().await;
     let hear = async |key| {
         let heard = session.declare_subscriber(key).await;

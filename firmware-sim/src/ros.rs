@@ -12,7 +12,7 @@ mod pose;
 mod service;
 
 use crate::session::{SessionArgs, endpoints};
-use anyhow::{Context, anyhow};
+use anyhow::{Context, anyhow, bail};
 use host_train::cli::{Initial, Input, Units};
 use host_train::dataset::Point;
 use host_train::dataset::ros::point_cloud2::PointCloud2;
@@ -27,7 +27,7 @@ use messages::Triggered;
 use network::Network;
 use node::Member;
 use outputs::Outputs;
-use parameters::{Parameters, Settings, Value};
+use parameters::{FAST_TRACK, Parameters, Settings, Value};
 use reagent_core::pipeline::Mode;
 use reagent_core::track::TrackState;
 use reagent_link::stop::stop_requested;
@@ -69,8 +69,8 @@ pub struct RosArgs {
     /// or a file with them [default: identity]
     #[arg(long, value_name = "POSE", allow_hyphen_values = true)]
     pub init: Option<Initial>,
-    /// Follow one object from cloud to cloud, as `host-train track` does: --mode applies when refinement from the last pose is not
-    /// enough, --init as long as no cloud has shown the object
+    /// Follow one object from cloud to cloud, as `host-train track` does: --mode, which must not be fast, applies when refinement from
+    /// the last pose is not enough, --init as long as no cloud has shown the object
     #[arg(long)]
     pub track: bool,
     /// Register clouds only when the service ~/register asks for the newest one
@@ -117,6 +117,9 @@ impl RosArgs {
     /// # Errors
     /// Files that cannot be read, no session, or a session that fails. Clouds that cannot be registered are no error.
     pub async fn run(self) -> anyhow::Result<()> {
+        if self.track && self.mode == Mode::Fast {
+            bail!("--mode: {FAST_TRACK}");
+        }
         let mut registration = self.registration()?;
         let namespace = self.namespace.trim_end_matches('/');
         let longest = format!("{namespace}/{}/{}", self.node, outputs::LONGEST);
@@ -240,15 +243,17 @@ impl RosArgs {
             .map_or(Ok(Start::Identity), Initial::load)
             .context("--init")?;
         let points = self.track.then_some(POINTS);
+        let request = Request {
+            start,
+            mode: self.mode,
+            view_point: self.view.then_some([0.0; 3]),
+            ..Request::default()
+        };
+        let model = self.prepared(points).context("--model")?;
         Ok(Registration {
-            model: self.prepared(points).context("--model")?,
+            model,
             weights: WeightFile::load(self.policy()).context("--weights")?,
-            request: Request {
-                start,
-                mode: self.mode,
-                view_point: self.view.then_some([0.0; 3]),
-                ..Request::default()
-            },
+            request,
             memory: Box::new(Memory::new()),
             tracking: self.track.then(Tracking::new),
             points,
@@ -288,5 +293,26 @@ impl Registration {
         let tracked = tracking.follow(&self.request, policy, memory, clouds);
         let tracked = tracked.context("no pose")?;
         Ok((tracked.done, Some(tracked.state)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::{Args, Command, FromArgMatches};
+
+    fn args(options: &[&str]) -> RosArgs {
+        let command = RosArgs::augment_args(Command::new("ros"));
+        let given = command.get_matches_from([&["ros"], options].concat());
+        RosArgs::from_arg_matches(&given).expect("options")
+    }
+
+    #[tokio::test]
+    async fn a_mode_that_judges_nothing_follows_nothing() {
+        let options = ["--model", "none.ply", "--track", "--mode", "fast"];
+        let refused = args(&options).run().await.expect_err("refused");
+        let said =
+            "--mode: fast does not tell whether the object is lost: take another mode to follow it";
+        assert_eq!(refused.to_string(), said);
     }
 }

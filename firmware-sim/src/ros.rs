@@ -250,6 +250,7 @@ impl RosArgs {
             ..Request::default()
         };
         let model = self.prepared(points).context("--model")?;
+        request.get_ready(&model);
         Ok(Registration {
             model,
             weights: WeightFile::load(self.policy()).context("--weights")?,
@@ -300,11 +301,30 @@ impl Registration {
 mod tests {
     use super::*;
     use clap::{Args, Command, FromArgMatches};
+    use std::fs;
 
     fn args(options: &[&str]) -> RosArgs {
         let command = RosArgs::augment_args(Command::new("ros"));
         let given = command.get_matches_from([&["ros"], options].concat());
         RosArgs::from_arg_matches(&given).expect("options")
+    }
+
+    #[test]
+    fn the_first_view_of_a_mesh_takes_no_longer_than_the_next() {
+        let folder = tempfile::tempdir().expect("a temporary directory");
+        let path = folder.path().join("roof.off");
+        let mesh = "OFF 4 4 0\n0 0 0\n2 0 0\n0 3 0\n0 0 4\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n";
+        fs::write(&path, mesh).expect("writable");
+        let model = path.to_str().expect("text");
+        for track in [&[][..], &["--track"]] {
+            let views = args(&[&["--model", model, "--view"], track].concat());
+            let ready = views.registration().expect("a model").model;
+            let points = views.track.then_some(POINTS);
+            let seen = views.prepared(points).expect("a model");
+            assert_ne!(ready, seen, "nothing was looked at so far");
+            assert!(!seen.outward().is_empty());
+            assert_eq!(ready, seen);
+        }
     }
 
     #[tokio::test]

@@ -2,6 +2,8 @@
 
 use crate::array::{Poses, Positions, poses, positions};
 use crate::error::bad;
+use host_train::dataset::cloud_file::MAX_COORDINATE;
+use host_train::pose64::Position;
 use host_train::register::Start;
 use host_train::register::dense::Dense;
 use host_train::register::request::Request;
@@ -70,8 +72,16 @@ impl Options {
             .transpose()?
         {
             None => {}
-            Some(Positions::One(point)) => options.common.view_point = Some(point),
-            Some(Positions::Each(points)) => options.view_points = Some(points),
+            Some(Positions::One(point)) => {
+                is_near("viewpoint", point)?;
+                options.common.view_point = Some(point);
+            }
+            Some(Positions::Each(points)) => {
+                for (i, &point) in points.iter().enumerate() {
+                    is_near(&format!("viewpoint[{i}]"), point)?;
+                }
+                options.view_points = Some(points);
+            }
         }
         Ok(options)
     }
@@ -127,6 +137,17 @@ impl Options {
             best: self.best,
         };
         Ok(starts.into_iter().zip(points).map(asked).collect())
+    }
+}
+
+/// Refuses a view point that no cloud can be seen from.
+fn is_near(name: &str, point: Position) -> PyResult<()> {
+    match point.into_iter().find(|x| x.abs() > MAX_COORDINATE) {
+        None => Ok(()),
+        Some(x) => Err(bad(
+            name,
+            format!("expected three numbers up to {MAX_COORDINATE:e}, found {x:e}"),
+        )),
     }
 }
 

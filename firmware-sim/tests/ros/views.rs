@@ -75,10 +75,12 @@ async fn depth_views_get_the_pose_that_register_gives_them() {
         }
         given += 1;
         let pose = next(&poses).await;
-        let numbers = pose[24..].chunks_exact(8);
-        let numbers = numbers.map(|bytes| f64::from_le_bytes(bytes.try_into().expect("eight")));
+        // The last seven numbers.
+        let numbers: &[u8; 56] = pose.last_chunk().expect("a pose");
+        let (numbers, _) = numbers.as_chunks::<8>();
+        let numbers = numbers.iter().map(|bytes| f64::from_le_bytes(*bytes));
         let [px, py, pz, x, y, z, w] = numbers.collect::<Vec<_>>()[..] else {
-            panic!("{} bytes", pose.len());
+            unreachable!("56 bytes");
         };
         let turn = UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z));
         let rows = registered(folder.path(), &points);

@@ -35,6 +35,10 @@ use service::Services;
 use std::path::{Path, PathBuf};
 use std::pin::pin;
 
+/// Without one, robots look for peers by multicast. This node does not.
+const CONFIGURATION: &str =
+    "Zenoh configuration file (JSON5), in place of the router of this machine";
+
 /// Be a node of a ROS 2 network over rmw_zenoh (Jazzy or later): publish where a model is in the clouds of a topic, until Ctrl-C
 ///
 /// Clouds are sensor_msgs/PointCloud2 of the object alone, in the model's unit or that of --unit. While one cloud is registered,
@@ -43,7 +47,11 @@ use std::pin::pin;
 /// model, latched, in the frame of --tf, or in one named after the file. The service ~/register (std_srvs/Trigger) registers the
 /// newest cloud and answers with the pose as JSON. Settings are parameters: mode and on_request can be set, and
 /// /parameter_events reports changes.
+///
+/// Without --connect, --listen and --zenoh, the node goes to the router that `ros2 run rmw_zenoh_cpp rmw_zenohd` starts on this
+/// machine, tcp/localhost:7447, and waits until it answers.
 #[derive(clap::Args, Clone, Debug)]
+#[command(mut_arg("zenoh", |arg| arg.help(CONFIGURATION)))]
 pub struct RosArgs {
     /// Cloud or mesh of the object (.ply .pcd .xyz .txt .asc .csv .pts .npy .off .obj .stl)
     #[arg(long, value_name = "FILE")]
@@ -91,8 +99,7 @@ pub struct RosArgs {
     /// Seed by which points of a mesh are drawn, as `register` draws those of its target
     #[arg(long, value_name = "S", default_value_t = SEED)]
     pub seed: u64,
-    /// The network: without `--connect`, `--listen` and `--zenoh`, the router that `ros2 run rmw_zenoh_cpp rmw_zenohd` starts on this
-    /// machine, which listens at tcp/HOST:7447.
+    /// The network.
     #[command(flatten)]
     pub session: SessionArgs,
 }
@@ -307,6 +314,17 @@ mod tests {
         let command = RosArgs::augment_args(Command::new("ros"));
         let given = command.get_matches_from([&["ros"], options].concat());
         RosArgs::from_arg_matches(&given).expect("options")
+    }
+
+    #[test]
+    fn the_help_names_the_network_that_nodes_of_ros_have() {
+        let mut command = RosArgs::augment_args(Command::new("ros"));
+        let help = command.render_long_help().to_string();
+        assert!(
+            help.contains("tcp/localhost:7447") && help.contains(CONFIGURATION),
+            "{help}"
+        );
+        assert!(!help.contains("multicast"), "{help}");
     }
 
     #[test]

@@ -2,7 +2,6 @@
 
 use crate::array::{Poses, Positions, poses, positions};
 use crate::error::bad;
-use host_train::dataset::cloud_file::MAX_COORDINATE;
 use host_train::pose64::Position;
 use host_train::register::Start;
 use host_train::register::dense::Dense;
@@ -140,13 +139,16 @@ impl Options {
     }
 }
 
+/// Largest coordinate of a view point, as of a cloud.
+const LARGEST: f64 = 1e12;
+
 /// Refuses a view point that no cloud can be seen from.
 fn is_near(name: &str, point: Position) -> PyResult<()> {
-    match point.into_iter().find(|x| x.abs() > MAX_COORDINATE) {
+    match point.into_iter().find(|x| x.abs() > LARGEST) {
         None => Ok(()),
         Some(x) => Err(bad(
             name,
-            format!("expected three numbers up to {MAX_COORDINATE:e}, found {x:e}"),
+            format!("expected three numbers up to {LARGEST:e}, found {x:e}"),
         )),
     }
 }

@@ -6,6 +6,7 @@
 """
 
 import json
+import os
 import pathlib
 import queue
 import socket
@@ -266,7 +267,8 @@ def play(program, session, endpoint, model, rng):
     clouds = session.declare_publisher(key("/camera/points", cloud_type))
     early = Latched(session, "/lab/reagent/model", cloud_type)
     arguments = ["ros", "--model", model, "--cloud", "/camera/points", "--namespace", "/lab", "--connect", endpoint, "--tf", "part"]
-    node = subprocess.Popen([program, *arguments], stdout=subprocess.PIPE, text=True)
+    environment = os.environ | {"ROS_DOMAIN_ID": "0"}
+    node = subprocess.Popen([program, *arguments], stdout=subprocess.PIPE, text=True, env=environment)
     try:
         said = node.stdout.readline()
         assert "hears /camera/points" in said, said

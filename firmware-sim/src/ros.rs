@@ -5,34 +5,40 @@ mod clock;
 mod keys;
 mod messages;
 mod names;
+mod network;
 mod node;
 mod outputs;
 mod parameters;
 mod pose;
 mod service;
 
-use crate::session::{SessionArgs, open};
-use anyhow::{Context, anyhow};
+use crate::session::{SessionArgs, endpoints};
+use anyhow::{Context, anyhow, bail};
 use host_train::cli::{Initial, Input, Units};
 use host_train::dataset::Point;
 use host_train::dataset::ros::point_cloud2::PointCloud2;
 use host_train::policy::{REAGENT, VIEWS, WeightFile};
-use host_train::random::SEED;
+use host_train::random::{SEED, seeds};
 use host_train::register::prepared::Prepared;
 use host_train::register::request::{Done, Request};
 use host_train::register::track::{POINTS, Tracking, bundled_policy};
 use host_train::register::{Memory, Start};
 use keys::Qos;
 use messages::Triggered;
+use network::Network;
 use node::Member;
 use outputs::Outputs;
-use parameters::{Parameters, Settings, Value};
+use parameters::{FAST_TRACK, Parameters, Settings, Value};
 use reagent_core::pipeline::Mode;
 use reagent_core::track::TrackState;
 use reagent_link::stop::stop_requested;
 use service::Services;
 use std::path::{Path, PathBuf};
 use std::pin::pin;
+
+/// Without one, robots look for peers by multicast. This node does not.
+const CONFIGURATION: &str =
+    "Zenoh configuration file (JSON5), in place of the router of this machine";
 
 /// Be a node of a ROS 2 network over rmw_zenoh (Jazzy or later): publish where a model is in the clouds of a topic, until Ctrl-C
 ///
@@ -42,7 +48,11 @@ use std::pin::pin;
 /// model, latched, in the frame of --tf, or in one named after the file. The service ~/register (std_srvs/Trigger) registers the
 /// newest cloud and answers with the pose as JSON. Settings are parameters: mode and on_request can be set, and
 /// /parameter_events reports changes.
+///
+/// Without --connect, --listen and --zenoh, the node goes to the router that `ros2 run rmw_zenoh_cpp rmw_zenohd` starts on this
+/// machine, tcp/localhost:7447, and waits until it answers.
 #[derive(clap::Args, Clone, Debug)]
+#[command(mut_arg("zenoh", |arg| arg.help(CONFIGURATION)))]
 pub struct RosArgs {
     /// Cloud or mesh of the object (.ply .pcd .xyz .txt .asc .csv .pts .npy .off .obj .stl)
     #[arg(long, value_name = "FILE")]
@@ -68,8 +78,8 @@ pub struct RosArgs {
     /// or a file with them [default: identity]
     #[arg(long, value_name = "POSE", allow_hyphen_values = true)]
     pub init: Option<Initial>,
-    /// Follow one object from cloud to cloud, as `host-train track` does: --mode applies when refinement from the last pose is not
-    /// enough, --init as long as no cloud has shown the object
+    /// Follow one object from cloud to cloud, as `host-train track` does: --mode, which must not be fast, applies when refinement from
+    /// the last pose is not enough, --init as long as no cloud has shown the object
     #[arg(long)]
     pub track: bool,
     /// Register clouds only when the service ~/register asks for the newest one
@@ -81,16 +91,16 @@ pub struct RosArgs {
     /// The node's namespace
     #[arg(long, value_name = "/NAMESPACE", value_parser = names::namespace, default_value = "/")]
     pub namespace: String,
-    /// The network's ROS_DOMAIN_ID
-    #[arg(long, value_name = "N", default_value_t = 0, value_parser = names::domain, allow_negative_numbers = true)]
+    /// The network's domain
+    #[arg(long, value_name = "N", env = "ROS_DOMAIN_ID", default_value_t = 0, value_parser = names::domain, allow_negative_numbers = true)]
     pub domain: u8,
     /// Also publish the pose as a transform on /tf, from the cloud's frame to this one
     #[arg(long, value_name = "FRAME", value_parser = names::frame)]
     pub tf: Option<String>,
-    /// Seed by which points of a mesh are drawn
+    /// Seed by which points of a mesh are drawn, as `register` draws those of its target
     #[arg(long, value_name = "S", default_value_t = SEED)]
     pub seed: u64,
-    /// The network. The router that `ros2 run rmw_zenoh_cpp rmw_zenohd` starts listens at tcp/HOST:7447.
+    /// The network.
     #[command(flatten)]
     pub session: SessionArgs,
 }
@@ -115,13 +125,21 @@ impl RosArgs {
     /// # Errors
     /// Files that cannot be read, no session, or a session that fails. Clouds that cannot be registered are no error.
     pub async fn run(self) -> anyhow::Result<()> {
+        if self.track && self.mode == Mode::Fast {
+            bail!("--mode: {FAST_TRACK}");
+        }
         let mut registration = self.registration()?;
         let namespace = self.namespace.trim_end_matches('/');
         let longest = format!("{namespace}/{}/{}", self.node, outputs::LONGEST);
         names::short(&longest).map_err(|wrong| {
             anyhow!("--namespace and --node are too long for {longest}: {wrong}")
         })?;
-        let session = open(&self.session).await?;
+        let mut stopped = pin!(stop_requested());
+        let network = Network::named(self.session.clone());
+        let session = tokio::select! {
+            stopped = &mut stopped => return Ok(stopped?),
+            session = network.join(|said| eprintln!("{said}")) => session?,
+        };
         let mut member = Member::join(session, self.domain, &self.namespace, &self.node)
             .await
             .map_err(failed)?;
@@ -157,16 +175,17 @@ impl RosArgs {
             .await
             .map_err(failed)?;
         println!(
-            "node {} hears {}; Ctrl-C ends it",
+            "node {} of domain {} hears {} ({}); Ctrl-C ends it",
             member.node.full_name(),
-            self.cloud
+            self.domain,
+            self.cloud,
+            endpoints(&network.args)
         );
         let mut register = |bytes: &[u8], mode| {
             registration.request.mode = mode;
             tokio::task::block_in_place(|| outputs.answer(&mut registration, bytes)).map_err(failed)
         };
         let mut newest = None;
-        let mut stopped = pin!(stop_requested());
         loop {
             tokio::select! {
                 // Requests come first, however fast clouds arrive.
@@ -232,15 +251,18 @@ impl RosArgs {
             .map_or(Ok(Start::Identity), Initial::load)
             .context("--init")?;
         let points = self.track.then_some(POINTS);
+        let request = Request {
+            start,
+            mode: self.mode,
+            view_point: self.view.then_some([0.0; 3]),
+            ..Request::default()
+        };
+        let model = self.prepared(points).context("--model")?;
+        request.get_ready(&model);
         Ok(Registration {
-            model: self.prepared(points).context("--model")?,
+            model,
             weights: WeightFile::load(self.policy()).context("--weights")?,
-            request: Request {
-                start,
-                mode: self.mode,
-                view_point: self.view.then_some([0.0; 3]),
-                ..Request::default()
-            },
+            request,
             memory: Box::new(Memory::new()),
             tracking: self.track.then(Tracking::new),
             points,
@@ -250,7 +272,8 @@ impl RosArgs {
 
     fn prepared(&self, points: Option<usize>) -> anyhow::Result<Prepared<'static>> {
         let scale = self.unit.map_or(1.0, |units| units.scale);
-        Ok(Input::read(&self.model, scale, points, self.seed)?.cloud)
+        let [_, of_target] = seeds(self.seed);
+        Ok(Input::read(&self.model, scale, points, of_target)?.cloud)
     }
 }
 
@@ -279,5 +302,56 @@ impl Registration {
         let tracked = tracking.follow(&self.request, policy, memory, clouds);
         let tracked = tracked.context("no pose")?;
         Ok((tracked.done, Some(tracked.state)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::{Args, Command, FromArgMatches};
+    use std::fs;
+
+    fn args(options: &[&str]) -> RosArgs {
+        let command = RosArgs::augment_args(Command::new("ros"));
+        let given = command.get_matches_from([&["ros"], options].concat());
+        RosArgs::from_arg_matches(&given).expect("options")
+    }
+
+    #[test]
+    fn the_help_names_the_network_that_nodes_of_ros_have() {
+        let mut command = RosArgs::augment_args(Command::new("ros"));
+        let help = command.render_long_help().to_string();
+        assert!(
+            help.contains("tcp/localhost:7447") && help.contains(CONFIGURATION),
+            "{help}"
+        );
+        assert!(!help.contains("multicast"), "{help}");
+    }
+
+    #[test]
+    fn the_first_view_of_a_mesh_takes_no_longer_than_the_next() {
+        let folder = tempfile::tempdir().expect("a temporary directory");
+        let path = folder.path().join("roof.off");
+        let mesh = "OFF 4 4 0\n0 0 0\n2 0 0\n0 3 0\n0 0 4\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n";
+        fs::write(&path, mesh).expect("writable");
+        let model = path.to_str().expect("text");
+        for track in [&[][..], &["--track"]] {
+            let views = args(&[&["--model", model, "--view"], track].concat());
+            let ready = views.registration().expect("a model").model;
+            let points = views.track.then_some(POINTS);
+            let seen = views.prepared(points).expect("a model");
+            assert_ne!(ready, seen, "nothing was looked at so far");
+            assert!(!seen.outward().is_empty());
+            assert_eq!(ready, seen);
+        }
+    }
+
+    #[tokio::test]
+    async fn a_mode_that_judges_nothing_follows_nothing() {
+        let options = ["--model", "none.ply", "--track", "--mode", "fast"];
+        let refused = args(&options).run().await.expect_err("refused");
+        let said =
+            "--mode: fast does not tell whether the object is lost: take another mode to follow it";
+        assert_eq!(refused.to_string(), said);
     }
 }

@@ -4,6 +4,8 @@
 
 #[path = "ros/parameters.rs"]
 mod parameters;
+#[path = "ros/views.rs"]
+mod views;
 
 use host_train::dataset::ros::cdr::{from_cdr, to_cdr};
 use reagent_tests::network::network;
@@ -91,9 +93,15 @@ async fn next(heard: &Subscriber<FifoChannelHandler<Sample>>) -> Vec<u8> {
 
 /// A node that hears clouds.
 fn node(endpoint: &str, model: &Path, options: &[&str]) -> Running {
+    node_of_domain("", endpoint, model, options)
+}
+
+/// The same, where the environment names a domain.
+fn node_of_domain(domain: &str, endpoint: &str, model: &Path, options: &[&str]) -> Running {
     let mut node = Command::new(env!("CARGO_BIN_EXE_firmware-sim"));
     node.args(["ros", "--connect", endpoint, "--model"])
         .arg(model)
+        .env("ROS_DOMAIN_ID", domain)
         .args(options)
         .stdout(Stdio::piped())
         .stderr(Stdio::piped());
@@ -101,7 +109,7 @@ fn node(endpoint: &str, model: &Path, options: &[&str]) -> Running {
     let lines = BufReader::new(node.0.stdout.take().expect("piped")).lines();
     let up = lines
         .map_while(Result::ok)
-        .any(|line| line.contains("hears /points"));
+        .any(|line| line.contains(&format!("hears /points (connect {endpoint})")));
     assert!(up, "it ended");
     node
 }
@@ -126,10 +134,19 @@ fn part() -> Vec<[f32; 3]> {
 
 /// A network with a node that knows the part, and subscriptions to its poses and diagnostics.
 async fn looking_for_a_part(folder: &Path, options: &[&str]) -> (Session, Running, [Heard; 2]) {
-    let model = folder.join("part.xyz");
     let lines = part().into_iter();
     let lines = lines.map(|[x, y, z]| format!("{x} {y} {z}\n"));
-    std::fs::write(&model, lines.collect::<String>()).expect("writable");
+    std::fs::write(folder.join("part.xyz"), lines.collect::<String>()).expect("writable");
+    looking_for("part.xyz", folder, options).await
+}
+
+/// The same with a model of the folder.
+async fn looking_for(
+    model: &str,
+    folder: &Path,
+    options: &[&str],
+) -> (Session, Running, [Heard; 2]) {
+    let model = folder.join(model);
     let (session, endpoint) = network().await;
     let hear = async |key| {
         let heard = session.declare_subscriber(key).await;
@@ -327,6 +344,22 @@ async fn a_service_registers_the_newest_cloud() {
     let refused = reply.into_result().expect_err("refused");
     let refused = refused.payload().to_bytes();
     assert!(String::from_utf8_lossy(&refused).contains("attachment of 33 bytes"));
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn the_domain_is_that_of_the_environment_unless_one_is_named() {
+    let folder = tempfile::tempdir().expect("a temporary directory");
+    let model = folder.path().join("part.xyz");
+    std::fs::write(&model, "0 0 0\n1 0 0\n0 1 0\n0 0 1\n").expect("writable");
+    for (options, domain) in [(&[][..], "7"), (&["--domain", "9"], "9")] {
+        let (session, endpoint) = network().await;
+        let _node = node_of_domain("7", &endpoint, &model, options);
+        let tokens = session.liveliness().get("@ros2_lv/*/*/0/0/NN/**");
+        let token = tokens.await.expect("an open session").recv_async().await;
+        let token = token.expect("a node").into_result().expect("a token");
+        let found = token.key_expr().split('/').nth(1);
+        assert_eq!(found, Some(domain));
+    }
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -30,6 +30,10 @@ use reagent_core::pipeline::{self, Answer, Progress, Task};
 use reagent_core::polish::Workspace;
 use reagent_core::{Error, Frame, Policy, Pose, Registrar, start};
 
+/// Names the sources of what registers, in a program that has this text in it: the page that `host-train page` writes must give the
+/// poses of the command line.
+pub const SOURCES: &str = concat!("reagent-sources-", env!("REAGENT_SOURCES"));
+
 /// Number of points to which a cloud that exceeds the capacity is thinned.
 pub const SUBSAMPLE: usize = 2048;
 

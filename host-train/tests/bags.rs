@@ -154,6 +154,23 @@ fn what_is_wrong_with_a_bag_is_said() {
         "register lz4.mcap part.xyz --message 6",
         &["has 6 messages"],
     );
+    // Where no topic can be named, the advice is another.
+    std::fs::create_dir(at.join("models")).expect("created");
+    std::fs::copy(at.join("two_topics.mcap"), at.join("models/two.mcap")).expect("copied");
+    for command in [
+        "eval --data models --protocol m40-models --methods init",
+        "track two_topics.mcap part.xyz",
+        "register part.xyz two_topics.mcap",
+    ] {
+        let output = run(at, command);
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(1), "{said}");
+        assert!(
+            !said.contains("--topic") && said.contains("mcap filter"),
+            "{said}"
+        );
+        assert!(said.contains("/camera/points, /lidar/points"), "{said}");
+    }
     // With a topic, every source in a list must be a bag.
     let list = "lz4.mcap part.xyz\npart.xyz part.xyz\n";
     std::fs::write(at.join("list.txt"), list).expect("written");

@@ -15,7 +15,7 @@ use std::f64::consts::TAU;
 use std::fs;
 use std::path::{Path, PathBuf};
 use support::browser::{chromium, open};
-use support::{fail, folder, succeed};
+use support::{fail, folder, run, succeed};
 
 /// A user's actions, for the drivers below.
 const USER: &str = include_str!("support/drive_page/user.js");
@@ -299,7 +299,7 @@ fn what_is_wrong_with_a_file_is_said_and_nothing_old_stays() {
     for (error, words) in errors.iter().zip([
         "empty.xyz: ",
         "cut.ply: ",
-        "photo.png: unknown kind of file; convert it to one of .ply",
+        "photo.png: unknown kind of file; convert it to one of .ply .pcd .xyz .txt .asc .csv .pts .npy .off .obj .stl.",
         "one.xyz: all points coincide",
     ]) {
         let error = error.as_str().expect("text");
@@ -358,7 +358,25 @@ fn what_is_not_the_program_is_refused() {
     fail(
         at,
         "page --wasm other.wasm --out p.html",
-        &["other.wasm is not the page's program"],
+        &["other.wasm: it is not the page's program"],
+    );
+    // Whatever the folder, the program is looked for where it was built.
+    let found = run(at, "page --out p.html");
+    let said = String::from_utf8_lossy(&found.stderr);
+    let built = root().join("target/page");
+    let is_there = built.join("wasm32-unknown-unknown/release/reagent_page.wasm");
+    assert_eq!(found.status.success(), is_there.exists(), "{said}");
+    fs::remove_file(at.join("p.html")).ok();
+    // A program of other sources says which ones it needs.
+    let old = b"\0asm answer_length reagent-sources-0123456789abcdef";
+    fs::write(at.join("old.wasm"), old).expect("written");
+    fail(
+        at,
+        "page --wasm old.wasm --out p.html",
+        &[
+            "old.wasm: it was compiled from other sources",
+            "cargo build --release",
+        ],
     );
     assert!(!at.join("p.html").exists());
 }

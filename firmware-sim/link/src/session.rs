@@ -277,7 +277,8 @@ fn json(endpoints: &[String]) -> String {
     Value::from(endpoints).to_string()
 }
 
-fn endpoints(args: &SessionArgs) -> String {
+/// Where the network is, for a line about it.
+pub fn endpoints(args: &SessionArgs) -> String {
     let mut parts = Vec::new();
     if let Some(path) = &args.zenoh {
         parts.push(format!("configuration {}", path.display()));

@@ -35,7 +35,12 @@ pub(super) struct Parameters {
     fixed: Vec<(&'static str, Value)>,
 }
 
+/// Why nothing is followed in mode fast.
+pub(super) const FAST_TRACK: &str =
+    "fast does not tell whether the object is lost: take another mode to follow it";
+
 const MODE: &str = "mode";
+const TRACK: &str = "track";
 const ON_REQUEST: &str = "on_request";
 
 impl Parameters {
@@ -111,6 +116,7 @@ impl Parameters {
             });
         } else if name == MODE {
             match value.string_value.parse() {
+                Ok(Mode::Fast) if self.get(TRACK).bool_value => format!("{MODE}: {FAST_TRACK}"),
                 Ok(mode) => return Ok(Settings { mode, ..settings }),
                 Err(UnknownMode) => format!("{:?} is {UnknownMode}", value.string_value),
             }
@@ -202,6 +208,19 @@ mod tests {
         let mode = parameters.describe("mode");
         let modes = "refine, fast, polish, verify, best";
         assert!(!mode.read_only && mode.additional_constraints == modes);
+    }
+
+    #[test]
+    fn an_object_is_followed_in_modes_that_judge_poses() {
+        let fixed = vec![(TRACK, Value::flag(true))];
+        let mut tracking = Parameters::new(parameters().settings, fixed);
+        let mode = |mode: &str| Parameter {
+            name: MODE.into(),
+            value: Value::text(mode.into()),
+        };
+        let refused = tracking.set(&[mode("fast")]).expect_err("refused");
+        assert_eq!(refused, format!("mode: {FAST_TRACK}"));
+        assert_eq!(tracking.set(&[mode("polish")]), Ok(()));
     }
 
     #[test]

@@ -6,6 +6,7 @@
 //! | `read(cloud, name)` | reads the scan (0) or the part (1) from these bytes; the first `name` of them are the file's name |
 //! | `register(anywhere)` | registers both; `anywhere` says that nothing is known of the scan's orientation |
 //! | `answer()`, `answer_length()` | the JSON answer of the last call, `{"error": …}` if it failed |
+//! | `sources()` | which sources it was compiled from; `host-train page` looks for the text, and nobody calls this |
 
 use host_train::dataset::cloud_file::read_bytes;
 use host_train::random::{SEED, seeds};
@@ -15,7 +16,7 @@ use host_train::register::request::{Done, Request};
 use host_train::register::sentences::{Names, Remark, fit, probability, uncertainty};
 use host_train::register::trace::{FinalAnswer, Header, Traced};
 use host_train::register::view::View;
-use host_train::register::{Memory, Start};
+use host_train::register::{Memory, SOURCES, Start};
 use reagent_core::Policy;
 use serde_json::{Value, json};
 use std::error::Error;
@@ -90,6 +91,13 @@ pub extern "C" fn answer() -> *const u8 {
 #[unsafe(no_mangle)]
 pub extern "C" fn answer_length() -> usize {
     page().answer.len()
+}
+
+/// Keeps the text in the program.
+#[allow(unsafe_code)]
+#[unsafe(no_mangle)]
+pub extern "C" fn sources() -> *const u8 {
+    SOURCES.as_ptr()
 }
 
 impl Page {

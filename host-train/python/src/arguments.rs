@@ -7,6 +7,7 @@ use pyo3::pybacked::PyBackedStr;
 use reagent_core::dims::MAX_POINTS;
 use reagent_core::pipeline::Mode;
 use std::ops::RangeInclusive;
+use std::path::PathBuf;
 
 /// Range of policy steps and of poses to report, as on the command line.
 const COUNTS: RangeInclusive<usize> = 1..=65535;
@@ -37,6 +38,22 @@ pub(crate) fn threads_if_any(given: &Bound<'_, PyAny>) -> PyResult<Option<usize>
 
 pub(crate) fn depth_scale(given: &Bound<'_, PyAny>) -> PyResult<f64> {
     let refused = |_| bad("depth_scale", "expected a positive number");
+    given.extract().map_err(refused)
+}
+
+pub(crate) fn path(given: &Bound<'_, PyAny>) -> PyResult<PathBuf> {
+    let refused = |_| {
+        let found = given.get_type();
+        bad(
+            "path",
+            format!("expected a file's name, as text or a pathlib.Path, found {found}"),
+        )
+    };
+    given.extract().map_err(refused)
+}
+
+pub(crate) fn return_exceptions(given: &Bound<'_, PyAny>) -> PyResult<bool> {
+    let refused = |_| bad("return_exceptions", "expected True or False");
     given.extract().map_err(refused)
 }
 

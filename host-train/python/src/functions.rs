@@ -178,7 +178,7 @@ pub(crate) fn register_batch<'py>(
     #[pyo3(from_py_with = arguments::points_if_any)] points: Option<usize>,
     #[pyo3(from_py_with = arguments::word)] dense: &str,
     #[pyo3(from_py_with = arguments::best)] best: usize,
-    return_exceptions: bool,
+    #[pyo3(from_py_with = arguments::return_exceptions)] return_exceptions: bool,
 ) -> PyResult<Bound<'py, PyList>> {
     Registrar::bundled().register_batch(
         py,

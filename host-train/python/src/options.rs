@@ -2,6 +2,7 @@
 
 use crate::array::{Poses, Positions, poses, positions};
 use crate::error::bad;
+use host_train::pose64::Position;
 use host_train::register::Start;
 use host_train::register::dense::Dense;
 use host_train::register::request::Request;
@@ -70,8 +71,16 @@ impl Options {
             .transpose()?
         {
             None => {}
-            Some(Positions::One(point)) => options.common.view_point = Some(point),
-            Some(Positions::Each(points)) => options.view_points = Some(points),
+            Some(Positions::One(point)) => {
+                is_near("viewpoint", point)?;
+                options.common.view_point = Some(point);
+            }
+            Some(Positions::Each(points)) => {
+                for (i, &point) in points.iter().enumerate() {
+                    is_near(&format!("viewpoint[{i}]"), point)?;
+                }
+                options.view_points = Some(points);
+            }
         }
         Ok(options)
     }
@@ -127,6 +136,20 @@ impl Options {
             best: self.best,
         };
         Ok(starts.into_iter().zip(points).map(asked).collect())
+    }
+}
+
+/// Largest coordinate of a view point, as of a cloud.
+const LARGEST: f64 = 1e12;
+
+/// Refuses a view point that no cloud can be seen from.
+fn is_near(name: &str, point: Position) -> PyResult<()> {
+    match point.into_iter().find(|x| x.abs() > LARGEST) {
+        None => Ok(()),
+        Some(x) => Err(bad(
+            name,
+            format!("expected three numbers up to {LARGEST:e}, found {x:e}"),
+        )),
     }
 }
 

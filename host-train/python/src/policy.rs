@@ -93,7 +93,10 @@ impl Policy {
     ///
     /// Raises OSError if it cannot be read, and PolicyError if it is not a policy.
     #[staticmethod]
-    fn load(py: Python<'_>, path: PathBuf) -> PyResult<Policy> {
+    fn load(
+        py: Python<'_>,
+        #[pyo3(from_py_with = arguments::path)] path: PathBuf,
+    ) -> PyResult<Policy> {
         // A bare name would stand for a bundled policy.
         let path = std::path::absolute(path)?;
         let file = py.detach(|| WeightFile::load(&path));

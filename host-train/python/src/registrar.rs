@@ -179,7 +179,7 @@ impl Registrar {
         #[pyo3(from_py_with = arguments::points_if_any)] points: Option<usize>,
         #[pyo3(from_py_with = arguments::word)] dense: &str,
         #[pyo3(from_py_with = arguments::best)] best: usize,
-        return_exceptions: bool,
+        #[pyo3(from_py_with = arguments::return_exceptions)] return_exceptions: bool,
     ) -> PyResult<Bound<'py, PyList>> {
         let options = Options::new(init, mode, viewpoint, (steps, points, dense), best)?;
         let clouds = [

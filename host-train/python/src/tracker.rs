@@ -65,6 +65,7 @@ impl Tracker {
     #[pyo3(signature = (target, init = None, mode = "verify", viewpoint = None, *, policy = None, steps = 10, points = 1024))]
     #[allow(clippy::too_many_arguments, reason = "keywords in Python")]
     fn new(
+        py: Python<'_>,
         target: &Bound<'_, PyAny>,
         init: Option<&Bound<'_, PyAny>>,
         #[pyo3(from_py_with = arguments::word)] mode: &str,
@@ -92,6 +93,7 @@ impl Tracker {
         if is_view {
             target.notice_missing_faces();
         }
+        py.detach(|| request.get_ready(&target));
         let bundled = || Policy::pretrained(bundled_policy(is_view));
         Ok(Tracker {
             target,

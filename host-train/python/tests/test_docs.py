@@ -1,6 +1,7 @@
 """Examples in the documentation, and that everything is documented."""
 
 import doctest
+import importlib.util
 import inspect
 import pathlib
 import runpy
@@ -40,5 +41,8 @@ def test_the_page_and_the_example(tmp_path):
     code = page.split("```python\n")[1].split("```")[0]
     exec(compile(code, "README.md", "exec"), {})
     example = runpy.run_path(str(folder / "examples/register_part.py"))
-    found = example["main"](str(tmp_path / "part.png"))
+    picture = tmp_path / "part.png"
+    found = example["main"](str(picture))
     assert found.converged
+    if importlib.util.find_spec("matplotlib"):
+        assert picture.read_bytes().startswith(b"\x89PNG")

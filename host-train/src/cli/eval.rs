@@ -35,7 +35,8 @@ pub(super) struct EvalArgs {
     /// Pairs drawn beforehand (source, target, transform_gt; raw, label and view_point if there)
     #[arg(long, value_name = "FILE.h5")]
     pairs: Option<PathBuf>,
-    /// Draw pairs from the test split of a data set, or from the built-in shapes, or single depth views of such meshes
+    /// Draw pairs from the test split of a data set, or from the built-in shapes, or single depth views of such meshes. Of a bag
+    /// (.mcap) in a data set, only the first cloud is a model
     #[arg(long, value_name = "DIR|procedural|views:DIR")]
     data: Option<DataSource>,
     /// How to draw them; not for views

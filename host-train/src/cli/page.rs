@@ -2,9 +2,12 @@
 
 use super::output::write_text;
 use crate::report::try_page;
-use anyhow::{Context, bail};
+use anyhow::Context;
 use clap::Args;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+
+/// Where cargo builds the program, in the checkout.
+const BUILT: &str = "target/page/wasm32-unknown-unknown/release/reagent_page.wasm";
 
 /// Write one HTML file that registers in a browser, without a network
 ///
@@ -12,13 +15,10 @@ use std::path::PathBuf;
 /// with `--weights compact`. Its program is built by `cargo build --release` in host-train/page.
 #[derive(Debug, Args)]
 pub(super) struct PageArgs {
-    /// The program, as built by cargo
-    #[arg(
-        long,
-        value_name = "FILE.wasm",
-        default_value = "target/page/wasm32-unknown-unknown/release/reagent_page.wasm"
-    )]
-    wasm: PathBuf,
+    /// The program, as built by cargo [default: reagent_page.wasm in target/page/wasm32-unknown-unknown/release of the
+    /// checkout that this command line was built from, or if that is gone, of the working folder]
+    #[arg(long, value_name = "FILE.wasm")]
+    wasm: Option<PathBuf>,
     /// HTML file to write
     #[arg(long, value_name = "PAGE.html")]
     out: PathBuf,
@@ -26,18 +26,26 @@ pub(super) struct PageArgs {
 
 impl PageArgs {
     pub(super) fn run(self) -> anyhow::Result<()> {
-        let file = self.wasm.display();
-        let program = std::fs::read(&self.wasm).with_context(|| {
+        let wasm = self.wasm.unwrap_or_else(built);
+        let file = wasm.display();
+        let program = std::fs::read(&wasm).with_context(|| {
             format!(
                 "cannot read {file}; build it in host-train/page with `cargo build --release`, \
                  after `rustup target add wasm32-unknown-unknown`"
             )
         })?;
-        let Some(page) = try_page(&program) else {
-            bail!("{file} is not the page's program; name what host-train/page was compiled to");
-        };
+        let page = try_page(&program).with_context(|| file.to_string())?;
         write_text(&self.out, &page)?;
         println!("{}", self.out.display());
         Ok(())
+    }
+}
+
+/// The program of the checkout that this was built from, wherever it is called; if there is none any more, of the working folder.
+fn built() -> PathBuf {
+    let sources = Path::new(env!("CARGO_MANIFEST_DIR"));
+    match sources.parent().filter(|_| sources.join("page").is_dir()) {
+        Some(checkout) => checkout.join(BUILT),
+        None => BUILT.into(),
     }
 }

@@ -173,6 +173,7 @@ impl TrackArgs {
         let points = Some(self.points as usize);
         let [of_sources, of_model] = seeds(seed);
         let model = Input::read(&self.model, 1.0, points, of_model)?.cloud;
+        request.get_ready(&model);
         let mut memory = Box::new(Memory::new());
         let mut tracking = Tracking::new();
         let mut follow = |file: Result<CloudFile, CloudError>, path: &Path| {

@@ -104,7 +104,7 @@ pub fn read_file(path: &Path) -> Result<CloudFile, CloudError> {
     }
     #[cfg(not(target_family = "wasm"))]
     if bag::is_bag(path) {
-        return bag::read(path, None, bag::MessageSelector::FIRST);
+        return bag::read_first(path);
     }
     if path.is_dir() {
         return Err(io(std::io::ErrorKind::IsADirectory.into()));

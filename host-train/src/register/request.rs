@@ -196,6 +196,14 @@ impl Request {
         })
     }
 
+    /// Does once what the first registration to a target would do otherwise: a view of a mesh needs to know which way its faces look,
+    /// which takes longer than a camera's next image.
+    pub fn get_ready(&self, target: &Prepared<'_>) {
+        if self.view_point.is_some() {
+            target.outward();
+        }
+    }
+
     /// The core's task from one start, in coordinates relative to the clouds' origins.
     pub(super) fn task<'s>(
         &self,

@@ -21,7 +21,7 @@ mod value;
 mod views;
 
 pub use error::ReportError;
-pub use try_page::try_page;
+pub use try_page::{PageError, try_page};
 
 use crate::files;
 use crate::register::trace::Traced;

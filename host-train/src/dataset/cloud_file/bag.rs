@@ -214,6 +214,19 @@ pub fn read(
     Ok(message.cloud()?.0)
 }
 
+/// Reads the first cloud of a bag where nobody can name a topic.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_first(path: &Path) -> Result<CloudFile, CloudError> {
+    read(path, None, MessageSelector::FIRST).map_err(|error| match error {
+        CloudError::Bag(BagError::SeveralTopics { path, clouds }) => {
+            BagError::SeveralTopicsHere { path, clouds }.into()
+        }
+        error => error,
+    })
+}
+
 /// The MCAP files of a bag.
 fn files(path: &Path) -> Result<Vec<PathBuf>, BagError> {
     let io = |source| BagError::Io {

@@ -10,12 +10,18 @@ use super::EXTENSIONS;
 use crate::words::count;
 use std::path::PathBuf;
 
+/// Where there is a command line.
+#[cfg(not(target_family = "wasm"))]
+const OR_STANDARD: &str = ", or give - for standard input";
+#[cfg(target_family = "wasm")]
+const OR_STANDARD: &str = "";
+
 /// Why a cloud or mesh file was refused, or not written.
 #[derive(Debug, thiserror::Error)]
 pub enum CloudError {
     /// The extension is not one of those that are read.
     #[error(
-        "{}: unknown kind of file; convert it to one of .{}, or give - for standard input",
+        "{}: unknown kind of file; convert it to one of .{}{OR_STANDARD}",
         path.display(), EXTENSIONS.join(" .")
     )]
     Extension {

@@ -96,6 +96,18 @@ pub enum BagError {
         /// The topics.
         clouds: String,
     },
+    /// The same where no topic can be asked for.
+    #[error(
+        "{0}: several topics of the bag have clouds, and no topic is asked for here; keep one alone: mcap filter {0} -y TOPIC -o one.mcap; \
+         they are {clouds}",
+        path.display()
+    )]
+    SeveralTopicsHere {
+        /// The bag.
+        path: PathBuf,
+        /// The topics.
+        clouds: String,
+    },
     /// There is no such topic.
     #[error("{}: the bag has no topic {topic}; topics with clouds: {clouds}", path.display())]
     NoTopic {

@@ -59,8 +59,8 @@ pub struct PublishArgs {
     #[arg(long, value_name = "FILE")]
     pub evaluation: Option<PathBuf>,
     /// Ship to parts of the fleet one after the other, such as 1,10%,100%. If robots do worse with the policy than they
-    /// did with --against, or than the others do, the latter is published again under the next version, and served until
-    /// Ctrl-C; the status is then 1.
+    /// did with --against, or than the others do, or if nothing tells how they do, the latter is published again under
+    /// the next version, and served until Ctrl-C; the status is then 1.
     #[arg(
         long,
         value_name = "LIST",
@@ -255,12 +255,13 @@ async fn roll_out(
         .await?;
     let halt = match outcome {
         Ok(announced) => return Ok(announced),
+        // Robots take neither this policy nor the old one any more.
+        Err(halt @ Halt::Overtaken { .. }) => {
+            let version = manifest.release();
+            return Err(PublishError::Halted { halt, version });
+        }
         Err(halt) => halt,
     };
-    if !matches!(halt, Halt::Worse(_) | Halt::NotTaken(_)) {
-        let version = manifest.release();
-        return Err(PublishError::Halted { halt, version });
-    }
     let (halt, worse) = (Box::new(halt), manifest.release());
     let back = take_back(publisher, witness, worse, old, args).await;
     let mut robots = witness.with_policy(manifest.id());

@@ -139,7 +139,8 @@ pub enum PublishError {
     },
     /// A roll-out cannot go on; the robots that have the policy keep it.
     #[error(
-        "the roll-out halts: {halt}; the robots that have version {version} keep it; {}", .halt.way_on(version.version)
+        "the roll-out halts: {halt}; the robots that have version {version} keep it; run again with a higher version \
+         to go on"
     )]
     Halted {
         /// Why.
@@ -147,7 +148,7 @@ pub enum PublishError {
         /// The version that was rolled out.
         version: Release,
     },
-    /// A stage of the fleet does worse than before, and the old policy was published again.
+    /// A stage of the fleet does worse than before, or cannot be judged, and the old policy was published again.
     #[error(
         "the roll-out halts: {halt}; version {version} is the old policy again, {}{}",
         .reception.one_line(), still(.away)
@@ -159,20 +160,20 @@ pub enum PublishError {
         version: Release,
         /// Its reception by the robots that are there.
         reception: Box<Reception>,
-        /// Other robots, which had taken the policy that does worse.
+        /// Other robots, which had taken the new policy.
         away: Vec<String>,
     },
-    /// A stage of the fleet does worse than before, and keeps the policy.
+    /// A stage of the fleet does worse than before, or cannot be judged, and keeps the policy.
     #[error(
         "the roll-out halts: {halt}; the old policy could not be published again: {reason}; robots that run version \
-         {version}, which does worse: {}", names(.robots)
+         {version}: {}", names(.robots)
     )]
     NotTakenBack {
         /// Why the roll-out halts.
         halt: Box<Halt>,
         /// Why the old policy is not there again.
         reason: Box<PublishError>,
-        /// The version of the policy that does worse.
+        /// The version of the new policy.
         version: Release,
         /// Robots that run it.
         robots: Vec<String>,

@@ -93,16 +93,6 @@ impl fmt::Display for Halt {
     }
 }
 
-impl Halt {
-    /// How the roll-out of this version goes on, where nothing was taken back.
-    pub(super) fn way_on(&self, version: u64) -> String {
-        match self {
-            Halt::Overtaken { .. } => "run again with a higher version to go on".into(),
-            _ => format!("run again with --policy-version {version} to go on"),
-        }
-    }
-}
-
 impl Publisher {
     /// Checks, before a roll-out, that robots are there and that one of them runs the old policy. Robots without a
     /// policy, and those that have the new one from a roll-out that halted, do not count.

@@ -13,6 +13,10 @@ use reagent_link::stop::stop_requested;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
+use std::time::Duration;
+
+/// How often a robot looks at its certificates.
+const LOOK_INTERVAL: Duration = Duration::from_secs(60);
 
 /// Simulated robots that fetch policies and answer refinement requests over Zenoh.
 #[derive(Debug, Parser)]
@@ -123,7 +127,17 @@ impl NodeArgs {
             }
         };
         let _metrics = self.metrics.serve(figures).await?;
-        Ok(stop_requested().await?)
+        let looking = async {
+            let mut minutes = tokio::time::interval(LOOK_INTERVAL);
+            loop {
+                minutes.tick().await;
+                node.note_certificates(certificates.hold());
+            }
+        };
+        tokio::select! {
+            () = looking => Ok(()),
+            stopped = stop_requested() => Ok(stopped?),
+        }
     }
 }
 

@@ -142,7 +142,8 @@ async fn a_state_directory_deleted_under_a_robot_is_noticed() {
     published.expect("a good policy");
     until(&node, |view| view.policy.is_some()).await;
     std::fs::remove_dir_all(&state).expect("deletable");
-    until(&node, |view| view.state_lost).await;
+    let view = until(&node, |view| view.state_lost).await;
+    assert!(view.status().health.state_lost, "others see it");
 
     // The robot does not take what it cannot keep, and it says so.
     let published = publisher.publish(2, "second", int8_policy()).await;

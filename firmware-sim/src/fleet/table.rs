@@ -152,6 +152,11 @@ fn text(robots: &[Heard], rows: usize) -> String {
             ));
         }
     }
+    for Heard { robot, status, .. } in here() {
+        for fault in status.health.faults() {
+            line(format_args!("{robot}: {fault}"));
+        }
+    }
     let twice = robots.iter().filter(|heard| heard.duplicate);
     for Heard { robot, .. } in twice {
         line(format_args!(

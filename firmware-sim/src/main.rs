@@ -6,7 +6,7 @@ use firmware_sim::board::{Board, Clouds, Kind, Simulation, build_image, check_si
 use firmware_sim::node::{ANY, Node, NodeConfig, NodeError};
 use firmware_sim::policy::Trust;
 use firmware_sim::session::{SessionArgs, certificates, has_certificate, open};
-use reagent_link::log::LogArgs;
+use reagent_link::log::{LogArgs, parse};
 use reagent_link::metrics::{Figures, MetricsArgs};
 use reagent_link::name::name;
 use reagent_link::stop::stop_requested;
@@ -174,7 +174,7 @@ fn public_key(digits: &str) -> Result<VerifyingKey, String> {
 }
 
 fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let cli: Cli = parse();
     let level = match cli.command {
         Command::Node(_) | Command::Router(_) => {
             "warn,zenoh=error,zenoh_transport=error,zenoh_link_tcp=error,firmware_sim=info,reagent_link=info"

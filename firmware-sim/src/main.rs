@@ -1,6 +1,6 @@
 //! `firmware-sim`: a simulated robot, a client that asks robots, and the whole story as a demo.
 
-use clap::{Parser, Subcommand};
+use clap::{ArgGroup, Parser, Subcommand};
 use ed25519_dalek::VerifyingKey;
 use firmware_sim::board::{Board, Clouds, Kind, Simulation, build_image, check_simulator};
 use firmware_sim::node::{ANY, Node, NodeConfig, NodeError};
@@ -44,6 +44,7 @@ enum Command {
 
 /// Be a robot: fetch the fleet's policy, verify it, and answer refine requests until Ctrl-C
 #[derive(clap::Args, Debug)]
+#[command(group(ArgGroup::new("whose").args(["trust", "trust_any"]).required(true).multiple(true)))]
 struct NodeArgs {
     /// Fleet it belongs to (a-z A-Z 0-9 _ -)
     #[arg(long, value_name = "NAME", value_parser = name)]
@@ -52,7 +53,7 @@ struct NodeArgs {
     #[arg(long, value_name = "ID", value_parser = own_name)]
     robot: String,
     /// Public key (64 hexadecimal digits) whose policies it accepts; may be repeated
-    #[arg(long, value_name = "HEX", value_parser = public_key, required_unless_present = "trust_any")]
+    #[arg(long, value_name = "HEX", value_parser = public_key)]
     trust: Vec<VerifyingKey>,
     /// Accept policies signed by any key: whoever reaches the network then decides what the robot does
     #[arg(long, conflicts_with = "trust")]

@@ -167,6 +167,7 @@ impl Node {
         let queue = Closing(Arc::new(Queue::new(view.clone())));
         let (jobs, policies) = (queue.0.clone(), updates.policies());
         let outlet = Outlet {
+            robot: robot.clone(),
             session: session.clone(),
             reply_key: refine_key.clone(),
             trace_key,

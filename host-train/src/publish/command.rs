@@ -378,7 +378,10 @@ async fn tell_reception(
     let reception = publisher.reception(manifest, wait).await?;
     let nobody = reception.taken.is_empty() && !reception.is_complete();
     if nobody || args.store && !reception.refused.is_empty() {
-        return Err(PublishError::NotTaken { reception });
+        return Err(PublishError::NotTaken {
+            reception,
+            certificate: has_certificate(&args.session)?,
+        });
     }
     println!("{reception}");
     Ok(())

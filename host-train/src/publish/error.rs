@@ -58,10 +58,7 @@ pub enum PublishError {
         by: String,
     },
     /// The version leaves no versions for later policies.
-    #[error(
-        "policy version {given} is too far ahead of {last}, the newest so far: give a --policy-version of at most {}, \
-         or --epoch {} to begin anew", greatest_after(.last), .last.epoch.saturating_add(1)
-    )]
+    #[error("policy version {given} is too far ahead of {last}, the newest so far: {}", nearer(.given, .last))]
     FarAhead {
         /// The release that was to be published.
         given: Release,
@@ -78,10 +75,12 @@ pub enum PublishError {
         fleet: String,
     },
     /// Online robots should have taken the policy and have not.
-    #[error("{}{}", .reception.one_line(), .reception.why_silent())]
+    #[error("{}{}", .reception.one_line(), .reception.why_silent(*.certificate))]
     NotTaken {
         /// The robots' reception of it.
         reception: Reception,
+        /// Whether the publisher shows a certificate, by which a router may limit it.
+        certificate: bool,
     },
     /// The pairs for the comparison cannot be read or registered.
     #[error("{path}: {reason}")]
@@ -212,6 +211,18 @@ pub enum PublishError {
     /// The session failed.
     #[error("zenoh: {}", plain(.0))]
     Zenoh(#[from] zenoh::Error),
+}
+
+/// A release that is not too far ahead.
+fn nearer(given: &Release, last: &Release) -> String {
+    let next = last.epoch.saturating_add(1);
+    match given.epoch.saturating_sub(last.epoch) > Release::MAX_EPOCH_STEP {
+        true => format!("its epoch is; the next one is --epoch {next}"),
+        false => format!(
+            "give a --policy-version of at most {}, or --epoch {next} to begin anew",
+            greatest_after(last)
+        ),
+    }
 }
 
 fn names(robots: &[String]) -> String {

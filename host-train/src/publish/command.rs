@@ -98,8 +98,8 @@ pub struct PublishArgs {
     /// is a terminal. With --stages, go on even where robots do worse.
     #[arg(long, requires = "against")]
     pub anyway: bool,
-    /// File that grows by a line of JSON whenever a policy is published and whenever a robot runs or refuses another one:
-    /// who ran what when.
+    /// File that grows by a line of JSON whenever a policy is published, whenever a robot runs or refuses another one, and
+    /// whenever a robot goes away: who ran what when.
     #[arg(long, value_name = "FILE.jsonl")]
     pub history: Option<PathBuf>,
     /// Where its figures are served.
@@ -165,6 +165,9 @@ pub async fn run(args: PublishArgs) -> Result<(), PublishError> {
             witness.ask().await?;
             return witness.end(shipped);
         }
+    }
+    if args.wait > 0 {
+        witness.tell_takes();
     }
     let stopped = tokio::select! {
         Err(failed) = witness.follow() => Err(failed),

@@ -38,13 +38,10 @@ fn about(line: &Map<String, Value>) -> (String, String) {
 /// Keeps the last line about an event and robot. A robot that was offline runs its policy anew.
 fn remember(last: &mut BTreeMap<(String, String), Map<String, Value>>, line: Map<String, Value>) {
     let (event, robot) = about(&line);
-    let ended = match &*event {
-        "offline" => Some("runs"),
-        "runs" => Some("offline"),
-        _ => None,
-    };
-    if let Some(ended) = ended {
-        last.remove(&(ended.to_owned(), robot.clone()));
+    for [one, other] in [["runs", "offline"], ["offline", "runs"]] {
+        if event == one {
+            last.remove(&(other.to_owned(), robot.clone()));
+        }
     }
     last.insert((event, robot), line);
 }
@@ -289,7 +286,6 @@ mod tests {
             history.offline("b", &policy);
             history.offline("b", &policy);
             history = History::open(&path).expect("writable");
-            history.heard(&heard("b", 3, None));
             history.heard(&heard("b", 3, None));
         }
         let again = ["b offline 3", "b runs 3"].repeat(2);

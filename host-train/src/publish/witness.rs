@@ -3,7 +3,7 @@
 mod state;
 
 use super::history::History;
-use super::{Heard, Newest, PublishArgs, PublishError, Publisher, refused, robots, stored};
+use super::{Heard, PublishArgs, PublishError, Publisher, refused, robots, stored};
 use reagent_core::wire::{Manifest, PolicyId, Release, Status, keys};
 use reagent_link::certificate::{Certificate, Certificates};
 use reagent_link::metrics::{Figures, Robot, Serving};

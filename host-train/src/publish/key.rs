@@ -68,7 +68,7 @@ pub fn read_key(path: &Path) -> Result<SigningKey, KeyError> {
     let text = std::fs::read(path).map_err(|error| failed(path, error))?;
     if is_open(path) {
         tracing::warn!(
-            "{}: others on this machine may read this key; chmod 600 it",
+            "{}: others on this machine may read this key: is it the private half, as keygen wrote it? Then chmod 600 it",
             path.display()
         );
     }

@@ -36,6 +36,20 @@ fn renew(folder: &Path, times: &[&str]) -> bool {
     made.status.success()
 }
 
+/// Makes the client's certificate again, as on a machine whose clock is years ahead of this one.
+fn renew_from_2090(folder: &Path) -> bool {
+    let script = "openssl req -new -key client.key -subj /CN=client -out client.csr; : > index; \
+        printf '[ca]\\ndefault_ca=d\\n[d]\\ndatabase=index\\nrand_serial=yes\\nnew_certs_dir=.\\npolicy=p\\ndefault_md=sha256\\n[p]\\ncommonName=supplied\\n[e]\\nextendedKeyUsage=clientAuth\\nsubjectAltName=DNS:client\\n' > ca.cnf; \
+        openssl ca -batch -notext -config ca.cnf -cert ca.pem -keyfile ca.key -in client.csr -extensions e \
+        -startdate 20900101000000Z -enddate 20910101000000Z -out client.pem";
+    let made = Command::new("bash")
+        .args(["-euo", "pipefail", "-c", script])
+        .current_dir(folder)
+        .output()
+        .expect("bash runs");
+    made.status.success()
+}
+
 #[test]
 fn a_certificate_that_has_expired_or_will_soon_is_told() {
     if Command::new("openssl").arg("version").output().is_err() {
@@ -125,6 +139,18 @@ fn a_certificate_that_has_expired_or_will_soon_is_told() {
     assert!(renew(folder.path(), &["-days", "1"]));
     let (_, said) = watch(&[]);
     assert!(said.contains("client.pem expires in"), "{said}");
+
+    if renew_from_2090(folder.path()) {
+        let (output, said) = watch(&[]);
+        assert_eq!(output.status.code(), Some(1), "{said}");
+        let error = said.lines().last().unwrap_or_default();
+        assert!(
+            error.starts_with("error: ") && error.contains("holds from"),
+            "{said}"
+        );
+    } else {
+        eprintln!("skipped: this openssl makes no certificates of other times");
+    }
 
     if !renew(folder.path(), &["-days", "-1"]) {
         return eprintln!("skipped: this openssl makes no certificates that have expired");

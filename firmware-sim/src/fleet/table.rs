@@ -97,7 +97,7 @@ fn over(rows: usize, text: &str) -> String {
         0 => String::new(),
         rows => format!("\x1b[{rows}A\r"),
     };
-    let lines: String = text.lines().map(|line| format!("{line}\x1b[K\n")).collect();
+    let lines: String = text.lines().map(|line| format!("\x1b[K{line}\n")).collect();
     format!("{up}{lines}\x1b[J")
 }
 
@@ -285,8 +285,8 @@ mod tests {
 
     #[test]
     fn a_drawing_goes_over_the_last_one_line_by_line() {
-        assert_eq!(over(0, "a\nb\n"), "a\x1b[K\nb\x1b[K\n\x1b[J");
-        assert_eq!(over(3, "a\n"), "\x1b[3A\ra\x1b[K\n\x1b[J");
+        assert_eq!(over(0, "a\nb\n"), "\x1b[Ka\n\x1b[Kb\n\x1b[J");
+        assert_eq!(over(3, "a\n"), "\x1b[3A\r\x1b[Ka\n\x1b[J");
         // What was drawn on a wider terminal takes more rows now.
         let text = format!("{}\n{}\n\n", "x".repeat(100), "y".repeat(50));
         assert_eq!([100, 50, 49].map(|width| rows(&text, width)), [3, 4, 6]);

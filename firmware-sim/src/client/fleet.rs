@@ -197,12 +197,12 @@ impl Client {
     }
 
     /// How long a robot has been away; `None` if it is there.
-    pub(crate) fn away(&self, robot: &str) -> Option<Duration> {
+    pub fn away(&self, robot: &str) -> Option<Duration> {
         self.robots.away(robot)
     }
 
     /// Whether a robot has been heard.
-    pub(crate) fn has_heard(&self, robot: &str) -> bool {
+    pub fn has_heard(&self, robot: &str) -> bool {
         self.robots.times_heard(robot) > 0
     }
 

@@ -242,3 +242,26 @@ fn still(away: &[String]) -> String {
         ),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_too_far_ahead_is_named() {
+        let release = |epoch, version| Release { epoch, version };
+        let said = |given| {
+            let last = release(2, 7);
+            PublishError::FarAhead { given, last }.to_string()
+        };
+        let of_epoch = said(release(u32::MAX, 8));
+        assert!(
+            of_epoch.ends_with("its epoch is; the next one is --epoch 3"),
+            "{of_epoch}"
+        );
+        assert!(!of_epoch.contains("--policy-version"), "{of_epoch}");
+        let of_version = said(release(2, u64::MAX));
+        let least = "give a --policy-version of at most 268435463, or --epoch 3 to begin anew";
+        assert!(of_version.ends_with(least), "{of_version}");
+    }
+}

@@ -91,7 +91,7 @@ pub struct Task<'b> {
     pub view_point: Option<Vec3>,
     /// What else the sensor saw, in the source's frame and units ([`Refiner::set_sensor`]); ignored without a view point.
     pub background: &'b [[f32; 3]],
-    /// Outward normals of the target's points, in their order, as a mesh gives them, or [`INSIDE`] ([`Refiner::faces`]); ignored
+    /// Outward normals of the target's points, in their order, as a mesh gives them, or [`INSIDE`] ([`Refiner::set_outward`]); ignored
     /// without a view point.
     pub outward: &'b [[f32; 3]],
     /// The target, prepared beforehand ([`Workspace::prepare`]); a model of another target is ignored.

@@ -44,7 +44,7 @@ pub mod serial;
 mod trace;
 
 pub use cloud::CloudView;
-pub use frames::{Board, Chunk, FlashCheck, Manifest, PolicyName, SignedManifest, Status};
+pub use frames::{Board, Chunk, FlashCheck, Health, Manifest, PolicyName, SignedManifest, Status};
 pub use in_place::{RequestInPlace, decode_in_place, refuse_beginning};
 pub use refine::{
     BUDGET_MS, Cancel, Cloud, Fit, Mode, Reason, RefineReply, RefineRequest, Refusal,
@@ -57,7 +57,7 @@ use crate::error::Error;
 use serde::{Deserialize, Serialize};
 
 /// Version of the frames: the first byte of each frame but a manifest.
-pub const VERSION: u8 = 11;
+pub const VERSION: u8 = 12;
 /// Version of manifests, signed or not: the first byte of each. Robots keep manifests when they themselves are updated.
 pub const MANIFEST_VERSION: u8 = 4;
 /// Most bytes in one [`Chunk`] of a policy file.

@@ -6,6 +6,7 @@
 use embedded_storage_async::nor_flash::{
     ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
 };
+use reagent_link::files::plain;
 use reagent_slots::Layout;
 use reagent_slots::ram::{RamError, RamFlash};
 use same_file::Handle;
@@ -21,7 +22,7 @@ const BLOCK: usize = 4096;
 /// Bytes of a slot: an f32 policy and its header.
 const SLOT: usize = 12 << 20;
 /// Bytes of the whole flash.
-const CAPACITY: usize = 2 * BLOCK + 2 * SLOT + 2 * BLOCK;
+pub(crate) const CAPACITY: usize = 2 * BLOCK + 2 * SLOT + 2 * BLOCK;
 /// Name of the file in the state directory.
 pub const FILE: &str = "flash.bin";
 
@@ -70,8 +71,6 @@ impl StateFile {
         let file = OpenOptions::new().read(true).write(true).open(path)?;
         file.try_lock().map_err(not_locked)?;
         checked_length(&file)?;
-        file.set_len(CAPACITY as u64)?;
-        file.sync_all()?;
         Ok(StateFile {
             opened: Handle::from_file(file.try_clone()?)?,
             path: path.into(),
@@ -87,7 +86,7 @@ impl StateFile {
 /// Creates a flash of full length under its name at once: a shorter one has lost its content. A file that somebody else created
 /// meanwhile stays.
 fn create_whole(directory: &Path, path: &Path) -> io::Result<()> {
-    let file = NamedTempFile::new_in(directory)?;
+    let file = NamedTempFile::new_in(directory).map_err(plain)?;
     file.as_file().set_len(CAPACITY as u64)?;
     file.as_file().sync_all()?;
     match file.persist_noclobber(path) {
@@ -125,7 +124,7 @@ fn not_locked(error: TryLockError) -> io::Error {
     }
 }
 
-/// Accepts a shorter file, of an older layout or cut off: the missing part counts as erased flash.
+/// Accepts a shorter file, of an older layout or cut off: the missing part reads as erased flash.
 fn checked_length(file: &File) -> io::Result<()> {
     let length = file.metadata()?.len();
     if length <= CAPACITY as u64 {
@@ -171,6 +170,21 @@ impl RobotFlash {
             RobotFlash::Memory(_) => true,
             RobotFlash::File(file) => file.is_in_place(),
         }
+    }
+
+    /// Gives a shorter file its full length.
+    ///
+    /// # Errors
+    /// Those of the file system.
+    pub(crate) fn make_whole(&self) -> io::Result<()> {
+        let RobotFlash::File(StateFile { file, .. }) = self else {
+            return Ok(());
+        };
+        if file.metadata()?.len() < CAPACITY as u64 {
+            file.set_len(CAPACITY as u64)?;
+            file.sync_all()?;
+        }
+        Ok(())
     }
 
     /// The records and two slots for chunks of this length.
@@ -227,7 +241,10 @@ impl NorFlash for RobotFlash {
 
 fn read_at(file: &mut File, offset: u32, bytes: &mut [u8]) -> io::Result<()> {
     file.seek(SeekFrom::Start(offset.into()))?;
-    file.read_exact(bytes)?;
+    let mut content = Vec::with_capacity(bytes.len());
+    file.take(bytes.len() as u64).read_to_end(&mut content)?;
+    content.resize(bytes.len(), 0);
+    bytes.copy_from_slice(&content);
     bytes.iter_mut().for_each(|byte| *byte = !*byte);
     Ok(())
 }

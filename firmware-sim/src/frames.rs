@@ -12,6 +12,8 @@ use zenoh::{Session, Wait};
 
 /// Where a robot's answers and traces go.
 pub(crate) struct Outlet {
+    /// The robot's name, for the log.
+    pub(crate) robot: String,
     pub(crate) session: Session,
     pub(crate) reply_key: keys::Key,
     pub(crate) trace_key: keys::Key,
@@ -33,12 +35,23 @@ impl Outlet {
         let reply = match answer {
             Ok(reply) => reply,
             Err(refusal) => {
-                tracing::info!("request {} refused: {}", refusal.id, refusal.reason);
+                tracing::info!(
+                    robot = %self.robot,
+                    request = refusal.id,
+                    reason = %refusal.reason,
+                    "request {} refused: {}", refusal.id, refusal.reason
+                );
                 return send_refusal(query, refusal);
             }
         };
         let ms = f64::from(reply.micros) / 1e3;
-        tracing::info!("request {}: {} in {ms:.1} ms", reply.id, reply.verdict);
+        tracing::info!(
+            robot = %self.robot,
+            request = reply.id,
+            verdict = %reply.verdict,
+            ms,
+            "request {}: {} in {ms:.1} ms", reply.id, reply.verdict
+        );
         let frame = small_frame(&Message::RefineReply(reply));
         if let Err(error) = query.reply(self.reply_key.as_str(), frame).wait() {
             tracing::warn!("reply {} was not sent: {error}", reply.id);

@@ -1,18 +1,22 @@
 //! `firmware-sim`: a simulated robot, a client that asks robots, and the whole story as a demo.
 
-use clap::{Parser, Subcommand};
+use clap::{ArgGroup, Parser, Subcommand};
 use ed25519_dalek::VerifyingKey;
 use firmware_sim::board::{Board, Clouds, Kind, Simulation, build_image, check_simulator};
 use firmware_sim::node::{ANY, Node, NodeConfig, NodeError};
 use firmware_sim::policy::Trust;
 use firmware_sim::session::{SessionArgs, certificates, has_certificate, open};
-use reagent_link::log::LogArgs;
+use reagent_link::log::{LogArgs, parse};
 use reagent_link::metrics::{Figures, MetricsArgs};
 use reagent_link::name::name;
 use reagent_link::stop::stop_requested;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
+use std::time::Duration;
+
+/// How often a robot looks at its certificates.
+const LOOK_INTERVAL: Duration = Duration::from_secs(60);
 
 /// Simulated robots that fetch policies and answer refinement requests over Zenoh.
 #[derive(Debug, Parser)]
@@ -40,6 +44,7 @@ enum Command {
 
 /// Be a robot: fetch the fleet's policy, verify it, and answer refine requests until Ctrl-C
 #[derive(clap::Args, Debug)]
+#[command(group(ArgGroup::new("whose").args(["trust", "trust_any"]).required(true).multiple(true)))]
 struct NodeArgs {
     /// Fleet it belongs to (a-z A-Z 0-9 _ -)
     #[arg(long, value_name = "NAME", value_parser = name)]
@@ -48,7 +53,7 @@ struct NodeArgs {
     #[arg(long, value_name = "ID", value_parser = own_name)]
     robot: String,
     /// Public key (64 hexadecimal digits) whose policies it accepts; may be repeated
-    #[arg(long, value_name = "HEX", value_parser = public_key, required_unless_present = "trust_any")]
+    #[arg(long, value_name = "HEX", value_parser = public_key)]
     trust: Vec<VerifyingKey>,
     /// Accept policies signed by any key: whoever reaches the network then decides what the robot does
     #[arg(long, conflicts_with = "trust")]
@@ -123,7 +128,17 @@ impl NodeArgs {
             }
         };
         let _metrics = self.metrics.serve(figures).await?;
-        Ok(stop_requested().await?)
+        let looking = async {
+            let mut minutes = tokio::time::interval(LOOK_INTERVAL);
+            loop {
+                minutes.tick().await;
+                node.note_certificates(certificates.hold());
+            }
+        };
+        tokio::select! {
+            () = looking => Ok(()),
+            stopped = stop_requested() => Ok(stopped?),
+        }
     }
 }
 
@@ -160,7 +175,7 @@ fn public_key(digits: &str) -> Result<VerifyingKey, String> {
 }
 
 fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let cli: Cli = parse();
     let level = match cli.command {
         Command::Node(_) | Command::Router(_) => {
             "warn,zenoh=error,zenoh_transport=error,zenoh_link_tcp=error,firmware_sim=info,reagent_link=info"

@@ -86,6 +86,7 @@ pub struct Node {
     config: NodeConfig,
     instance: u32,
     view: watch::Receiver<View>,
+    told: Arc<watch::Sender<View>>,
     tasks: [JoinHandle<()>; 3],
     _queue: Closing,
     _refine: Queryable<()>,
@@ -167,6 +168,7 @@ impl Node {
         let queue = Closing(Arc::new(Queue::new(view.clone())));
         let (jobs, policies) = (queue.0.clone(), updates.policies());
         let outlet = Outlet {
+            robot: robot.clone(),
             session: session.clone(),
             reply_key: refine_key.clone(),
             trace_key,
@@ -190,6 +192,7 @@ impl Node {
             .callback(move |query| offered.offer(query))
             .await?;
         let [cancelled, gone] = follow_clients(&session, fleet, robot, queue.0.clone()).await?;
+        let told = view.clone();
         let duplicates = watch_for_duplicates(&session, &status_key, instance, view).await?;
         let publishing = publish_status(session.clone(), status_key, seen.clone());
 
@@ -206,6 +209,7 @@ impl Node {
             config,
             instance,
             view: seen,
+            told,
             tasks: [
                 tokio::spawn(publishing),
                 tokio::spawn(updates.follow(manifest_key, announced)),
@@ -244,6 +248,14 @@ impl Node {
             true => Ok(()),
             false => Err(NodeError::Unheard { fleet, robot }),
         }
+    }
+
+    /// Lets others know whether the certificates of its session hold.
+    pub fn note_certificates(&self, hold: bool) {
+        self.told.send_if_modified(|view| {
+            let before = std::mem::replace(&mut view.certificate_invalid, !hold);
+            before == hold
+        });
     }
 
     /// The robot's name.

@@ -138,7 +138,7 @@ pub enum UpdateError {
         path: String,
     },
     /// The state directory failed.
-    #[error("{path}: {reason}")]
+    #[error("--state {path}: {reason}")]
     Store {
         /// File or directory.
         path: String,

@@ -1,5 +1,6 @@
 //! `firmware-sim refine`: asks robots to register clouds from files.
 
+mod absence;
 mod answer;
 mod sent;
 mod table;
@@ -10,6 +11,7 @@ pub(crate) use table::{Row, errors};
 
 use crate::client::{Client, RefineError};
 use crate::session::{SessionArgs, has_certificate, open};
+use absence::Absence;
 use anyhow::bail;
 use host_train::cli::{
     BelowProbability, Initial, Input, SourceArgs, check_outputs, probability, write_json,
@@ -311,8 +313,17 @@ impl Asking {
     async fn refine_pairs(&mut self, pairs: &PairSet) -> anyhow::Result<()> {
         let (mut answers, mut before, mut after) = (Vec::new(), Vec::new(), Vec::new());
         let (mut first, mut replies) = (None, Vec::new());
+        self.client.follow_robots().await?;
+        let mut absence = Absence::new();
         for index in 0..pairs.source.len() {
-            match self.refine_pair(pairs, index).await {
+            let answer = match absence.error(&self.client, &self.args, !replies.is_empty()) {
+                None => self.refine_pair(pairs, index).await,
+                Some(error) => {
+                    absence.tell(|| self.say(&Absence::line(&self.args)));
+                    Err(error.into())
+                }
+            };
+            match answer {
                 Ok((answer, [initial, refined])) => {
                     before.push(initial);
                     after.push(refined);

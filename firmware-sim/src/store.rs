@@ -1,10 +1,17 @@
 //! The robot's policies in flash, so that it can start without a host: see [`reagent_slots`].
 
-use crate::flash::{FILE, RobotFlash};
+use crate::flash::{CAPACITY, FILE, RobotFlash};
 use crate::policy::{LoadedPolicy, Trust, UpdateError, verified_manifest};
 use reagent_core::wire::{CHUNK_BYTES, Manifest, Release};
 use reagent_slots::{Boot, FRAME_BYTES, Floor, Slot, SlotError, Slots};
 use std::path::Path;
+
+fn failed(directory: &Path, reason: std::io::Error) -> UpdateError {
+    UpdateError::Store {
+        path: directory.display().to_string(),
+        reason,
+    }
+}
 
 /// Two policy slots, and the manifests and policies in them.
 pub(crate) struct Store {
@@ -25,15 +32,7 @@ impl Store {
         let flash = match directory {
             None => RobotFlash::in_memory(),
             Some(directory) => {
-                // A robot's file has its full length from the start, so the content of this one is lost.
-                if found.as_ref().is_some_and(|found| found.len() == 0) {
-                    let reason = SlotError::Lost;
-                    return Err(UpdateError::Lost { path, reason });
-                }
-                RobotFlash::in_directory(directory).map_err(|reason| UpdateError::Store {
-                    path: directory.display().to_string(),
-                    reason,
-                })?
+                RobotFlash::in_directory(directory).map_err(|reason| failed(directory, reason))?
             }
         };
         let layout = RobotFlash::layout(CHUNK_BYTES as u32);
@@ -46,6 +45,11 @@ impl Store {
         }
         if slots.is_new() && directory.is_some() {
             match found {
+                // A robot's file has its full length from the start, so the content of a shorter one is lost.
+                Some(found) if found.len() < CAPACITY as u64 => {
+                    let reason = SlotError::Lost;
+                    return Err(UpdateError::Lost { path, reason });
+                }
                 Some(_) => tracing::warn!(
                     "{path} holds nothing: it was wiped, unless this robot never had a policy; it takes every version \
                      that a trusted key has signed"
@@ -54,6 +58,10 @@ impl Store {
                     "{path} is new: the robot takes every version that a trusted key has signed"
                 ),
             }
+        }
+        if let Some(directory) = directory {
+            let whole = slots.flash().make_whole();
+            whole.map_err(|reason| failed(directory, reason))?;
         }
         Ok(Store { slots, path })
     }

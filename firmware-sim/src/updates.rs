@@ -222,20 +222,22 @@ impl Updates {
     fn swap(&self, policy: LoadedPolicy) {
         let manifest = policy.manifest().clone();
         let (name, release) = (&manifest.name, manifest.release());
-        tracing::info!("policy {name:?} version {release} verified and in use");
+        let robot = &self.config.robot;
+        tracing::info!(%robot, version = %release, "policy {name:?} version {release} verified and in use");
         self.policies.send_replace(Some(Arc::new(policy)));
         self.view.send_modify(|view| view.use_policy(manifest));
     }
 
     /// Reports a policy that was not taken: an announced one, or the one in flash.
     fn refuse(&self, policy: Option<PolicyId>, error: UpdateError) {
+        let robot = &self.config.robot;
         match &error {
-            UpdateError::Kept { .. } => tracing::error!("{error}"),
+            UpdateError::Kept { .. } => tracing::error!(%robot, "{error}"),
             // Two publishers with different policies are no fault of the robot.
             UpdateError::NotNewer { .. } | UpdateError::NotYet(_) => {
-                tracing::info!("policy not taken: {error}")
+                tracing::info!(%robot, "policy not taken: {error}")
             }
-            _ => tracing::warn!("policy not taken: {error}"),
+            _ => tracing::warn!(%robot, "policy not taken: {error}"),
         }
         self.view
             .send_modify(|view| view.refuse_policy(policy, error));

@@ -2,7 +2,7 @@
 
 use crate::policy::UpdateError;
 use reagent_core::verdict::VERDICTS;
-use reagent_core::wire::{Manifest, NotTaken, PolicyId, RefineReply, Status, Tally};
+use reagent_core::wire::{Health, Manifest, NotTaken, PolicyId, RefineReply, Status, Tally};
 use reagent_link::metrics::Robot;
 use std::sync::Arc;
 
@@ -21,6 +21,8 @@ pub struct View {
     pub tally: Tally,
     /// Whether the state directory was deleted or replaced.
     pub state_lost: bool,
+    /// Whether a certificate of its session does not hold by this machine's clock.
+    pub certificate_invalid: bool,
     /// Routers that the node is connected to; `None` before the first one.
     pub routers: Option<usize>,
     /// Requests answered with a pose.
@@ -51,6 +53,10 @@ impl View {
             verdicts: self.verdicts,
             not_taken: self.not_taken,
             tally: self.tally,
+            health: Health {
+                state_lost: self.state_lost,
+                certificate_invalid: self.certificate_invalid,
+            },
         }
     }
 

@@ -181,6 +181,36 @@ async fn a_robot_that_dies_does_not_end_a_batch() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn pairs_do_not_wait_for_a_robot_that_has_been_away_for_the_deadline() {
+    const PAIRS: usize = 400;
+    let folder = tempfile::tempdir().expect("a temporary directory");
+    write_pairs(&folder.path().join("pairs.h5"), PAIRS);
+    let (_router, endpoint) = network().await;
+    let key = SigningKey::from_bytes(&[1; 32]);
+    let mut publisher = Publisher::new(join(&endpoint).await, FLEET, key).expect("a good name");
+    let node = robot("b", &endpoint, &mut publisher, 1).await;
+    let begun = Instant::now();
+    let dies = async move {
+        until(&node, |view| view.served > 20).await;
+        node.stop().await;
+    };
+    let ((output, robots), ()) = tokio::join!(refine("b", &endpoint, "2", folder.path()), dies);
+    let answered = robots.iter().flatten().count();
+    assert!((20..PAIRS).contains(&answered), "{answered} answered");
+    let said = String::from_utf8_lossy(&output.stdout);
+    assert_eq!(said.matches("robot b has been away").count(), 1, "{said}");
+    let unanswered = said.matches(": no robot answered at ").count();
+    assert_eq!(unanswered, PAIRS - answered, "{said}");
+
+    // One that was never there.
+    let (output, robots) = refine("c", &endpoint, "1", folder.path()).await;
+    assert_eq!(output.status.code(), Some(1));
+    assert_eq!(robots.iter().flatten().count(), 0);
+    let passed = begun.elapsed();
+    assert!(passed < Duration::from_secs(60), "{passed:?}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn a_router_that_restarts_loses_no_pair() {
     const PAIRS: usize = 400;
     let folder = tempfile::tempdir().expect("a temporary directory");

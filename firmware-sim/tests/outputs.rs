@@ -199,6 +199,24 @@ async fn a_robot_that_knows_of_no_version_says_so() {
     );
 }
 
+#[cfg(target_os = "linux")]
+#[tokio::test(flavor = "multi_thread")]
+async fn a_folder_that_takes_no_file_is_named_without_a_temporary_one() {
+    let (router, _) = network().await;
+    let config = NodeConfig {
+        fleet: "f".into(),
+        robot: "r1".into(),
+        trust: Trust::AnyKey,
+        state: Some("/proc/self".into()),
+    };
+    let error = Node::start(router, config)
+        .await
+        .expect_err("no file is made there");
+    let said = error.to_string();
+    assert!(said.contains("--state /proc/self: "), "{said}");
+    assert!(!said.contains(".tmp"), "{said}");
+}
+
 /// A file system in memory, mounted on a folder.
 struct Disk(tempfile::TempDir);
 

@@ -49,6 +49,38 @@ fn bad_usage_is_status_2() {
     }
 }
 
+/// So that what reads the log needs no second format.
+#[test]
+fn bad_usage_is_a_line_of_a_log_in_json() {
+    for arguments in [
+        "node --log json --fleet f --robot r",
+        "--log=json refine --robot r",
+        "fleet watch --once --log json",
+    ] {
+        let mut program = Command::new(env!("CARGO_BIN_EXE_firmware-sim"));
+        program.args(arguments.split(' ')).env_remove("RUST_LOG");
+        let output = program.output().expect("the program runs");
+        assert_eq!(output.status.code(), Some(2), "{arguments}");
+        let error = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(error.lines().count(), 1, "{error}");
+        let line: serde_json::Value = serde_json::from_str(&error).expect("JSON");
+        let said = line["fields"]["message"].as_str().unwrap_or_default();
+        assert!(said.contains("arguments were not provided: "), "{error}");
+        assert_eq!(line["level"], "ERROR", "{error}");
+    }
+}
+
+/// Either option will do.
+#[test]
+fn a_robot_needs_to_know_whose_policies_it_takes() {
+    let mut program = Command::new(env!("CARGO_BIN_EXE_firmware-sim"));
+    let output = program.args(["node", "--fleet", "f", "--robot", "r"]);
+    let output = output.output().expect("the program runs");
+    let error = String::from_utf8_lossy(&output.stderr);
+    let both = error.contains("--trust <HEX>") && error.contains("--trust-any");
+    assert!(both, "{error}");
+}
+
 #[test]
 fn a_bad_value_is_refused_with_its_option_and_with_what_is_taken() {
     let folder = tempfile::tempdir().expect("a temporary directory");

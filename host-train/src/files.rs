@@ -1,5 +1,6 @@
 //! The one way in which outputs are written: whole or not at all.
 
+use reagent_link::files::plain;
 use std::fs::{self, OpenOptions};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -65,15 +66,6 @@ pub fn write_secret(path: &Path, bytes: &[u8]) -> io::Result<()> {
         commit(file, bytes, |file| file.persist_noclobber(path))
     };
     write().map_err(plain)
-}
-
-/// The system's message, without the name of a temporary file.
-fn plain(error: io::Error) -> io::Error {
-    let text = error.to_string();
-    match text.split_once(" at path ") {
-        Some((said, _)) => io::Error::new(error.kind(), said),
-        None => error,
-    }
 }
 
 /// Whether a path is something other than a file on a disk: a device, a pipe, or an open file of this process.

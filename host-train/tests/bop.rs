@@ -98,6 +98,7 @@ fn usage_and_missing_data_are_explained() {
     let folder = folder();
     let at = folder.path();
     for usage in [
+        "eval --methods icp --pairs p.h5 --results r.csv",
         "eval --data set --protocol bop",
         "eval --data procedural --protocol bop --estimates e.csv",
         "eval --data procedural --protocol scan --estimates e.csv",

@@ -5,6 +5,22 @@ mod support;
 use host_train::dataset::pairs::PairSet;
 use support::{fail, folder, run, succeed, write_weights};
 
+/// Whether clap finds it or a command.
+#[test]
+fn bad_usage_is_a_line_of_a_log_in_json() {
+    let folder = folder();
+    for arguments in [
+        "pairs --log json",
+        "--log json pairs --data procedural --out p.h5",
+    ] {
+        let output = run(folder.path(), arguments);
+        assert_eq!(output.status.code(), Some(2), "{arguments}");
+        let error = String::from_utf8_lossy(&output.stderr);
+        let line: serde_json::Value = serde_json::from_str(&error).expect("one document");
+        assert_eq!(line["level"], "ERROR", "{error}");
+    }
+}
+
 #[test]
 fn bad_usage_has_status_2() {
     let folder = folder();

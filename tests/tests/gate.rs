@@ -340,3 +340,43 @@ async fn a_policy_that_was_taken_back_is_served_to_those_who_come_later() {
     };
     assert!(ended.is_none(), "{ended:?}");
 }
+
+/// The first robot of a roll-out dies of its policy, and nobody asks the other one; or no pose converges.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_policy_that_cannot_be_judged_is_taken_back() {
+    let robots = ["a", "b"];
+    let folder = Folder::new();
+    let sizes_differ = |_: &str| {
+        let mut pairs = easy();
+        let points = pairs.source.iter_mut().flatten();
+        points.for_each(|point| *point = point.map(|value| 5.0 * value));
+        pairs
+    };
+    for is_killed in [true, false] {
+        let mut fleet = Fleet::start(&robots).await;
+        let manifest = fleet.prepare(2, &negated(7)).await;
+        let first = first_of(&manifest, &robots);
+        let place = robots.iter().position(|robot| *robot == first);
+        if !is_killed {
+            fleet.ask(sizes_differ).await;
+        }
+        let wait = if is_killed { 5 } else { 60 };
+        let options = format!("--stages 1,100% --gate-poses {POSES} --gate-wait {wait} --wait 0");
+        let args = folder.args("old.rgw", &fleet.network.endpoint, &options);
+        let publishing = host_train::publish::run(args);
+        let ended = tokio::select! {
+            ended = publishing => Some(ended),
+            () = async {
+                if is_killed {
+                    let (_, dying) = fleet.nodes.remove(place.expect("it is one of them"));
+                    runs(&dying, 2).await;
+                    dying.stop().await;
+                }
+                fleet.all_run(3).await;
+                let again = fleet.network.node(FLEET, "again").await;
+                runs(&again, 3).await;
+            } => None,
+        };
+        assert!(ended.is_none(), "{ended:?}");
+    }
+}

@@ -142,7 +142,8 @@ async fn a_state_directory_deleted_under_a_robot_is_noticed() {
     published.expect("a good policy");
     until(&node, |view| view.policy.is_some()).await;
     std::fs::remove_dir_all(&state).expect("deletable");
-    until(&node, |view| view.state_lost).await;
+    let view = until(&node, |view| view.state_lost).await;
+    assert!(view.status().health.state_lost, "others see it");
 
     // The robot does not take what it cannot keep, and it says so.
     let published = publisher.publish(2, "second", int8_policy()).await;
@@ -151,4 +152,28 @@ async fn a_state_directory_deleted_under_a_robot_is_noticed() {
     let told = view.not_taken.expect("it is told").reason;
     assert_eq!(told, WhyNot::NotKept);
     assert_eq!(view.policy.map(|p| p.version), Some(1));
+}
+
+/// A robot's file has its full length from the start: one that was cut off has lost what was in it, though only zeros are left.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_file_that_was_cut_off_is_no_new_robot() {
+    let folder = tempfile::tempdir().expect("a temporary directory");
+    let network = Network::start().await;
+    let file = state_of(&network, folder.path(), &[1]).await;
+    let whole = std::fs::read(&file).expect("readable");
+    for length in [0, 1, RECORD, whole.len() - 1] {
+        std::fs::write(&file, vec![0; length]).expect("writable");
+        let error = start(&network, folder.path()).await;
+        let error = error.expect_err("nobody knows the version");
+        let is_lost = matches!(error, NodeError::Store(UpdateError::Lost { .. }));
+        assert!(is_lost, "{length}: {error}");
+        let found = std::fs::metadata(&file).expect("there").len();
+        assert_eq!(found, length as u64, "it is as it was found");
+    }
+    // A copy of the record tells the version, whatever else is lost, and erased flash is a new robot.
+    for bytes in [&whole[..whole.len() - 1], &vec![0; whole.len()]] {
+        std::fs::write(&file, bytes).expect("writable");
+        let node = start(&network, folder.path()).await.expect("it starts");
+        node.stop().await;
+    }
 }

@@ -119,6 +119,33 @@ pub struct Status {
     pub not_taken: Option<NotTaken>,
     /// What the policy in use has done so far.
     pub tally: Tally,
+    /// What it knows to be wrong with itself.
+    pub health: Health,
+}
+
+/// What a robot knows to be wrong with itself, beside what the rest of its status says.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Health {
+    /// Its state directory was deleted or replaced, so nothing is kept any more.
+    pub state_lost: bool,
+    /// A certificate of its session does not hold by its clock, so its next session is refused.
+    pub certificate_invalid: bool,
+}
+
+impl Health {
+    /// In words, each fault.
+    pub fn faults(self) -> impl Iterator<Item = &'static str> {
+        let faults = [
+            (self.state_lost, "its state directory is gone"),
+            (
+                self.certificate_invalid,
+                "a certificate of its session does not hold by its clock",
+            ),
+        ];
+        faults
+            .into_iter()
+            .filter_map(|(is, what)| is.then_some(what))
+    }
 }
 
 /// What a board has and uses, in bytes and in ticks of its own counter.

@@ -63,6 +63,12 @@ impl Certificates {
         }
     }
 
+    /// Whether all of them hold now by this machine's clock.
+    pub fn hold(&self) -> bool {
+        let now = now();
+        self.read().iter().all(|found| found.holds(now))
+    }
+
     /// The certificates as their files are now: they may have been renewed.
     pub fn read(&self) -> Vec<Certificate> {
         read(&self.files)

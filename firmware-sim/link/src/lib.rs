@@ -4,6 +4,7 @@
 pub mod board;
 #[cfg(feature = "session")]
 pub mod certificate;
+pub mod files;
 pub mod log;
 #[cfg(feature = "session")]
 pub mod metrics;

@@ -1,8 +1,9 @@
 //! The log of the programs, on standard error.
 
 use crate::print;
-use clap::ValueEnum;
+use clap::{Parser, ValueEnum};
 use std::error::Error;
+use std::ffi::OsString;
 use std::io::{IsTerminal, stderr};
 use tracing_subscriber::EnvFilter;
 
@@ -23,9 +24,50 @@ enum Format {
     Json,
 }
 
+/// Reads the command line. On bad usage, the program ends as [`bad_usage`] says.
+pub fn parse<P: Parser>() -> P {
+    P::try_parse().unwrap_or_else(|error| bad_usage(&error))
+}
+
+/// Ends the program as clap does on bad usage, with status 2; as a document of the log if the command line asks for these.
+pub fn bad_usage(error: &clap::Error) -> ! {
+    if !error.use_stderr() || !asks_for_json(std::env::args_os()) {
+        error.exit();
+    }
+    // It may run already.
+    LogArgs { log: Format::Json }.try_start("warn").ok();
+    tracing::error!("{}", usage_line(&error.to_string()));
+    std::process::exit(error.exit_code());
+}
+
+/// Whether a command line asks for JSON, which clap does not tell of one that it refuses.
+fn asks_for_json(arguments: impl Iterator<Item = OsString>) -> bool {
+    let mut follows = false;
+    for argument in arguments {
+        if argument == "--log=json" || follows && argument == "json" {
+            return true;
+        }
+        follows = argument == "--log";
+    }
+    false
+}
+
+/// What clap says of bad usage, on one line, without the usage.
+fn usage_line(text: &str) -> String {
+    let said = text.strip_prefix("error: ").unwrap_or(text);
+    let ends = ["\n\nUsage:", "\n\nFor more information"];
+    let end = ends.iter().filter_map(|end| said.find(end)).min();
+    let words = said[..end.unwrap_or(said.len())].split_whitespace();
+    words.collect::<Vec<_>>().join(" ")
+}
+
 impl LogArgs {
     /// Starts the log with the filter in RUST_LOG, or else with `level`.
     pub fn start(self, level: &str) {
+        self.try_start(level).expect("it is started once");
+    }
+
+    fn try_start(self, level: &str) -> Result<(), Box<dyn Error + Send + Sync>> {
         let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(level));
         let log = tracing_subscriber::fmt()
             .with_env_filter(filter)
@@ -33,8 +75,8 @@ impl LogArgs {
             .with_ansi(stderr().is_terminal())
             .log_internal_errors(false);
         match self.log {
-            Format::Text => log.init(),
-            Format::Json => log.json().init(),
+            Format::Text => log.try_init(),
+            Format::Json => log.json().try_init(),
         }
     }
 
@@ -65,6 +107,20 @@ pub fn one_line(error: &(dyn Error + 'static)) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn bad_usage_fits_on_a_line_of_the_log() {
+        let asks = |line: &str| asks_for_json(line.split(' ').map(OsString::from));
+        assert!(asks("p node --log json --fleet") && asks("p --log=json"));
+        assert!(!asks("p json --log text") && !asks("p --log text json") && !asks("p"));
+        let text = "error: the following required arguments were not provided:\n  --fleet <NAME>\n\nUsage: p node\n\n\
+                    For more information, try '--help'.\n";
+        let line = "the following required arguments were not provided: --fleet <NAME>";
+        assert_eq!(usage_line(text), line);
+        let tipped = "error: unexpected argument '--flet' found\n\n  tip: a similar argument exists: '--fleet'\n\nUsage: p";
+        let line = "unexpected argument '--flet' found tip: a similar argument exists: '--fleet'";
+        assert_eq!(usage_line(tipped), line);
+    }
 
     #[derive(Debug, thiserror::Error)]
     #[error("{text}")]

@@ -28,13 +28,13 @@ pub async fn follow_routers(
         if event.kind() == SampleKind::Put {
             // What was told of a loss is told of its end.
             match std::mem::take(lost) {
-                true => tracing::warn!("connected to router {router} again"),
-                false => tracing::info!("connected to router {router}"),
+                true => tracing::warn!(%router, "connected to router {router} again"),
+                false => tracing::info!(%router, "connected to router {router}"),
             }
             *count += 1;
         } else {
             *lost = true;
-            tracing::warn!("lost router {router}; looking for it");
+            tracing::warn!(%router, "lost router {router}; looking for it");
             *count = count.saturating_sub(1);
         }
         told(*count);

@@ -198,6 +198,16 @@ impl Client {
         self.robots.all()
     }
 
+    /// How long a robot has been away; `None` if it is there.
+    pub fn away(&self, robot: &str) -> Option<Duration> {
+        self.robots.away(robot)
+    }
+
+    /// Whether a robot has been heard.
+    pub fn has_heard(&self, robot: &str) -> bool {
+        self.robots.times_heard(robot) > 0
+    }
+
     /// Asks every robot for its status and subscribes to every change from here on.
     async fn follow(&self) -> Result<[Subscriber<()>; 2], RefineError> {
         let named = |key: Result<keys::Key, _>| key.map_err(RefineError::Request);

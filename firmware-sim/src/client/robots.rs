@@ -7,7 +7,7 @@
 use reagent_core::wire::Status;
 use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard};
-use std::time::SystemTime;
+use std::time::{Duration, SystemTime};
 use tokio::sync::watch;
 
 /// What is known of the fleet's robots.
@@ -94,6 +94,12 @@ impl Robots {
         self.lock()
             .get(robot)
             .is_some_and(|known| known.offline_since.is_none() && known.times_heard != times_heard)
+    }
+
+    /// How long the robot has been away; `None` if it is there.
+    pub(super) fn away(&self, robot: &str) -> Option<Duration> {
+        let since = self.lock().get(robot)?.offline_since?;
+        Some(since.elapsed().unwrap_or_default())
     }
 
     pub(super) fn hear(&self, robot: &str, status: Status) {

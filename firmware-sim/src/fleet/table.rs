@@ -22,15 +22,15 @@ const OTHER_LINES: usize = 8;
 #[derive(Debug)]
 pub(super) struct Table {
     in_place: bool,
-    /// Lines of the last drawing, which the next one covers.
-    drawn: usize,
+    /// The last drawing, which the next one covers, and the terminal's rows and columns then.
+    drawn: Option<(String, (u16, u16))>,
 }
 
 impl Table {
     pub(super) fn new() -> Table {
         Table {
             in_place: std::io::stdout().is_terminal(),
-            drawn: 0,
+            drawn: None,
         }
     }
 
@@ -39,33 +39,66 @@ impl Table {
         self.in_place
     }
 
+    /// Draws the fleet, unless that would change nothing.
     pub(super) fn draw(&mut self, client: &Client) {
-        let (height, width) = console::Term::stdout().size();
-        let rows = usize::from(height).saturating_sub(OTHER_LINES);
-        let mut text = match self.in_place {
-            true => text(&client.heard(), rows.clamp(1, ROWS)),
-            false => text(&client.heard(), ROWS),
-        };
-        self.clear();
-        if self.in_place {
-            text = cut(&text, width.into());
-            self.drawn = text.lines().count();
+        if !self.in_place {
+            let text = text(&client.heard(), ROWS);
+            return reagent_link::print::stdout(format_args!("{text}"));
         }
-        reagent_link::print::stdout(format_args!("{text}"));
+        let size @ (height, width) = console::Term::stdout().size();
+        let rows = usize::from(height).saturating_sub(OTHER_LINES);
+        let text = text(&client.heard(), rows.clamp(1, ROWS));
+        let next = Some((cut(&text, width.into()), size));
+        if self.drawn != next
+            && let Some((text, _)) = &next
+        {
+            let over = over(self.rows(), text);
+            reagent_link::print::stdout(format_args!("{over}"));
+            self.drawn = next;
+        }
     }
 
     /// Puts text above the next drawing.
     pub(super) fn say(&mut self, text: &str) {
-        self.clear();
-        println!("{text}");
+        match self.in_place {
+            true => reagent_link::print::stdout(format_args!("{}", over(self.rows(), text))),
+            false => println!("{text}"),
+        }
+        self.drawn = None;
     }
 
-    fn clear(&mut self) {
-        let drawn = std::mem::take(&mut self.drawn);
-        if self.in_place && drawn > 0 {
-            reagent_link::print::stdout(format_args!("\x1b[{drawn}A\x1b[J"));
-        }
+    /// Rows of the terminal that the last drawing takes up now.
+    fn rows(&self) -> usize {
+        let (height, width) = console::Term::stdout().size();
+        let drawn = self
+            .drawn
+            .as_ref()
+            .map(|(text, _)| rows(text, width.into()));
+        drawn
+            .unwrap_or_default()
+            .min(usize::from(height).saturating_sub(1))
     }
+}
+
+/// Rows of a terminal of this width that lines take up, which may have been wider when they were drawn.
+fn rows(text: &str, width: usize) -> usize {
+    let rows = |line| {
+        console::measure_text_width(line)
+            .div_ceil(width.max(1))
+            .max(1)
+    };
+    text.lines().map(rows).sum()
+}
+
+/// Text that takes the place of so many rows above the cursor. It goes over them line by line: terminals keep a copy of a screen
+/// that is cleared from its first row on.
+fn over(rows: usize, text: &str) -> String {
+    let up = match rows {
+        0 => String::new(),
+        rows => format!("\x1b[{rows}A\r"),
+    };
+    let lines: String = text.lines().map(|line| format!("\x1b[K{line}\n")).collect();
+    format!("{up}{lines}\x1b[J")
 }
 
 /// Cuts lines to the terminal's width: a wrapped line would not be covered by the next drawing.
@@ -150,6 +183,11 @@ fn text(robots: &[Heard], rows: usize) -> String {
             line(format_args!(
                 "{robot} did not take version {release}: {reason}"
             ));
+        }
+    }
+    for Heard { robot, status, .. } in here() {
+        for fault in status.health.faults() {
+            line(format_args!("{robot}: {fault}"));
         }
     }
     let twice = robots.iter().filter(|heard| heard.duplicate);
@@ -243,6 +281,32 @@ mod tests {
         assert!(lines[0].starts_with("robot         policy "), "{text}");
         let at_80 = cut(lines[0], 80);
         assert!(at_80.contains(" converged"), "{at_80}");
+    }
+
+    #[test]
+    fn a_drawing_goes_over_the_last_one_line_by_line() {
+        assert_eq!(over(0, "a\nb\n"), "\x1b[Ka\n\x1b[Kb\n\x1b[J");
+        assert_eq!(over(3, "a\n"), "\x1b[3A\r\x1b[Ka\n\x1b[J");
+        // What was drawn on a wider terminal takes more rows now.
+        let text = format!("{}\n{}\n\n", "x".repeat(100), "y".repeat(50));
+        assert_eq!([100, 50, 49].map(|width| rows(&text, width)), [3, 4, 6]);
+    }
+
+    #[test]
+    fn faults_that_robots_report_are_told() {
+        let mut status = Status::default();
+        status.health.state_lost = true;
+        let heard = Heard {
+            robot: "a".into(),
+            status,
+            duplicate: false,
+            offline_since: None,
+        };
+        let text = text(&[heard], ROWS);
+        assert!(
+            text.ends_with("\na: its state directory is gone\n"),
+            "{text}"
+        );
     }
 
     #[test]

@@ -35,7 +35,8 @@ pub struct WatchArgs {
     /// Print the fleet as a line of JSON whenever something has changed, instead of a table
     #[arg(long)]
     pub json: bool,
-    /// With --once: end with status 1 unless robots are there, all have one policy, none refused one, and no two have the same name
+    /// With --once: end with status 1 unless robots are there, all have one policy, none refused one, no two have the same name, and none
+    /// reports a fault, such as a deleted state directory or a certificate that has expired
     #[arg(long, requires = "once")]
     pub check: bool,
     /// Where metrics are served.
@@ -135,6 +136,7 @@ fn robot(heard: &Heard) -> Value {
         verdicts,
         not_taken,
         policy,
+        health,
         ..
     } = heard.status;
     let verdicts = Verdict::ALL.iter().zip(verdicts);
@@ -156,6 +158,7 @@ fn robot(heard: &Heard) -> Value {
         "served": served,
         "refused": refused,
         "verdicts": verdicts,
+        "faults": health.faults().collect::<Vec<_>>(),
     })
 }
 
@@ -194,6 +197,14 @@ fn check(robots: &[Heard]) -> anyhow::Result<()> {
             }),
         ),
         ("two of one name", named(|heard| heard.duplicate)),
+        (
+            "without their state directories",
+            named(|heard| heard.status.health.state_lost),
+        ),
+        (
+            "with certificates that do not hold",
+            named(|heard| heard.status.health.certificate_invalid),
+        ),
     ] {
         if !robots.is_empty() {
             bail!("{what}: {robots}");
@@ -213,7 +224,7 @@ fn check(robots: &[Heard]) -> anyhow::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use reagent_core::wire::NotTaken;
+    use reagent_core::wire::{Health, NotTaken};
 
     fn heard(robot: &str, version: u64) -> Heard {
         let policy = PolicyId {
@@ -250,6 +261,19 @@ mod tests {
             reason: WhyNot::SelfTest,
         });
         assert_eq!(wrong(&[refuses.clone()]), "with a policy refused: b");
+        for (state_lost, what) in [
+            (true, "without their state directories: b"),
+            (false, "with certificates that do not hold: b"),
+        ] {
+            let mut unwell = heard("b", 1);
+            unwell.status.health = Health {
+                state_lost,
+                certificate_invalid: !state_lost,
+            };
+            assert_eq!(wrong(&[heard("a", 1), unwell.clone()]), what);
+            let faults = &document(&[unwell])["robots"][0]["faults"];
+            assert_eq!(faults.as_array().map(Vec::len), Some(1), "{faults}");
+        }
         let document = document(&[refuses]);
         assert_eq!(document["robots"][0]["policy"]["version"], 1);
         let reason = document["robots"][0]["not_taken"]["reason"].as_str();

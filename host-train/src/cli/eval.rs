@@ -46,7 +46,12 @@ pub(super) struct EvalArgs {
     #[arg(long, value_name = "FILE.csv", conflicts_with = "pairs")]
     estimates: Option<PathBuf>,
     /// Write refined poses in the same format; with several methods, one FILE-METHOD.csv each
-    #[arg(long, value_name = "FILE.csv", requires = "estimates")]
+    #[arg(
+        long,
+        value_name = "FILE.csv",
+        requires = "estimates",
+        conflicts_with = "pairs"
+    )]
     results: Option<PathBuf>,
     /// How many to draw [default: one a model; 100 of the built-in shapes; all objects that have an estimate]
     #[arg(long, value_name = "M", conflicts_with = "pairs", value_parser = source::positive())]

@@ -35,7 +35,7 @@ use crate::publish::{self, PublishArgs};
 use crate::random::SEED;
 use crate::words::count;
 use clap::{CommandFactory, Parser, Subcommand};
-use reagent_link::log::LogArgs;
+use reagent_link::log::{self, LogArgs};
 
 /// Train, evaluate, export and publish ReAgent point cloud registration policies.
 ///
@@ -128,7 +128,7 @@ impl Cli {
             Command::Seedless(_) if self.seed.is_some() => {
                 let said = "--seed changes nothing here: nothing is drawn from it";
                 let kind = clap::error::ErrorKind::ArgumentConflict;
-                Cli::command().error(kind, said).exit()
+                log::bad_usage(&Cli::command().error(kind, said))
             }
             Command::Seedless(command) => command.run(),
         }
@@ -236,9 +236,8 @@ fn bad_usage(command: &str, message: &str) -> ! {
     let command = cli
         .find_subcommand_mut(command)
         .expect("a command of this program");
-    command
-        .error(clap::error::ErrorKind::ArgumentConflict, message)
-        .exit()
+    let kind = clap::error::ErrorKind::ArgumentConflict;
+    log::bad_usage(&command.error(kind, message))
 }
 
 #[cfg(test)]

@@ -40,8 +40,8 @@ pub struct PublishArgs {
     #[arg(long, value_name = "FILE")]
     pub evaluation: Option<PathBuf>,
     /// Ship to parts of the fleet one after the other, such as 1,10%,100%. If robots do worse with the policy than they
-    /// did with --against, or than the others do, the latter is published again under the next version, and served until
-    /// Ctrl-C; the status is then 1.
+    /// did with --against, or than the others do, or if nothing tells how they do, the latter is published again under
+    /// the next version, and served until Ctrl-C; the status is then 1.
     #[arg(
         long,
         value_name = "LIST",
@@ -79,8 +79,8 @@ pub struct PublishArgs {
     /// is a terminal. With --stages, go on even where robots do worse.
     #[arg(long, requires = "against")]
     pub anyway: bool,
-    /// File that grows by a line of JSON whenever a policy is published and whenever a robot runs or refuses another one:
-    /// who ran what when.
+    /// File that grows by a line of JSON whenever a policy is published, whenever a robot runs or refuses another one, and
+    /// whenever a robot goes away: who ran what when.
     #[arg(long, value_name = "FILE.jsonl")]
     pub history: Option<PathBuf>,
     /// Where its figures are served.

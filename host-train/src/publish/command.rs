@@ -79,6 +79,9 @@ pub async fn run(args: PublishArgs) -> Result<(), PublishError> {
             return witness.end(shipped);
         }
     }
+    if args.wait > 0 {
+        witness.tell_takes();
+    }
     let stopped = tokio::select! {
         Err(failed) = witness.follow() => Err(failed),
         stopped = &mut stop => shipped.and(Ok(stopped.map_err(zenoh::Error::from)?)),
@@ -168,12 +171,13 @@ async fn roll_out(
         .await?;
     let halt = match outcome {
         Ok(announced) => return Ok(announced),
+        // Robots take neither this policy nor the old one any more.
+        Err(halt @ Halt::Overtaken { .. }) => {
+            let version = manifest.release();
+            return Err(PublishError::Halted { halt, version });
+        }
         Err(halt) => halt,
     };
-    if !matches!(halt, Halt::Worse(_) | Halt::NotTaken(_)) {
-        let version = manifest.release();
-        return Err(PublishError::Halted { halt, version });
-    }
     let (halt, worse) = (Box::new(halt), manifest.release());
     let back = take_back(publisher, witness, worse, old, args).await;
     let mut robots = witness.with_policy(manifest.id());
@@ -290,7 +294,10 @@ async fn tell_reception(
     let reception = publisher.reception(manifest, wait).await?;
     let nobody = reception.taken.is_empty() && !reception.is_complete();
     if nobody || args.store && !reception.refused.is_empty() {
-        return Err(PublishError::NotTaken { reception });
+        return Err(PublishError::NotTaken {
+            reception,
+            certificate: has_certificate(&args.session)?,
+        });
     }
     println!("{reception}");
     Ok(())

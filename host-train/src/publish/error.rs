@@ -57,10 +57,7 @@ pub enum PublishError {
         by: String,
     },
     /// The version leaves no versions for later policies.
-    #[error(
-        "policy version {given} is too far ahead of {last}, the newest so far: give a --policy-version of at most {}, \
-         or --epoch {} to begin anew", greatest_after(.last), .last.epoch.saturating_add(1)
-    )]
+    #[error("policy version {given} is too far ahead of {last}, the newest so far: {}", nearer(.given, .last))]
     FarAhead {
         /// The release that was to be published.
         given: Release,
@@ -77,10 +74,12 @@ pub enum PublishError {
         fleet: String,
     },
     /// Online robots should have taken the policy and have not.
-    #[error("{}{}", .reception.one_line(), .reception.why_silent())]
+    #[error("{}{}", .reception.one_line(), .reception.why_silent(*.certificate))]
     NotTaken {
         /// The robots' reception of it.
         reception: Reception,
+        /// Whether the publisher shows a certificate, by which a router may limit it.
+        certificate: bool,
     },
     /// The pairs for the comparison cannot be read or registered.
     #[error("{path}: {reason}")]
@@ -138,7 +137,8 @@ pub enum PublishError {
     },
     /// A roll-out cannot go on; the robots that have the policy keep it.
     #[error(
-        "the roll-out halts: {halt}; the robots that have version {version} keep it; {}", .halt.way_on(version.version)
+        "the roll-out halts: {halt}; the robots that have version {version} keep it; run again with a higher version \
+         to go on"
     )]
     Halted {
         /// Why.
@@ -146,7 +146,7 @@ pub enum PublishError {
         /// The version that was rolled out.
         version: Release,
     },
-    /// A stage of the fleet does worse than before, and the old policy was published again.
+    /// A stage of the fleet does worse than before, or cannot be judged, and the old policy was published again.
     #[error(
         "the roll-out halts: {halt}; version {version} is the old policy again, {}{}",
         .reception.one_line(), still(.away)
@@ -158,20 +158,20 @@ pub enum PublishError {
         version: Release,
         /// Its reception by the robots that are there.
         reception: Box<Reception>,
-        /// Other robots, which had taken the policy that does worse.
+        /// Other robots, which had taken the new policy.
         away: Vec<String>,
     },
-    /// A stage of the fleet does worse than before, and keeps the policy.
+    /// A stage of the fleet does worse than before, or cannot be judged, and keeps the policy.
     #[error(
         "the roll-out halts: {halt}; the old policy could not be published again: {reason}; robots that run version \
-         {version}, which does worse: {}", names(.robots)
+         {version}: {}", names(.robots)
     )]
     NotTakenBack {
         /// Why the roll-out halts.
         halt: Box<Halt>,
         /// Why the old policy is not there again.
         reason: Box<PublishError>,
-        /// The version of the policy that does worse.
+        /// The version of the new policy.
         version: Release,
         /// Robots that run it.
         robots: Vec<String>,
@@ -220,6 +220,18 @@ fn greatest_after(last: &Release) -> u64 {
     }
 }
 
+/// A release that is not too far ahead.
+fn nearer(given: &Release, last: &Release) -> String {
+    let next = last.epoch.saturating_add(1);
+    match given.epoch.saturating_sub(last.epoch) > Release::MAX_EPOCH_STEP {
+        true => format!("its epoch is; the next one is --epoch {next}"),
+        false => format!(
+            "give a --policy-version of at most {}, or --epoch {next} to begin anew",
+            greatest_after(last)
+        ),
+    }
+}
+
 fn names(robots: &[String]) -> String {
     match robots.is_empty() {
         true => "none".into(),
@@ -235,5 +247,28 @@ fn still(away: &[String]) -> String {
             "; still with the new policy and not there: {}",
             away.join(", ")
         ),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_too_far_ahead_is_named() {
+        let release = |epoch, version| Release { epoch, version };
+        let said = |given| {
+            let last = release(2, 7);
+            PublishError::FarAhead { given, last }.to_string()
+        };
+        let of_epoch = said(release(u32::MAX, 8));
+        assert!(
+            of_epoch.ends_with("its epoch is; the next one is --epoch 3"),
+            "{of_epoch}"
+        );
+        assert!(!of_epoch.contains("--policy-version"), "{of_epoch}");
+        let of_version = said(release(2, u64::MAX));
+        let least = "give a --policy-version of at most 268435463, or --epoch 3 to begin anew";
+        assert!(of_version.ends_with(least), "{of_version}");
     }
 }

@@ -70,13 +70,3 @@ impl fmt::Display for Halt {
         }
     }
 }
-
-impl Halt {
-    /// How the roll-out of this version goes on, where nothing was taken back.
-    pub(super) fn way_on(&self, version: u64) -> String {
-        match self {
-            Halt::Overtaken { .. } => "run again with a higher version to go on".into(),
-            _ => format!("run again with --policy-version {version} to go on"),
-        }
-    }
-}

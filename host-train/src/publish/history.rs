@@ -1,4 +1,4 @@
-//! The history of a fleet: a file that grows by a line of JSON whenever a robot's policy changes.
+//! The history of a fleet: a file that grows by a line of JSON whenever a robot's policy changes, and whenever a robot goes away or comes back.
 
 use super::{Heard, PublishError};
 use crate::files;
@@ -35,6 +35,17 @@ fn about(line: &Map<String, Value>) -> (String, String) {
     (text("event").into(), text("robot").into())
 }
 
+/// Keeps the last line about an event and robot. A robot that was offline runs its policy anew.
+fn remember(last: &mut BTreeMap<(String, String), Map<String, Value>>, line: Map<String, Value>) {
+    let (event, robot) = about(&line);
+    for [one, other] in [["runs", "offline"], ["offline", "runs"]] {
+        if event == one {
+            last.remove(&(other.to_owned(), robot.clone()));
+        }
+    }
+    last.insert((event, robot), line);
+}
+
 impl History {
     /// Opens a file to go on with it, or prepares to create one. A last line that was cut short stays as it is.
     pub(super) fn open(path: &Path) -> io::Result<History> {
@@ -54,7 +65,7 @@ impl History {
             while reader.read_until(b'\n', &mut bytes)? > 0 {
                 if let Ok(mut line) = serde_json::from_slice::<Map<String, Value>>(&bytes) {
                     line.remove("time");
-                    last.insert(about(&line), line);
+                    remember(&mut last, line);
                 }
                 bytes.clear();
             }
@@ -91,6 +102,11 @@ impl History {
             let more = json!({ "robot": robot, "reason": reason });
             self.add("refuses", more, &not.policy);
         }
+    }
+
+    /// Records that a robot with this policy went away. When it is heard again, a line says what it runs then.
+    pub(super) fn offline(&mut self, robot: &str, policy: &PolicyId) {
+        self.add("offline", json!({ "robot": robot }), policy);
     }
 
     /// What is wrong with the file, if anything is.
@@ -147,7 +163,7 @@ impl History {
         timed.insert("time".into(), time.into());
         let timed = Value::Object(timed);
         self.waiting.push_back(format!("{timed}\n"));
-        self.last.insert(about(&line), line);
+        remember(&mut self.last, line);
         self.write();
     }
 
@@ -264,6 +280,16 @@ mod tests {
         history.heard(&heard("b", 3, Some(WhyNot::NotYet)));
         let more = ["cut", "b runs 3", "b refuses 3"];
         assert_eq!(events(), [&first[..], &more].concat());
+        // It dies twice; the second time, another publisher sees it come back.
+        let policy = heard("b", 3, None).status.policy.expect("it has one");
+        for _ in 0..2 {
+            history.offline("b", &policy);
+            history.offline("b", &policy);
+            history = History::open(&path).expect("writable");
+            history.heard(&heard("b", 3, None));
+        }
+        let again = ["b offline 3", "b runs 3"].repeat(2);
+        assert_eq!(events()[first.len() + more.len()..], again);
         assert!(History::open(folder.path()).is_err());
         History::open(Path::new("/dev/null")).expect("a device is written through");
         if let Ok(mut full) = History::open(Path::new("/dev/full")) {

@@ -66,11 +66,30 @@ pub fn keygen(path: &Path) -> Result<VerifyingKey, KeyError> {
 /// `Missing`, `Format`, `Io`.
 pub fn read_key(path: &Path) -> Result<SigningKey, KeyError> {
     let text = std::fs::read(path).map_err(|error| failed(path, error))?;
+    if is_open(path) {
+        tracing::warn!(
+            "{}: others on this machine may read this key: is it the private half, as keygen wrote it? Then chmod 600 it",
+            path.display()
+        );
+    }
     let decoded = const_hex::decode_to_array(text.trim_ascii());
     let seed = decoded.map_err(|_| KeyError::Format {
         path: path.display().to_string(),
     })?;
     Ok(SigningKey::from_bytes(&seed))
+}
+
+/// Whether others than the file's owner may read it.
+#[cfg(unix)]
+fn is_open(path: &Path) -> bool {
+    use std::os::unix::fs::PermissionsExt;
+    std::fs::metadata(path)
+        .is_ok_and(|found| found.is_file() && found.permissions().mode() & 0o077 != 0)
+}
+
+#[cfg(not(unix))]
+fn is_open(_: &Path) -> bool {
+    false
 }
 
 fn failed(path: &Path, reason: io::Error) -> KeyError {
@@ -103,6 +122,22 @@ mod tests {
             read_key(&path).expect("still there").verifying_key(),
             public
         );
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_key_that_others_may_read_is_noticed() {
+        use std::os::unix::fs::PermissionsExt;
+        let directory = tempfile::tempdir().expect("a temporary directory");
+        let path = directory.path().join("fleet.key");
+        keygen(&path).expect("a new file");
+        assert!(!is_open(&path));
+        for mode in [0o644, 0o640] {
+            let mode = std::fs::Permissions::from_mode(mode);
+            std::fs::set_permissions(&path, mode).expect("its owner");
+            assert!(is_open(&path));
+        }
+        assert!(!is_open(Path::new("/dev/null")), "no file");
     }
 
     #[test]

@@ -105,10 +105,11 @@ impl Reception {
     }
 
     /// A possible reason why robots have not heard of it.
-    pub(super) fn why_silent(&self) -> &'static str {
-        match self.silent.is_empty() {
-            true => "",
-            false => "; the router may not let this certificate publish",
+    pub(super) fn why_silent(&self, certificate: bool) -> &'static str {
+        match (self.silent.is_empty(), certificate) {
+            (true, _) => "",
+            (false, true) => "; the router may not let this certificate publish",
+            (false, false) => "; is the robot's link in order, and is it of this version?",
         }
     }
 
@@ -199,7 +200,16 @@ mod tests {
                      no word of it from d, which runs version 1";
         assert_eq!(reception.to_string(), lines);
         assert_eq!(reception.one_line(), lines.replace('\n', "; "));
-        let error = |reception| PublishError::NotTaken { reception }.to_string();
+        let said = |reception, certificate| {
+            let not_taken = PublishError::NotTaken {
+                reception,
+                certificate,
+            };
+            not_taken.to_string()
+        };
+        let error = |reception| said(reception, true);
+        let silent = said(reception.clone(), false);
+        assert!(!silent.contains("certificate"), "{silent}");
         let silent = error(reception.clone());
         assert!(silent.ends_with("let this certificate publish"), "{silent}");
         let left = reception.clone().where_left(|robot| robot == "d");

@@ -1,16 +1,19 @@
 //! A publisher's view of its fleet while it serves: the history, and metrics for others.
 
+mod state;
+
 use super::history::History;
-use super::{Heard, Newest, PublishArgs, PublishError, Publisher, followed, refused, stored};
+use super::{Heard, PublishArgs, PublishError, Publisher, followed, refused, stored};
 use reagent_core::wire::{Manifest, PolicyId, Release, Status, keys};
 use reagent_link::certificate::{Certificate, Certificates};
 use reagent_link::metrics::{Figures, Robot, Serving};
 use reagent_link::routers::follow_routers;
 use reagent_link::session::certificates;
+use state::State;
 use std::collections::BTreeMap;
 use std::convert::Infallible;
 use std::sync::{Arc, Mutex, MutexGuard};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use zenoh::Session;
 use zenoh::handlers::FifoChannelHandler;
 use zenoh::pubsub::Subscriber;
@@ -19,6 +22,9 @@ use zenoh::session::TransportEventsListener;
 
 /// How often robots are asked whether they are still there.
 const ASK_INTERVAL: Duration = Duration::from_secs(10);
+
+/// How often those that have gone are recorded.
+const SETTLE_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Follows the robots of a publisher's fleet.
 #[derive(Debug)]
@@ -37,21 +43,6 @@ pub(super) struct Witness {
 
 #[derive(Clone, Debug)]
 struct Seen(Arc<Mutex<State>>);
-
-#[derive(Debug)]
-struct State {
-    /// The policy that is served here.
-    newest: Newest,
-    /// The newest release that a robot runs.
-    in_fleet: Release,
-    /// The newest release that anybody announces.
-    announced: Release,
-    /// Each robot's last status, and whether it is online.
-    robots: BTreeMap<String, (Status, bool)>,
-    history: Option<History>,
-    /// Routers that the publisher is connected to; `None` before the first one.
-    routers: Option<usize>,
-}
 
 impl Seen {
     fn lock(&self) -> MutexGuard<'_, State> {
@@ -74,80 +65,6 @@ impl Seen {
     }
 }
 
-impl State {
-    /// What is wrong with the fleet or here, if anything is.
-    fn wrong(&self) -> Option<String> {
-        let history = self.history.as_ref().and_then(History::wrong);
-        let wrong: Vec<_> = self.fleet_wrong().into_iter().chain(history).collect();
-        (!wrong.is_empty()).then(|| wrong.join("; "))
-    }
-
-    fn fleet_wrong(&self) -> Option<String> {
-        // Nothing is known of the robots then.
-        if self.routers == Some(0) {
-            return Some("no router".into());
-        }
-        let named = |is_wrong: &dyn Fn(&String, &Status, bool) -> bool| {
-            let wrong = self.robots.iter();
-            let wrong = wrong.filter(|(name, (status, online))| is_wrong(name, status, *online));
-            wrong.map(|(name, _)| name.as_str()).collect::<Vec<_>>()
-        };
-        let mut wrong = vec![("offline".into(), named(&|_, _, online| !online))];
-        if let Some((newest, _)) = &*self.newest.lock().expect("no holder panics") {
-            let (id, served) = (Some(newest.id()), newest.release());
-            let others = named(&|name, status, online| {
-                online && status.policy != id && newest.reaches(name)
-            });
-            wrong.push((format!("without version {served}"), others));
-            if self.in_fleet > served {
-                let newer = format!("newer than version {served}, which is served here");
-                let what = format!("version {} is in the fleet", self.in_fleet);
-                return Some(format!("{what}, {newer}"));
-            }
-        }
-        let wrong = wrong.iter().filter(|(_, robots)| !robots.is_empty());
-        let wrong: Vec<_> = wrong
-            .map(|(what, robots)| format!("{what}: {}", robots.join(", ")))
-            .collect();
-        (!wrong.is_empty()).then(|| wrong.join("; "))
-    }
-
-    /// Warns once about a release that robots run and that is newer than the one served here.
-    fn found(&mut self, release: Release) {
-        if release <= self.in_fleet {
-            return;
-        }
-        self.in_fleet = release;
-        if let Some(served) = self.served_before(release) {
-            tracing::warn!(
-                "version {release} is in the fleet, newer than version {served}, which is served here: robots take \
-                 that one, and this publisher may end"
-            );
-        }
-    }
-
-    /// Warns once about a release that is announced and that is newer than the one served here. No robot may trust its key.
-    fn heard_of(&mut self, release: Release) {
-        if release <= self.announced.max(self.in_fleet) {
-            return;
-        }
-        self.announced = release;
-        if let Some(served) = self.served_before(release) {
-            tracing::warn!(
-                "somebody announces version {release}, newer than version {served}, which is served here: robots \
-                 that trust its key take that one"
-            );
-        }
-    }
-
-    /// The release that is served here, if it is older.
-    fn served_before(&self, release: Release) -> Option<Release> {
-        let newest = self.newest.lock().expect("no holder panics");
-        let served = newest.as_ref().map(|(newest, _)| newest.release());
-        served.filter(|&served| served < release)
-    }
-}
-
 impl Witness {
     /// Starts to follow the robots, and serves metrics if the arguments say so.
     pub(super) async fn start(
@@ -167,6 +84,8 @@ impl Witness {
             robots: BTreeMap::new(),
             history: history.transpose()?,
             routers: None,
+            leaving: BTreeMap::new(),
+            tells_takes: false,
         })));
         let certificates = Arc::new(certificates(&args.session)?);
         let (shown, held, counted) = (seen.clone(), certificates.clone(), seen.clone());
@@ -211,8 +130,10 @@ impl Witness {
     /// Records what robots report, without end.
     pub(super) async fn follow(&self) -> Result<Infallible, PublishError> {
         let mut asking = tokio::time::interval(ASK_INTERVAL);
+        let mut settling = tokio::time::interval(SETTLE_INTERVAL);
         loop {
             tokio::select! {
+                _ = settling.tick() => self.seen.lock().settle(Instant::now()),
                 _ = asking.tick() => self.ask().await?,
                 sample = self.changes.recv_async() => {
                     Heard::read(&sample?).iter().for_each(|heard| self.note(heard));
@@ -226,10 +147,14 @@ impl Witness {
     fn come_or_gone(&self, sample: &Sample) {
         if sample.kind() == SampleKind::Delete
             && let Some(robot) = keys::robot_of(sample.key_expr().as_str())
-            && let Some((_, online)) = self.seen.lock().robots.get_mut(robot)
         {
-            *online = false;
+            self.seen.lock().leave(robot, Instant::now());
         }
+    }
+
+    /// Tells of robots that take the policy from now on.
+    pub(super) fn tell_takes(&self) {
+        self.seen.lock().tells_takes = true;
     }
 
     /// Asks all robots for their status and others for what they serve. A robot that does not answer is offline.
@@ -244,8 +169,10 @@ impl Witness {
         newest
             .into_iter()
             .for_each(|newest| self.seen.lock().heard_of(newest));
-        for (_, online) in self.seen.lock().robots.values_mut() {
-            *online = false;
+        let known: Vec<_> = self.seen.lock().robots.keys().cloned().collect();
+        let answered = |robot: &String| there.iter().any(|heard| heard.robot == *robot);
+        for robot in known.iter().filter(|robot| !answered(robot)) {
+            self.seen.lock().leave(robot, Instant::now());
         }
         there.iter().for_each(|heard| self.note(heard));
         if let Some(history) = &mut self.seen.lock().history {
@@ -271,80 +198,11 @@ impl Witness {
 
     fn note(&self, heard: &Heard) {
         let mut seen = self.seen.lock();
-        seen.robots
-            .insert(heard.robot.clone(), (heard.status, true));
-        if let Some(policy) = &heard.status.policy {
-            seen.found(policy.release());
+        if let Some(told) = seen.note(heard) {
+            reagent_link::print::stdout(format_args!("{told}\n"));
         }
         if let Some(history) = &mut seen.history {
             history.heard(heard);
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::policy::WeightFile;
-    use crate::publish::manifest;
-
-    #[test]
-    fn a_fleet_is_well_where_all_have_what_is_served_and_nobody_anything_newer() {
-        let file = WeightFile::pretrained();
-        let manifest = |version| manifest(version, "policy", &file).expect("a good policy");
-        let mut state = State {
-            newest: Newest::default(),
-            in_fleet: Release::default(),
-            announced: Release::default(),
-            robots: BTreeMap::new(),
-            history: None,
-            routers: None,
-        };
-        let serve = |state: &State, manifest: Manifest| {
-            *state.newest.lock().expect("no holder panics") = Some((manifest, Vec::new()));
-        };
-        let runs = |state: &mut State, robot: &str, version: u64| {
-            let policy = manifest(version).id();
-            let status = Status {
-                policy: Some(policy),
-                ..Status::default()
-            };
-            state.found(policy.release());
-            state.robots.insert(robot.into(), (status, true));
-        };
-        runs(&mut state, "a", 10);
-        runs(&mut state, "b", 10);
-        assert_eq!(state.wrong(), None);
-        serve(&state, manifest(11));
-        runs(&mut state, "b", 11);
-        assert_eq!(state.wrong().as_deref(), Some("without version 11: a"));
-        state.robots.get_mut("b").expect("it was heard").1 = false;
-        let both = "offline: b; without version 11: a";
-        assert_eq!(state.wrong().as_deref(), Some(both));
-        // Without a router nothing is known of the robots.
-        state.routers = Some(1);
-        assert_eq!(state.wrong().as_deref(), Some(both));
-        state.routers = Some(0);
-        assert_eq!(state.wrong().as_deref(), Some("no router"));
-        state.routers = Some(1);
-        runs(&mut state, "b", 11);
-        // This one goes to other robots first.
-        serve(
-            &state,
-            Manifest {
-                reach: 0,
-                ..manifest(11)
-            },
-        );
-        assert_eq!(state.wrong(), None);
-        serve(&state, manifest(11));
-        state.robots.clear();
-        runs(&mut state, "b", 11);
-        // Nobody runs it: robots may not trust its key.
-        state.heard_of(manifest(12).release());
-        assert_eq!(state.wrong(), None);
-        runs(&mut state, "a", 12);
-        let newer = "version 12 is in the fleet, newer than version 11, which is served here";
-        assert_eq!(state.wrong().as_deref(), Some(newer));
     }
 }

@@ -13,6 +13,7 @@ use super::error::TrainError;
 use super::learning_rate::Anneal;
 use super::trainer::Diverged;
 use crate::files;
+use reagent_link::files::plain;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::fs::{File, TryLockError};
@@ -224,7 +225,7 @@ fn probe(directory: &Path, bytes: usize) -> Result<(), TrainError> {
         }
         file.flush()
     };
-    write().map_err(|e| unusable(directory, e))
+    write().map_err(|e| unusable(directory, plain(e)))
 }
 
 fn unusable(path: &Path, source: std::io::Error) -> TrainError {
@@ -251,6 +252,17 @@ fn measured_by(text: &str, updates: u64) -> String {
 mod tests {
     use super::*;
     use crate::train::{DataSource, Stage};
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn a_folder_that_takes_no_file_is_named_without_a_temporary_one() {
+        let said = probe(Path::new("/proc/self"), 1).expect_err("no file is made there");
+        let said = format!("{said}: {:?}", std::error::Error::source(&said));
+        assert!(
+            said.contains("/proc/self") && !said.contains(".tmp"),
+            "{said}"
+        );
+    }
 
     #[test]
     fn metrics_beyond_a_checkpoint_and_torn_lines_are_dropped() {

@@ -37,7 +37,7 @@ fn signed_manifest_is_these_bytes() {
 fn request_is_these_bytes() {
     let (source, target) = ([[1.0, -2.0, 0.5]], []);
     let mut request = RefineRequest::new(5, CloudView::of(&source), CloudView::of(&target));
-    let mut expected = vec![11, 2, 5, 0, 0x90, 0x4e, 3, 10, 0, 0, 0, 0];
+    let mut expected = vec![12, 2, 5, 0, 0x90, 0x4e, 3, 10, 0, 0, 0, 0];
     let cloud = [0, 12, 0, 0, 0x80, 0x3f, 0, 0, 0, 0xc0, 0, 0, 0, 0x3f];
     expected.extend(cloud);
     expected.extend([0; 6]);
@@ -57,7 +57,7 @@ fn request_is_these_bytes() {
     request.target = CloudView::on_grid(grid, &[[1, -2, 300]]);
     request.background = CloudView::of(&source);
     request.outward = CloudView::of(&source);
-    let mut expected = vec![11, 2, 5, 0xac, 2, 20, 2, 10, 1, 1];
+    let mut expected = vec![12, 2, 5, 0xac, 2, 20, 2, 10, 1, 1];
     expected.extend([0, 0, 0x80, 0x3f].repeat(12));
     expected.extend([1, 1]);
     expected.extend([0, 0, 0x80, 0x3f].repeat(3));
@@ -85,7 +85,7 @@ fn reply_is_these_bytes() {
         target_from_source: [[1.0; 4]; 3],
         ..reply()
     };
-    let mut expected = vec![11, 3, 1];
+    let mut expected = vec![12, 3, 1];
     expected.extend([0, 0, 0x80, 0x3f].repeat(12));
     expected.extend([10, 2, 1, 1, 0, 0, 0, 0x3f]);
     expected.extend(fit_bytes());
@@ -155,7 +155,7 @@ fn a_trace_and_a_cancellation_are_these_bytes() {
         reply: reply(),
     };
     let bytes = bytes_of(&Message::Trace(trace.clone()));
-    let mut expected = vec![11, 10, 6, 9];
+    let mut expected = vec![12, 10, 6, 9];
     expected.extend([1; 32]);
     expected.extend([4, b'a', b'v', b'x', b'2', 2, 6, 2, 108, 0, 1, 2, 8, 9, 10]);
     expected.extend([0, 0, 0x80, 0x3f].repeat(12));
@@ -173,7 +173,7 @@ fn a_trace_and_a_cancellation_are_these_bytes() {
     assert_eq!(decode(&short), Err(Error::Frame));
 
     let cancel = Cancel { client: 300, id: 5 };
-    assert_eq!(bytes_of(&Message::Cancel(cancel)), [11, 11, 0xac, 0x02, 5]);
+    assert_eq!(bytes_of(&Message::Cancel(cancel)), [12, 11, 0xac, 0x02, 5]);
 }
 
 #[test]
@@ -184,7 +184,7 @@ fn refusal_and_status_are_these_bytes() {
     };
     assert_eq!(
         bytes_of(&Message::Refusal(refusal)),
-        [11, 4, 4, 6, 1, 0x88, 0x27]
+        [12, 4, 4, 6, 1, 0x88, 0x27]
     );
     let status = Status {
         policy: None,
@@ -212,22 +212,28 @@ fn refusal_and_status_are_these_bytes() {
             refined: 9,
             reached: 7,
         },
+        health: Health {
+            state_lost: true,
+            certificate_invalid: false,
+        },
     };
     let mut expected = vec![
-        11, 5, 0, 3, 1, 2, 0xac, 0x02, 1, 2, 3, 4, 5, 6, 7, 8, 1, 1, 9,
+        12, 5, 0, 3, 1, 2, 0xac, 0x02, 1, 2, 3, 4, 5, 6, 7, 8, 1, 1, 9,
     ];
     expected.extend([7; 32]);
-    expected.extend([3, 2, 5, 5, 4, 3, 2, 1, 0, 0, 0, 6, 0xac, 0x02, 8, 9, 7]);
+    expected.extend([
+        3, 2, 5, 5, 4, 3, 2, 1, 0, 0, 0, 6, 0xac, 0x02, 8, 9, 7, 1, 0,
+    ]);
     assert_eq!(bytes_of(&Message::Status(status)), expected);
     let refusal = |reason| bytes_of(&Message::Refusal(Refusal { id: 4, reason }));
-    assert_eq!(refusal(Reason::Deadline), [11, 4, 4, 11]);
+    assert_eq!(refusal(Reason::Deadline), [12, 4, 4, 11]);
     let no_such_mode = Reason::NoSuchMode(Mode::Verify);
-    assert_eq!(refusal(no_such_mode), [11, 4, 4, 12, 2]);
+    assert_eq!(refusal(no_such_mode), [12, 4, 4, 12, 2]);
 }
 
 #[test]
 fn frames_of_boards_are_these_bytes() {
-    assert_eq!(bytes_of(&Message::Ask), [11, 6]);
+    assert_eq!(bytes_of(&Message::Ask), [12, 6]);
     let board = Board {
         program_bytes: 300,
         points: 2,
@@ -236,7 +242,7 @@ fn frames_of_boards_are_these_bytes() {
         flash: FlashCheck::FailedSelfTest,
         ..Board::default()
     };
-    let expected = [11, 7, 0xac, 0x02, 0, 0, 0, 2, 0, 0, 4, 1, 3];
+    let expected = [12, 7, 0xac, 0x02, 0, 0, 0, 2, 0, 0, 4, 1, 3];
     assert_eq!(bytes_of(&Message::Board(board)), expected);
     let step = StepTaken {
         id: 9,
@@ -246,12 +252,12 @@ fn frames_of_boards_are_these_bytes() {
         },
         target_from_source: [[1.0; 4]; 3],
     };
-    let mut expected = vec![11, 8, 9, 0, 1, 2, 3, 4, 5];
+    let mut expected = vec![12, 8, 9, 0, 1, 2, 3, 4, 5];
     expected.extend([0, 0, 0x80, 0x3f].repeat(12));
     assert_eq!(bytes_of(&Message::StepTaken(step)), expected);
     let chunk = Chunk {
         index: 3,
         bytes: &[7, 8],
     };
-    assert_eq!(bytes_of(&Message::Chunk(chunk)), [11, 9, 3, 2, 7, 8]);
+    assert_eq!(bytes_of(&Message::Chunk(chunk)), [12, 9, 3, 2, 7, 8]);
 }

@@ -3,9 +3,10 @@
 pub use crate::dataset::pixels::{Image, MAX_PIXELS, largest_integer};
 
 use super::DepthError;
+use crate::files;
 use png::{BitDepth, ColorType, Decoder, Encoder, Limits, Transformations};
 use std::fs::File;
-use std::io::{BufReader, BufWriter};
+use std::io::BufReader;
 use std::path::Path;
 
 /// Of depths in 16 bits the number by which sensors and programs mark what was not measured, besides 0: the largest.
@@ -119,12 +120,8 @@ pub fn write_mask(path: &Path, size: [usize; 2], mask: &[bool]) -> Result<(), De
 }
 
 fn write(path: &Path, size: [usize; 2], bits: BitDepth, bytes: &[u8]) -> Result<(), DepthError> {
-    let io = |source| DepthError::Io {
-        path: path.into(),
-        source,
-    };
-    let file = BufWriter::new(File::create(path).map_err(io)?);
-    let mut encoder = Encoder::new(file, size[0] as u32, size[1] as u32);
+    let mut file = Vec::new();
+    let mut encoder = Encoder::new(&mut file, size[0] as u32, size[1] as u32);
     encoder.set_color(ColorType::Grayscale);
     encoder.set_depth(bits);
     encoder
@@ -133,7 +130,12 @@ fn write(path: &Path, size: [usize; 2], bits: BitDepth, bytes: &[u8]) -> Result<
             writer.write_image_data(bytes)?;
             writer.finish()
         })
-        .map_err(|e| io(std::io::Error::other(e)))
+        .map_err(std::io::Error::other)
+        .and_then(|()| files::write(path, &file))
+        .map_err(|source| DepthError::Io {
+            path: path.into(),
+            source,
+        })
 }
 
 #[cfg(test)]
@@ -158,6 +160,27 @@ mod tests {
         let said = read_depth(&path).expect_err("8 bits").to_string();
         let words = "a.png: it is greyscale of 8 bits; expected a greyscale PNG of 16 bits";
         assert!(said.contains(words), "{said}");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn on_a_full_disk_an_image_keeps_its_old_content() {
+        let folder = tempfile::tempdir().expect("temporary directory");
+        let Some(unmount) = crate::files::tests::small_disk(folder.path()) else {
+            return;
+        };
+        let path = folder.path().join("a.png");
+        let outcome = std::panic::catch_unwind(|| {
+            let image = |side: usize| Image {
+                size: [side, side],
+                values: (0..side * side).map(|i| (i * i * 7919) as u16).collect(),
+            };
+            write_depth(&path, &image(8)).expect("written");
+            write_depth(&path, &image(400)).expect_err("full");
+            assert_eq!(read_depth(&path).expect("the old one"), image(8));
+        });
+        unmount();
+        outcome.expect("nothing is lost");
     }
 
     /// 16 bits of them hold labels, of which all above 0 are the object's.

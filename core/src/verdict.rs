@@ -77,10 +77,11 @@ impl Verdict {
 
     /// Verdict on a refined pose, from the evidence for and against it.
     pub fn of_evidence(evidence: &Evidence) -> Verdict {
-        if evidence.sizes_differ() {
-            Verdict::SizesDiffer
-        } else if evidence.has_too_few_points() {
+        // Few points do not show a cloud's size either.
+        if evidence.has_too_few_points() {
             Verdict::TooFewPoints
+        } else if evidence.sizes_differ() {
+            Verdict::SizesDiffer
         } else if evidence.is_mirrored() {
             Verdict::Mirrored
         } else if evidence.probability() >= 0.5 {
@@ -124,6 +125,34 @@ mod tests {
         ] {
             assert_eq!(std::format!("{}", Percent(probability)), text);
         }
+    }
+
+    #[test]
+    fn three_pixels_are_too_few_points_and_not_another_unit() {
+        let three = Evidence {
+            residual: crate::polish::Residual {
+                source: 1.0,
+                target: 1.0,
+            },
+            inlier_rmse: 0.0,
+            near: 0.0,
+            within: 0.0,
+            inside: 0.0,
+            shift_deviation: 1.0,
+            distinct_points: 3,
+            extents_ratio: 1.0 / 46.2,
+            seen_through: 0.0,
+            mirror_score: 0.0,
+            verified: true,
+            support: 0,
+            lead: 0.0,
+        };
+        assert_eq!(Verdict::of_evidence(&three), Verdict::TooFewPoints);
+        let many = Evidence {
+            distinct_points: 300,
+            ..three
+        };
+        assert_eq!(Verdict::of_evidence(&many), Verdict::SizesDiffer);
     }
 
     #[test]

@@ -29,6 +29,8 @@
 //! | 8 | | the direction along which the translation is undetermined |
 //! | 9 | | how far the turn is open in either sense |
 //! | 10 | | balls, and symmetries of shapes with several equal parts |
+//! | 11 | which way the target's surface faces | through how much of the target the sensor looked |
+//! | 12 | | in the status: what is wrong with the robot |
 //!
 //! Manifests are stored under their signature and have a version of their own; its version 4 brought the epoch.
 //!

@@ -5,12 +5,14 @@ pub mod background;
 pub mod batch;
 pub mod best;
 pub mod dense;
+pub mod deviations;
 pub mod document;
 pub mod prepared;
 #[cfg(not(target_family = "wasm"))]
 pub mod replay;
 pub mod request;
 pub mod scale;
+mod seen;
 pub mod sentences;
 mod surface;
 pub mod thin;

@@ -102,6 +102,8 @@ typedef enum {
   REAGENT_STATUS_BAD_GRID = 25,
   // The task has outward directions, but not one for each point of the target.
   REAGENT_STATUS_OUTWARD_COUNT = 26,
+  // A depth image has no pixels, or its camera's focal lengths are not positive or a number of it is not finite.
+  REAGENT_STATUS_BAD_CAMERA = 27,
 } ReagentStatus;
 
 // What can be said about a pose.
@@ -146,6 +148,18 @@ typedef struct {
   // Distance between neighbouring codes, the same along every axis.
   float step;
 } ReagentGrid;
+
+// A pinhole camera without distortion; all in pixels.
+typedef struct {
+  // Focal length across.
+  float fx;
+  // Focal length down.
+  float fy;
+  // Column of the optical axis, from 0 at the first pixel's centre.
+  float cx;
+  // Row of the optical axis.
+  float cy;
+} ReagentCamera;
 
 // A rigid transform that maps the source onto the target, as rows of [R | t], in the clouds' units.
 typedef struct {
@@ -317,6 +331,24 @@ ReagentStatus reagent_encode(const ReagentGrid *grid,
                              const float *xyz,
                              size_t points,
                              int16_t *codes);
+
+// Turns a depth image into points in the camera's frame (x to the right, y down, z ahead) and in the depths' unit: a source, whose
+// view point is then 0, 0, 0; or with `inside` 0 what the camera saw besides, a task's background. If more than `capacity` pixels
+// have a depth, as many of them are taken, evenly. Depths that are NaN, infinite, 0 or negative are none. `count` receives the number of
+// points.
+//
+// # Safety
+// `depth` points to `width` * `height` floats, row by row; `mask` is null, for the whole image, or points to as many bytes, not 0
+// where the image shows the object; `camera` points to a camera, `points` to room for 3 * `capacity` floats, `count` to a size.
+ReagentStatus reagent_points_of_depth(const float *depth,
+                                      size_t width,
+                                      size_t height,
+                                      const ReagentCamera *camera,
+                                      const uint8_t *mask,
+                                      uint32_t inside,
+                                      float *points,
+                                      size_t capacity,
+                                      size_t *count);
 
 // Subtracts an origin from a cloud of doubles, so that floats keep its digits. The origin is the median of some points; `near`
 // receives `points` times x, y and z relative to it, at most 4096 points. Each cloud has its own origin; reagent_far_pose

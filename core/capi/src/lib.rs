@@ -9,6 +9,7 @@
 
 mod answer;
 mod cloud;
+mod depth;
 mod far;
 mod memory;
 mod model;
@@ -23,6 +24,7 @@ mod workspace;
 
 pub use answer::{REAGENT_OTHERS, ReagentAnswer, ReagentVerdict};
 pub use cloud::{ReagentGrid, reagent_encode, reagent_grid_of, reagent_put_in_order};
+pub use depth::{ReagentCamera, reagent_points_of_depth};
 pub use far::{reagent_far_pose, reagent_near_pose, reagent_take_origin_off};
 pub use memory::{REAGENT_MEMORY_WORDS, ReagentMemory, reagent_init};
 pub use model::{REAGENT_MODEL_WORDS, ReagentModel, reagent_prepare};

@@ -62,6 +62,8 @@ pub enum ReagentStatus {
     BadGrid = 25,
     /// The task has outward directions, but not one for each point of the target.
     OutwardCount = 26,
+    /// A depth image has no pixels, or its camera's focal lengths are not positive or a number of it is not finite.
+    BadCamera = 27,
 }
 
 impl ReagentStatus {
@@ -86,7 +88,7 @@ impl ReagentStatus {
 }
 
 /// One for each number of a [`ReagentStatus`].
-const TEXTS: [&CStr; 27] = [
+const TEXTS: [&CStr; 28] = [
     c"done",
     c"a pointer is null or not aligned",
     c"the memory is not initialised: call reagent_init first",
@@ -114,6 +116,7 @@ const TEXTS: [&CStr; 27] = [
     c"the task's background has more than 4096 points: leave some out",
     c"the grid's step is 0 or negative: reagent_grid_of makes a grid",
     c"the task's outward directions are not as many as the target's points: give one for each, or none",
+    c"the depth image has no pixels, or its camera's focal lengths are not positive numbers: give fx, fy, cx and cy in pixels",
 ];
 
 /// An English sentence that says what a status means and what to do; it lives as long as the program.

@@ -2,6 +2,7 @@ use super::*;
 use core::ptr::{null, null_mut};
 use reagent_core::Pose;
 
+mod depth;
 mod far;
 mod grid;
 mod linked;

@@ -13,7 +13,7 @@ use glam::Vec3;
 /// Orders of symmetry that are looked for. Two poses that differ by a half turn are named as they are.
 const LEAST: u8 = 3;
 const MOST: u8 = 36;
-/// The most that a half turn suggests: boxes have such poses, too, and orders beyond are mostly suggested by other turns as well.
+/// Highest order that is inferred from a half turn alone: boxes have half turns, too, and higher orders mostly show in other turns.
 const MOST_OF_HALF: u8 = 12;
 /// Cosine of half the angle, 177 degrees, from which on a turn is a half turn.
 const NEARLY_HALF: f32 = 0.026;
@@ -34,14 +34,14 @@ pub struct Fold {
     pub point: Vec3,
     /// Unit vector along it.
     pub direction: Vec3,
-    /// Number of poses that it makes of the one given out; at least 3.
+    /// Number of equivalent poses, the given one included; at least 3.
     pub order: u8,
-    /// Whether it makes as many of each other pose that fits as well: of a square face, seen alone, it does not.
+    /// Whether it holds for the other poses that fit as well, too. It does not for those of a square face that is seen alone.
     pub of_others: bool,
 }
 
 impl Fold {
-    /// The other poses that it makes of one.
+    /// The other poses that are equivalent to one.
     pub fn copies(self, pose: Pose) -> impl Iterator<Item = Pose> {
         (1..self.order).map(move |k| {
             let rotation = self.turn(f32::from(k)).matrix();
@@ -58,12 +58,12 @@ impl Fold {
         (0..self.order).any(|k| self.turn(f32::from(k)).likeness(between) > likeness)
     }
 
-    /// Its least turn.
+    /// Its smallest turn.
     fn part_rad(self) -> f32 {
         TAU / f32::from(self.order)
     }
 
-    /// Several of its turns.
+    /// A turn by so many of its smallest turns.
     fn turn(self, parts: f32) -> Rotation {
         Rotation::about(self.direction, parts * self.part_rad())
     }
@@ -75,8 +75,8 @@ impl Fold {
 }
 
 impl Refiner<'_> {
-    /// The greatest symmetry that a pose and others that fit as well suggest, if all its turns do; and whether
-    /// parts of one do as well, so that any turn may. It is in the refiner's frame.
+    /// The symmetry of highest order that equally good poses suggest, if the clouds fit after each of its turns; and whether they
+    /// fit after parts of a turn as well, so that any turn may be open. It is in the refiner's frame.
     #[inline(never)]
     pub(super) fn fold(
         &mut self,

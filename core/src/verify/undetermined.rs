@@ -19,7 +19,7 @@ use glam::Vec3;
 const TIED: f32 = 4.0;
 /// Turns about an axis, in either sense, by which it is seen how well the shape fixes the angle, radians.
 const TURNS: [f32; 6] = [0.175, 0.35, 0.7, 1.3, 2.2, PI];
-/// What holds a turn least, as a share of what holds all turns ([`Refiner::least_held_turn`]), from which on no turn is tried.
+/// How firmly the weakest turn is held, as a share of what holds all turns ([`Refiner::least_held_turn`]): from here on, no turn is tried.
 const HELD: f32 = 0.25;
 /// If any turn in one sense fits, how many of the turns in the other may seem not to, by chance.
 const CHANCE: usize = 1;
@@ -36,16 +36,16 @@ pub const OTHERS: usize = 5;
 /// What the shape leaves open.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Undetermined {
-    /// Turned about this axis the clouds fit as well.
+    /// Axis about which the source can be turned without fitting worse.
     pub axis: Option<Axis>,
-    /// Moved along this direction they do.
+    /// Direction along which the source can be moved without fitting worse.
     pub slide: Option<Slide>,
     /// Whether the axis, about which any turn fits, may have any direction: a ball.
     pub any_rotation: bool,
-    /// The rotational symmetry by whose turns they do.
+    /// Rotational symmetry whose turns leave the fit as it is.
     pub fold: Option<Fold>,
-    /// Other poses that fit as well, target_from_source. Those that the symmetry makes of the given pose, and of these if it does
-    /// ([`Fold::of_others`]), are not in it: see [`Undetermined::copies`].
+    /// Other poses that fit as well, target_from_source, without those that the symmetry makes of the given pose, and of these
+    /// ([`Fold::of_others`]): [`Undetermined::copies`] lists all.
     pub poses: [Option<Pose>; OTHERS],
 }
 
@@ -98,8 +98,8 @@ impl Undetermined {
         turned(given, fold).chain(others)
     }
 
-    /// Takes in a symmetry, unless it is none: if parts of its turn fit as well, or the turn that is open reaches from one of them to the
-    /// next, any turn is open.
+    /// Keeps a symmetry. If parts of its turn fit as well, or the open turn reaches from one of its turns to the next, any turn
+    /// about its axis is open instead.
     fn take(&mut self, fold: Fold, is_any: bool) -> bool {
         let reaches = |axis: Axis| {
             let [least, most] = axis.range_rad;
@@ -350,7 +350,7 @@ impl Refiner<'_> {
     }
 }
 
-/// The last of growing steps that fits, and the pose there: where the next does not, a little farther, since the step between is halved.
+/// The largest of growing steps that fits, and its pose. Where the next one does not fit, the step between them is halved a few times.
 fn reach(steps: &[f32], mut fits: impl FnMut(f32) -> Option<Rigid>) -> Option<(f32, Rigid)> {
     let mut reached = None;
     for &step in steps {

@@ -157,6 +157,7 @@ impl Page {
                 target,
                 truth: None,
                 initial: done.initial.to_rows(),
+                origins: None,
             },
             steps: done.found.trace,
             answer,

@@ -9,7 +9,9 @@ use reagent_core::pipeline::Mode;
 use std::ops::RangeInclusive;
 use std::path::PathBuf;
 
-/// Range of policy steps and of poses to report, as on the command line.
+/// Range of policy steps, as on the command line.
+const STEPS: RangeInclusive<usize> = 0..=65535;
+/// Range of poses to report.
 const COUNTS: RangeInclusive<usize> = 1..=65535;
 /// Range of points that the policy may see.
 const POINTS: RangeInclusive<usize> = 16..=MAX_POINTS;
@@ -17,7 +19,7 @@ const POINTS: RangeInclusive<usize> = 16..=MAX_POINTS;
 const THREADS: RangeInclusive<usize> = 1..=512;
 
 pub(crate) fn steps(given: &Bound<'_, PyAny>) -> PyResult<usize> {
-    number("steps", given, COUNTS)
+    number("steps", given, STEPS)
 }
 
 pub(crate) fn best(given: &Bound<'_, PyAny>) -> PyResult<usize> {

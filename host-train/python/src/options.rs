@@ -58,6 +58,10 @@ impl Options {
             view_points: None,
             points,
         };
+        if steps == 0 && options.common.mode == Mode::Fast {
+            let said = "expected at least 1 for mode fast, which is the policy's steps alone";
+            return Err(bad("steps", said));
+        }
         if best > 1 {
             options.compares_poses()?;
         }

@@ -84,7 +84,7 @@ def test_options(options, said):
 
 @pytest.mark.parametrize(
     ("name", "within", "numbers"),
-    [("steps", "1 to 65535", [0, 65536, 10**8]), ("best", "1 to 65535", [0]), ("points", "16 to 4096", [15, 5000])],
+    [("steps", "0 to 65535", [-1, 65536, 10**8]), ("best", "1 to 65535", [0]), ("points", "16 to 4096", [15, 5000])],
 )
 def test_numbers(name, within, numbers):
     for number in [*numbers, -1, 2**70, 1.5, "ten", [3]]:

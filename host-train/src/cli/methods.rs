@@ -90,6 +90,9 @@ enum MethodName {
     /// Core's refinement and comparison with other poses, without a policy
     #[value(name = "init+verify")]
     InitVerify,
+    /// The same, where no pose is more probable than another: from anywhere
+    #[value(name = "none+verify")]
+    NoneVerify,
     /// Point-to-point ICP
     Icp,
     /// Point-to-plane ICP
@@ -238,6 +241,7 @@ impl MethodArgs {
                 MethodName::PolicyVerify => return of_policies("+verify", VERIFY),
                 MethodName::InitPolish => (Start::Identity, POLISH),
                 MethodName::InitVerify => (Start::Identity, VERIFY),
+                MethodName::NoneVerify => (Start::Anywhere, VERIFY),
                 MethodName::Icp => (Start::Identity, Finish::Icp(IcpSettings::POINT)),
                 MethodName::IcpPlane => (Start::Identity, PLANE),
                 MethodName::IcpTrimmed => (Start::Identity, Finish::Icp(IcpSettings::TRIMMED)),

@@ -20,6 +20,7 @@ use crate::dataset::cloud_file::{STANDARD, check_cloud, check_output, check_plac
 use crate::policy::{REAGENT, VIEWS, WeightFile};
 use crate::random::seeds;
 use crate::register::dense::Dense;
+use crate::register::deviations::Deviations;
 use crate::register::document::Document;
 use crate::register::request::{Done, Request};
 use crate::register::{Memory, Start};
@@ -71,6 +72,11 @@ pub(super) struct RegisterArgs {
     /// poses: each is tried, and the most probable pose wins [default: identity]
     #[arg(long, value_name = "START", allow_hyphen_values = true)]
     init: Vec<Initial>,
+    /// How far off the starts may be, as standard deviations: degrees, and lengths along and across the view in the target's
+    /// units, such as 15,20,5; inf for what is unknown. Among poses that fit as well, the one nearest to the start wins
+    /// [default: 34 degrees, .35 target radii]
+    #[arg(long, value_name = "DEG,ALONG,ACROSS")]
+    uncertainty: Option<Deviations>,
     /// How many different poses to report: the most probable is the result, the others, as many as there are, follow in
     /// the text and under "others" in --json, with their fits [default: 1]
     #[arg(long, value_name = "K", value_parser = positive())]
@@ -78,7 +84,7 @@ pub(super) struct RegisterArgs {
     /// Most points of each cloud that the policy sees [default: 4096, or 2048 where there are more]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(16..=MAX_POINTS as i64))]
     points: Option<u32>,
-    /// Most steps of the policy [default: 10]
+    /// Most steps of the policy; 0 leaves it out, and the start is refined and compared instead [default: 10]
     #[arg(long, value_name = "N", value_parser = steps)]
     steps: Option<usize>,
     /// What to do: fast (the policy's steps alone), polish (then closest points), verify or best (then compared with
@@ -95,14 +101,15 @@ pub(super) struct RegisterArgs {
     #[arg(long, value_name = "ALIGNED.ply")]
     out: Option<PathBuf>,
     /// Write one JSON line with clouds and initial pose, then one for each step: action ids, signed steps, pose,
-    /// probabilities; `report` shows it. Coordinates are those that the policy started from
+    /// probabilities; `report` shows it. Coordinates are those that the policy started from; if they are relative to points
+    /// near the clouds, these are under "origins"
     #[arg(long, value_name = "FILE")]
     trace: Option<PathBuf>,
     /// Write a page to look at, one HTML file: the clouds, which can be turned, step by step, and the verdict
     #[arg(long, value_name = "FILE.html")]
     html: Option<PathBuf>,
     /// Write a folder of .ply files for programs that show clouds: target.ply, and source_000.ply and so on, the source
-    /// in its initial pose, after each step, and in the final pose. Coordinates are those of --trace
+    /// in its initial pose, after each step, and in the final pose, in the target's coordinates
     #[arg(long, value_name = "FOLDER")]
     series: Option<PathBuf>,
     /// Write pose, verdict, probability, stages, notes and time (milliseconds) as JSON; for --pairs, one line each
@@ -147,9 +154,8 @@ pub(super) fn view_point(text: &str) -> anyhow::Result<[f64; 3]> {
 
 fn steps(text: &str) -> anyhow::Result<usize> {
     match text.parse() {
-        Ok(0) => bail!("the policy takes at least one step; --mode refine leaves it out"),
-        Ok(steps @ 1..=MOST_STEPS) => Ok(steps),
-        _ => bail!("steps are a whole number from 1 to {MOST_STEPS}"),
+        Ok(steps @ 0..=MOST_STEPS) => Ok(steps),
+        _ => bail!("steps are a whole number from 0 to {MOST_STEPS}"),
     }
 }
 
@@ -236,6 +242,12 @@ impl RegisterArgs {
         if self.mode == Mode::Fast && self.best.is_some_and(|best| best > 1) {
             bad_usage("register", NO_FITS);
         }
+        if self.steps == Some(0) && self.mode == Mode::Fast {
+            bad_usage(
+                "register",
+                "mode fast is the policy's steps alone: take another mode for --steps 0",
+            );
+        }
         if self.dense == Dense::Always && self.mode == Mode::Fast {
             bad_usage(
                 "register",
@@ -307,6 +319,7 @@ impl RegisterArgs {
         }
         let request = Request {
             start: starts[0],
+            deviations: self.uncertainty,
             mode: self.mode,
             steps: self.steps.unwrap_or(STEPS),
             view_point,

@@ -28,6 +28,8 @@ pub struct Method<'w> {
 pub enum Start<'w> {
     /// Nothing: the initial error.
     Identity,
+    /// Nothing, and no pose is more probable than another: verification looks everywhere.
+    Anywhere,
     /// The learned policy, deciding as its file says.
     Policy(Policy<'w>),
     /// A network that the core cannot run, by [`poses_of`]; times are the trainer's, not a robot's.
@@ -141,9 +143,16 @@ impl Method<'_> {
             steps,
             ..task_of(seen)
         };
+        let task = match self.start {
+            Start::Anywhere => Task {
+                start: start::Start::Anywhere,
+                ..task
+            },
+            _ => task,
+        };
         let mut answer = None;
         let pose = match self.start {
-            Start::Identity => Pose::IDENTITY,
+            Start::Identity | Start::Anywhere => Pose::IDENTITY,
             Start::Policy(policy) => {
                 let mut registrar = Registrar::new(policy, &mut memory.scratch);
                 let workspace = &mut memory.workspace;

@@ -49,6 +49,7 @@ pub fn pairs(
                     target: target.clone(),
                     truth: Some(set.target_from_source[index].to_rows()),
                     initial: Pose::IDENTITY.to_rows(),
+                    origins: None,
                 },
                 answer: FinalAnswer::of(&found.answer, mode),
                 steps: found.trace,

@@ -305,8 +305,9 @@ impl Document {
         let other_size = done.other_size.map(|times| Note::OtherSize { times });
         let off_target = done.off_target().map(|share| Note::OffTarget { share });
         let seen_through = done.seen_through().map(|share| Note::SeenThrough { share });
+        let from_among = done.is_seen_from_among.then_some(Note::SeenFromAmong);
         let not_finer = done.is_dense_dropped.then_some(Note::NotFiner);
-        let of_fit = [not_finer, other_size, off_target, seen_through]
+        let of_fit = [not_finer, other_size, off_target, seen_through, from_among]
             .into_iter()
             .flatten();
         Document {

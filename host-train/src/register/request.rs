@@ -4,14 +4,16 @@ use crate::pose64::{Pose64, Position};
 use crate::register::all_points::decided_by_all_points;
 use crate::register::best::{Best, Other, best_and_others};
 use crate::register::dense::{Dense, DenseRefinement, refine_densely};
+use crate::register::deviations::Deviations;
 use crate::register::prepared::Prepared;
 use crate::register::scale::other_size;
+use crate::register::seen::lies_among;
 use crate::register::{Memory, Registered, Start, register_in};
 use glam::Vec3;
 use reagent_core::dims::STEPS;
 use reagent_core::pipeline::{Mode, Task};
 use reagent_core::verdict::Verdict;
-use reagent_core::{Error, Policy, Pose};
+use reagent_core::{Error, Frame, Policy, Pose, start};
 use std::time::Instant;
 
 /// Least share of the points near the target for a source that shows the target and nothing else, whatever its
@@ -23,6 +25,8 @@ const LEAST_WITHIN: f32 = 0.9;
 pub struct Request {
     /// Where the registration starts.
     pub start: Start,
+    /// How far from the truth the start may be; the core's default if not given. Nothing for a start from anywhere.
+    pub deviations: Option<Deviations>,
     /// Which of the policy's steps, refinement and verification are done.
     pub mode: Mode,
     /// Most steps of the policy; 0 leaves the policy out.
@@ -37,6 +41,7 @@ impl Default for Request {
     fn default() -> Request {
         Request {
             start: Start::Identity,
+            deviations: None,
             mode: Mode::Verify,
             steps: STEPS,
             view_point: None,
@@ -62,6 +67,8 @@ pub struct Done {
     pub start: Option<usize>,
     /// Size of the source relative to the target, if the two seem to differ ([`other_size`]).
     pub other_size: Option<f32>,
+    /// Whether the view point lies among the source's points, so that nothing follows from it.
+    pub is_seen_from_among: bool,
     /// The next best poses, as many as were asked for at most.
     pub others: Vec<Other>,
     /// Time, milliseconds.
@@ -188,6 +195,7 @@ impl Request {
             initial: starts[start].near(source.origin, target.origin),
             start: (starts.len() > 1).then_some(start),
             other_size,
+            is_seen_from_among: view_point.is_some_and(|eye| lies_among(eye, clouds[0])),
             others,
             ms: 0.0,
             found,
@@ -217,7 +225,19 @@ impl Request {
             view_point,
             background: &source.background,
             outward: view_point.map_or(&[], |_| target.outward()),
-            ..Task::new(start.start(source.origin, target.origin))
+            ..Task::new(self.uncertain(start.start(source.origin, target.origin), target))
+        }
+    }
+
+    /// The start with the uncertainty that was asked for.
+    fn uncertain(&self, start: start::Start, target: &Prepared<'_>) -> start::Start {
+        match (start, self.deviations) {
+            (start::Start::Pose(pose, _), Some(deviations)) => {
+                // A target that has no size is refused later.
+                let radius = Frame::of(target.points()).map_or(1.0, |frame| frame.scale);
+                start::Start::Pose(pose, deviations.in_radii(radius))
+            }
+            _ => start,
         }
     }
 

@@ -5,6 +5,7 @@
 //! final pose. A file holds any number of registrations, one after another.
 
 use crate::dataset::Point;
+use crate::pose64::Position;
 use reagent_core::dims::{AXES, LOGITS, STEP_SIZES};
 use reagent_core::pipeline::{Answer, Mode};
 use reagent_core::{Frame, Pose, register};
@@ -36,6 +37,10 @@ pub struct Header {
     pub truth: Option<[[f32; 4]; 3]>,
     /// target_from_source before the first step.
     pub initial: [[f32; 4]; 3],
+    /// Points of the user's coordinates, of the source and of the target, that clouds and poses are relative to; `None` if they
+    /// are relative to nothing.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub origins: Option<[Position; 2]>,
 }
 
 /// One step of a registration.

@@ -4,6 +4,7 @@ use crate::policy::{COMPACT, VIEWS_COMPACT};
 use crate::pose64::{Pose64, Position};
 use crate::register::prepared::Prepared;
 use crate::register::request::{Done, Request};
+use crate::register::seen::lies_among;
 use crate::register::{Memory, Registered, recorder};
 use reagent_core::pipeline::Mode;
 use reagent_core::track::{TrackState, Tracker};
@@ -93,6 +94,9 @@ impl Tracking {
                 initial,
                 start: None,
                 other_size: None,
+                is_seen_from_among: task
+                    .view_point
+                    .is_some_and(|eye| lies_among(eye, source.points())),
                 others: Vec::new(),
                 ms: begun.elapsed().as_secs_f64() * 1e3,
             },

@@ -10,13 +10,13 @@ fn every_status_has_a_sentence_of_its_own() {
         let text = unsafe { core::ffi::CStr::from_ptr(reagent_status_text(status)) };
         text.to_str().expect("English").to_owned()
     };
-    let last = ReagentStatus::OutwardCount as i32;
+    let last = ReagentStatus::BadCamera as i32;
     let all: std::collections::BTreeSet<_> = (-1..=last).map(text).collect();
     assert_eq!(all.len(), last as usize + 2);
     assert_eq!(text(last + 1), text(-1));
     assert!(text(ReagentStatus::BadPose as i32).contains("pose"));
     assert!(text(ReagentStatus::TooFewPoints as i32).contains("source"));
-    assert!(text(last).contains("outward"));
+    assert!(text(last).contains("camera"));
     assert!(text(ReagentStatus::NotPrepared as i32).contains("prepare"));
     assert!(text(ReagentStatus::TargetNotFinite as i32).contains("target"));
 }

@@ -69,6 +69,7 @@ impl RegisterArgs {
     fn traced(&self, pairing: &Pairing, pair: &Pair) -> Traced {
         let Pairing { inputs, done } = pairing;
         let [source, target] = inputs.each_ref().map(|input| input.cloud.points().to_vec());
+        let origins = inputs.each_ref().map(|input| input.cloud.origin);
         Traced {
             header: Header {
                 name: format!("{} to {}", file_name(&pair.source), file_name(&pair.target)),
@@ -77,6 +78,7 @@ impl RegisterArgs {
                 target,
                 truth: None,
                 initial: done.initial.to_rows(),
+                origins: (origins != [[0.0; 3]; 2]).then_some(origins),
             },
             steps: done.found.trace.clone(),
             answer: FinalAnswer::of(&done.found.answer, self.mode).map(|answer| FinalAnswer {

@@ -24,7 +24,17 @@ pub(super) fn write(folder: &Path, traced: &Traced) -> anyhow::Result<()> {
         steps,
         answer,
     } = traced;
-    write_cloud(&folder.join("target.ply"), &CloudFile::of(&header.target))?;
+    let [_, [a, b, c]] = header.origins.unwrap_or_default();
+    let write = |name: &str, points: &[Point]| {
+        let placed = points.iter().map(|p| p.map(f64::from));
+        let placed = placed.map(|[x, y, z]| [x + a, y + b, z + c]).collect();
+        let cloud = CloudFile {
+            points: placed,
+            ..Default::default()
+        };
+        write_cloud(&folder.join(name), &cloud)
+    };
+    write("target.ply", &header.target)?;
     let initial = [header.initial].into_iter();
     let after = steps.iter().map(|step| step.target_from_source);
     let given = answer.iter().map(|given| given.target_from_source);
@@ -32,8 +42,7 @@ pub(super) fn write(folder: &Path, traced: &Traced) -> anyhow::Result<()> {
         let pose = Pose::from_rows(rows);
         let moved = |&point: &Point| pose.apply(point.into()).to_array();
         let source: Vec<Point> = header.source.iter().map(moved).collect();
-        let path = folder.join(format!("source_{number:03}.ply"));
-        write_cloud(&path, &CloudFile::of(&source))?;
+        write(&format!("source_{number:03}.ply"), &source)?;
     }
     Ok(())
 }
@@ -64,6 +73,7 @@ mod tests {
                 target: vec![[5.0; 3]],
                 truth: None,
                 initial: along_x(1.0),
+                origins: Some([[0.0; 3], [5e6, 0.0, 100.0]]),
             },
             steps: Vec::new(),
             answer: Some(FinalAnswer {
@@ -81,9 +91,10 @@ mod tests {
             let cloud = read_file(&folder.join(name)).expect("a cloud");
             cloud.points
         };
-        assert_eq!(points("target.ply"), [[5.0; 3]]);
-        assert_eq!(points("source_000.ply"), [[1.0, 0.0, 0.0], [1.0, 1.0, 0.0]]);
-        assert_eq!(points("source_001.ply"), [[2.0, 0.0, 0.0], [2.0, 1.0, 0.0]]);
+        assert_eq!(points("target.ply"), [[5e6 + 5.0, 5.0, 105.0]]);
+        let at = |x| [[5e6 + x, 0.0, 100.0], [5e6 + x, 1.0, 100.0]];
+        assert_eq!(points("source_000.ply"), at(1.0));
+        assert_eq!(points("source_001.ply"), at(2.0));
         let said = make_folder(&folder)
             .expect_err("it holds files")
             .to_string();

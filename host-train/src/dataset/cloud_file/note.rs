@@ -143,6 +143,8 @@ pub enum Note {
         /// Share of its points off the target.
         share: f32,
     },
+    /// As a source, its view point lies among its points.
+    SeenFromAmong,
     /// As a source of which the surroundings were seen, something was seen behind much of the target.
     SeenThrough {
         /// Share of the target's surface.
@@ -281,6 +283,10 @@ impl fmt::Display for Note {
                 f,
                 "{:.0} % of it lies off the target: where they overlap in part that is to be expected, else something more is in view, or it is another part",
                 100.0 * share
+            ),
+            Note::SeenFromAmong => write!(
+                f,
+                "the view point lies among its points and is not used: is it in the cloud's coordinates?"
             ),
             Note::SeenThrough { share } => write!(
                 f,

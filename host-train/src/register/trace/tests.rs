@@ -32,6 +32,7 @@ fn traced(name: &str) -> Traced {
             target,
             truth: None,
             initial: Pose::IDENTITY.to_rows(),
+            origins: None,
         },
         steps: found.trace,
         answer: None,

@@ -72,8 +72,8 @@ fn what_refinement_alone_has_no_use_for_is_refused() {
         ),
         ("--mode refine --steps 3", "leave --steps out"),
         ("--mode refine --weights views", "leave --weights out"),
-        ("--steps 0", "--mode refine leaves it out"),
-        ("--steps 1000001", "from 1 to 1000000"),
+        ("--mode fast --steps 0", "take another mode for --steps 0"),
+        ("--steps 1000001", "from 0 to 1000000"),
     ] {
         let output = run(folder.path(), &format!("register a.ply b.ply {options}"));
         let said = String::from_utf8_lossy(&output.stderr);
@@ -113,7 +113,7 @@ fn negative_numbers_are_refused_by_the_bounds_of_their_options() {
         ),
         ("register a.ply b.ply", "--scale", "from 1e-12 to 1e12"),
         ("register a.ply b.ply", "--points", "-1 is not in 16..=4096"),
-        ("register a.ply b.ply", "--steps", "from 1 to 1000000"),
+        ("register a.ply b.ply", "--steps", "from 0 to 1000000"),
         ("register a.ply b.ply", "--best", "-1 is not in 1..=1000000"),
         ("register a.ply b.ply", "--fail-below", "from 0 to 1"),
         ("register a.ply b.ply", "--message", "its number from 0"),

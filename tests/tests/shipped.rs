@@ -27,12 +27,43 @@ fn records_are_of_the_files_beside_them() {
     for record in RECORDS {
         let record: serde_json::Value = serde_json::from_str(record).expect("JSON");
         for (name, file) in shipped() {
-            let sha256 = Sha256::digest(file);
-            let hexadecimal: String = sha256.iter().map(|byte| format!("{byte:02x}")).collect();
-            assert_eq!(record["weights"][name], *hexadecimal, "{name}");
+            assert_eq!(record["weights"][name], *sha256(file), "{name}");
             let verified = &record["methods"][format!("{name}+verify")];
             assert!(verified["recall_r5_t005"].as_f64() > Some(0.97), "{name}");
         }
+    }
+}
+
+fn sha256(file: &[u8]) -> String {
+    let digest = Sha256::digest(file);
+    digest.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+#[test]
+fn the_record_of_the_policies_for_views_is_of_the_files_beside_it() {
+    let record = include_str!("../../core/weights/evaluation-views.json");
+    let record: serde_json::Value = serde_json::from_str(record).expect("JSON");
+    let files: [(&str, &[u8], f64); 3] = [
+        (
+            "views",
+            include_bytes!("../../core/weights/views.rgw"),
+            80.0,
+        ),
+        (
+            "views-int8",
+            include_bytes!("../../core/weights/views-int8.rgw"),
+            80.0,
+        ),
+        (
+            "views-compact-int8",
+            include_bytes!("../../core/weights/views-compact-int8.rgw"),
+            45.0,
+        ),
+    ];
+    for (name, file, least) in files {
+        assert_eq!(record["weights"][name], *sha256(file), "{name}");
+        let alone = &record["methods"][name]["ad05_pct"];
+        assert!(alone.as_f64() > Some(least), "{name}: {alone}");
     }
 }
 

@@ -8,9 +8,9 @@ use crate::measure::method::{Contestant, Finish, Start};
 use crate::policy::checkpoint::{Checkpoint, is_checkpoint};
 use crate::policy::{ExportError, WeightFile};
 use clap::{Args, ValueEnum};
+use reagent_core::Decision;
 use reagent_core::dims::STEPS;
 use reagent_core::pipeline::Mode;
-use reagent_core::{Decision, Policy};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -124,11 +124,15 @@ struct Run {
 
 impl Run {
     fn apply(self, file: WeightFile) -> Weights {
-        let Policy {
-            decision, rescan, ..
-        } = file.policy();
-        let file = file.deciding(self.decision.unwrap_or(decision));
-        Weights::File(file.rescanning(self.rescan.unwrap_or(rescan)))
+        // A file that no option changes keeps its bytes, by which records name it.
+        let file = match self.decision {
+            Some(decision) => file.deciding(decision),
+            None => file,
+        };
+        Weights::File(match self.rescan {
+            Some(rescan) => file.rescanning(rescan),
+            None => file,
+        })
     }
 }
 

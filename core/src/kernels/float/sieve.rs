@@ -47,8 +47,8 @@ fn lengths(layer: &Dense<'_>) -> Option<(usize, usize)> {
 }
 
 impl<'a> SieveDense<'a> {
-    /// A layer with memory that [`super::PackedDense::pack`] filled from it; `None` if its length is not
-    /// [`super::PackedDense::tiles`].
+    /// A layer with memory that [`crate::kernels::PackedDense::pack`] filled from it; `None` if its length is not
+    /// [`crate::kernels::PackedDense::tiles`].
     pub fn new(layer: &Dense<'a>, packed: &'a [Tile]) -> Option<Self> {
         let (codes, _) = lengths(layer)?;
         if packed_tiles(layer) != Some(packed.len()) {

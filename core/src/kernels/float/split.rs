@@ -40,13 +40,13 @@ impl Tile {
 pub struct SplitDense<'a> {
     /// The layer itself; its inputs are a multiple of 32, at most [`INPUTS`].
     pub(in crate::kernels) layer: Dense<'a>,
-    /// Its weights in parts, from [`super::PackedDense::pack`].
+    /// Its weights in parts, from [`crate::kernels::PackedDense::pack`].
     pub(in crate::kernels) tiles: &'a [Tile],
 }
 
 impl<'a> SplitDense<'a> {
-    /// A layer with memory that [`super::PackedDense::pack`] filled from it; `None` if its length is not
-    /// [`super::PackedDense::tiles`].
+    /// A layer with memory that [`crate::kernels::PackedDense::pack`] filled from it; `None` if its length is not
+    /// [`crate::kernels::PackedDense::tiles`].
     pub fn new(layer: &Dense<'a>, packed: &'a [Tile]) -> Option<Self> {
         (packed_tiles(layer) == Some(packed.len())).then_some(SplitDense {
             layer: *layer,

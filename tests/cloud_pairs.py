@@ -20,14 +20,12 @@ points lie nearer, by the mean of d² / (d² + .02²) over both clouds and both 
 """
 
 import argparse
-import json
-import subprocess
 import tempfile
 from pathlib import Path
 
 import h5py
 import numpy as np
-from random_pairs import HOST, apply, cut, named, rigid, unit
+from random_pairs import apply, cut, full, is_near, named, register, rigid, unit
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
@@ -99,30 +97,24 @@ def main():
             rng = np.random.default_rng([args.seed, number, int(place)])
             neighbour = clouds[int(rng.integers(len(clouds)))]
             pairs.append((clouds[place], *draw(kind, clouds[place], normals[place], neighbour, rng)))
-        with tempfile.TemporaryDirectory() as name:
-            folder, lines = Path(name), []
-            for place, (_, source, target, eye, pose) in enumerate(pairs):
-                np.save(folder / f"{place}_s.npy", apply(pose, source))
-                np.save(folder / f"{place}_t.npy", target)
-                seen = [] if eye is None else [f"{x:.9g}" for x in apply(pose, eye)]
-                lines.append("\t".join([f"{place}_s.npy", f"{place}_t.npy", *seen]))
-            (folder / "list").write_text("\n".join(lines) + "\n")
-            start = ["--init", "none"] if kind == "any rotation" else []
-            words = ["register", "--pairs", folder / "list", *start, "--json", folder / "answers"]
-            subprocess.run([HOST, *words], check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-            answers = [json.loads(line) for line in (folder / "answers").read_text().splitlines()]
+        has_start = kind != "any rotation"
+        asked = [
+            {
+                "has_start": has_start,
+                "clouds": (apply(pose, source), target),
+                "eye": None if eye is None else apply(pose, eye),
+            }
+            for _, source, target, eye, pose in pairs
+        ]
+        with tempfile.TemporaryDirectory() as folder:
+            answers = register(asked, Path(folder))
         counts = np.zeros(6)
         for (cloud, source, target, _, pose), answer in zip(pairs, answers, strict=True):
             truth = np.linalg.inv(pose)
-            found = full(answer)
+            found = full(answer["target_from_source"])
             at = pose[:3, 3]
-
-            def is_near(one):
-                turn = Rotation.from_matrix(one[:3, :3] @ truth[:3, :3].T).magnitude()
-                return np.degrees(turn) <= 5 and np.linalg.norm(apply(one, at) - apply(truth, at)) <= 0.05
-
-            right = is_near(found)
-            up_to = right or any(map(is_near, named(answer, truth, at)))
+            right = is_near(found, truth, at)
+            up_to = any(is_near(one, truth, at) for one in named(answer, truth, at))
             diameter = 2 * np.linalg.norm(cloud - cloud.mean(0), axis=1).max()
             adi = cKDTree(cloud).query(apply(found, apply(pose, cloud)))[0].mean() / diameter
             wrong = not up_to and adi >= 0.02
@@ -131,11 +123,6 @@ def main():
             counts += [right, up_to, adi < 0.02, adi < 0.05, better, wrong and answer["verdict"] == "converged"]
         shares = [f"{100 * count / len(pairs):.1f}" for count in counts]
         print(f"| {kind} | " + " | ".join(shares) + " |", flush=True)
-
-
-def full(answer):
-    """The pose given out, as a 4x4 matrix."""
-    return np.vstack([np.array(answer["target_from_source"])[:3], [0, 0, 0, 1]])
 
 
 if __name__ == "__main__":

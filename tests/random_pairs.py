@@ -197,6 +197,8 @@ def register(pairs, folder):
             eye = [] if pair["eye"] is None else [f"{x:.9g}" for x in pair["eye"]]
             lines.append("\t".join(names + eye))
             places.append(place)
+        if not places:
+            continue
         (folder / "list").write_text("\n".join(lines) + "\n")
         start = [] if has_start else ["--init", "none"]
         # Its exit status says that some pairs have no pose, such as those of one point.
@@ -219,8 +221,7 @@ def turned(pose, axis, angle):
 def named(answer, truth, at):
     """The pose given out and those that are named as fitting as well; `at` is where the model's centre is in the source."""
     opened = answer.get("undetermined") or {}
-    poses = [np.array(pose) for pose in (answer["target_from_source"], *opened.get("poses", ()))]
-    poses = [pose if len(pose) == 4 else np.vstack([pose, [0, 0, 0, 1]]) for pose in poses]
+    poses = [full(pose) for pose in (answer["target_from_source"], *opened.get("poses", ()))]
     if fold := opened.get("fold"):
         turns = 2 * np.pi * np.arange(1, fold["order"]) / fold["order"]
         poses += [turned(pose, fold, turn) for pose in poses for turn in turns]
@@ -240,18 +241,24 @@ def named(answer, truth, at):
     return poses
 
 
+def full(pose):
+    """A pose as a 4x4 matrix."""
+    return np.vstack([np.array(pose)[:3], [0, 0, 0, 1]])
+
+
+def is_near(pose, truth, at, size=1.0):
+    """Whether a pose is within 5 degrees and .05 radii of the truth; `at` is where the model's centre is in the source."""
+    turn = Rotation.from_matrix(pose[:3, :3] @ truth[:3, :3].T).magnitude()
+    return np.degrees(turn) <= 5 and np.linalg.norm(apply(pose, at) - apply(truth, at)) <= 0.05 * size
+
+
 def is_right(pair, answer):
     if not pair["has_truth"]:
         return False
     truth = pair["target_from_model"] @ np.linalg.inv(pair["source_from_model"])
     at = pair["source_from_model"][:3, 3]
-
-    def is_near(pose):
-        turn = Rotation.from_matrix(pose[:3, :3] @ truth[:3, :3].T).magnitude()
-        return np.degrees(turn) <= 5 and np.linalg.norm(apply(pose, at) - apply(truth, at)) <= 0.05 * pair["size"]
-
     poses = named(answer, truth, at) if pair["kind"] != "mirrored" else []
-    return any(map(is_near, poses)) or off_surface(pair, np.array(answer["target_from_source"])) < INDISTINGUISHABLE
+    return any(is_near(pose, truth, at, pair["size"]) for pose in poses) or off_surface(pair, np.array(answer["target_from_source"])) < INDISTINGUISHABLE
 
 
 def off_surface(pair, pose):

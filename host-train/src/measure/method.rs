@@ -138,17 +138,15 @@ impl Method<'_> {
             Finish::Core(mode) => mode,
             Finish::Nothing | Finish::Icp(_) => Mode::Fast,
         };
+        let given = task_of(seen);
         let task = Task {
             mode,
             steps,
-            ..task_of(seen)
-        };
-        let task = match self.start {
-            Start::Anywhere => Task {
-                start: start::Start::Anywhere,
-                ..task
+            start: match self.start {
+                Start::Anywhere => start::Start::Anywhere,
+                _ => given.start,
             },
-            _ => task,
+            ..given
         };
         let mut answer = None;
         let pose = match self.start {

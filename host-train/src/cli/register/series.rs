@@ -2,6 +2,7 @@
 
 use crate::dataset::Point;
 use crate::dataset::cloud_file::{CloudFile, write_cloud};
+use crate::pose64::Pose64;
 use crate::register::trace::Traced;
 use anyhow::{Context, ensure};
 use reagent_core::Pose;
@@ -24,15 +25,13 @@ pub(super) fn write(folder: &Path, traced: &Traced) -> anyhow::Result<()> {
         steps,
         answer,
     } = traced;
-    let [_, [a, b, c]] = header.origins.unwrap_or_default();
+    let [_, origin] = header.origins.unwrap_or_default();
+    let placed = Pose64 {
+        translation: origin.into(),
+        ..Pose64::IDENTITY
+    };
     let write = |name: &str, points: &[Point]| {
-        let placed = points.iter().map(|p| p.map(f64::from));
-        let placed = placed.map(|[x, y, z]| [x + a, y + b, z + c]).collect();
-        let cloud = CloudFile {
-            points: placed,
-            ..Default::default()
-        };
-        write_cloud(&folder.join(name), &cloud)
+        write_cloud(&folder.join(name), &CloudFile::of(points).moved(&placed))
     };
     write("target.ply", &header.target)?;
     let initial = [header.initial].into_iter();
